@@ -1,0 +1,69 @@
+# Every target that needs Python makes .venv in this folder and builds the core into it; stamps keep a second call short.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+RUST := $(shell find rust benches -name '*.rs') $(wildcard Cargo.toml Cargo.lock pyproject.toml build.rs)
+
+# cargo and maturin find the interpreter of .venv, whatever else is on the path.
+export VIRTUAL_ENV := $(abspath $(VENV))
+export PYO3_PYTHON := $(abspath $(BIN)/python)
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Material announces its successor in every build.
+export NO_MKDOCS_2_WARNING := 1
+
+.PHONY: help demo test lint bench docs wheel clean
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make demo    identify the TX40 from a simulated log, and compare with the truth"
+	@echo "make test    the Python tests (the Rust tests are: cargo test --release)"
+	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
+	@echo "make bench   speed of the core"
+	@echo "make docs    the documentation, in site/"
+	@echo "make wheel   a wheel for this machine, in dist/"
+	@echo "make clean   remove everything that the targets above made"
+
+$(BIN)/maturin:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "didim needs Python 3.11 or later")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet 'maturin>=1.9,<2'
+
+# The package itself, editable: changed Python needs no new build, changed Rust does.
+$(VENV)/.built: $(BIN)/maturin $(RUST)
+	$(BIN)/maturin develop --release
+	@touch $@
+
+# The extras of pyproject.toml: .venv/.extra-test and so on.
+$(VENV)/.extra-%: pyproject.toml | $(VENV)/.built
+	$(BIN)/maturin develop --release --extras $*
+	@touch $@
+
+demo: $(VENV)/.built
+	$(BIN)/python examples/simulated_log.py
+
+test: $(VENV)/.built $(VENV)/.extra-test
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-lint
+	cargo fmt --check
+	cargo clippy --all-targets -- -D warnings
+	cargo clippy --all-targets --features python -- -D warnings
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy --strict
+	$(BIN)/python -m mypy.stubtest didim._core
+
+bench:
+	cargo bench
+
+docs: $(VENV)/.built $(VENV)/.extra-docs
+	$(BIN)/mkdocs build --strict
+
+wheel: $(BIN)/maturin
+	$(BIN)/maturin build --release --out dist
+
+clean:
+	rm -rf $(VENV) target dist site out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -f python/didim/*.so
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,55 @@
+"""Identification of the dynamic parameters of robots from logged motion and torque.
+
+The paper's equation numbers are used throughout: inverse dynamic model (1), regressor (2), standard
+parameters (3), observation matrix (6), base parameters (7), least squares and covariance (8) to (11).
+"""
+
+from .base import BaseParameters
+from .errors import (
+    DidimError,
+    ExperimentError,
+    FitError,
+    RankError,
+    RecordingError,
+    RobotError,
+    ShapeError,
+    SignalError,
+)
+from .experiment import Experiment, load_experiment
+from .identification import Identification
+from .identify import identify
+from .idim_ls import IDIMLS
+from .least_squares import LeastSquaresSettings
+from .model import inverse_dynamics, regressor
+from .recording import Recording
+from .robot import Friction, Robot, load_robot
+from .signals import SignalProcessing
+from .status import Status
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "IDIMLS",
+    "BaseParameters",
+    "DidimError",
+    "Experiment",
+    "ExperimentError",
+    "FitError",
+    "Friction",
+    "Identification",
+    "LeastSquaresSettings",
+    "RankError",
+    "Recording",
+    "RecordingError",
+    "Robot",
+    "RobotError",
+    "ShapeError",
+    "SignalError",
+    "SignalProcessing",
+    "Status",
+    "identify",
+    "inverse_dynamics",
+    "load_experiment",
+    "load_robot",
+    "regressor",
+]

@@ -1,0 +1,71 @@
+"""Typed border of the numerical core; private to the package. Arrays are float64; shapes are checked on entry."""
+
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Array = NDArray[np.float64]
+_Stage = tuple[_Array, _Array, int, int, int]
+
+@final
+class Robot:
+    def __new__(
+        cls,
+        *,
+        kind: Sequence[int],
+        alpha: Sequence[float],
+        d: Sequence[float],
+        theta: Sequence[float],
+        r: Sequence[float],
+        gravity: Sequence[float],
+        transmission: Sequence[Sequence[float]],
+        asymmetric: bool,
+        printed_coupling: bool,
+        smoothing: Sequence[float],
+        dead_zone: Sequence[float],
+    ) -> Robot: ...
+    @property
+    def n_dof(self) -> int: ...
+    @property
+    def n_parameters(self) -> int: ...
+    @property
+    def parameter_names(self) -> list[str]: ...
+    @property
+    def parameter_units(self) -> list[str]: ...
+
+@final
+class LeastSquares:
+    @property
+    def solution(self) -> _Array: ...
+    @property
+    def inverse_r(self) -> _Array: ...
+    @property
+    def diagonal_r(self) -> _Array: ...
+    @property
+    def singular_values(self) -> _Array: ...
+    @property
+    def residual_norm(self) -> float: ...
+    @property
+    def dependent(self) -> list[tuple[int, list[tuple[int, float]]]]: ...
+
+def base_parameters(
+    robot: Robot,
+) -> tuple[list[int], list[list[tuple[int, float, str]]], list[int]]: ...
+def inverse_dynamics(robot: Robot, q: _Array, dq: _Array, ddq: _Array, x: _Array) -> _Array: ...
+def regressor(robot: Robot, q: _Array, dq: _Array, ddq: _Array) -> _Array: ...
+def filtfilt(
+    signals: _Array, sos: _Array, zi: _Array, padding: int, threads: int | None = None
+) -> _Array: ...
+def decimate(signals: _Array, stages: Sequence[_Stage], threads: int | None = None) -> _Array: ...
+def observation(
+    robot: Robot,
+    q: _Array,
+    dq: _Array,
+    ddq: _Array,
+    columns: Sequence[int],
+    stages: Sequence[_Stage],
+    threads: int | None = None,
+) -> _Array: ...
+def least_squares(w: _Array, y: _Array, tolerance: float = 1e-10) -> LeastSquares: ...

@@ -1,0 +1,150 @@
+"""The command ``didim``: results on stdout, progress on stderr.
+
+Exit codes: 0 converged, 1 not converged, 2 wrong input (one line), 130 interrupted.
+A command is a function that adds its parser, and a function that runs it and returns the exit code.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from .errors import DidimError
+
+if TYPE_CHECKING:
+    # The type of what add_subparsers() returns has no public name.
+    Commands = argparse._SubParsersAction["_Parser"]
+
+CONVERGED, NOT_CONVERGED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """Parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(WRONG_INPUT, f"didim: {message}; see `{self.prog} --help`\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Without the name of the program; ``sys.argv`` by default.
+
+    Returns
+    -------
+    int
+        Exit code.
+
+    Notes
+    -----
+    ``test_cli.py`` runs every command, its errors and its interruption.
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        code: int = options.run(options)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader of the result (head, less) has seen enough; nothing may be written at exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return CONVERGED
+    except KeyboardInterrupt:
+        print("didim: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except DidimError as error:
+        return _refuse(str(error))
+    except OSError as error:
+        return _refuse(f"{error.filename}: {error.strerror}" if error.strerror else str(error))
+    return code
+
+
+def _refuse(message: str) -> int:
+    print("didim: " + " ".join(message.split()), file=sys.stderr)
+    return WRONG_INPUT
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="didim", description="Identify the dynamic parameters of robots.")
+    parser.add_argument("--version", action="version", version=f"didim {metadata.version('didim')}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    for add in COMMANDS:
+        add(commands)
+    return parser
+
+
+def _command(
+    commands: Commands, name: str, run: Callable[[argparse.Namespace], int], help_text: str
+) -> argparse.ArgumentParser:
+    parser = commands.add_parser(name, help=help_text, description=help_text)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _add_experiment(parser: argparse.ArgumentParser) -> None:
+    """Arguments of every command that reads an experiment."""
+    parser.add_argument("experiment", metavar="EXPERIMENT.toml", type=Path, help="experiment file")
+    parser.add_argument(
+        "--data",
+        metavar="DIR",
+        type=Path,
+        help="folder of the data files (default: that of the experiment file)",
+    )
+
+
+def _add_identify(commands: Commands) -> None:
+    parser = _command(
+        commands, "identify", _identify, "identify the parameters of a robot from an experiment"
+    )
+    _add_experiment(parser)
+    parser.add_argument("--method", default="idim-ls", help="method of identification (default: %(default)s)")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the result as JSON")
+    loudness = parser.add_mutually_exclusive_group()
+    loudness.add_argument("--quiet", action="store_true", help="print no table")
+    loudness.add_argument("--verbose", action="store_true", help="tell on stderr what goes on")
+
+
+def _identify(options: argparse.Namespace) -> int:
+    from .experiment import load_experiment
+    from .identify import METHODS, identify
+
+    if options.method not in METHODS:
+        return _refuse(f"there is no method '{options.method}'; available: {', '.join(METHODS)}")
+    experiment = load_experiment(options.experiment, data=options.data)
+    fit = identify(experiment, METHODS[options.method](), verbose=options.verbose)
+    # The file first: a reader of stdout that stops early must not cost the result.
+    if options.json is not None:
+        fit.save(options.json)
+    if not options.quiet:
+        print(fit)
+    return CONVERGED if fit.converged else NOT_CONVERGED
+
+
+def _add_base(commands: Commands) -> None:
+    parser = _command(commands, "base", _base, "list the base parameters of a robot and their groupings")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file")
+
+
+def _base(options: argparse.Namespace) -> int:
+    from .robot import load_robot
+
+    robot = load_robot(options.robot)
+    base = robot.base_parameters
+    counts = f"{len(base.names)} base parameters of {len(robot.parameter_names)} standard parameters"
+    print(f"{robot.name}: {counts}\n")
+    width_unit = max(map(len, base.units), default=0)
+    width_name = max(map(len, base.names), default=0)
+    for name, unit, grouping in zip(base.names, base.units, base.groupings, strict=True):
+        print(f"{name:{width_name}}  {unit:{width_unit}}  {grouping}".rstrip())
+    if base.unidentifiable:
+        print(f"\nWithout effect on the torques: {', '.join(base.unidentifiable)}")
+    return CONVERGED
+
+
+COMMANDS: tuple[Callable[[Commands], None], ...] = (_add_identify, _add_base)

@@ -1,0 +1,35 @@
+"""Named errors: each message is one sentence that says which file, column, joint, sample or key is meant."""
+
+from __future__ import annotations
+
+
+class DidimError(ValueError):
+    """Base of every error that a wrong call or a wrong file raises."""
+
+
+class RobotError(DidimError):
+    """A robot file or description that is not a robot."""
+
+
+class RecordingError(DidimError):
+    """A data file that cannot be read as the experiment describes it."""
+
+
+class ExperimentError(DidimError):
+    """An experiment file with a wrong key, value or combination."""
+
+
+class ShapeError(DidimError):
+    """An array of the wrong shape, type or content."""
+
+
+class SignalError(DidimError):
+    """Signal processing that the record does not allow."""
+
+
+class RankError(DidimError):
+    """A log that cannot tell some parameters apart; the message names them."""
+
+
+class FitError(DidimError):
+    """A request on a fit that cannot be met, such as an unknown parameter name."""

@@ -1,0 +1,239 @@
+"""An experiment: a robot, its recordings, and how they are to be processed, read from one TOML file.
+
+A new log takes a file and no Python. Every key is checked, and each message names the file, the table and the
+key. Tested in ``tests/test_experiment.py``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from didim.delay import DelaySettings
+from didim.errors import DidimError, ExperimentError
+from didim.least_squares import LeastSquaresSettings
+from didim.recording import DataFolder, Recording, read_recording, read_reduction
+from didim.robot import Robot, load_robot
+from didim.schema import Table, read_toml
+from didim.signals import SignalProcessing
+
+SCHEMA = 1
+"""Version of the file format that this code reads."""
+
+_Settings = TypeVar("_Settings")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """What an experiment file says; equally well made in Python, from a robot and recordings.
+
+    Attributes
+    ----------
+    name
+        Name in tables.
+    path
+        Experiment file, or None for an experiment made in Python.
+    robot
+        Robot, with the friction model of the experiment.
+    recordings
+        One or more, joint side.
+    signal, least_squares, delay
+        Settings.
+    fixed
+        Parameters kept at a value.
+    dropped
+        Parameters taken as zero.
+    digests
+        SHA-256 of each file read, by file name: experiment, robot, data.
+    reference, controller
+        Tables of the closed loop as they stand in the file, or None.
+
+    Raises
+    ------
+    ExperimentError
+        Without recordings, or when one has another number of joints than the robot.
+    """
+
+    name: str
+    robot: Robot
+    recordings: tuple[Recording, ...]
+    path: Path | None = None
+    signal: SignalProcessing = field(default_factory=lambda: SignalProcessing(cutoff_hz=None))
+    least_squares: LeastSquaresSettings = field(default_factory=LeastSquaresSettings)
+    delay: DelaySettings = field(default_factory=DelaySettings)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    dropped: tuple[str, ...] = ()
+    digests: Mapping[str, str] = field(default_factory=dict)
+    reference: Mapping[str, Any] | None = None
+    controller: Mapping[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "recordings", tuple(self.recordings))
+        object.__setattr__(self, "dropped", tuple(self.dropped))
+        for key in ("fixed", "digests"):
+            object.__setattr__(self, key, dict(getattr(self, key)))
+        if not self.recordings:
+            raise ExperimentError(f"{self.name}: at least one recording is needed")
+        n_dof = self.robot.n_dof
+        for recording in self.recordings:
+            shape = recording.q.shape
+            if shape[1] != n_dof:
+                raise ExperimentError(
+                    f"{recording.name}: q must have shape (n_samples, {n_dof}) for robot "
+                    f"{self.robot.name!r}, got {shape}{'; transpose it?' if shape[0] == n_dof else ''}"
+                )
+
+
+def load_experiment(path: str | Path, *, data: Path | str | None = None) -> Experiment:
+    """Read an experiment file and all the files it names.
+
+    Parameters
+    ----------
+    path
+        Experiment .toml.
+    data
+        Folder that the data files are looked up in; beside the experiment file by default.
+
+    Returns
+    -------
+    Experiment
+        Robot, recordings (joint side, SI units) and settings.
+
+    Raises
+    ------
+    ExperimentError
+        On a wrong key, value or combination.
+    RobotError
+        On a wrong robot file.
+    RecordingError
+        On a data file that is not as the experiment says.
+    """
+    path = Path(path)
+    table = Table(read_toml(path, ExperimentError), path.name, ExperimentError)
+    schema = table.integer("schema")
+    if schema != SCHEMA:
+        table.fail(f"schema {schema} is unknown; this version reads schema {SCHEMA}")
+    name = table.text("name", path.stem)
+    robot = _robot(table, path)
+    transmission = table.table("transmission", None)
+    recording_tables = table.tables("recording")
+    signal = _settings(SignalProcessing, _signal_keys, table.table("signal", None))
+    least_squares = _settings(LeastSquaresSettings, _least_squares_keys, table.table("least_squares", None))
+    delay = _settings(DelaySettings, _delay_keys, table.table("delay", None))
+    fixed, dropped = _parameters(table.table("parameters", None))
+    closed_loop = {key: table.table(key, None) for key in ("reference", "controller")}
+    table.done()
+
+    reduction = read_reduction(transmission, robot.reduction, robot.n_dof)
+    folder = DataFolder(path.parent if data is None else Path(data))
+    recordings: list[Recording] = []
+    for i, part in enumerate(recording_tables):
+        recording = read_recording(part, f"recording {i + 1}", robot, reduction, folder)
+        if recording.name in [other.name for other in recordings]:
+            part.fail(f"name {recording.name!r} stands for an earlier recording already")
+        recordings.append(recording)
+
+    digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest(), robot.path.name: robot.digest}
+    for recording in recordings:
+        digests.update(recording.digests)
+    return Experiment(
+        name=name,
+        path=path,
+        robot=robot,
+        recordings=tuple(recordings),
+        signal=signal,
+        least_squares=least_squares,
+        delay=delay,
+        fixed=fixed,
+        dropped=dropped,
+        digests=digests,
+        reference=_mapping(closed_loop["reference"]),
+        controller=_mapping(closed_loop["controller"]),
+    )
+
+
+def _robot(table: Table, path: Path) -> Robot:
+    """Load the robot, by packaged name or path from the experiment file, with the experiment's friction."""
+    name = table.text("robot")
+    beside = path.parent / name
+    robot = load_robot(beside if name.endswith(".toml") else name)
+    friction = table.table("friction", None)
+    if friction is None:
+        return robot
+    return _told(friction, lambda: robot.with_friction(**friction.content))
+
+
+def _settings(
+    make: Callable[..., _Settings], read: Callable[[Table], dict[str, Any]], table: Table | None
+) -> _Settings:
+    """Make settings of a table, or the defaults without one; their errors get the table's name in front."""
+    options = read(table if table is not None else Table({}, "", ExperimentError))
+    if table is None:
+        return make(**options)
+    table.done()
+    return _told(table, lambda: make(**options))
+
+
+def _told(table: Table, make: Callable[[], _Settings]) -> _Settings:
+    try:
+        return make()
+    except DidimError as error:
+        raise type(error)(f"{table.prefix} {error}") from None
+
+
+def _given(table: Table, **options: Any) -> dict[str, Any]:
+    """Options that the table holds, so that the settings keep the one place of their defaults."""
+    return {key: value for key, value in options.items() if table.has(key)}
+
+
+def _signal_keys(table: Table) -> dict[str, Any]:
+    if isinstance(table.raw("decimation", []), list):
+        factors = table.raw("decimation", [])
+        if not all(type(factor) is int for factor in factors):
+            table.fail(f"decimation must be a list of integers, got {factors!r}")
+    else:
+        factors = [table.integer("decimation")]
+    found = _given(
+        table,
+        order=table.integer("order", None, minimum=1),
+        padding=table.text("padding", None, choices=["scipy", "matlab"]),
+        trim_start=table.integer("trim_start", None, minimum=0),
+        trim_end=table.integer("trim_end", None, minimum=0),
+        decimation=tuple(factors),
+        decimation_convention=table.text("decimation_convention", None, choices=["scipy", "matlab"]),
+    )
+    return {"cutoff_hz": table.number("cutoff_hz", None, above=0.0), **found}
+
+
+def _least_squares_keys(table: Table) -> dict[str, Any]:
+    return _given(
+        table,
+        weights=table.text("weights", None, choices=["none", "per-joint"]),
+        reweightings=table.integer("reweightings", None, minimum=0),
+        variance=table.text("variance", None, choices=["r-b", "r-1"]),
+        decimation_corrected=table.boolean("decimation_corrected", None),
+    )
+
+
+def _delay_keys(table: Table) -> dict[str, Any]:
+    value = table.raw("compensate_samples", 0.0)
+    return {
+        "compensate_samples": value if isinstance(value, str) else table.number("compensate_samples", 0.0)
+    }
+
+
+def _parameters(table: Table | None) -> tuple[dict[str, float], tuple[str, ...]]:
+    if table is None:
+        return {}, ()
+    values = table.table("fixed", None)
+    fixed = {key: values.number(key) for key in values.content} if values else {}
+    dropped = tuple(table.texts("dropped", []))
+    table.done()
+    return fixed, dropped
+
+
+def _mapping(table: Table | None) -> Mapping[str, Any] | None:
+    return None if table is None else table.content

@@ -1,0 +1,152 @@
+"""From recordings to the linear system (6), (7): rows joint by joint, windows one after the other.
+
+Each window of a recording is filtered by itself, so that nothing outside it (a stop, a tool change) leaks in.
+Y and every column of W go through the same decimation filter, which keeps the linear relation between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core, signals
+from .delay import align
+from .errors import FitError
+from .least_squares import LinearSystem
+
+if TYPE_CHECKING:
+    from .recording import Recording
+    from .robot import Robot
+    from .selection import Selection
+    from .signals import SignalProcessing
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """Motion and torque of one window, filtered and trimmed, at the rate of the recording.
+
+    Attributes
+    ----------
+    name : str
+        Recording that it is part of.
+    rate_hz : float
+        Its rate.
+    q, dq, ddq : ndarray, shape (n_samples, n_dof)
+        Joint position, velocity and acceleration, SI units.
+    tau : ndarray, shape (n_samples, n_dof)
+        Measured torque, N.m or N, joint side; not filtered.
+    """
+
+    name: str
+    rate_hz: float
+    q: Array
+    dq: Array
+    ddq: Array
+    tau: Array
+
+
+def segments(recording: Recording, signal: SignalProcessing, delay_samples: float = 0.0) -> list[Segment]:
+    """Filter, differentiate and trim each window of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        Must have torques.
+    signal : SignalProcessing
+        Filter and trimming.
+    delay_samples : float
+        How late the torque was recorded; it is moved back by as much.
+
+    Returns
+    -------
+    list of Segment
+        One per window.
+
+    Raises
+    ------
+    FitError
+        Without torques, or when trimming leaves nothing of a window.
+    SignalError
+        When the filter cannot be applied.
+    """
+    if recording.tau is None:
+        raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
+    found = []
+    for start, stop in recording.windows:
+        motion = signals.differentiate(recording.q[start:stop], recording.rate_hz, signal)
+        motion, tau = align(motion, recording.tau[start:stop], delay_samples)
+        kept = slice(signal.trim_start, tau.shape[0] - signal.trim_end)
+        if kept.stop <= kept.start:
+            raise FitError(
+                f"recording '{recording.name}': trimming {signal.trim_start} and {signal.trim_end} samples "
+                f"leaves nothing of the window from sample {start} to {stop}"
+            )
+        q, dq, ddq = (np.ascontiguousarray(values[kept]) for values in motion)
+        found.append(
+            Segment(
+                name=recording.name,
+                rate_hz=recording.rate_hz,
+                q=q,
+                dq=dq,
+                ddq=ddq,
+                tau=np.ascontiguousarray(tau[kept]),
+            )
+        )
+    return found
+
+
+def linear_system(
+    robot: Robot, parts: Sequence[Segment], signal: SignalProcessing, selection: Selection
+) -> LinearSystem:
+    """Build (7) of several segments, with the fixed parameters moved to the left side.
+
+    Parameters
+    ----------
+    robot : Robot
+        Gives the base columns of the regressor (2).
+    parts : sequence of Segment
+        At least one.
+    signal : SignalProcessing
+        Decimation.
+    selection : Selection
+        Fixed and dropped parameters.
+
+    Returns
+    -------
+    LinearSystem
+        Columns of the estimated parameters only.
+
+    Notes
+    -----
+    ``test_identify.py`` checks the order of the rows and that noise-free recordings give the parameters back.
+    """
+    columns = list(robot.base_parameters.indices)
+    n_dof = robot.n_dof
+    w_parts, y_parts = [], []
+    for part in parts:
+        stages = signals.decimation_stages(part.q.shape[0], signal)
+        w = _core.observation(robot.core, part.q, part.dq, part.ddq, columns, stages)
+        w_parts.append(np.asarray(w).reshape(n_dof, -1, len(columns)))
+        y_parts.append(signals.decimate(part.tau, stages).T)
+    rows = sum(y.shape[1] for y in y_parts)
+    w_all = np.concatenate(w_parts, axis=1).reshape(n_dof * rows, len(columns))
+    y_all = np.concatenate(y_parts, axis=1).reshape(n_dof * rows)
+    estimated = selection.estimated
+    known = None
+    if len(estimated) < len(columns):
+        known = w_all @ selection.values
+        y_all = y_all - known
+        w_all = w_all[:, estimated]
+    return LinearSystem(
+        w=np.ascontiguousarray(w_all),
+        y=np.ascontiguousarray(y_all),
+        joints=tuple(slice(joint * rows, (joint + 1) * rows) for joint in range(n_dof)),
+        names=tuple(robot.base_parameters.names[index] for index in estimated),
+        known=known,
+    )

@@ -1,0 +1,358 @@
+"""A recording: logged motion and torque of one run, joint side, SI units, and how it is read from files.
+
+Motor-side logs are brought to the joints with the reduction matrix R (rows motors, columns joints):
+``q_motor = R q`` and ``tau = R^T tau_motor``. Nothing is interpolated or guessed: a missing sample, an uneven
+time stamp or a length that differs is an error. Tested in ``tests/test_recording.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, Protocol, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from didim.data_files import Column, DataFile, open_data_file
+from didim.errors import RecordingError
+from didim.sampling import MINIMUM_SAMPLES, check_time, slices
+from didim.schema import Table
+from didim.units import TIME, effort_factors, position_factors
+
+Array = NDArray[np.float64]
+Role = Literal["fit", "held-out"]
+ROLES: tuple[Role, ...] = ("fit", "held-out")
+
+
+class _Robot(Protocol):
+    """What a log needs to know of a robot."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def joint_kinds(self) -> Sequence[str]: ...
+    @property
+    def gains(self) -> Sequence[float] | None: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """Motion and torque of one run.
+
+    Attributes
+    ----------
+    name
+        Name in messages and tables.
+    t
+        (n_samples,) time stamps in s.
+    q
+        (n_samples, n_dof) joint positions in rad or m.
+    tau
+        (n_samples, n_dof) joint torques in N.m or forces in N, or None.
+    rate_hz
+        Sampling rate.
+    q_ref
+        (n_samples, n_dof) reference positions in rad or m, or None.
+    role
+        "fit", or "held-out" for a recording that only validates.
+    windows
+        (start, stop) sample slices that are used, in order and without overlap; the whole record by default.
+    digests
+        SHA-256 of each file read, by file name.
+
+    Raises
+    ------
+    RecordingError
+        On arrays of the wrong shape or length, transposed, too short, or not finite, and on wrong windows.
+    """
+
+    name: str = "recording"
+    t: Array
+    q: Array
+    tau: Array | None = None
+    rate_hz: float
+    q_ref: Array | None = None
+    role: Role = "fit"
+    windows: tuple[tuple[int, int], ...] = ()
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.role not in ROLES:
+            raise RecordingError(f"{self.name}: role must be 'fit' or 'held-out', got {self.role!r}")
+        if not self.rate_hz > 0.0:
+            raise RecordingError(f"{self.name}: rate_hz must be above 0, got {self.rate_hz}")
+        q = self._matrix("q", self.q)
+        n_samples = len(q)
+        if n_samples < MINIMUM_SAMPLES:
+            raise RecordingError(
+                f"{self.name}: {n_samples} samples are too few, at least {MINIMUM_SAMPLES} are needed"
+            )
+        t = np.ascontiguousarray(self.t, dtype=np.float64)
+        if t.shape != (n_samples,):
+            raise RecordingError(f"{self.name}: t must have shape ({n_samples},) as q has, got {t.shape}")
+        for key, value in (("t", t), ("q", q)):
+            self._set(key, value)
+        for key in ("tau", "q_ref"):
+            value = getattr(self, key)
+            if value is None:
+                continue
+            value = self._matrix(key, value)
+            if value.shape != q.shape:
+                raise RecordingError(f"{self.name}: {key} and q differ in shape, {value.shape} and {q.shape}")
+            self._set(key, value)
+        windows = tuple((int(start), int(stop)) for start, stop in self.windows) or ((0, n_samples),)
+        end = 0
+        for start, stop in windows:
+            if not end <= start < stop <= n_samples:
+                raise RecordingError(
+                    f"{self.name}: the window of samples {start} to {stop} is empty, overlaps another one or "
+                    f"leaves the record of {n_samples} samples"
+                )
+            end = stop
+        object.__setattr__(self, "windows", windows)
+        object.__setattr__(self, "digests", dict(self.digests))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        q: ArrayLike,
+        tau: ArrayLike | None = None,
+        *,
+        rate_hz: float,
+        name: str = "recording",
+        q_ref: ArrayLike | None = None,
+        role: Role = "fit",
+    ) -> Recording:
+        """Make a recording of arrays at hand, such as simulated ones: joint side, SI, (n_samples, n_dof)."""
+        positions = np.asarray(q, dtype=np.float64)
+        return cls(
+            name=name,
+            t=np.arange(len(positions)) / rate_hz,
+            q=positions,
+            tau=None if tau is None else np.asarray(tau, dtype=np.float64),
+            rate_hz=rate_hz,
+            q_ref=None if q_ref is None else np.asarray(q_ref, dtype=np.float64),
+            role=role,
+        )
+
+    def _set(self, key: str, value: Array) -> None:
+        value.flags.writeable = False
+        object.__setattr__(self, key, value)
+
+    def _matrix(self, key: str, value: Array) -> Array:
+        # A copy, so that making it read-only leaves the caller's array alone.
+        matrix = np.array(value, dtype=np.float64, order="C")
+        if matrix.ndim != 2:
+            raise RecordingError(f"{self.name}: {key} must have shape (n_samples, n_dof), got {matrix.shape}")
+        if matrix.shape[1] > max(matrix.shape[0], 12):
+            raise RecordingError(
+                f"{self.name}: {key} must have shape (n_samples, n_dof), got {matrix.shape}; transpose it?"
+            )
+        bad = np.argwhere(~np.isfinite(matrix))
+        if len(bad):
+            sample, joint = bad[0]
+            raise RecordingError(
+                f"{self.name}: {key} of joint {joint + 1} is {matrix[sample, joint]} at sample {sample}"
+            )
+        return matrix
+
+
+@dataclass(frozen=True)
+class _Source:
+    """The part of a data file that one table of the experiment declares."""
+
+    table: Table
+    file: DataFile
+    columns: list[Column] | None
+    variable: str | None
+    count: int
+
+    def values(self) -> Array:
+        return self.file.get(self.columns, self.variable, self.count)
+
+    @property
+    def place(self) -> str:
+        return self.file.name
+
+
+class DataFolder:
+    """Opens each data file once, however many tables read from it."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._files: dict[tuple[str, str | None, bool | None], DataFile] = {}
+
+    def source(self, table: Table, count: int) -> _Source:
+        """Columns that a table declares with `file`, `columns`, `variable`, `delimiter` and `header`."""
+        name = table.text("file")
+        delimiter = table.text("delimiter", None, choices=[",", ";", "\t", " "])
+        header = table.boolean("header", None)
+        variable = table.text("variable", None)
+        columns = self._columns(table, count)
+        key = (name, delimiter, header)
+        if key not in self._files:
+            self._files[key] = open_data_file(self._folder / name, name, delimiter=delimiter, header=header)
+        file = self._files[key]
+        file.want(columns, variable, count)
+        return _Source(table, file, columns, variable, count)
+
+    @staticmethod
+    def _columns(table: Table, count: int) -> list[Column] | None:
+        columns = table.raw("columns", None)
+        if columns is None:
+            return None
+        if not isinstance(columns, list) or not all(type(column) in (str, int) for column in columns):
+            table.fail(f"columns must be a list of names, or of numbers from 1, got {columns!r}")
+        if len(columns) != count:
+            table.fail(f"columns must name {count} columns, got {len(columns)}")
+        if len(set(columns)) < count:
+            table.fail(f"columns names a column twice: {columns!r}")
+        return cast("list[Column]", columns)
+
+
+def read_reduction(table: Table | None, robot_reduction: Array | None, n_dof: int) -> Array | None:
+    """Reduction matrix R of ``[transmission]``, or else of the robot; rows motors, columns joints.
+
+    Raises
+    ------
+    DidimError
+        Of the table's class, when the matrix is singular.
+    """
+    if table is None:
+        return robot_reduction
+    reduction = np.array(table.matrix("reduction", n_dof, n_dof))
+    table.done()
+    for row in range(n_dof):
+        if np.linalg.matrix_rank(reduction[: row + 1]) <= row:
+            what = "zero" if not reduction[row].any() else "a combination of the rows before it"
+            table.fail(f"reduction is singular: the row of motor {row + 1} is {what}")
+    return reduction
+
+
+def read_recording(
+    table: Table, name: str, robot: _Robot, reduction: Array | None, folder: DataFolder
+) -> Recording:
+    """Read one ``[[recording]]`` of an experiment.
+
+    Parameters
+    ----------
+    table
+        The table, with the sub-tables `time`, `position`, `torque` and `reference`.
+    name
+        Name of the recording where the table gives none.
+    robot
+        Robot that was logged.
+    reduction
+        (n_dof, n_dof) reduction matrix R, or None.
+    folder
+        Where the data files are.
+
+    Raises
+    ------
+    ExperimentError
+        On a wrong key or combination of keys.
+    RecordingError
+        On a file that is not as the table says; the message names file, row and column.
+    """
+    n_dof = len(robot.joint_kinds)
+    name = table.text("name", name)
+    role = cast("Role", table.text("role", "fit", choices=ROLES))
+    rate = table.number("rate_hz", None, above=0.0)
+    windows_s = table.raw("windows_s", [])
+    tables = {key: table.table(key, None) for key in ("time", "position", "torque", "reference")}
+    table.done()
+    if tables["position"] is None:
+        table.fail("the table [recording.position] is missing")
+    sources = {
+        key: folder.source(part, 1 if key == "time" else n_dof)
+        for key, part in tables.items()
+        if part is not None
+    }
+    # All keys are checked before a file is parsed.
+    position = _Channel.motion(sources["position"], robot, reduction)
+    torque = _Channel.effort(sources["torque"], robot, reduction) if "torque" in sources else None
+    reference = _Channel.motion(sources["reference"], robot, reduction) if "reference" in sources else None
+    period = _time_unit(sources["time"]) if "time" in sources else 1.0
+    if rate is None and "time" not in sources:
+        table.fail("either rate_hz or the table [recording.time] must be there")
+
+    q = position.read()
+    digests = {source.file.name: source.file.sha256 for source in sources.values()}
+    other = {
+        "torque": torque.read() if torque else None,
+        "reference": reference.read() if reference else None,
+    }
+    t = sources["time"].values()[:, 0] * period if "time" in sources else None
+    for key, values in {**other, "time": t}.items():
+        if values is not None and len(values) != len(q):
+            raise RecordingError(
+                f"{name}: {key} has {len(values)} samples ({sources[key].place}), "
+                f"position has {len(q)} ({sources['position'].place})"
+            )
+    if len(q) < MINIMUM_SAMPLES:
+        file = sources["position"].place
+        raise RecordingError(f"{file}: {len(q)} samples are too few, at least {MINIMUM_SAMPLES} are needed")
+    if t is not None:
+        rate = check_time(t, rate, sources["time"].place)
+    assert rate is not None  # a missing rate without time stamps was refused above
+    return Recording(
+        name=name,
+        t=np.arange(len(q)) / rate if t is None else t,
+        q=q,
+        tau=other["torque"],
+        rate_hz=rate,
+        q_ref=other["reference"],
+        role=role,
+        windows=slices(table, windows_s, rate, len(q)),
+        digests=digests,
+    )
+
+
+@dataclass(frozen=True)
+class _Channel:
+    """A source with its way to the joints: joint side = (values * factors) @ to_joint."""
+
+    source: _Source
+    factors: Array
+    to_joint: Array | None
+
+    @classmethod
+    def motion(cls, source: _Source, robot: _Robot, reduction: Array | None) -> _Channel:
+        side, matrix = _side(source.table, reduction)
+        factors = position_factors(source.table, side, robot.joint_kinds)
+        source.table.done()
+        # q_motor = R q for columns; samples are rows here.
+        to_joint = None if matrix is None else np.linalg.inv(matrix).T.astype(np.float64)
+        return cls(source, np.array(factors), to_joint)
+
+    @classmethod
+    def effort(cls, source: _Source, robot: _Robot, reduction: Array | None) -> _Channel:
+        side, matrix = _side(source.table, reduction)
+        # A robot file has the gains of the motors: they hold at the joints only when nothing is in between.
+        gains = robot.gains if side == "motor" or reduction is None else None
+        factors = effort_factors(source.table, side, robot.joint_kinds, gains)
+        source.table.done()
+        return cls(source, np.array(factors), matrix)
+
+    def read(self) -> Array:
+        values = self.source.values() * self.factors
+        return values if self.to_joint is None else values @ self.to_joint
+
+
+def _side(table: Table, reduction: Array | None) -> tuple[str, Array | None]:
+    side = table.text("side", choices=["motor", "joint"])
+    if side == "joint":
+        return side, None
+    if reduction is None:
+        table.fail(
+            "side 'motor' needs a reduction matrix: [transmission] reduction, here or in the robot file"
+        )
+    return side, reduction
+
+
+def _time_unit(source: _Source) -> float:
+    unit = source.table.text("unit", "s", choices=list(TIME))
+    source.table.done()
+    return TIME[unit]

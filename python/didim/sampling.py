@@ -1,0 +1,112 @@
+"""Even sampling, and the windows of a record: told when wrong, never repaired.
+
+Tested in ``tests/test_recording.py``.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from didim.errors import RecordingError
+from didim.schema import Table
+
+Array = NDArray[np.float64]
+
+MINIMUM_SAMPLES = 3
+"""Central differences need three samples; filters ask for more, and say so themselves."""
+STEP_TOLERANCE = 0.01
+"""Share of a sampling period by which a time step may differ from the others."""
+RATE_TOLERANCE = 1e-3
+"""Share by which a declared sampling rate may differ from the time stamps."""
+
+
+def check_time(t: Array, rate_hz: float | None, file: str) -> float:
+    """Check that time stamps are even and agree with a declared sampling rate.
+
+    Parameters
+    ----------
+    t
+        (n_samples,) time stamps in s.
+    rate_hz
+        Declared rate, or None.
+    file
+        File of the time stamps, for messages.
+
+    Returns
+    -------
+    float
+        The declared rate, or else the one of the time stamps.
+
+    Raises
+    ------
+    RecordingError
+        When a step differs by more than 1 % from the median step, which names the row and how many samples
+        are missing, or when the declared rate differs by more than 0.1 % from the time stamps.
+    """
+    steps = np.diff(t)
+    period = float(np.median(steps))
+    if not (steps > 0.0).all():
+        row = int(np.argmin(steps > 0.0)) + 1
+        raise RecordingError(
+            f"{file}: time does not grow from row {row} ({t[row - 1]:.9g} s) to row {row + 1}"
+        )
+    uneven = np.abs(steps - period) > STEP_TOLERANCE * period
+    if uneven.any():
+        row = int(np.argmax(uneven)) + 1
+        step = float(steps[row - 1])
+        missing = round(step / period) - 1
+        whole = missing > 0 and abs(step - (missing + 1) * period) <= STEP_TOLERANCE * period
+        cause = (
+            f"{missing} sample{'s are' if missing > 1 else ' is'} missing" if whole else "sampling is uneven"
+        )
+        raise RecordingError(
+            f"{file}: {cause} after row {row} (t = {t[row - 1]:.9g} s), where the time step is {step:.6g} s "
+            f"instead of {period:.6g} s"
+        )
+    measured = (len(t) - 1) / float(t[-1] - t[0])
+    if rate_hz is None:
+        return measured
+    if abs(rate_hz - measured) > RATE_TOLERANCE * measured:
+        raise RecordingError(
+            f"{file}: the time stamps give a sampling rate of {measured:.6g} Hz, "
+            f"rate_hz says {rate_hz:.6g} Hz"
+        )
+    return rate_hz
+
+
+def slices(table: Table, windows_s: object, rate_hz: float, n_samples: int) -> tuple[tuple[int, int], ...]:
+    """Turn windows in seconds from the first sample into half-open sample slices.
+
+    Raises
+    ------
+    ExperimentError
+        When `windows_s` is no list of pairs, or a window leaves the record, is too short, or overlaps.
+    """
+    wanted = "windows_s must be a list of [start, stop] in seconds with start < stop"
+    if not isinstance(windows_s, list):
+        table.fail(f"{wanted}, got {windows_s!r}")
+    found: list[tuple[int, int]] = []
+    for window in windows_s:
+        if (
+            not isinstance(window, list)
+            or len(window) != 2
+            or not all(type(edge) in (int, float) and np.isfinite(edge) for edge in window)
+            or not window[0] < window[1]
+        ):
+            table.fail(f"{wanted}, got {window!r}")
+        start, stop = (round(edge * rate_hz) for edge in window)
+        if start < 0 or stop > n_samples:
+            table.fail(f"the window {window} s leaves the record, which lasts {n_samples / rate_hz:.6g} s")
+        if stop - start < MINIMUM_SAMPLES:
+            table.fail(
+                f"the window {window} s has {stop - start} samples, at least {MINIMUM_SAMPLES} are needed"
+            )
+        found.append((start, stop))
+    found.sort()
+    for before, after in pairwise(found):
+        if after[0] < before[1]:
+            table.fail(f"the windows {windows_s} overlap")
+    return tuple(found)

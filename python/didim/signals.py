@@ -1,0 +1,314 @@
+"""Zero-phase filters, central differences and decimation: from a logged position to the rows of (6).
+
+Filters are designed by SciPy in second-order sections and applied by the core. A transfer function of order 8
+with its cut-off at 0.008 of the Nyquist frequency, which a decimation by 100 would need, is numerically
+unsound; its sections are not. Two conventions exist for the edges: MATLAB's ``filtfilt`` and ``decimate``,
+and SciPy's ``sosfiltfilt`` and ``decimate``. They differ in the padding and in which samples are kept, and
+published figures need the one they were made with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from didim import _core
+from didim.errors import SignalError
+
+Array = NDArray[np.float64]
+Convention = Literal["scipy", "matlab"]
+Stage = tuple[Array, Array, int, int, int]
+"""A filter of the core: sections (s, 6), their steady states (s, 2), padding, factor, first kept sample."""
+
+# The Chebyshev I filter of both ``decimate``: order, ripple, cut-off over the new Nyquist frequency.
+DECIMATION_ORDER = 8
+DECIMATION_RIPPLE_DB = 0.05
+DECIMATION_BAND = 0.8
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalProcessing:
+    """How a recording becomes the rows of the linear system.
+
+    Attributes
+    ----------
+    cutoff_hz : float or None
+        Cut-off of the zero-phase Butterworth filter of the positions; None does not filter.
+    order : int
+        Its order, of one of the two passes.
+    padding : {"scipy", "matlab"}
+        Samples of odd extension at each end: SciPy's 3 (order + 1), or MATLAB's 3 order.
+    trim_start, trim_end : int
+        Samples left out at the ends once positions are differentiated: there the filter has only the
+        extension to go by.
+    decimation : tuple of int
+        Factors of the parallel filter (6), one stage after the other; empty keeps every sample.
+    decimation_convention : {"scipy", "matlab"}
+        Padding of the decimation filter, and the samples it keeps: SciPy keeps the first of the record,
+        MATLAB the last.
+
+    Raises
+    ------
+    SignalError
+        When a value makes no sense.
+    """
+
+    cutoff_hz: float | None = None
+    order: int = 4
+    padding: Convention = "scipy"
+    trim_start: int = 0
+    trim_end: int = 0
+    decimation: tuple[int, ...] = ()
+    decimation_convention: Convention = "scipy"
+
+    def __post_init__(self) -> None:
+        if self.cutoff_hz is not None and not (np.isfinite(self.cutoff_hz) and self.cutoff_hz > 0.0):
+            raise SignalError(f"cutoff_hz must be a positive frequency, got {self.cutoff_hz}")
+        if self.order < 1:
+            raise SignalError(f"order must be at least 1, got {self.order}")
+        for key in ("trim_start", "trim_end"):
+            if getattr(self, key) < 0:
+                raise SignalError(f"{key} must not be negative, got {getattr(self, key)}")
+        for factor in self.decimation:
+            if factor < 2:
+                raise SignalError(f"each decimation factor must be at least 2, got {factor}")
+        for key in ("padding", "decimation_convention"):
+            if getattr(self, key) not in get_args(Convention):
+                raise SignalError(f"{key} must be 'scipy' or 'matlab', got {getattr(self, key)!r}")
+
+
+def zero_phase_butterworth(
+    x: Array, rate_hz: float, cutoff_hz: float, order: int = 4, padding: Convention = "scipy"
+) -> Array:
+    """Low-pass filter forward and backward, without delay.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n_samples, m)
+        Signals, one per column, in any unit.
+    rate_hz : float
+        Sampling rate.
+    cutoff_hz : float
+        Cut-off (-3 dB) of one pass; both passes together have -6 dB there.
+    order : int
+        Order of one pass.
+    padding : {"scipy", "matlab"}
+        Length of the odd extension, see `SignalProcessing`.
+
+    Returns
+    -------
+    ndarray, shape (n_samples, m)
+        Filtered signals.
+
+    Raises
+    ------
+    SignalError
+        When the cut-off is not below half the sampling rate, the record is no longer than the extension, or a
+        sample is not a finite number.
+
+    Notes
+    -----
+    ``test_signals.py`` compares it with ``scipy.signal.sosfiltfilt``, and with ``filtfilt`` of the transfer
+    function.
+    """
+    from scipy.signal import butter, sosfilt_zi
+
+    if not 0.0 < cutoff_hz < rate_hz / 2.0:
+        raise SignalError(
+            f"the cut-off of {cutoff_hz:g} Hz must be below half the sampling rate, "
+            f"{rate_hz / 2.0:g} Hz at {rate_hz:g} Hz"
+        )
+    x = _columns(x)
+    sos = np.ascontiguousarray(butter(order, cutoff_hz / (rate_hz / 2.0), output="sos"))
+    padlen = _padding(order, padding)
+    if x.shape[0] <= padlen:
+        raise SignalError(
+            f"the zero-phase filter of order {order} needs more than {padlen} samples, "
+            f"the record has {x.shape[0]}"
+        )
+    return _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen)
+
+
+def central_differences(x: Array, dt: float) -> Array:
+    """Differentiate with central differences, one-sided at both ends.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n_samples, m)
+        Signals, one per column.
+    dt : float
+        Sampling time in s.
+
+    Returns
+    -------
+    ndarray, shape (n_samples, m)
+        Derivatives, in the unit of `x` per s: ``(x[k+1] - x[k-1]) / (2 dt)``.
+
+    Raises
+    ------
+    SignalError
+        With fewer than two samples, or a sample that is not a finite number.
+
+    Notes
+    -----
+    ``test_signals.py`` checks that it is exact for parabolas between the ends.
+    """
+    x = _columns(x)
+    if x.shape[0] < 2:
+        raise SignalError(f"central differences need at least 2 samples, got {x.shape[0]}")
+    dx = np.empty_like(x)
+    dx[1:-1] = (x[2:] - x[:-2]) / (2.0 * dt)
+    dx[0] = (x[1] - x[0]) / dt
+    dx[-1] = (x[-1] - x[-2]) / dt
+    return dx
+
+
+def differentiate(q: Array, rate_hz: float, signal: SignalProcessing) -> tuple[Array, Array, Array]:
+    """Derive velocities and accelerations from logged positions.
+
+    The positions are filtered once, then differentiated twice. Nothing is trimmed yet: the torque is aligned
+    with them first.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n_samples, n_dof)
+        Logged positions, joint side, rad or m.
+    rate_hz : float
+        Sampling rate.
+    signal : SignalProcessing
+        Filter; without a cut-off the positions stay as they are.
+
+    Returns
+    -------
+    q, dq, ddq : ndarray, shape (n_samples, n_dof)
+        Joint side, SI units.
+
+    Raises
+    ------
+    SignalError
+        As `zero_phase_butterworth` and `central_differences`.
+
+    Notes
+    -----
+    ``test_signals.py`` checks it on a sine whose derivatives are known.
+    """
+    q = _columns(q)
+    if signal.cutoff_hz is not None:
+        q = zero_phase_butterworth(q, rate_hz, signal.cutoff_hz, signal.order, signal.padding)
+    dq = central_differences(q, 1.0 / rate_hz)
+    return q, dq, central_differences(dq, 1.0 / rate_hz)
+
+
+def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:
+    """Design the filters of the parallel decimation (6) for a record of a given length.
+
+    Parameters
+    ----------
+    n_samples : int
+        Samples of the record; MATLAB's convention depends on it.
+    signal : SignalProcessing
+        Factors and convention.
+
+    Returns
+    -------
+    list of Stage
+        One per factor, as the core takes them; empty without decimation.
+
+    Raises
+    ------
+    SignalError
+        When a stage gets too few samples for its padding.
+
+    Notes
+    -----
+    Chebyshev I of order 8, 0.05 dB, cut-off at 0.8 of the new Nyquist frequency, in both passes.
+    ``test_signals.py`` compares with ``scipy.signal.decimate`` and, for MATLAB's convention, with its
+    definition.
+    """
+    from scipy.signal import cheby1, sosfilt_zi
+
+    matlab = signal.decimation_convention == "matlab"
+    stages: list[Stage] = []
+    for factor in signal.decimation:
+        sos = np.ascontiguousarray(
+            cheby1(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, DECIMATION_BAND / factor, output="sos")
+        )
+        padlen = _padding(DECIMATION_ORDER, signal.decimation_convention)
+        if n_samples <= padlen:
+            raise SignalError(
+                f"decimation by {factor} needs more than {padlen} samples, stage {len(stages) + 1} of "
+                f"{len(signal.decimation)} gets {n_samples}"
+            )
+        kept = -(-n_samples // factor)
+        # MATLAB's grid ends on the last sample.
+        first = n_samples - factor * (kept - 1) - 1 if matlab else 0
+        stages.append((sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen, factor, first))
+        n_samples = kept
+    return stages
+
+
+def decimate(x: Array, stages: Sequence[Stage]) -> Array:
+    """Filter and decimate signals as the columns of W are.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n_samples, m)
+        Signals, one per column.
+    stages : sequence of Stage
+        From `decimation_stages` with the same number of samples.
+
+    Returns
+    -------
+    ndarray, shape (n_kept, m)
+        Kept samples; a copy of `x` without stages.
+
+    Raises
+    ------
+    SignalError
+        When a sample is not a finite number.
+
+    Notes
+    -----
+    ``test_signals.py`` compares with ``scipy.signal.decimate(zero_phase=True)``.
+    """
+    x = _columns(x)
+    return _core.decimate(x, list(stages)) if stages else x.copy()
+
+
+def retained_band(signal: SignalProcessing) -> float:
+    """Tell the share of the band up to the last Nyquist frequency that the decimation filter lets pass.
+
+    White noise that went through it is correlated, and the variance (9) of its samples is too small by this
+    share.
+
+    Parameters
+    ----------
+    signal : SignalProcessing
+        Decimation.
+
+    Returns
+    -------
+    float
+        0.8 with decimation (earlier stages pass more than the last one leaves), 1.0 without.
+    """
+    return DECIMATION_BAND if signal.decimation else 1.0
+
+
+def _padding(order: int, convention: Convention) -> int:
+    """Count the samples of odd extension at each end that SciPy or MATLAB would choose by themselves."""
+    return 3 * order if convention == "matlab" else 3 * (order + 1)
+
+
+def _columns(x: Array) -> Array:
+    """Make contiguous (n_samples, m) floats, or raise the error that says what came instead."""
+    x = np.ascontiguousarray(x, dtype=np.float64)
+    if x.ndim != 2:
+        raise SignalError(f"signals must have shape (n_samples, m), got {x.shape}")
+    bad = np.argwhere(~np.isfinite(x))
+    if bad.size:
+        raise SignalError(f"sample {bad[0][0]} of signal {bad[0][1]} is not a finite number")
+    return x

@@ -1,0 +1,21 @@
+"""How an identification ended: every ending is a named status, and its value is a sentence for people."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Status(Enum):
+    """Ending of an identification; ``status.value`` says what happened and what to do about it."""
+
+    SOLVED = "Solved: the least-squares estimate is unique, and no iteration is left to make."
+    ILL_CONDITIONED = (
+        "Not solved well: the observation matrix is so badly conditioned that few digits of the estimate are "
+        "right; use a more exciting motion, or drop or fix parameters."
+    )
+    STOPPED = "Stopped by the callback: the estimate is that of the last iteration made."
+
+    @property
+    def converged(self) -> bool:
+        """Whether the estimate is the one that the method aims at (exit code 0 of the command line)."""
+        return self is Status.SOLVED

@@ -1,0 +1,137 @@
+"""The text of a result: aligned on the decimal point, with what needs attention marked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .identification import Identification
+
+# The paper calls a parameter well identified below this relative standard deviation.
+WELL_IDENTIFIED_PERCENT = 20.0
+
+
+def render(fit: Identification) -> str:
+    """Table of parameters, errors per joint, condition number, warnings and status.
+
+    Parameters
+    ----------
+    fit : Identification
+        Any result.
+
+    Returns
+    -------
+    str
+        Lines without a final line feed.
+    """
+    lines = [f"{fit.name}: {len(fit.names)} base parameters of robot {fit.robot} by {fit.method}", ""]
+    lines += _parameter_lines(fit)
+    lines += ["", *_error_lines(fit), ""]
+    lines.append(
+        f"condition number {fit.condition_number:.6g}, error norm {fit.error_norm:.7g}, "
+        f"standard deviation of the error {fit.error_std:.5g}, {fit.n_rows} rows"
+    )
+    lines += _delay_lines(fit)
+    if fit.warnings:
+        lines += ["", "Physics forbids:", *(f"  {text}" for text in fit.warnings)]
+    lines += ["", fit.status.value]
+    return "\n".join(lines)
+
+
+def _parameter_lines(fit: Identification) -> list[str]:
+    rows = [("parameter", "unit", "estimate", "sigma", "sigma %", "")]
+    marked = 0
+    values = zip(fit.names, fit.units, fit.roles, fit.beta, fit.std, fit.relative_std_percent, strict=True)
+    for name, unit, role, value, std, percent in values:
+        if role != "estimated":
+            rows.append((name, unit, f"{value:.4f}" if role == "fixed" else "0", "", "", role))
+            continue
+        places = _decimal_places(std)
+        uncertain = not percent <= WELL_IDENTIFIED_PERCENT
+        marked += uncertain
+        rows.append(
+            (
+                name,
+                unit,
+                f"{value:.{places}f}",
+                f"{std:.{places}f}",
+                _percent(percent),
+                "*" if uncertain else "",
+            )
+        )
+    columns = list(zip(*rows, strict=True))
+    cells = [
+        _left(columns[0]),
+        _left(columns[1]),
+        *(_decimal(column) for column in columns[2:5]),
+        _left(columns[5]),
+    ]
+    lines = ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
+    lines.insert(1, "-" * max(map(len, lines)))
+    if marked:
+        lines += [
+            f"* not well identified, sigma above {WELL_IDENTIFIED_PERCENT:.0f} %: "
+            f"{marked} of {len(fit.names)} parameters"
+        ]
+    return lines
+
+
+def _error_lines(fit: Identification) -> list[str]:
+    n_dof = len(fit.relative_error)
+    labels = [f"joint {joint + 1}" for joint in range(n_dof)]
+    rows = [("relative error %", *labels, *(["all"] if n_dof > 1 else []))]
+    sets = [("fit", tuple(fit.relative_error), fit.overall_relative_error)]
+    sets += [
+        (f"held out: {item.name}", item.relative_error, item.overall_relative_error) for item in fit.held_out
+    ]
+    for name, errors, overall in sets:
+        shown = [_percent(100.0 * error) for error in errors]
+        rows.append((name, *shown, *([_percent(100.0 * overall)] if n_dof > 1 else [])))
+    columns = list(zip(*rows, strict=True))
+    cells = [_left(columns[0]), *(_decimal(column) for column in columns[1:])]
+    return ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
+
+
+def _delay_lines(fit: Identification) -> list[str]:
+    lines = []
+    if "estimated_samples" in fit.delay:
+        lines.append(
+            f"torque recorded {fit.delay['estimated_samples']:+.2f} samples "
+            f"({1e3 * fit.delay['estimated_seconds']:+.3f} ms) after the motion, by estimate"
+        )
+    compensated = fit.delay.get("compensated_samples", 0.0)
+    if compensated:
+        lines.append(f"torque moved back by {compensated:g} samples")
+    return lines
+
+
+def _decimal_places(std: float) -> int:
+    """Decimals that show three digits of sigma, and four decimals at least."""
+    if not math.isfinite(std) or std <= 0.0:
+        return 6
+    return min(12, max(4, 2 - math.floor(math.log10(std))))
+
+
+def _percent(percent: float) -> str:
+    """Percentage with fewer decimals the larger it is."""
+    if not math.isfinite(percent):
+        return "-"
+    size = abs(percent)
+    return f"{percent:.{4 if size < 10.0 else 2 if size < 100.0 else 0}f}"
+
+
+def _left(cells: Sequence[str]) -> list[str]:
+    width = max(map(len, cells))
+    return [cell.ljust(width) for cell in cells]
+
+
+def _decimal(cells: Sequence[str]) -> list[str]:
+    """Cells aligned on their decimal points; the first one, a heading, and empty ones are right-aligned."""
+    split = [cell.partition(".") for cell in cells[1:]]
+    before = max(len(whole) for whole, _, _ in split)
+    after = max(len(point + part) for _, point, part in split)
+    aligned = [whole.rjust(before) + (point + part).ljust(after) for whole, point, part in split]
+    width = max(before + after, len(cells[0]))
+    return [cell.rjust(width) for cell in (cells[0], *aligned)]

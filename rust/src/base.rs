@@ -1,0 +1,320 @@
+//! Base parameters (7): the standard parameters that motion can tell apart, and how the others regroup into them.
+//!
+//! The columns of a regressor of random states are scanned from first to last, and a column that depends on those kept
+//! so far is left out: of dependent parameters the one that comes first is kept. On the TX40 this keeps exactly
+//! the 60 of Table II. Dependence is a matter of structure, so it is found on random states and not on a
+//! log, whose filters could hide it.
+//!
+//! The coefficients are polynomials in the lengths of the robot and the sines and cosines of its angles. They are
+//! recognised on a twin robot with the same zeros and right angles but lengths and angles that no two joints
+//! share, and then evaluated on the robot itself: exact numbers, with their text.
+
+use crate::least_squares::{self, Dependence, LeastSquaresError};
+use crate::parameters::{Layout, Owner};
+use crate::regressor::regressor;
+use crate::robot::{Joint, JointKind, Robot, Twist};
+use faer::Mat;
+
+/// A column is dependent when what is left of it, scaled to unit norm, is below this.
+const TOLERANCE: f64 = 1e-10;
+/// A coefficient below this is zero; a symbol within this of a coefficient is it.
+const SNAP: f64 = 1e-7;
+/// A column whose largest entry is below this is zero: what rounding leaves of gravity along an axis it cannot turn.
+const ZERO: f64 = 1e-12;
+/// Random states per standard parameter: enough rows to tell all columns apart.
+const STATES_PER_PARAMETER: usize = 2;
+
+/// One term of a grouping: coefficient times a parameter that is not kept.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Term {
+    /// Standard parameter that regroups.
+    pub column: usize,
+    /// Its coefficient.
+    pub coefficient: f64,
+    /// The coefficient as text: `""` for 1, `"d3^2"`, `"2 r4"`; a number where no symbol was recognised.
+    pub symbol: String,
+}
+
+/// The base parameters of a robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Base {
+    /// Standard parameters that are kept, in order.
+    pub kept: Vec<usize>,
+    /// For each kept parameter, the terms that regroup into it.
+    pub terms: Vec<Vec<Term>>,
+    /// Parameters that no motion shows: their columns are zero.
+    pub unidentifiable: Vec<usize>,
+}
+
+/// Finds the base parameters of a robot.
+pub fn base_parameters(robot: &Robot) -> Result<Base, LeastSquaresError> {
+    let own = dependences(robot)?;
+    let twin = twin(robot).and_then(|twin| Some((dependences(&twin).ok()?, twin)));
+    let count = Layout::of(robot).count();
+    let mut terms: Vec<Vec<Term>> = vec![Vec::new(); count];
+    let mut unidentifiable = Vec::new();
+    let mut kept: Vec<bool> = vec![true; count];
+    for dependence in &own {
+        kept[dependence.column] = false;
+        let mut regroups = false;
+        for &(column, value) in &dependence.coefficients {
+            if value.abs() < SNAP {
+                continue;
+            }
+            regroups = true;
+            let (coefficient, symbol) = twin
+                .as_ref()
+                .and_then(|(other, twin)| recognise(robot, twin, other, dependence.column, column, value))
+                .unwrap_or_else(|| (value, number(value)));
+            terms[column].push(Term { column: dependence.column, coefficient, symbol });
+        }
+        if !regroups {
+            unidentifiable.push(dependence.column);
+        }
+    }
+    let kept: Vec<usize> = (0..count).filter(|&column| kept[column]).collect();
+    let terms = kept.iter().map(|&column| std::mem::take(&mut terms[column])).collect();
+    Ok(Base { kept, terms, unidentifiable })
+}
+
+/// Columns that depend on earlier ones, found on random states.
+fn dependences(robot: &Robot) -> Result<Vec<Dependence>, LeastSquaresError> {
+    let n = robot.n_dof();
+    let p = Layout::of(robot).count();
+    let samples = p * STATES_PER_PARAMETER / n + 8;
+    let (q, dq, ddq) = random_states(n, samples);
+    let mut flat = vec![0.0; samples * n * p];
+    regressor(robot, &q, &dq, &ddq, &mut flat).expect("the arrays were made for this robot");
+    let zero = |column: usize| flat[column..].iter().step_by(p).all(|entry| entry.abs() < ZERO);
+    let zeros: Vec<bool> = (0..p).map(zero).collect();
+    let w = Mat::from_fn(samples * n, p, |row, column| if zeros[column] { 0.0 } else { flat[row * p + column] });
+    Ok(least_squares::solve(w.as_ref(), &vec![0.0; samples * n], TOLERANCE)?.dependent)
+}
+
+/// Positions within half a turn, speeds and accelerations of a few units, spread evenly: additive recurrences with
+/// the square roots of primes, which need no generator and are the same everywhere.
+fn random_states(n: usize, samples: usize) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+    let primes: Vec<f64> =
+        (2u32..).filter(|k| (2..*k).all(|d| k % d != 0)).take(3 * n).map(f64::from).collect();
+    let entry = |sample: usize, coordinate: usize| {
+        (((sample + 1) as f64) * primes[coordinate].sqrt()).fract() * 2.0 - 1.0
+    };
+    let array = |offset: usize, scale: f64| {
+        (0..samples * n).map(|k| scale * entry(k / n, offset + k % n)).collect::<Vec<f64>>()
+    };
+    (array(0, std::f64::consts::PI), array(n, 3.0), array(2 * n, 5.0))
+}
+
+/// A robot with the same zeros and right angles, and generic values elsewhere.
+fn twin(robot: &Robot) -> Option<Robot> {
+    let generic = |value: f64, index: usize| {
+        if value == 0.0 { 0.0 } else { 0.3 + (((index + 1) as f64) * 2.0_f64.sqrt()).fract() * 0.7 }
+    };
+    let joints = robot
+        .joints()
+        .iter()
+        .enumerate()
+        .map(|(j, joint)| Joint {
+            alpha: match robot.twists()[j] {
+                Twist::General(..) => generic(1.0, 5 * j),
+                _ => joint.alpha,
+            },
+            d: generic(joint.d, 5 * j + 1),
+            r: generic(joint.r, 5 * j + 2),
+            theta: if joint.kind == JointKind::Prismatic && right(joint.theta).is_none() {
+                generic(1.0, 5 * j + 3)
+            } else {
+                joint.theta
+            },
+            ..*joint
+        })
+        .collect();
+    robot.with_joints(joints).ok()
+}
+
+fn right(angle: f64) -> Option<f64> {
+    let quarter = (angle / std::f64::consts::FRAC_PI_2).round();
+    ((angle - quarter * std::f64::consts::FRAC_PI_2).abs() < 1e-12).then_some(quarter)
+}
+
+/// A symbol of the geometry, its text, and its value on the robot and on its twin.
+#[derive(Debug, Clone)]
+struct Symbol {
+    text: String,
+    value: f64,
+    twin: f64,
+}
+
+/// The coefficient of `dependent` in `kept` as a polynomial of at most two terms, recognised on the twin.
+fn recognise(
+    robot: &Robot,
+    twin: &Robot,
+    other: &[Dependence],
+    dependent: usize,
+    kept: usize,
+    value: f64,
+) -> Option<(f64, String)> {
+    let found = other.iter().find(|dependence| dependence.column == dependent)?;
+    let target = found.coefficients.iter().find(|(column, _)| *column == kept)?.1;
+    let layout = Layout::of(robot);
+    let joint = |column| match layout.owner(column) {
+        Owner::Joint { joint, .. } => joint,
+        Owner::Coupled { index, .. } => robot.coupled()[index].motor,
+    };
+    let (a, b) = (joint(kept).min(joint(dependent)), joint(kept).max(joint(dependent)));
+    let monomials = monomials(robot, twin, a, b);
+    let matches = |twin_value: f64, own: f64| {
+        (twin_value - target).abs() < SNAP && (own - value).abs() < SNAP * (1.0 + value.abs())
+    };
+    for m in &monomials {
+        if matches(m.twin, m.value) {
+            return Some((m.value, m.text.clone()));
+        }
+    }
+    for (k, first) in monomials.iter().enumerate() {
+        for second in &monomials[k + 1..] {
+            if matches(first.twin + second.twin, first.value + second.value) {
+                let text = match second.text.strip_prefix('-') {
+                    Some(rest) => format!("({} - {rest})", or_one(&first.text)),
+                    None => format!("({} + {})", or_one(&first.text), or_one(&second.text)),
+                };
+                return Some((first.value + second.value, text));
+            }
+        }
+    }
+    None
+}
+
+fn or_one(text: &str) -> &str {
+    match text {
+        "" => "1",
+        "-" => "-1",
+        text => text,
+    }
+}
+
+/// Multiples by 1, -1, 2, -2 of products of up to two lengths and up to two sines or cosines of joints `a+1` to `b`.
+fn monomials(robot: &Robot, twin: &Robot, a: usize, b: usize) -> Vec<Symbol> {
+    let mut lengths = Vec::new();
+    let mut angles = Vec::new();
+    for j in a + 1..=b {
+        let (own, other) = (&robot.joints()[j], &twin.joints()[j]);
+        for (name, value, twin) in [("d", own.d, other.d), ("r", own.r, other.r)] {
+            if value != 0.0 {
+                lengths.push(Symbol { text: format!("{name}{}", j + 1), value, twin });
+            }
+        }
+        if let Twist::General(c, s) = robot.twists()[j] {
+            let (ct, st) = twin.twists()[j].cos_sin();
+            angles.push(Symbol { text: format!("cos(alpha{})", j + 1), value: c, twin: ct });
+            angles.push(Symbol { text: format!("sin(alpha{})", j + 1), value: s, twin: st });
+        }
+        if own.kind == JointKind::Prismatic && right(own.theta).is_none() {
+            for (name, f) in [("cos", f64::cos as fn(f64) -> f64), ("sin", f64::sin)] {
+                let text = format!("{name}(theta{})", j + 1);
+                angles.push(Symbol { text, value: f(own.theta), twin: f(other.theta) });
+            }
+        }
+    }
+    let mut all = Vec::new();
+    for length in products(&lengths) {
+        for angle in products(&angles) {
+            for (factor, text) in [(1.0, ""), (-1.0, "-"), (2.0, "2 "), (-2.0, "-2 ")] {
+                let body = [length.text.as_str(), angle.text.as_str()];
+                let body = body.iter().filter(|part| !part.is_empty()).copied().collect::<Vec<_>>().join(" ");
+                all.push(Symbol {
+                    text: if body.is_empty() { text.trim().to_string() } else { format!("{text}{body}") },
+                    value: factor * length.value * angle.value,
+                    twin: factor * length.twin * angle.twin,
+                });
+            }
+        }
+    }
+    all
+}
+
+/// 1, each symbol, and each product of two.
+fn products(symbols: &[Symbol]) -> Vec<Symbol> {
+    let mut all = vec![Symbol { text: String::new(), value: 1.0, twin: 1.0 }];
+    all.extend(symbols.iter().cloned());
+    for (k, first) in symbols.iter().enumerate() {
+        for (l, second) in symbols[k..].iter().enumerate() {
+            all.push(Symbol {
+                text: if l == 0 { format!("{}^2", first.text) } else { format!("{} {}", first.text, second.text) },
+                value: first.value * second.value,
+                twin: first.twin * second.twin,
+            });
+        }
+    }
+    all
+}
+
+fn number(value: f64) -> String {
+    format!("{value:.9}").trim_end_matches('0').trim_end_matches('.').to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parameters::names;
+    use crate::robot::Friction;
+    use std::f64::consts::FRAC_PI_2;
+
+    fn planar(lengths: &[f64]) -> Robot {
+        let n = lengths.len();
+        let joints = lengths
+            .iter()
+            .map(|&d| Joint { kind: JointKind::Revolute, alpha: 0.0, d, theta: 0.0, r: 0.0 })
+            .collect();
+        let identity: Vec<Vec<f64>> =
+            (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();
+        Robot::new(joints, [0.0, -9.81, 0.0], &identity, Friction::sign(n)).unwrap()
+    }
+
+    #[test]
+    fn planar_arm_regroups_as_the_textbook_says() {
+        let robot = planar(&[0.0, 0.5]);
+        let base = base_parameters(&robot).unwrap();
+        let names = names(&robot);
+        let kept: Vec<&str> = base.kept.iter().map(|&c| names[c].as_str()).collect();
+        let inertial: Vec<&str> =
+            kept.iter().copied().filter(|n| !n.starts_with('F') && !n.starts_with('O')).collect();
+        assert_eq!(inertial, ["ZZ1", "MX1", "MY1", "ZZ2", "MX2", "MY2", "Ia2"]);
+        let zz1 = kept.iter().position(|n| *n == "ZZ1").unwrap();
+        let text: Vec<String> =
+            base.terms[zz1].iter().map(|t| format!("{} {}", t.symbol, names[t.column])).collect();
+        assert_eq!(text, [" Ia1", "d2^2 M2"]);
+        assert_eq!(base.terms[zz1][1].coefficient, 0.25);
+        assert!(base.unidentifiable.iter().any(|&c| names[c] == "MZ2"));
+    }
+
+    #[test]
+    fn equal_lengths_are_told_apart() {
+        let robot = planar(&[0.0, 0.5, 0.5]);
+        let base = base_parameters(&robot).unwrap();
+        let names = names(&robot);
+        let m3: Vec<(&str, &str)> = base
+            .kept
+            .iter()
+            .zip(&base.terms)
+            .flat_map(|(&k, terms)| terms.iter().map(move |t| (k, t)))
+            .filter(|(_, t)| names[t.column] == "M3")
+            .map(|(k, t)| (names[k].as_str(), t.symbol.as_str()))
+            .collect();
+        assert_eq!(m3, [("ZZ1", "d2^2"), ("MX1", "d2"), ("ZZ2", "d3^2"), ("MX2", "d3")]);
+    }
+
+    #[test]
+    fn a_bent_arm_has_symbols_of_its_angle() {
+        let mut joints = planar(&[0.0, 0.3]).joints().to_vec();
+        joints[1].alpha = 0.4;
+        joints.push(Joint { alpha: FRAC_PI_2, ..joints[0] });
+        let identity: Vec<Vec<f64>> =
+            (0..3).map(|i| (0..3).map(|j| f64::from(u8::from(i == j))).collect()).collect();
+        let robot = Robot::new(joints, [1.0, 2.0, -9.81], &identity, Friction::sign(3)).unwrap();
+        let base = base_parameters(&robot).unwrap();
+        for term in base.terms.iter().flatten() {
+            assert!(!term.symbol.contains('.'), "{term:?}");
+        }
+    }
+}

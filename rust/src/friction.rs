@@ -1,0 +1,122 @@
+//! Rotor inertia and friction of joints and of coupled motors, (22) to (24) for any transmission `C`.
+//!
+//! `Ia_j`, `Fv_j` and `Fc_j` contain what a coupled motor puts on the diagonal of joint `j`, as (24) has it; what is
+//! left is written here. Motor `m` turns with `s = c_m . dq`, and joint `i /= m` feels `c_mi` times its torque:
+//!
+//! | column | row m | row i |
+//! |---|---|---|
+//! | `Ia_m` | `c_m . ddq` | `c_mi (c_m . ddq) - c_mi^2 ddq_i` |
+//! | `Fvm_m` | `s - dq_m` | `c_mi s - c_mi^2 dq_i` |
+//! | `Fcm_m` | `sign(s) - sign(dq_m)` | `c_mi sign(s)`; as printed in (23): `c_mi sign(dq_m)` |
+
+use crate::kinematics::State;
+use crate::lanes::Lanes;
+use crate::robot::{CoupledMotor, Coupling, Robot};
+
+/// `sign`, `sign` with a dead zone, or `tanh(dq / v)`, as joint `j` has it. Between -1 and 1.
+#[inline(always)]
+pub fn sign<const L: usize, const F: bool>(robot: &Robot, j: usize, dq: Lanes<L, F>) -> Lanes<L, F> {
+    let smoothing = robot.friction().smoothing[j];
+    let dead_zone = robot.friction().dead_zone[j];
+    if smoothing > 0.0 {
+        dq.map(|v| if v.abs() <= dead_zone { 0.0 } else { (v / smoothing).tanh() })
+    } else {
+        dq.map(|v| if v.abs() <= dead_zone || v == 0.0 { 0.0 } else { 1.0_f64.copysign(v) })
+    }
+}
+
+/// Columns of the friction parameters of joint `j` in its own row: `Fv Fc Off`, or `Fv+ Fc+ Fv- Fc-`.
+#[inline(always)]
+pub fn own_columns<const L: usize, const F: bool>(robot: &Robot, j: usize, dq: Lanes<L, F>) -> [Lanes<L, F>; 4] {
+    let s = sign(robot, j, dq);
+    if robot.friction().asymmetric {
+        [dq.map(|v| v.max(0.0)), s.map(|v| v.max(0.0)), dq.map(|v| v.min(0.0)), s.map(|v| v.min(0.0))]
+    } else {
+        [dq, s, Lanes::splat(1.0), Lanes::zero()]
+    }
+}
+
+/// What a coupled motor adds to each row: the columns of its `Ia` (without its own joint's part), `Fvm` and `Fcm`.
+#[derive(Debug, Clone, Copy)]
+pub struct CoupledColumns<const L: usize, const F: bool> {
+    /// Column of `Ia_m`; in row m without `ddq_m`, which the joint's own block has.
+    pub rotor: Lanes<L, F>,
+    /// Column of `Fvm_m`.
+    pub viscous: Lanes<L, F>,
+    /// Column of `Fcm_m`.
+    pub coulomb: Lanes<L, F>,
+}
+
+/// Speed and acceleration of a coupled motor.
+#[derive(Debug, Clone, Copy)]
+pub struct Shaft<const L: usize, const F: bool> {
+    dq: Lanes<L, F>,
+    ddq: Lanes<L, F>,
+    sign_shaft: Lanes<L, F>,
+    sign_joint: Lanes<L, F>,
+}
+
+impl<const L: usize, const F: bool> Shaft<L, F> {
+    /// Of one motor.
+    #[inline(always)]
+    pub fn of(robot: &Robot, coupled: &CoupledMotor, state: &State<L, F>) -> Self {
+        let m = coupled.motor;
+        let (mut dq, mut ddq) = (state.dq[m], state.ddq[m]);
+        for &(i, c) in &coupled.others {
+            dq = state.dq[i].mul_add(Lanes::splat(c), dq);
+            ddq = state.ddq[i].mul_add(Lanes::splat(c), ddq);
+        }
+        Self { dq, ddq, sign_shaft: sign(robot, m, dq), sign_joint: sign(robot, m, state.dq[m]) }
+    }
+
+    /// Entries in the motor's own row.
+    #[inline(always)]
+    pub fn own_row(&self, motor: usize, state: &State<L, F>) -> CoupledColumns<L, F> {
+        CoupledColumns {
+            rotor: self.ddq - state.ddq[motor],
+            viscous: self.dq - state.dq[motor],
+            coulomb: self.sign_shaft - self.sign_joint,
+        }
+    }
+
+    /// Entries in the row of another joint `i` with coefficient `c`.
+    #[inline(always)]
+    pub fn other_row(&self, robot: &Robot, i: usize, c: f64, state: &State<L, F>) -> CoupledColumns<L, F> {
+        let sign = match robot.friction().coupling {
+            Coupling::Shaft => self.sign_shaft,
+            Coupling::Printed => self.sign_joint,
+        };
+        CoupledColumns {
+            rotor: (self.ddq - state.ddq[i].scale(c)).scale(c),
+            viscous: (self.dq - state.dq[i].scale(c)).scale(c),
+            coulomb: sign.scale(c),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::{Friction, Joint, JointKind};
+
+    fn one_joint(friction: Friction) -> Robot {
+        let joint = Joint { kind: JointKind::Prismatic, alpha: 0.0, d: 0.0, theta: 0.0, r: 0.0 };
+        Robot::new(vec![joint], [0.0; 3], &[vec![1.0]], friction).unwrap()
+    }
+
+    #[test]
+    fn the_sign_is_zero_at_rest_and_in_the_dead_zone() {
+        let robot = one_joint(Friction { dead_zone: vec![0.1], ..Friction::sign(1) });
+        let s = sign(&robot, 0, Lanes::<4>([0.0, 0.1, -0.2, 0.3]));
+        assert_eq!(s.0, [0.0, 0.0, -1.0, 1.0]);
+        let s = sign(&one_joint(Friction::sign(1)), 0, Lanes::<2>([-0.0, 1e-300]));
+        assert_eq!(s.0, [0.0, 1.0]);
+    }
+
+    #[test]
+    fn asymmetric_columns_split_by_direction() {
+        let robot = one_joint(Friction { asymmetric: true, ..Friction::sign(1) });
+        let columns = own_columns(&robot, 0, Lanes::<2>([2.0, -3.0]));
+        assert_eq!(columns.map(|c| c.0), [[2.0, 0.0], [1.0, 0.0], [0.0, -3.0], [0.0, -1.0]]);
+    }
+}

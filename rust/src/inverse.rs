@@ -1,0 +1,158 @@
+//! Inverse dynamic model (1) by Newton-Euler: joint torques from positions, velocities and accelerations.
+//!
+//! `tau = M(q) ddq + N(q, dq)`, rotors and friction included. Identity that tests it: `tau = W x` with the
+//! columns of [`crate::regressor`]; independently, Pinocchio's `rnea` in the Python tests.
+
+use crate::error::ShapeError;
+use crate::friction::{Shaft, own_columns};
+use crate::kinematics::{Angular, Motion, Placement, State};
+use crate::lanes::{Kernel, Lanes, dispatch};
+use crate::parameters::{FRICTION, IA, INERTIAL, Layout, M, MX, XX};
+use crate::robot::{JointKind, MAX_DOF, Robot};
+use crate::spatial::Vector;
+
+/// Force and moment on a link at its origin, in its frame.
+#[derive(Debug, Clone, Copy)]
+struct Wrench<const L: usize, const F: bool> {
+    force: Vector<L, F>,
+    moment: Vector<L, F>,
+}
+
+/// What moves a link: `M a + U MS` and `J domega + omega x J omega + MS x a`, for the ten parameters `x` of the link.
+#[inline(always)]
+fn wrench<const L: usize, const F: bool>(motion: &Motion<L, F>, x: &[f64]) -> Wrench<L, F> {
+    let Motion { omega, domega, a } = *motion;
+    let angular = Angular::of(omega, domega);
+    let ms = Vector::splat([x[MX], x[MX + 1], x[MX + 2]]);
+    let m = Lanes::splat(x[M]);
+    let u = [angular.column(0), angular.column(1), angular.column(2)];
+    let force = Vector::new(
+        a.x.mul_add(m, u[2].x.mul_add(ms.z, u[1].x.mul_add(ms.y, u[0].x * ms.x))),
+        a.y.mul_add(m, u[2].y.mul_add(ms.z, u[1].y.mul_add(ms.y, u[0].y * ms.x))),
+        a.z.mul_add(m, u[2].z.mul_add(ms.z, u[1].z.mul_add(ms.y, u[0].z * ms.x))),
+    );
+    let turn = |v: Vector<L, F>| {
+        let [xx, xy, xz, yy, yz, zz] = [0, 1, 2, 3, 4, 5].map(|k| Lanes::<L, F>::splat(x[XX + k]));
+        Vector::new(
+            v.z.mul_add(xz, v.y.mul_add(xy, v.x * xx)),
+            v.z.mul_add(yz, v.y.mul_add(yy, v.x * xy)),
+            v.z.mul_add(zz, v.y.mul_add(yz, v.x * xz)),
+        )
+    };
+    let moment = turn(domega) + omega.cross(turn(omega)) + ms.cross(a);
+    Wrench { force, moment }
+}
+
+/// Torques of `L` states, standard parameters `x`.
+#[inline(always)]
+pub fn inverse_dynamics_lanes<const L: usize, const F: bool>(
+    robot: &Robot,
+    state: &State<L, F>,
+    x: &[f64],
+) -> [Lanes<L, F>; MAX_DOF] {
+    let n = robot.n_dof();
+    let layout = Layout::of(robot);
+    let mut motion = Motion::base(robot);
+    let nothing = Wrench { force: Vector::zero(), moment: Vector::zero() };
+    let mut wrenches = [nothing; MAX_DOF];
+    let mut placements =
+        [Placement { sine: Lanes::zero(), cosine: Lanes::zero(), r: Lanes::zero() }; MAX_DOF];
+    for j in 0..n {
+        let at = Placement::of(robot, j, state.q[j]);
+        motion = motion.next(robot, j, &at, state.dq[j], state.ddq[j]);
+        wrenches[j] = wrench(&motion, &x[layout.joint(j)..layout.joint(j) + INERTIAL]);
+        placements[j] = at;
+    }
+    let mut tau = [Lanes::zero(); MAX_DOF];
+    for j in (0..n).rev() {
+        let joint = &robot.joints()[j];
+        let Wrench { force, moment } = wrenches[j];
+        let block = &x[layout.joint(j)..layout.joint(j) + layout.per_joint()];
+        tau[j] = match joint.kind {
+            JointKind::Revolute => moment.z,
+            JointKind::Prismatic => force.z,
+        };
+        tau[j] = state.ddq[j].mul_add(Lanes::splat(block[IA]), tau[j]);
+        let columns = own_columns(robot, j, state.dq[j]);
+        for (k, &value) in block[FRICTION..].iter().enumerate() {
+            tau[j] = columns[k].mul_add(Lanes::splat(value), tau[j]);
+        }
+        if j > 0 {
+            let at = &placements[j];
+            let twist = robot.twists()[j];
+            let force = force.out_of_turned(at.sine, at.cosine);
+            let mut moment = moment.out_of_turned(at.sine, at.cosine);
+            // moment + (d, 0, r) x force
+            let d = Lanes::splat(joint.d);
+            moment.x -= at.r * force.y;
+            moment.y = at.r.mul_add(force.x, moment.y) - d * force.z;
+            moment.z = d.mul_add(force.y, moment.z);
+            wrenches[j - 1].force = wrenches[j - 1].force + force.out_of_twisted(twist);
+            wrenches[j - 1].moment = wrenches[j - 1].moment + moment.out_of_twisted(twist);
+        }
+    }
+    for (index, coupled) in robot.coupled().iter().enumerate() {
+        let m = coupled.motor;
+        let ia = x[layout.joint(m) + IA];
+        let (fvm, fcm) = (x[layout.coupled(index)], x[layout.coupled(index) + 1]);
+        let shaft = Shaft::of(robot, coupled, state);
+        let mut add = |row: usize, c: crate::friction::CoupledColumns<L, F>| {
+            tau[row] += c.rotor.scale(ia) + c.viscous.scale(fvm) + c.coulomb.scale(fcm);
+        };
+        add(m, shaft.own_row(m, state));
+        for &(i, c) in &coupled.others {
+            add(i, shaft.other_row(robot, i, c, state));
+        }
+    }
+    tau
+}
+
+struct Batch<'a> {
+    robot: &'a Robot,
+    q: &'a [f64],
+    dq: &'a [f64],
+    ddq: &'a [f64],
+    x: &'a [f64],
+    tau: &'a mut [f64],
+}
+
+impl Kernel for Batch<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const L: usize, const F: bool>(self) {
+        let n = self.robot.n_dof();
+        for (block, out) in self.tau.chunks_mut(n * L).enumerate() {
+            let state = State::<L, F>::gather(n, block * L, self.q, self.dq, self.ddq);
+            let tau = inverse_dynamics_lanes(self.robot, &state, self.x);
+            for (l, row) in out.chunks_mut(n).enumerate() {
+                for j in 0..n {
+                    row[j] = tau[j].0[l];
+                }
+            }
+        }
+    }
+}
+
+/// Torques (N.m or N, joint side) of a batch, row-major `(n_samples, n_dof)`, with all standard parameters `x`.
+pub fn inverse_dynamics(
+    robot: &Robot,
+    q: &[f64],
+    dq: &[f64],
+    ddq: &[f64],
+    x: &[f64],
+    tau: &mut [f64],
+) -> Result<(), ShapeError> {
+    for (what, array) in [("q", q), ("dq", dq), ("ddq", ddq)] {
+        check_length(what, array, tau.len())?;
+    }
+    check_length("x", x, Layout::of(robot).count())?;
+    if !tau.is_empty() {
+        dispatch(Batch { robot, q, dq, ddq, x, tau });
+    }
+    Ok(())
+}
+
+/// `array` has `want` numbers, or the error that says so.
+pub(crate) fn check_length(what: &'static str, array: &[f64], want: usize) -> Result<(), ShapeError> {
+    if array.len() == want { Ok(()) } else { Err(ShapeError::Length { what, want, got: array.len() }) }
+}

@@ -1,0 +1,227 @@
+//! Observation matrix `W` of a log (6): regressor columns, filtered and decimated in parallel, a block at a time.
+//!
+//! Zero-phase filters need a whole column at once, so the blocks are columns, not samples: the columns of one link,
+//! in its rows, are formed, filtered side by side in lanes and thinned out before the next link's are. A matrix
+//! of all samples and columns (186 MB on the TX40's log) never exists.
+//!
+//! Rows are joint by joint: row `j * n_kept + k` is joint `j` at kept sample `k`.
+
+use crate::filter::{Stage, StageError, Workspace, check_stages, output_length, zero_phase_lanes};
+use crate::kinematics::State;
+use crate::lanes::{Kernel, dispatch};
+use crate::parallel;
+use crate::parameters::{INERTIAL, Layout, Owner};
+use crate::regressor::{Walk, drive_lanes};
+use crate::robot::{MAX_DOF, Robot};
+use thiserror::Error;
+
+/// Columns filtered side by side: two vector registers hide the latency of the recursion.
+const COLUMNS: usize = 8;
+
+/// What [`observation`] cannot do.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ObservationError {
+    /// Arrays or columns that do not fit the robot.
+    #[error(transparent)]
+    Shape(#[from] crate::error::ShapeError),
+    /// A filter that the record does not allow.
+    #[error(transparent)]
+    Stage(#[from] StageError),
+}
+
+/// A log: row-major `(n_samples, n_dof)` arrays of one robot, joint side.
+#[derive(Debug, Clone, Copy)]
+pub struct Log<'a> {
+    /// Positions (rad or m).
+    pub q: &'a [f64],
+    /// Velocities.
+    pub dq: &'a [f64],
+    /// Accelerations.
+    pub ddq: &'a [f64],
+}
+
+/// One column of `W` in one row of joints: where it is formed and where it goes.
+#[derive(Debug, Clone, Copy)]
+struct Series {
+    row: usize,
+    column: usize,
+    place: usize,
+}
+
+/// The series that are formed together.
+#[derive(Debug, Clone)]
+struct Block {
+    /// The link they belong to; `None` for rotors and friction.
+    link: Option<usize>,
+    series: Vec<Series>,
+}
+
+/// `W` restricted to `columns` (standard parameters, in that order), column-major, `n_dof * n_kept` rows.
+pub fn observation(
+    robot: &Robot,
+    log: Log<'_>,
+    columns: &[usize],
+    stages: &[Stage],
+    threads: usize,
+) -> Result<Vec<f64>, ObservationError> {
+    let n = robot.n_dof();
+    let samples = log.q.len() / n;
+    for (what, array) in [("q", log.q), ("dq", log.dq), ("ddq", log.ddq)] {
+        crate::inverse::check_length(what, array, samples * n)?;
+    }
+    let count = Layout::of(robot).count();
+    if let Some(&column) = columns.iter().find(|&&column| column >= count) {
+        return Err(crate::error::ShapeError::Column { column, count }.into());
+    }
+    check_stages(samples, stages)?;
+    let kept = output_length(samples, stages);
+    let mut w = vec![0.0; n * kept * columns.len()];
+    let blocks = blocks(robot, columns);
+    // The longest blocks first: two threads end at about the same time.
+    let results = parallel::map(blocks.len(), threads, |b| {
+        dispatch(FormAndFilter { robot, log, samples, block: &blocks[b], stages })
+    });
+    for (block, filtered) in blocks.iter().zip(&results) {
+        for (s, series) in block.series.iter().enumerate() {
+            let start = series.place * n * kept + series.row * kept;
+            let group = &filtered[s / COLUMNS];
+            for (out, row) in w[start..start + kept].iter_mut().zip(group) {
+                *out = row[s % COLUMNS];
+            }
+        }
+    }
+    Ok(w)
+}
+
+/// The blocks of the columns asked for, largest first.
+fn blocks(robot: &Robot, columns: &[usize]) -> Vec<Block> {
+    let layout = Layout::of(robot);
+    let mut drive = Vec::new();
+    let mut links: Vec<Vec<Series>> = vec![Vec::new(); robot.n_dof()];
+    for (place, &column) in columns.iter().enumerate() {
+        match layout.owner(column) {
+            Owner::Joint { joint, local } if local < INERTIAL => {
+                links[joint].extend((0..=joint).map(|row| Series { row, column: local, place }));
+            }
+            Owner::Joint { joint, .. } => {
+                drive.push(Series { row: joint, column, place });
+                let coupled = robot.coupled().iter().find(|coupled| coupled.motor == joint);
+                if let (Some(coupled), true) = (coupled, column == layout.joint(joint) + crate::parameters::IA) {
+                    drive.extend(coupled.others.iter().map(|&(row, _)| Series { row, column, place }));
+                }
+            }
+            Owner::Coupled { index, .. } => {
+                let coupled = &robot.coupled()[index];
+                drive.push(Series { row: coupled.motor, column, place });
+                drive.extend(coupled.others.iter().map(|&(row, _)| Series { row, column, place }));
+            }
+        }
+    }
+    let mut blocks: Vec<Block> =
+        links.into_iter().enumerate().map(|(j, series)| Block { link: Some(j), series }).collect();
+    blocks.push(Block { link: None, series: drive });
+    blocks.retain(|block| !block.series.is_empty());
+    blocks.sort_by_key(|block| std::cmp::Reverse(block.series.len()));
+    blocks
+}
+
+struct FormAndFilter<'a> {
+    robot: &'a Robot,
+    log: Log<'a>,
+    samples: usize,
+    block: &'a Block,
+    stages: &'a [Stage],
+}
+
+impl Kernel for FormAndFilter<'_> {
+    type Output = Vec<Vec<[f64; COLUMNS]>>;
+
+    #[inline(always)]
+    fn run<const L: usize, const F: bool>(self) -> Self::Output {
+        let Self { robot, log, samples, block, stages } = self;
+        let n = robot.n_dof();
+        let mut groups = vec![vec![[0.0; COLUMNS]; samples]; block.series.len().div_ceil(COLUMNS)];
+        // Where a (row, column) of this block goes, so that the walk only stores what was asked for.
+        let width = block.link.map_or(Layout::of(robot).count(), |_| INERTIAL);
+        let mut place = vec![usize::MAX; n * width];
+        for (s, series) in block.series.iter().enumerate() {
+            place[series.row * width + series.column] = s;
+        }
+        for first in (0..samples).step_by(L) {
+            let state = State::<L, F>::gather(n, first, log.q, log.dq, log.ddq);
+            let valid = L.min(samples - first);
+            let mut put = |row: usize, column: usize, value: crate::lanes::Lanes<L, F>| {
+                let s = place[row * width + column];
+                if s != usize::MAX {
+                    let group = &mut groups[s / COLUMNS][first..first + valid];
+                    for (l, sample) in group.iter_mut().enumerate() {
+                        sample[s % COLUMNS] = value.0[l];
+                    }
+                }
+            };
+            match block.link {
+                Some(j) => {
+                    let mut walk = Walk::new(robot);
+                    for k in 0..=j.min(MAX_DOF - 1) {
+                        walk.step(robot, k, &state);
+                    }
+                    let unit = walk.unit_wrenches();
+                    for i in 0..=j {
+                        for (k, value) in walk.row(i, &unit).into_iter().enumerate() {
+                            put(i, k, value);
+                        }
+                    }
+                }
+                None => drive_lanes(robot, &state, put),
+            }
+        }
+        let mut workspace = Workspace::new();
+        for group in &mut groups {
+            zero_phase_lanes(group, stages, &mut workspace);
+            group.shrink_to_fit();
+        }
+        groups
+    }
+}
+
+/// Filters and decimates the columns of a row-major `(n_samples, width)` array; the result is row-major too.
+pub fn decimate(
+    signals: &[f64],
+    width: usize,
+    stages: &[Stage],
+    threads: usize,
+) -> Result<Vec<f64>, ObservationError> {
+    let samples = signals.len() / width.max(1);
+    check_stages(samples, stages)?;
+    let kept = output_length(samples, stages);
+    let groups = parallel::map(width.div_ceil(COLUMNS), threads, |g| {
+        let valid = COLUMNS.min(width - g * COLUMNS);
+        let mut group: Vec<[f64; COLUMNS]> = signals
+            .chunks_exact(width)
+            .map(|row| std::array::from_fn(|c| row[g * COLUMNS + c.min(valid - 1)]))
+            .collect();
+        dispatch(Filter { group: &mut group, stages });
+        group
+    });
+    let mut out = vec![0.0; kept * width];
+    for (k, row) in out.chunks_exact_mut(width.max(1)).enumerate() {
+        for (c, value) in row.iter_mut().enumerate() {
+            *value = groups[c / COLUMNS][k][c % COLUMNS];
+        }
+    }
+    Ok(out)
+}
+
+struct Filter<'a> {
+    group: &'a mut Vec<[f64; COLUMNS]>,
+    stages: &'a [Stage],
+}
+
+impl Kernel for Filter<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const L: usize, const F: bool>(self) {
+        zero_phase_lanes(self.group, self.stages, &mut Workspace::new());
+    }
+}

@@ -1,0 +1,84 @@
+//! Independent units of work on several threads, each result in its own slot.
+//!
+//! A unit knows its index and nothing of the others, so the results have the same bits for any number of threads.
+
+use std::sync::{Mutex, PoisonError};
+
+/// Threads that this machine offers.
+pub fn available_threads() -> usize {
+    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+}
+
+/// `[work(0), work(1), ..., work(n - 1)]`, computed on at most `threads` threads.
+///
+/// Units are handed out one by one, so that units of uneven length keep every thread busy; the longest should come first. One
+/// thread, or one unit, starts no thread at all. A panic in `work` reaches the caller.
+pub fn map<R: Send>(n: usize, threads: usize, work: impl Fn(usize) -> R + Sync) -> Vec<R> {
+    let threads = threads.min(n);
+    if threads <= 1 {
+        return (0..n).map(work).collect();
+    }
+    let mut slots: Vec<Option<R>> = (0..n).map(|_| None).collect();
+    let queue = Mutex::new(slots.iter_mut().enumerate());
+    let worker = || {
+        loop {
+            // The lock is released before the work starts.
+            let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
+            let Some((index, slot)) = next else { break };
+            *slot = Some(work(index));
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 1..threads {
+            scope.spawn(worker);
+        }
+        worker();
+    });
+    // The scope has ended: every slot is filled, or a panic is on its way to the caller.
+    slots.into_iter().flatten().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    proptest! {
+        #[test]
+        fn same_bits_for_any_number_of_threads(n in 0_usize..40, threads in 0_usize..9) {
+            let run = |threads| map(n, threads, |index| (index as f64).sin().exp());
+            prop_assert_eq!(run(threads), run(1));
+        }
+    }
+
+    #[test]
+    fn every_unit_runs_once_and_in_its_slot() {
+        let calls = AtomicUsize::new(0);
+        let results = map(1000, 4, |index| {
+            calls.fetch_add(1, Ordering::Relaxed);
+            index + 1
+        });
+        assert_eq!(calls.into_inner(), 1000);
+        assert_eq!(results, (1..=1000).collect::<Vec<_>>());
+    }
+
+    #[test]
+    #[should_panic(expected = "a scoped thread panicked")]
+    fn a_panic_reaches_the_caller() {
+        let caller = std::thread::current().id();
+        map(8, 2, |_| {
+            // The caller's own units wait until the other thread has had one.
+            if std::thread::current().id() == caller {
+                std::thread::sleep(std::time::Duration::from_millis(5));
+            } else {
+                panic!("on purpose");
+            }
+        });
+    }
+
+    #[test]
+    fn there_is_a_thread() {
+        assert!(available_threads() >= 1);
+    }
+}

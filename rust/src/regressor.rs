@@ -1,0 +1,186 @@
+//! Regressor of the inverse dynamic model (2): `tau = IDM(q, dq, ddq) x`, linear in the standard parameters.
+//!
+//! A column of a link's inertial parameter is the wrench that a unit of it needs; row `i` is that wrench seen along
+//! axis `i`. Identity that tests it: `W x` equals [`crate::inverse`]; independently, Pinocchio's
+//! `computeJointTorqueRegressor` in the Python tests.
+
+use crate::error::ShapeError;
+use crate::friction::{Shaft, own_columns};
+use crate::inverse::check_length;
+use crate::kinematics::{Angular, Axis, Motion, Placement, State};
+use crate::lanes::{Kernel, Lanes, dispatch};
+use crate::parameters::{FRICTION, IA, INERTIAL, Layout};
+use crate::robot::{MAX_DOF, Robot};
+use crate::spatial::Vector;
+
+/// Walks out along the robot; after `k` steps it knows the columns of link `k`.
+#[derive(Debug, Clone, Copy)]
+pub struct Walk<const L: usize, const F: bool> {
+    motion: Motion<L, F>,
+    axes: [Axis<L, F>; MAX_DOF],
+}
+
+impl<const L: usize, const F: bool> Walk<L, F> {
+    /// At the base.
+    #[inline(always)]
+    pub fn new(robot: &Robot) -> Self {
+        let axis = Axis { u: Vector::zero(), w: Vector::zero() };
+        Self { motion: Motion::base(robot), axes: [axis; MAX_DOF] }
+    }
+
+    /// Steps to link `j`.
+    #[inline(always)]
+    pub fn step(&mut self, robot: &Robot, j: usize, state: &State<L, F>) {
+        let at = Placement::of(robot, j, state.q[j]);
+        self.motion = self.motion.next(robot, j, &at, state.dq[j], state.ddq[j]);
+        for axis in &mut self.axes[..j] {
+            *axis = axis.next(robot, j, &at);
+        }
+        self.axes[j] = Axis::own(robot.joints()[j].kind);
+    }
+
+    /// The wrenches of unit parameters of the link the walk stands on.
+    #[inline(always)]
+    pub fn unit_wrenches(&self) -> UnitWrenches<L, F> {
+        UnitWrenches::of(&self.motion)
+    }
+
+    /// Row `i` of the ten inertial columns of that link.
+    #[inline(always)]
+    pub fn row(&self, i: usize, unit: &UnitWrenches<L, F>) -> [Lanes<L, F>; INERTIAL] {
+        let Axis { u, w } = self.axes[i];
+        let mut row = [Lanes::zero(); INERTIAL];
+        for k in 0..6 {
+            row[k] = u.dot(unit.inertia[k]);
+        }
+        let [ax, ay, az] = [unit.a.x, unit.a.y, unit.a.z];
+        row[6] = w.dot(unit.angular.column(0)) + u.z.mul_add(ay, -(u.y * az));
+        row[7] = w.dot(unit.angular.column(1)) + u.x.mul_add(az, -(u.z * ax));
+        row[8] = w.dot(unit.angular.column(2)) + u.y.mul_add(ax, -(u.x * ay));
+        row[9] = w.dot(unit.a);
+        row
+    }
+}
+
+/// Moments of unit inertias (`XX XY XZ YY YZ ZZ`), and what forces and moments of the first moments and the mass follow from.
+#[derive(Debug, Clone, Copy)]
+pub struct UnitWrenches<const L: usize, const F: bool> {
+    inertia: [Vector<L, F>; 6],
+    angular: Angular<L, F>,
+    a: Vector<L, F>,
+}
+
+impl<const L: usize, const F: bool> UnitWrenches<L, F> {
+    #[inline(always)]
+    fn of(motion: &Motion<L, F>) -> Self {
+        let angular = Angular::of(motion.omega, motion.domega);
+        let [xx, yy, zz, xy, xz, yz] = angular.products;
+        let d = motion.domega;
+        Self {
+            inertia: [
+                Vector::new(d.x, xz, -xy),
+                Vector::new(d.y - xz, d.x + yz, xx - yy),
+                Vector::new(d.z + xy, zz - xx, d.x - yz),
+                Vector::new(-yz, d.y, xy),
+                Vector::new(yy - zz, d.z - xy, d.y + xz),
+                Vector::new(yz, -xz, d.z),
+            ],
+            angular,
+            a: motion.a,
+        }
+    }
+}
+
+/// Calls `put(row, column, value)` for every entry of the regressor that is not zero by structure.
+#[inline(always)]
+fn regressor_lanes<const L: usize, const F: bool>(
+    robot: &Robot,
+    state: &State<L, F>,
+    mut put: impl FnMut(usize, usize, Lanes<L, F>),
+) {
+    let layout = Layout::of(robot);
+    let mut walk = Walk::new(robot);
+    for j in 0..robot.n_dof() {
+        walk.step(robot, j, state);
+        let unit = walk.unit_wrenches();
+        let first = layout.joint(j);
+        for i in 0..=j {
+            for (k, value) in walk.row(i, &unit).into_iter().enumerate() {
+                put(i, first + k, value);
+            }
+        }
+    }
+    drive_lanes(robot, state, put);
+}
+
+/// The same for the columns of rotors and friction, joints and coupled motors.
+#[inline(always)]
+pub(crate) fn drive_lanes<const L: usize, const F: bool>(
+    robot: &Robot,
+    state: &State<L, F>,
+    mut put: impl FnMut(usize, usize, Lanes<L, F>),
+) {
+    let layout = Layout::of(robot);
+    for j in 0..robot.n_dof() {
+        let first = layout.joint(j);
+        put(j, first + IA, state.ddq[j]);
+        let columns = own_columns(robot, j, state.dq[j]);
+        for k in FRICTION..layout.per_joint() {
+            put(j, first + k, columns[k - FRICTION]);
+        }
+    }
+    for (index, coupled) in robot.coupled().iter().enumerate() {
+        let m = coupled.motor;
+        let shaft = Shaft::of(robot, coupled, state);
+        let first = layout.coupled(index);
+        let own = shaft.own_row(m, state);
+        put(m, layout.joint(m) + IA, own.rotor + state.ddq[m]);
+        put(m, first, own.viscous);
+        put(m, first + 1, own.coulomb);
+        for &(i, c) in &coupled.others {
+            let row = shaft.other_row(robot, i, c, state);
+            put(i, layout.joint(m) + IA, row.rotor);
+            put(i, first, row.viscous);
+            put(i, first + 1, row.coulomb);
+        }
+    }
+}
+
+struct Batch<'a> {
+    robot: &'a Robot,
+    q: &'a [f64],
+    dq: &'a [f64],
+    ddq: &'a [f64],
+    w: &'a mut [f64],
+}
+
+impl Kernel for Batch<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const L: usize, const F: bool>(self) {
+        let n = self.robot.n_dof();
+        let p = Layout::of(self.robot).count();
+        for (block, out) in self.w.chunks_mut(n * p * L).enumerate() {
+            let state = State::<L, F>::gather(n, block * L, self.q, self.dq, self.ddq);
+            out.fill(0.0);
+            let samples = out.len() / (n * p);
+            regressor_lanes(self.robot, &state, |row, column, value| {
+                for l in 0..samples {
+                    out[(l * n + row) * p + column] = value.0[l];
+                }
+            });
+        }
+    }
+}
+
+/// Regressor of a batch: `w` is row-major `(n_samples, n_dof, n_parameters)`, joint side.
+pub fn regressor(robot: &Robot, q: &[f64], dq: &[f64], ddq: &[f64], w: &mut [f64]) -> Result<(), ShapeError> {
+    for (what, array) in [("dq", dq), ("ddq", ddq)] {
+        check_length(what, array, q.len())?;
+    }
+    check_length("w", w, q.len() * Layout::of(robot).count())?;
+    if !q.is_empty() {
+        dispatch(Batch { robot, q, dq, ddq, w });
+    }
+    Ok(())
+}

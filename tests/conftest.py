@@ -1,0 +1,35 @@
+"""Shared by all tests: where the measured data are, and one line on what their absence skips."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).resolve().parent.parent
+SHARED = PROJECT.parent / "shared"
+SKIP_REASON = "needs ../shared"
+
+
+@pytest.fixture(scope="session")
+def project() -> Path:
+    """Root of the project: examples, docs."""
+    return PROJECT
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """Measured data and reference tables, beside the project; the test is skipped where they are absent."""
+    if not SHARED.is_dir():
+        pytest.skip(SKIP_REASON)
+    return SHARED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say in one line how many tests were skipped for want of ../shared, so that none goes unnoticed."""
+    skipped = [
+        report for report in terminalreporter.stats.get("skipped", []) if SKIP_REASON in str(report.longrepr)
+    ]
+    if skipped:
+        what = "1 test was" if len(skipped) == 1 else f"{len(skipped)} tests were"
+        terminalreporter.write_line(f"{what} skipped because ../shared is absent")

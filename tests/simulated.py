@@ -1,0 +1,49 @@
+"""Logs made of the inverse dynamic model, for tests of what is done with logs."""
+
+from __future__ import annotations
+
+import numpy as np
+from didim import _core
+from didim.experiment import Experiment
+from didim.recording import Recording, Role
+from didim.robot import Robot
+from didim.signals import SignalProcessing, differentiate
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+RATE_HZ = 500.0
+SIGNAL = SignalProcessing(cutoff_hz=40.0, trim_start=25, trim_end=25, decimation=(5,))
+
+
+def motion(n_dof: int, n_samples: int, seed: int = 0, late_samples: float = 0.0) -> Array:
+    """Return joint positions (n_samples, n_dof) of a few sines each, ``late_samples`` samples late."""
+    rng = np.random.default_rng(seed)
+    t = (np.arange(n_samples) - late_samples) / RATE_HZ
+    frequency = 2.0 * np.pi * np.array([0.31, 0.57, 0.83, 1.27, 1.91])
+    amplitude = rng.uniform(0.2, 0.6, (5, n_dof))
+    phase = rng.uniform(0.0, 2.0 * np.pi, (5, n_dof))
+    return np.asarray((amplitude * np.sin(t[:, None, None] * frequency[:, None] + phase)).sum(axis=1))
+
+
+def log(
+    robot: Robot,
+    x: Array,
+    *,
+    n_samples: int = 3000,
+    seed: int = 0,
+    noise: float = 0.0,
+    name: str = "log",
+    role: Role = "fit",
+    signal: SignalProcessing = SIGNAL,
+) -> Recording:
+    """Recording with the model's torques at the motion that the signal processing will find, plus noise."""
+    q = motion(robot.n_dof, n_samples, seed)
+    tau = np.asarray(_core.inverse_dynamics(robot.core, *differentiate(q, RATE_HZ, signal), x))
+    tau = tau + noise * np.random.default_rng(seed + 1000).standard_normal(tau.shape)
+    return Recording.from_arrays(q, tau, rate_hz=RATE_HZ, name=name, role=role)
+
+
+def experiment(robot: Robot, *recordings: Recording, signal: SignalProcessing = SIGNAL) -> Experiment:
+    """Experiment without a file."""
+    return Experiment(name="simulated", robot=robot, recordings=recordings, signal=signal)

@@ -1,0 +1,230 @@
+"""The command line: results on stdout, progress on stderr, exit codes, one-line errors."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import simulated
+from didim.cli import main
+from didim.identification import Identification
+from didim.robot import load_robot
+from didim.status import Status
+
+EXPERIMENT = """\
+schema = 1
+robot = "planar2"
+name = "arm"
+[[recording]]
+rate_hz = 500
+[recording.position]
+file = "log.npz"
+variable = "q"
+unit = "rad"
+side = "joint"
+[recording.torque]
+file = "log.npz"
+variable = "tau"
+unit = "N.m"
+side = "joint"
+[signal]
+cutoff_hz = 40
+trim_start = 25
+trim_end = 25
+decimation = [5]
+"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    """Experiment file in one folder, its data in another."""
+    robot = load_robot("planar2")
+    log = simulated.log(robot, np.asarray(robot.sets["reference"]), noise=0.1)
+    assert log.tau is not None
+    (tmp_path / "data").mkdir()
+    np.savez(tmp_path / "data" / "log.npz", q=log.q, tau=log.tau)
+    path = tmp_path / "arm.toml"
+    path.write_text(EXPERIMENT, encoding="utf-8")
+    return path
+
+
+def identify_arm(arm: Path, *options: str) -> int:
+    return main(["identify", str(arm), "--data", str(arm.parent / "data"), *options])
+
+
+def one_line(capsys: pytest.CaptureFixture[str]) -> str:
+    """The error, when nothing else was printed."""
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.startswith("didim: ")
+    return err.strip()
+
+
+def test_identify_prints_the_table_and_writes_the_json(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert identify_arm(arm, "--method", "idim-ls", "--json", str(tmp_path / "arm.json")) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    fit = Identification.load(tmp_path / "arm.json")
+    assert out == f"{fit}\n"
+    data = json.loads((tmp_path / "arm.json").read_text(encoding="utf-8"))
+    assert data["schema"] == 1
+    assert set(data["digests"]) == {"arm.toml", "planar2.toml", "log.npz"}
+    assert data["settings"]["signal"]["cutoff_hz"] == 40.0
+
+
+def test_quiet_and_verbose(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert identify_arm(arm, "--quiet") == 0
+    assert capsys.readouterr() == ("", "")
+    assert identify_arm(arm, "--verbose") == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("arm: ")
+    assert "iteration 1: relative error" in err
+
+
+def test_not_converged_is_exit_1(
+    arm: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # By its name in sys.modules: `didim.identify` is the function.
+    module = importlib.import_module("didim.identify")
+    identify = module.identify
+    monkeypatch.setattr(
+        module,
+        "identify",
+        lambda experiment, method, verbose: identify(experiment, method, callback=lambda iteration: True),
+    )
+    assert identify_arm(arm) == 1
+    assert Status.STOPPED.value in capsys.readouterr().out
+
+
+def test_interrupted_is_exit_130(
+    arm: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*arguments: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(importlib.import_module("didim.identify"), "identify", interrupted)
+    assert identify_arm(arm) == 130
+    assert one_line(capsys) == "didim: interrupted"
+
+
+def test_base_lists_names_and_groupings(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["base", "planar2"]) == 0
+    out, err = capsys.readouterr()
+    base = load_robot("planar2").base_parameters
+    lines = out.splitlines()
+    assert err == ""
+    assert lines[0] == f"planar2: {len(base.names)} base parameters of 28 standard parameters"
+    for line, name, grouping in zip(lines[2:], base.names, base.groupings, strict=False):
+        assert line.split()[0] == name
+        assert grouping in line
+    assert lines[-1].startswith("Without effect on the torques: ")
+    assert "YY1" in lines[-1]
+
+
+def test_base_takes_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_bytes(load_robot("planar2").path.read_bytes())
+    assert main(["base", str(path)]) == 0
+    assert "ZZ1R" in capsys.readouterr().out
+
+
+def test_an_unknown_method(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert identify_arm(arm, "--method", "magic") == 2
+    assert one_line(capsys) == "didim: there is no method 'magic'; available: idim-ls"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "didim: the following arguments are required: COMMAND; see `didim --help`"),
+        (["identify"], "didim: the following arguments are required: EXPERIMENT.toml; see `didim identify"),
+        (["base", "tx40", "--loud"], "didim: unrecognized arguments: --loud; see `didim --help`"),
+        (["identify", "a.toml", "--quiet", "--verbose"], "not allowed with argument"),
+    ],
+)
+def test_wrong_arguments(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert message in one_line(capsys)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("cutoff_hz", "cutof_hz"), "did you mean 'cutoff_hz'?"),
+        (("cutoff_hz = 40", "cutoff_hz = 400"), "half the sampling rate"),
+        (("log.npz", "nothing.npz"), "nothing.npz"),
+        (('variable = "tau"', 'variable = "torque"'), "torque"),
+        (("planar2", "planar9"), "planar9"),
+        (("schema = 1", "schema = 1 2"), "arm.toml"),
+    ],
+)
+def test_wrong_input_is_one_line_and_exit_2(
+    arm: Path, change: tuple[str, str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm.write_text(EXPERIMENT.replace(*change), encoding="utf-8")
+    assert identify_arm(arm) == 2
+    assert message in one_line(capsys)
+
+
+def test_missing_files(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identify", str(tmp_path / "none.toml")]) == 2
+    assert "none.toml" in one_line(capsys)
+    assert main(["base", str(tmp_path / "none.toml")]) == 2
+    assert "none.toml" in one_line(capsys)
+    # The data are beside the experiment file unless --data says otherwise.
+    assert main(["identify", str(arm)]) == 2
+    assert "log.npz" in one_line(capsys)
+    assert identify_arm(arm, "--json", str(tmp_path / "nowhere" / "fit.json")) == 2
+    assert "there is no folder" in one_line(capsys)
+
+
+def test_a_failure_leaves_the_old_json(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = tmp_path / "fit.json"
+    result.write_text("old", encoding="utf-8")
+
+    def full(*arguments: object) -> None:
+        raise OSError(28, "No space left on device", str(result))
+
+    monkeypatch.setattr(Path, "replace", full)
+    assert identify_arm(arm, "--json", str(result)) == 2
+    assert "No space left on device" in one_line(capsys)
+    assert result.read_text(encoding="utf-8") == "old"
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["arm.toml", "data", "fit.json"]
+
+
+def test_json_to_a_pipe(arm: Path) -> None:
+    command = [sys.executable, "-m", "didim", "identify", str(arm), "--data", str(arm.parent / "data")]
+    done = subprocess.run([*command, "--quiet", "--json", "/dev/stdout"], capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["robot"] == "planar2"
+
+
+def test_a_reader_that_stops_early_is_no_error() -> None:
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-m", "didim", "base", "tx40"], stdout=write, stderr=subprocess.PIPE, check=False
+    )
+    os.close(write)
+    assert done.returncode == 0
+    assert done.stderr == b""
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["--version"])
+    assert caught.value.code == 0
+    assert capsys.readouterr().out.startswith("didim ")

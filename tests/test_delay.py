@@ -1,0 +1,128 @@
+"""Delay of the torque: moved back exactly for a cubic, and found from the residuals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import simulated
+from didim import _core
+from didim.delay import DelaySettings, align
+from didim.errors import FitError
+from didim.identify import identify
+from didim.idim_ls import IDIMLS
+from didim.recording import Recording
+from didim.robot import Robot, load_robot
+from didim.signals import SignalProcessing
+
+# Trimmed far enough that neither edges of the filter nor the interpolation matter.
+SIGNAL = replace(simulated.SIGNAL, trim_start=200, trim_end=200)
+
+
+@pytest.mark.parametrize("delay", [0.0, 1.0, 3.0, -2.0, 0.25, 2.75, -0.5, -3.125])
+def test_a_cubic_is_moved_exactly(delay: float) -> None:
+    k = np.arange(40.0)
+    motion = np.column_stack([k, 2.0 * k])
+
+    def torque(
+        at: np.ndarray[tuple[int], np.dtype[np.float64]],
+    ) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        return np.column_stack([0.01 * at**3 - at, at**2 + 7.0])
+
+    (moved_motion,), tau = align([motion], torque(k - delay), delay)
+    assert moved_motion.shape == tau.shape
+    assert len(tau) >= 40 - abs(delay) - 3
+    np.testing.assert_allclose(tau, torque(moved_motion[:, 0]), rtol=1e-12, atol=1e-10)
+
+
+def test_no_delay_changes_nothing() -> None:
+    tau = np.ones((5, 1))
+    motion, same = align([tau], tau, 0.0)
+    assert same is tau
+    assert motion[0] is tau
+
+
+@pytest.mark.parametrize("delay", [5.0, -5.0, 3.5])
+def test_a_record_shorter_than_the_delay(delay: float) -> None:
+    tau = np.ones((4, 1))
+    with pytest.raises(FitError, match=r"a record of 4 samples is too short to compensate a delay of"):
+        align([tau], tau, delay)
+
+
+def late_log(robot: Robot, late: float, *, seed: int = 0, noise: float = 0.0, name: str = "log") -> Recording:
+    """Recording whose torques are those of the motion ``late`` samples before."""
+    x = np.array(robot.sets["reference"])
+    # Without dry friction: its jumps, sampled late, are not the same jumps.
+    x[[k for k, parameter in enumerate(robot.parameter_names) if parameter.startswith("Fc")]] = 0.0
+    step = 1e-3
+    q, before, after = (simulated.motion(2, 4000, seed, late + shift) for shift in (0.0, step, -step))
+    dq = (after - before) / (2.0 * step) * simulated.RATE_HZ
+    ddq = (after - 2.0 * q + before) / step**2 * simulated.RATE_HZ**2
+    tau = np.asarray(_core.inverse_dynamics(robot.core, q, dq, ddq, x))
+    tau = tau + noise * np.random.default_rng(seed).standard_normal(tau.shape)
+    return Recording.from_arrays(simulated.motion(2, 4000, seed), tau, rate_hz=simulated.RATE_HZ, name=name)
+
+
+@pytest.mark.parametrize("late", [0.0, 4.0, 1.3, -2.6])
+@pytest.mark.parametrize("decimation", [(), (5,)])
+def test_the_delay_is_found_and_compensated(late: float, decimation: tuple[int, ...]) -> None:
+    robot = load_robot("planar2")
+    signal = replace(SIGNAL, decimation=decimation)
+    exp = simulated.experiment(robot, late_log(robot, late, noise=0.02), signal=signal)
+    fit = identify(exp, IDIMLS(compensate_samples="estimate"))
+    assert fit.delay["estimated_samples"] == pytest.approx(late, abs=0.05)
+    assert fit.delay["estimated_seconds"] == pytest.approx(late / simulated.RATE_HZ, abs=1e-4)
+    assert fit.delay["compensated_samples"] == fit.delay["estimated_samples"]
+    left = identify(exp)
+    assert left.delay == {"compensated_samples": 0.0}
+    if late:
+        assert fit.overall_relative_error < 0.7 * left.overall_relative_error
+    known = identify(exp, IDIMLS(compensate_samples=late))
+    assert known.overall_relative_error == pytest.approx(fit.overall_relative_error, rel=0.05)
+
+
+def test_the_delay_of_several_recordings_with_a_fixed_parameter() -> None:
+    robot = load_robot("planar2")
+    logs = [late_log(robot, 2.0, seed=seed, name=f"run {seed}") for seed in (1, 2)]
+    exp = replace(
+        simulated.experiment(robot, *logs, signal=SIGNAL),
+        fixed={"Fv1": 1.2},
+        dropped=("Fc1", "Fc2"),
+        delay=DelaySettings(compensate_samples="estimate"),
+    )
+    fit = identify(exp)
+    assert fit.delay["estimated_samples"] == pytest.approx(2.0, abs=0.05)
+    assert "torque recorded +2.0" in str(fit)
+    assert "torque moved back by" in str(fit)
+
+
+def test_a_delay_beyond_reach_is_told() -> None:
+    robot = load_robot("planar2")
+    exp = simulated.experiment(robot, late_log(robot, 25.0), signal=SIGNAL)
+    with pytest.raises(FitError, match=r"no delay within 10 samples \(20 ms\) .* give compensate_samples"):
+        identify(exp, IDIMLS(compensate_samples="estimate"))
+
+
+def test_a_segment_too_short_to_look_for_delays() -> None:
+    robot = load_robot("planar2")
+    log = Recording.from_arrays(*(simulated.motion(2, 40),) * 2, rate_hz=simulated.RATE_HZ)
+    exp = simulated.experiment(robot, log, signal=SignalProcessing(cutoff_hz=None))
+    with pytest.raises(FitError, match="a segment of 40 samples is too short to look for delays of up to 10"):
+        identify(exp, IDIMLS(compensate_samples="estimate"))
+
+
+def test_recordings_of_different_rates() -> None:
+    robot = load_robot("planar2")
+    first = late_log(robot, 0.0)
+    assert first.tau is not None
+    second = Recording.from_arrays(first.q, first.tau, rate_hz=250.0, name="slow")
+    exp = simulated.experiment(robot, first, second, signal=SIGNAL)
+    with pytest.raises(FitError, match=r"needs recordings of one rate, got 250, 500 Hz"):
+        identify(exp, IDIMLS(compensate_samples="estimate"))
+
+
+@pytest.mark.parametrize("value", ["estimated", float("inf"), True, None])
+def test_wrong_settings(value: object) -> None:
+    with pytest.raises(FitError, match="compensate_samples must be a number or 'estimate', got"):
+        DelaySettings(compensate_samples=value)  # type: ignore[arg-type]

@@ -1,0 +1,198 @@
+"""Weighted least squares: against NumPy's, and whether errors are as large as the covariance says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from didim import signals
+from didim.errors import FitError, RankError
+from didim.least_squares import LeastSquaresSettings, LinearSystem, residual_std, row_weights, solve
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+PLAIN = LeastSquaresSettings(weights="none", decimation_corrected=False)
+BETA = np.array([3.0, -0.2, 0.05])
+NAMES = ("ZZ1R", "Fv1", "Off2")
+
+
+def system(sizes: tuple[float, ...] = (1.0,), n_samples: int = 200, seed: int = 0) -> LinearSystem:
+    """System of len(sizes) joints whose noise has these standard deviations."""
+    rng = np.random.default_rng(seed)
+    w = rng.standard_normal((n_samples * len(sizes), 3)) * [1.0, 5.0, 0.3]
+    noise = np.repeat(sizes, n_samples) * rng.standard_normal(n_samples * len(sizes))
+    joints = tuple(slice(k * n_samples, (k + 1) * n_samples) for k in range(len(sizes)))
+    return LinearSystem(w=w, y=w @ BETA + noise, joints=joints, names=NAMES)
+
+
+def test_ordinary_least_squares_and_equations_9_and_10() -> None:
+    one = system()
+    fit = solve(one, PLAIN)
+    beta, squares, _, singular = np.linalg.lstsq(one.w, one.y, rcond=None)
+    np.testing.assert_allclose(fit.solution, beta, rtol=1e-12)
+    np.testing.assert_allclose(fit.residual, one.y - one.w @ beta, atol=1e-12)
+    covariance = squares[0] / (200 - 3) * np.linalg.inv(one.w.T @ one.w)
+    np.testing.assert_allclose(fit.covariance, covariance, rtol=1e-10, atol=1e-18)
+    assert fit.condition_number == pytest.approx(singular[0] / singular[-1], rel=1e-12)
+    assert residual_std(one, fit, PLAIN) == pytest.approx(np.sqrt(squares[0] / 197), rel=1e-12)
+    np.testing.assert_array_equal(row_weights(one, fit), 1.0)
+
+
+def test_variance_by_r_minus_1() -> None:
+    one = system()
+    by_b = solve(one, PLAIN).covariance
+    by_1 = solve(one, replace(PLAIN, variance="r-1")).covariance
+    np.testing.assert_allclose(by_1 * 199, by_b * 197, rtol=1e-12)
+
+
+def test_the_share_of_the_band_enlarges_the_variance_only_when_asked() -> None:
+    one = system()
+    plain = solve(one, PLAIN, band=0.8)
+    corrected = solve(one, replace(PLAIN, decimation_corrected=True), band=0.8)
+    np.testing.assert_array_equal(corrected.solution, plain.solution)
+    np.testing.assert_allclose(corrected.covariance * 0.8, plain.covariance, rtol=1e-12)
+
+
+def test_weights_are_the_inverse_residuals_of_each_joint() -> None:
+    two = system((0.1, 10.0))
+    fit = solve(two, LeastSquaresSettings())
+    first = two.y - two.w @ np.linalg.lstsq(two.w, two.y, rcond=None)[0]
+    sigma = np.array([np.sqrt(np.mean(first[:200] ** 2)), np.sqrt(np.mean(first[200:] ** 2))])
+    np.testing.assert_allclose(fit.joint_sigma, sigma, rtol=1e-12)
+    scale = np.repeat(1.0 / sigma, 200)
+    np.testing.assert_allclose(row_weights(two, fit), scale, rtol=1e-12)
+    w, y = two.w * scale[:, None], two.y * scale
+    beta, squares, _, singular = np.linalg.lstsq(w, y, rcond=None)
+    np.testing.assert_allclose(fit.solution, beta, rtol=1e-12)
+    np.testing.assert_allclose(
+        fit.covariance, squares[0] / 397 * np.linalg.inv(w.T @ w), rtol=1e-10, atol=1e-18
+    )
+    assert fit.condition_number == pytest.approx(singular[0] / singular[-1], rel=1e-12)
+    # The residual stays in N.m.
+    np.testing.assert_allclose(fit.residual, two.y - two.w @ beta, atol=1e-10)
+
+
+def test_a_common_size_of_the_noise_changes_weights_alone() -> None:
+    two = system((0.1, 10.0))
+    large = replace(two, w=two.w * 1e3, y=two.y * 1e3)
+    np.testing.assert_allclose(
+        solve(two, LeastSquaresSettings()).covariance,
+        solve(large, LeastSquaresSettings()).covariance,
+        rtol=1e-10,
+        atol=1e-18,
+    )
+
+
+def test_reweighting_settles() -> None:
+    two = system((0.1, 10.0))
+    steps: list[Array] = []
+
+    def progress(number: int, beta: Array, residual: Array) -> bool:
+        assert number == len(steps) + 1
+        assert residual.shape == two.y.shape
+        steps.append(beta)
+        return False
+
+    solve(two, LeastSquaresSettings(reweightings=6), progress=progress)
+    assert len(steps) == 7
+    changes = np.linalg.norm(np.diff(steps, axis=0), axis=1)
+    assert changes[-1] < 1e-6 * changes[0]
+
+
+def test_the_callback_stops_between_solutions() -> None:
+    two = system((0.1, 10.0))
+    fit = solve(two, LeastSquaresSettings(), progress=lambda number, beta, residual: True)
+    assert fit.stopped
+    np.testing.assert_array_equal(fit.joint_sigma, 1.0)
+    np.testing.assert_allclose(fit.solution, solve(two, PLAIN).solution, rtol=0, atol=0)
+    assert not solve(two, PLAIN, progress=lambda number, beta, residual: True).stopped
+
+
+def test_a_joint_without_noise_or_torque_gets_a_finite_weight() -> None:
+    exact = system((0.0, 0.0))
+    fit = solve(exact, LeastSquaresSettings(reweightings=3))
+    np.testing.assert_allclose(fit.solution, BETA, rtol=1e-12)
+    silent = replace(exact, y=np.zeros_like(exact.y))
+    fit = solve(silent, LeastSquaresSettings())
+    np.testing.assert_array_equal(fit.solution, 0.0)
+    np.testing.assert_array_equal(fit.covariance, 0.0)
+
+
+def coverage(settings: LeastSquaresSettings, decimated: bool, seeds: int = 400) -> float:
+    """Rms error of the estimates, in units of the standard deviations that the fits report."""
+    signal = signals.SignalProcessing(decimation=(10,) if decimated else ())
+    rng = np.random.default_rng(7)
+    n_samples = 2000 if decimated else 200
+    stages = signals.decimation_stages(n_samples, signal)
+    t = np.linspace(0.0, 1.0, n_samples)
+    # Slow columns go through the decimation filter unchanged.
+    w = signals.decimate(np.column_stack([np.sin(9.0 * t), np.cos(14.0 * t), np.ones_like(t)]), stages)
+    w = np.concatenate([w, w[::-1] * [1.0, -2.0, 0.5]])
+    half = w.shape[0] // 2
+    joints = (slice(0, half), slice(half, 2 * half))
+    errors = []
+    for _ in range(seeds):
+        noise = signals.decimate(rng.standard_normal((n_samples, 2)) * [0.3, 3.0], stages)
+        y = w @ BETA + noise.T.reshape(-1)
+        fit = solve(
+            LinearSystem(w=np.ascontiguousarray(w), y=y, joints=joints, names=NAMES),
+            settings,
+            band=signals.retained_band(signal),
+        )
+        errors.append((fit.solution - BETA) / np.sqrt(np.diag(fit.covariance)))
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def test_errors_are_as_large_as_sigma_says() -> None:
+    assert coverage(LeastSquaresSettings(), decimated=False) == pytest.approx(1.0, abs=0.06)
+
+
+def test_errors_after_decimation_are_as_large_as_the_corrected_sigma_says() -> None:
+    corrected = coverage(LeastSquaresSettings(), decimated=True)
+    assert corrected == pytest.approx(1.0, abs=0.06)
+    uncorrected = coverage(LeastSquaresSettings(decimation_corrected=False), decimated=True)
+    assert uncorrected == pytest.approx(corrected / np.sqrt(0.8), rel=1e-12)
+
+
+def test_dependent_columns_are_named() -> None:
+    one = system()
+    w = one.w.copy()
+    w[:, 2] = 2.0 * w[:, 0] - 0.5 * w[:, 1]
+    with pytest.raises(RankError, match=r"1 of 3 .*Off2 = 2 ZZ1R -0\.5 Fv1\); excite them, or fix or drop"):
+        solve(replace(one, w=w), PLAIN)
+
+
+def test_a_column_without_excitation_is_named() -> None:
+    one = system()
+    w = one.w.copy()
+    w[:, 1] = 0.0
+    with pytest.raises(RankError, match=r"columns of W: Fv1 = 0\)"):
+        solve(replace(one, w=w), PLAIN)
+
+
+def test_too_few_rows_and_no_columns() -> None:
+    one = system()
+    short = replace(one, w=one.w[:3], y=one.y[:3], joints=(slice(0, 3),))
+    with pytest.raises(FitError, match="3 rows cannot determine 3 parameters; use a longer record"):
+        solve(short, PLAIN)
+    with pytest.raises(FitError, match="no parameter is left to estimate"):
+        solve(replace(one, w=one.w[:, :0], names=()), PLAIN)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"weights": "joint"}, "weights must be 'none' or 'per-joint', got 'joint'"),
+        ({"variance": "r"}, "variance must be 'r-b' or 'r-1', got 'r'"),
+        ({"reweightings": -1}, "reweightings must be a whole number of at least 0, got -1"),
+        ({"reweightings": True}, "reweightings must be a whole number"),
+        ({"reweightings": 1.5}, "reweightings must be a whole number"),
+        ({"decimation_corrected": 1}, "decimation_corrected must be true or false, got 1"),
+    ],
+)
+def test_wrong_settings(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(FitError, match=message):
+        LeastSquaresSettings(**options)

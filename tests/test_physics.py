@@ -1,0 +1,96 @@
+"""Flags on what physics forbids, and M(q) from the inverse dynamic model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import simulated
+from didim.identify import identify
+from didim.idim_ls import IDIMLS
+from didim.physics import inertia_matrices, physical_flags
+from didim.robot import Robot, load_robot
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SETS = {"planar2": "reference", "tx40": "didim"}
+
+
+def base_values(robot: Robot, **changes: float) -> Array:
+    beta = np.array(robot.base_parameters.project(np.asarray(robot.sets[SETS[robot.name]])))
+    for name, value in changes.items():
+        beta[robot.base_parameters.names.index(name)] = value
+    return beta
+
+
+def flags(robot: Robot, beta: Array, std: float = 1e-3) -> tuple[str, ...]:
+    return physical_flags(robot, beta, np.full(beta.size, std), simulated.motion(robot.n_dof, 200))
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_m_is_symmetric_and_the_true_one_positive_definite(name: str) -> None:
+    robot = load_robot(name)
+    q = simulated.motion(robot.n_dof, 50)
+    m = inertia_matrices(robot, q, np.asarray(robot.base_parameters.lift(base_values(robot))))
+    assert m.shape == (50, robot.n_dof, robot.n_dof)
+    np.testing.assert_allclose(m, m.transpose(0, 2, 1), atol=1e-12)
+    assert np.linalg.eigvalsh(m).min() > 0.0
+
+
+def test_true_parameters_raise_no_flag() -> None:
+    robot = load_robot("planar2")
+    assert flags(robot, base_values(robot)) == ()
+
+
+@pytest.mark.parametrize("name", ["Fv1", "Fc2"])
+def test_negative_friction(name: str) -> None:
+    robot = load_robot("planar2")
+    (flag,) = flags(robot, base_values(robot, **{name: -0.2}))
+    assert flag.startswith(f"{name} = -0.2 N.m")
+    assert flag.endswith("is negative, by 200.0 sigma")
+
+
+def test_noise_as_an_explanation() -> None:
+    robot = load_robot("planar2")
+    (flag,) = flags(robot, base_values(robot, Fv1=-0.2), std=0.15)
+    assert flag.endswith("is negative, by 1.3 sigma (noise can explain it)")
+
+
+def test_parameters_of_either_sign_are_left_alone() -> None:
+    robot = load_robot("planar2")
+    beta = base_values(robot, Off1=-5.0, MY2=-0.01)
+    assert flags(robot, beta) == ()
+
+
+def test_negative_rotor_inertia() -> None:
+    robot = load_robot("tx40")
+    told = flags(robot, base_values(robot, Ia3=-0.02))
+    assert any(flag.startswith("Ia3 = -0.02 kg.m^2 is negative") for flag in told)
+
+
+def test_indefinite_inertia_matrix() -> None:
+    robot = load_robot("planar2")
+    told = flags(robot, base_values(robot, ZZ1R=0.01))
+    assert len(told) == 1
+    assert told[0].startswith("M(q) is not positive definite in ")
+    assert "of 200 configurations of the log" in told[0]
+    assert "cannot be simulated" in told[0]
+
+
+def test_the_printed_table_of_the_tx40_is_flagged() -> None:
+    robot = load_robot("tx40")
+    printed = np.asarray(robot.base_parameters.project(np.asarray(robot.sets["didim_printed"])))
+    assert any(flag.startswith("M(q) is not positive definite in ") for flag in flags(robot, printed))
+    corrected = flags(robot, base_values(robot))
+    assert not any("M(q)" in flag for flag in corrected)
+
+
+def test_flags_are_part_of_the_result() -> None:
+    robot = load_robot("planar2")
+    x = np.array(robot.sets["reference"])
+    log = simulated.log(robot, x)
+    assert identify(simulated.experiment(robot, log)).warnings == ()
+    x[robot.parameter_names.index("Fv2")] = -0.5
+    fit = identify(simulated.experiment(robot, simulated.log(robot, x)), IDIMLS(weights="none"))
+    assert len(fit.warnings) == 1
+    assert "Physics forbids:\n  Fv2 = -0.5 N.m.s/rad is negative" in str(fit)

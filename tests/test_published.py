@@ -1,0 +1,126 @@
+"""Published figures: the EMPS digit by digit, the TX40 against an independent prototype."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from didim import _core
+from didim.cli import main
+from didim.experiment import load_experiment
+from didim.identification import Identification
+from didim.identify import identify
+from didim.idim_ls import IDIMLS
+from didim.observations import linear_system, segments
+from didim.selection import select
+
+# Name, estimate, standard deviation and relative one, as the authors of the EMPS print them.
+EMPS = [
+    ("M1R", 95.1089, 0.1085, 0.1141),
+    ("Fv1", 203.5034, 1.1460, 0.5631),
+    ("Fc1", 20.3935, 0.1012, 0.4964),
+    ("Off1", -3.1648, 0.0444, 1.4021),
+]
+
+
+@pytest.fixture(scope="module")
+def emps(project: Path, shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Identification:
+    path = tmp_path_factory.mktemp("emps") / "emps.json"
+    command = ["identify", str(project / "examples" / "emps.toml"), "--data", str(shared / "data" / "emps")]
+    assert main([*command, "--method", "idim-ls", "--json", str(path), "--quiet"]) == 0
+    return Identification.load(path)
+
+
+@pytest.fixture(scope="module")
+def tx40(project: Path, shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Identification:
+    path = tmp_path_factory.mktemp("tx40") / "tx40.json"
+    command = ["identify", str(project / "examples" / "tx40_log.toml")]
+    command += ["--data", str(shared / "data" / "tx40"), "--method", "idim-ls", "--quiet"]
+    assert main([*command, "--json", str(path)]) == 0
+    return Identification.load(path)
+
+
+@pytest.mark.parametrize(("name", "value", "std", "percent"), EMPS)
+def test_emps_parameters(emps: Identification, name: str, value: float, std: float, percent: float) -> None:
+    index = emps.names.index(name)
+    assert round(emps.beta[index], 4) == value
+    assert round(emps.std[index], 4) == std
+    assert round(emps.relative_std_percent[index], 4) == percent
+
+
+def test_emps_fit(emps: Identification) -> None:
+    assert len(emps.names) == len(EMPS)
+    assert round(emps.condition_number, 4) == 25.9883
+    assert round(emps.error_norm, 4) == 108.7569
+    assert round(100.0 * emps.relative_error[0], 4) == 4.0834
+    assert round(emps.error_std, 4) == 2.1843
+    assert emps.warnings == ()
+
+
+def test_emps_digits_are_on_the_screen(emps: Identification) -> None:
+    text = str(emps)
+    for name, value, std, percent in EMPS:
+        (line,) = [line for line in text.splitlines() if line.startswith(f"{name} ")]
+        assert line.split()[2:5] == [f"{value:.4f}", f"{std:.4f}", f"{percent:.4f}"]
+    for digits in ("25.9883", "108.7569", "4.0834", "2.1843"):
+        assert digits in text
+
+
+def test_emps_variance_by_equation_9(project: Path, shared: Path) -> None:
+    experiment = load_experiment(project / "examples" / "emps.toml", data=shared / "data" / "emps")
+    fit = identify(experiment, IDIMLS(variance="r-b"))
+    np.testing.assert_array_equal(np.round(fit.std[[1, 2]], 4), [1.1467, 0.1013])
+
+
+def test_emps_diagonal_of_r(project: Path, shared: Path) -> None:
+    experiment = load_experiment(project / "examples" / "emps.toml", data=shared / "data" / "emps")
+    signal = replace(experiment.signal, decimation=())
+    parts = segments(experiment.recordings[0], signal)
+    system = linear_system(experiment.robot, parts, signal, select(experiment.robot, {}, ()))
+    diagonal = np.abs(_core.least_squares(system.w, system.y).diagonal_r)
+    np.testing.assert_array_equal(np.round(diagonal, 4), [64.1376, 13.9005, 69.1706, 157.4483])
+
+
+def test_emps_asymmetric_friction(project: Path, shared: Path) -> None:
+    path = project / "examples" / "emps_asymmetric.toml"
+    fit = identify(load_experiment(path, data=shared / "data" / "emps"))
+    assert fit.names == ("M1R", "Fv1+", "Fc1+", "Fv1-", "Fc1-")
+    np.testing.assert_array_equal(np.round(fit.beta, 4), [95.1540, 166.7061, 20.1440, 240.4236, 20.6277])
+    assert round(100.0 * fit.relative_error[0], 4) == 3.1117
+
+
+def test_emps_scipy_decimation_keeps_other_samples(project: Path, shared: Path) -> None:
+    experiment = load_experiment(project / "examples" / "emps.toml", data=shared / "data" / "emps")
+    fit = identify(experiment, IDIMLS(signal=replace(experiment.signal, decimation_convention="scipy")))
+    assert round(fit.beta[0], 4) == 95.1007
+    assert round(100.0 * fit.relative_error[0], 4) == 4.1372
+
+
+@pytest.fixture(scope="module")
+def reference(shared: Path) -> dict[str, dict[str, str]]:
+    with (shared / "reference" / "table2.csv").open(encoding="utf-8", newline="") as file:
+        return {row["name"]: row for row in csv.DictReader(file)}
+
+
+def test_tx40_parameters(tx40: Identification, reference: dict[str, dict[str, str]]) -> None:
+    assert tx40.names == tuple(reference)
+    value = np.array([float(row["real_log_estimate"]) for row in reference.values()])
+    std = np.array([float(row["real_log_sigma_percent"]) for row in reference.values()]) / 100 * np.abs(value)
+    off = np.abs(tx40.beta - value) / std
+    assert off.max() < 0.5, tx40.names[int(off.argmax())]
+
+
+def test_tx40_fit(tx40: Identification) -> None:
+    assert tx40.condition_number == pytest.approx(956.0, rel=0.01)
+    np.testing.assert_allclose(100.0 * tx40.relative_error, [6.5, 7.4, 11.5, 12.3, 15.0, 14.0], atol=0.5)
+    assert len(tx40.history) == 2
+
+
+def test_tx40_best_recipe_fits_better(project: Path, shared: Path, tx40: Identification) -> None:
+    path = project / "examples" / "tx40_log_best.toml"
+    best = identify(load_experiment(path, data=shared / "data" / "tx40"))
+    assert best.names == tx40.names
+    assert best.overall_relative_error < tx40.overall_relative_error

@@ -1,0 +1,67 @@
+"""The README: its commands exist, its files exist, and its Python example runs on what the demo writes."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import didim
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def python_block() -> str:
+    """Return the only Python block of the README."""
+    (block,) = re.findall(r"^```python\n(.*?)^```$", README, flags=re.DOTALL | re.MULTILINE)
+    return str(block)
+
+
+def test_the_example_runs_on_what_the_demo_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    demo = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / "simulated_log.py")],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONWARNINGS": "error"},
+    )
+    assert demo.returncode == 0, demo.stdout + demo.stderr
+    assert "of 60 parameters" in demo.stdout
+
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    exec(compile(python_block(), "README.md", "exec"), names)
+
+    fit = names["fit"]
+    assert isinstance(fit, didim.Identification)
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in fit.names)
+    assert "ZZ1R = ZZ1 + " in printed
+
+    truth = didim.load_robot("tx40").set_base("didim")
+    assert np.mean(np.abs(fit.beta - truth) <= 3.0 * fit.std) >= 0.95
+    saved = didim.Identification.load("fit.json")
+    np.testing.assert_array_equal(saved.beta, fit.beta)
+
+
+def test_every_file_it_links_to_exists() -> None:
+    targets = re.findall(r"\]\((?!https?:)([^)#]+)", README)
+    assert len(targets) >= 8
+    for target in targets:
+        assert (ROOT / target).is_file(), target
+
+
+def test_its_make_targets_exist() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = re.findall(r"^    make (\w+)$", README, flags=re.MULTILINE)
+    assert targets == ["demo", "test"]
+    for target in targets:
+        assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target

@@ -1,0 +1,122 @@
+"""Strict TOML tables: values come out typed, and every fault is one sentence with file, table and key."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from didim.errors import ExperimentError, RobotError
+from didim.schema import Table, read_toml
+
+
+def table(**content: Any) -> Table:
+    return Table({"signal": content}, "emps.toml", ExperimentError).table("signal")
+
+
+def test_values_come_out_typed() -> None:
+    found = table(n=3, x=2, name="a", flag=True, list=[1, 2.5], words=["u", "v"], m=[[1, 0], [0, 1]])
+    assert found.integer("n") == 3
+    assert isinstance(found.number("x"), float)
+    assert found.text("name", choices=["a", "b"]) == "a"
+    assert found.boolean("flag") is True
+    assert found.numbers("list", 2) == [1.0, 2.5]
+    assert found.spread("x", 3) == [2.0, 2.0, 2.0]
+    assert found.spread("list", 2) == [1.0, 2.5]
+    assert found.texts("words") == ["u", "v"]
+    assert found.matrix("m", 2, 2) == [[1.0, 0.0], [0.0, 1.0]]
+    found.done()
+
+
+def test_defaults_stand_for_absent_keys_only() -> None:
+    found = table()
+    assert found.number("x", 1.5) == 1.5
+    assert found.number("x", None) is None
+    assert found.integer("n", 2) == 2
+    assert found.text("name", "a") == "a"
+    assert found.boolean("flag", False) is False
+    assert found.numbers("list", 2, None) is None
+    assert found.spread("list", 2, None) is None
+    assert found.texts("words", []) == []
+    assert found.matrix("m", 1, 1, None) is None
+    assert found.table("t", None) is None
+    assert found.tables("ts", None) is None
+    assert not found.has("x")
+    found.done()
+
+
+@pytest.mark.parametrize(
+    ("ask", "content", "message"),
+    [
+        (lambda t: t.number("x"), {}, "key 'x' is missing"),
+        (
+            lambda t: t.number("cutoff_hz"),
+            {"cutof_hz": 1},
+            "key 'cutoff_hz' is missing; is 'cutof_hz' meant to be it?",
+        ),
+        (lambda t: t.number("x"), {"x": True}, "x must be a finite number, got True"),
+        (lambda t: t.number("x"), {"x": float("nan")}, "x must be a finite number, got nan"),
+        (lambda t: t.number("x", minimum=0), {"x": -1}, "x must be at least 0, got -1.0"),
+        (lambda t: t.number("x", maximum=1), {"x": 2}, "x must be at most 1, got 2.0"),
+        (lambda t: t.number("x", above=0), {"x": 0}, "x must be above 0, got 0.0"),
+        (lambda t: t.integer("n"), {"n": 3.0}, "n must be an integer, got 3.0"),
+        (lambda t: t.text("s"), {"s": 1}, "s must be a text, got 1"),
+        (
+            lambda t: t.text("s", choices=["scipy", "matlab"]),
+            {"s": "mathlab"},
+            "s must be one of 'scipy', 'matlab', got 'mathlab'; did you mean 'matlab'?",
+        ),
+        (lambda t: t.boolean("b"), {"b": 1}, "b must be true or false, got 1"),
+        (lambda t: t.numbers("l"), {"l": 1}, "l must be a list of numbers, got 1"),
+        (lambda t: t.numbers("l", 3), {"l": [1, 2]}, "l must hold 3 numbers, got 2"),
+        (lambda t: t.numbers("l"), {"l": [1, "a"]}, "l number 2 must be a finite number, got 'a'"),
+        (lambda t: t.texts("l"), {"l": ["a", 1]}, "l must be a list of texts, got ['a', 1]"),
+        (
+            lambda t: t.matrix("m", 2, 2),
+            {"m": [[1, 2]]},
+            "m must be a matrix of 2 rows and 2 columns, got 1 rows",
+        ),
+        (lambda t: t.matrix("m", 1, 2), {"m": [[1]]}, "m, row 1, must hold 2 numbers, got 1"),
+        (lambda t: t.table("t"), {"t": 1}, "t must be a table, got 1"),
+        (lambda t: t.tables("t"), {"t": {}}, "t must be an array of tables, [[t]]"),
+        (lambda t: t.done(), {"zeal": 1}, "unknown key 'zeal'"),
+    ],
+)
+def test_messages(ask: Callable[[Table], object], content: dict[str, Any], message: str) -> None:
+    with pytest.raises(ExperimentError) as caught:
+        ask(table(**content))
+    assert str(caught.value) == f"emps.toml: [signal] {message}"
+
+
+def test_an_unknown_key_gets_a_suggestion() -> None:
+    found = table(cutof_hz=100)
+    found.number("cutoff_hz", None)
+    with pytest.raises(ExperimentError) as caught:
+        found.done()
+    expected = "emps.toml: [signal] unknown key 'cutof_hz'; did you mean 'cutoff_hz'?"
+    assert str(caught.value) == expected
+
+
+def test_tables_of_an_array_are_numbered_when_there_are_several() -> None:
+    top = Table({"joint": [{"a": 1}, {"b": 2}], "one": [{"c": 3}]}, "r.toml", RobotError)
+    with pytest.raises(RobotError, match=r"^r\.toml: \[joint 2\] unknown key 'b'$"):
+        top.tables("joint")[1].done()
+    with pytest.raises(RobotError, match=r"^r\.toml: \[one\] unknown key 'c'$"):
+        top.tables("one")[0].done()
+    with pytest.raises(RobotError, match=r"^r\.toml: key 'name' is missing$"):
+        top.text("name")
+
+
+def test_files_that_are_no_toml(tmp_path: Path) -> None:
+    with pytest.raises(ExperimentError, match=r"none\.toml: no such file$"):
+        read_toml(tmp_path / "none.toml", ExperimentError)
+    bad = tmp_path / "bad.toml"
+    bad.write_text("a = 1\nb 2\n", encoding="utf-8")
+    with pytest.raises(RobotError, match=r"^bad\.toml: not valid TOML, .*line 2"):
+        read_toml(bad, RobotError)
+    bad.write_bytes(b"a = '\xff'")
+    with pytest.raises(RobotError, match=r"^bad\.toml: not a TOML file, byte 5 is not UTF-8$"):
+        read_toml(bad, RobotError)
+    with pytest.raises(RobotError, match="cannot be read"):
+        read_toml(tmp_path, RobotError)

@@ -1,0 +1,242 @@
+"""Filters, differences and decimation against SciPy, MATLAB's definitions, and signals with known answers."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pytest
+import scipy.signal
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from didim import _core, signals
+from didim.errors import SignalError
+from didim.signals import SignalProcessing
+
+Array = NDArray[np.float64]
+
+
+def noise(n_samples: int, columns: int, seed: int = 0) -> Array:
+    rng = np.random.default_rng(seed)
+    return np.asarray(np.cumsum(rng.standard_normal((n_samples, columns)), axis=0))
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4, 5, 8, 11])
+@pytest.mark.parametrize("columns", [1, 3, 8, 9])
+def test_butterworth_with_default_padding_is_scipys_sosfiltfilt(order: int, columns: int) -> None:
+    x = noise(300, columns, order)
+    expected = scipy.signal.sosfiltfilt(scipy.signal.butter(order, 50.0, fs=1000.0, output="sos"), x, axis=0)
+    filtered = signals.zero_phase_butterworth(x, 1000.0, 50.0, order)
+    assert filtered.shape == x.shape
+    np.testing.assert_allclose(filtered, expected, rtol=0, atol=1e-11 * np.abs(x).max())
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_butterworth_with_matlab_padding_is_filtfilt_of_the_transfer_function(order: int) -> None:
+    x = noise(400, 2)
+    b, a = scipy.signal.butter(order, 100.0, fs=1000.0)
+    expected = scipy.signal.filtfilt(b, a, x, axis=0, padlen=3 * (max(len(a), len(b)) - 1))
+    filtered = signals.zero_phase_butterworth(x, 1000.0, 100.0, order, "matlab")
+    np.testing.assert_allclose(filtered, expected, rtol=0, atol=1e-10 * np.abs(x).max())
+    # The two conventions differ at the edges, and only in their padding.
+    other = signals.zero_phase_butterworth(x, 1000.0, 100.0, order, "scipy")
+    assert np.abs(other - filtered).max() > 1e-9
+    np.testing.assert_allclose(other[150:250], filtered[150:250], rtol=0, atol=1e-9)
+
+
+@given(
+    n_samples=st.integers(28, 200),
+    columns=st.integers(1, 10),
+    padding=st.integers(0, 27),
+    factor=st.integers(1, 7),
+    threads=st.integers(1, 4),
+    data=st.data(),
+)
+def test_core_filters_and_keeps_as_defined(
+    n_samples: int, columns: int, padding: int, factor: int, threads: int, data: st.DataObject
+) -> None:
+    first = data.draw(st.integers(0, factor - 1))
+    x = noise(n_samples, columns, n_samples)
+    sos = scipy.signal.cheby1(8, 0.05, 0.2, output="sos")
+    stage = (sos, scipy.signal.sosfilt_zi(sos), padding, factor, first)
+    expected = scipy.signal.sosfiltfilt(sos, x, axis=0, padlen=padding)[first::factor]
+    kept = _core.decimate(x, [stage], threads=threads)
+    np.testing.assert_allclose(kept, expected, rtol=0, atol=1e-10 * np.abs(x).max())
+    np.testing.assert_array_equal(kept, _core.decimate(x, [stage], threads=1))
+    # Columns do not know of each other.
+    np.testing.assert_array_equal(kept[:, :1], _core.decimate(np.ascontiguousarray(x[:, :1]), [stage]))
+
+
+@pytest.mark.parametrize("factor", [2, 5, 10])
+@pytest.mark.parametrize("n_samples", [100, 101, 109])
+def test_decimation_is_scipys(factor: int, n_samples: int) -> None:
+    x = noise(n_samples, 3)
+    stages = signals.decimation_stages(n_samples, SignalProcessing(decimation=(factor,)))
+    expected = scipy.signal.decimate(x, factor, axis=0, zero_phase=True)
+    np.testing.assert_allclose(signals.decimate(x, stages), expected, rtol=0, atol=1e-10 * np.abs(x).max())
+
+
+def test_two_stages_are_scipys_two_calls() -> None:
+    x = noise(4500, 2)
+    stages = signals.decimation_stages(4500, SignalProcessing(decimation=(10, 10)))
+    once = scipy.signal.decimate(x, 10, axis=0, zero_phase=True)
+    expected = scipy.signal.decimate(once, 10, axis=0, zero_phase=True)
+    np.testing.assert_allclose(signals.decimate(x, stages), expected, rtol=0, atol=1e-10 * np.abs(x).max())
+
+
+@pytest.mark.parametrize("n_samples", [200, 201, 204, 209])
+def test_matlab_decimation_ends_on_the_last_sample(n_samples: int) -> None:
+    factor = 5
+    x = noise(n_samples, 2)
+    signal = SignalProcessing(decimation=(factor,), decimation_convention="matlab")
+    # decimate.m: nout = ceil(nd/r); nbeg = r - (r*nout - nd); odata(nbeg:r:nd), odata from filtfilt(b, a, .).
+    b, a = scipy.signal.cheby1(8, 0.05, 0.8 / factor)
+    filtered = scipy.signal.filtfilt(b, a, x, axis=0, padlen=3 * 8)
+    kept = int(np.ceil(n_samples / factor))
+    begin = factor - (factor * kept - n_samples)
+    expected = filtered[begin - 1 :: factor]
+    decimated = signals.decimate(x, signals.decimation_stages(n_samples, signal))
+    assert decimated.shape == (kept, 2)
+    # Order 8 as a transfer function has lost several digits already.
+    np.testing.assert_allclose(decimated, expected, rtol=0, atol=1e-6 * np.abs(x).max())
+    # In sections, what is kept is exactly the samples counted back from the last.
+    sos = scipy.signal.cheby1(8, 0.05, 0.8 / factor, output="sos")
+    exact = scipy.signal.sosfiltfilt(sos, x, axis=0, padlen=24)[::-1][::factor][::-1]
+    np.testing.assert_allclose(decimated, exact, rtol=0, atol=1e-10 * np.abs(x).max())
+
+
+def test_decimation_by_a_hundred_is_sound_in_sections() -> None:
+    t = np.arange(45000) / 5000.0
+    x = np.column_stack([np.sin(2 * np.pi * 0.5 * t), np.cos(2 * np.pi * 1.3 * t)])
+    stages = signals.decimation_stages(t.size, SignalProcessing(decimation=(100,)))
+    inside = slice(30, -30)
+    # The pass band ripples by 0.05 dB a pass: 1.2 % for both.
+    np.testing.assert_allclose(signals.decimate(x, stages)[inside], x[::100][inside], atol=0.012)
+
+
+def test_linear_relations_survive_the_parallel_filter() -> None:
+    w = noise(1000, 7)
+    beta = np.arange(1.0, 8.0)
+    stages = signals.decimation_stages(1000, SignalProcessing(decimation=(4, 3)))
+    y = signals.decimate((w @ beta)[:, None], stages)[:, 0]
+    np.testing.assert_allclose(signals.decimate(w, stages) @ beta, y, atol=1e-9 * np.abs(y).max())
+
+
+def test_derivatives_of_a_sine() -> None:
+    rate = 1000.0
+    t = np.arange(3000) / rate
+    omega = 2 * np.pi * np.array([0.5, 1.0])
+    q, dq, ddq = signals.differentiate(np.sin(t[:, None] * omega), rate, SignalProcessing(cutoff_hz=100.0))
+    inside = slice(100, -100)
+    np.testing.assert_allclose(q[inside], np.sin(t[:, None] * omega)[inside], atol=1e-7)
+    # Central differences damp by (omega dt)^2 / 6.
+    np.testing.assert_allclose(dq[inside], (omega * np.cos(t[:, None] * omega))[inside], atol=1e-4)
+    np.testing.assert_allclose(ddq[inside], (-(omega**2) * np.sin(t[:, None] * omega))[inside], atol=1e-3)
+
+
+def test_without_cut_off_positions_stay_as_they_are() -> None:
+    x = noise(50, 2)
+    q, dq, ddq = signals.differentiate(x, 10.0, SignalProcessing(cutoff_hz=None))
+    np.testing.assert_array_equal(q, x)
+    np.testing.assert_array_equal(dq, signals.central_differences(x, 0.1))
+    np.testing.assert_array_equal(ddq, signals.central_differences(dq, 0.1))
+
+
+def test_central_differences_are_exact_for_parabolas() -> None:
+    dt = 0.01
+    t = dt * np.arange(20)[:, None]
+    dx = signals.central_differences(3.0 * t**2 - t, dt)
+    np.testing.assert_allclose(dx[1:-1], (6.0 * t - 1.0)[1:-1], atol=1e-12)
+    # One-sided at the ends: the slope half a sample inside.
+    np.testing.assert_allclose(
+        dx[[0, -1], 0], [6.0 * dt / 2 - 1.0, 6.0 * (t[-1, 0] - dt / 2) - 1.0], atol=1e-12
+    )
+
+
+def test_no_decimation_is_a_copy() -> None:
+    x = noise(5, 2)
+    kept = signals.decimate(x, signals.decimation_stages(5, SignalProcessing()))
+    np.testing.assert_array_equal(kept, x)
+    assert kept is not x
+    assert signals.retained_band(SignalProcessing()) == 1.0
+    assert signals.retained_band(SignalProcessing(decimation=(10, 10))) == 0.8
+
+
+def test_variance_that_decimated_noise_keeps() -> None:
+    # The new band is a tenth of the old one, and of white noise in it the filter keeps a share of 0.8.
+    x = np.random.default_rng(3).standard_normal((200_000, 1))
+    signal = SignalProcessing(decimation=(10,))
+    kept = signals.decimate(x, signals.decimation_stages(x.shape[0], signal))
+    assert float(np.var(kept)) == pytest.approx(signals.retained_band(signal) / 10, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("cutoff", "rate", "message"),
+    [
+        (600.0, 1000.0, "the cut-off of 600 Hz must be below half the sampling rate, 500 Hz at 1000 Hz"),
+        (500.0, 1000.0, "the cut-off of 500 Hz must be below half the sampling rate, 500 Hz at 1000 Hz"),
+    ],
+)
+def test_cut_off_above_nyquist_is_told(cutoff: float, rate: float, message: str) -> None:
+    with pytest.raises(SignalError) as error:
+        signals.zero_phase_butterworth(noise(100, 2), rate, cutoff)
+    assert str(error.value) == message
+
+
+@pytest.mark.parametrize(("padding", "needed"), [("scipy", 15), ("matlab", 12)])
+def test_too_few_samples_for_the_filter_are_told(padding: Literal["scipy", "matlab"], needed: int) -> None:
+    signals.zero_phase_butterworth(noise(needed + 1, 1), 1000.0, 100.0, 4, padding)
+    with pytest.raises(SignalError) as error:
+        signals.zero_phase_butterworth(noise(needed, 1), 1000.0, 100.0, 4, padding)
+    message = f"the zero-phase filter of order 4 needs more than {needed} samples, the record has {needed}"
+    assert str(error.value) == message
+
+
+def test_too_few_samples_for_decimation_are_told() -> None:
+    with pytest.raises(SignalError) as error:
+        signals.decimation_stages(270, SignalProcessing(decimation=(10, 10)))
+    assert str(error.value) == "decimation by 10 needs more than 27 samples, stage 2 of 2 gets 27"
+    with pytest.raises(SignalError, match="needs more than 24 samples, stage 1 of 1 gets 24"):
+        signals.decimation_stages(24, SignalProcessing(decimation=(10,), decimation_convention="matlab"))
+
+
+def test_shape_and_content_are_checked() -> None:
+    with pytest.raises(SignalError, match=r"must have shape \(n_samples, m\), got \(5,\)"):
+        signals.central_differences(np.zeros(5), 0.1)
+    with pytest.raises(SignalError, match="at least 2 samples, got 1"):
+        signals.central_differences(np.zeros((1, 2)), 0.1)
+    x = noise(50, 3)
+    x[17, 2] = np.nan
+    with pytest.raises(SignalError, match="sample 17 of signal 2 is not a finite number"):
+        signals.zero_phase_butterworth(x, 1000.0, 100.0)
+
+
+def test_strides_and_precision_do_not_matter() -> None:
+    x = noise(200, 6)
+    expected = signals.zero_phase_butterworth(x, 1000.0, 100.0)
+    np.testing.assert_array_equal(
+        signals.zero_phase_butterworth(np.asfortranarray(x), 1000.0, 100.0), expected
+    )
+    np.testing.assert_array_equal(
+        signals.zero_phase_butterworth(x[:, ::-1], 1000.0, 100.0), expected[:, ::-1]
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"cutoff_hz": -5.0}, "cutoff_hz must be a positive frequency, got -5.0"),
+        ({"cutoff_hz": float("nan")}, "cutoff_hz must be a positive frequency, got nan"),
+        ({"order": 0}, "order must be at least 1, got 0"),
+        ({"trim_end": -1}, "trim_end must not be negative, got -1"),
+        ({"decimation": (10, 1)}, "each decimation factor must be at least 2, got 1"),
+        ({"padding": "octave"}, "padding must be 'scipy' or 'matlab', got 'octave'"),
+        ({"decimation_convention": "R"}, "decimation_convention must be 'scipy' or 'matlab', got 'R'"),
+    ],
+)
+def test_settings_are_checked_when_made(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(SignalError) as error:
+        SignalProcessing(**settings)  # type: ignore[arg-type]
+    assert str(error.value) == message
