@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-RUST := $(shell find rust benches -name '*.rs') $(wildcard Cargo.toml Cargo.lock pyproject.toml build.rs)
+RUST := $(shell find rust -name "*.rs") $(wildcard Cargo.toml Cargo.lock pyproject.toml build.rs)
 
 # cargo and maturin find the interpreter of .venv, whatever else is on the path.
 export VIRTUAL_ENV := $(abspath $(VENV))

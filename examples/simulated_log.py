@@ -17,10 +17,11 @@ import argparse
 import sys
 from pathlib import Path
 
-import didim
 import numpy as np
-from didim.cli import main as command_line
 from numpy.typing import NDArray
+
+import didim
+from didim.cli import main as command_line
 
 Array = NDArray[np.float64]
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
+
 from didim import _core
 from didim.experiment import Experiment
 from didim.recording import Recording, Role
 from didim.robot import Robot
 from didim.signals import SignalProcessing, differentiate
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 import simulated
 from didim.cli import main
 from didim.identification import Identification

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 import simulated
 from didim import _core
 from didim.delay import DelaySettings, align

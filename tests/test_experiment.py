@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from didim.delay import DelaySettings
 from didim.errors import DidimError, ExperimentError
 from didim.experiment import Experiment, load_experiment

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from didim.errors import FitError
 from didim.identification import HeldOut, Identification, Iteration
 from didim.status import Status

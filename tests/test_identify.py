@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
 import simulated
 from didim.errors import FitError, RankError
 from didim.identification import Iteration
@@ -15,7 +17,6 @@ from didim.recording import Recording
 from didim.robot import Robot, load_robot
 from didim.signals import SignalProcessing
 from didim.status import Status
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 

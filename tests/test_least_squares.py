@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
 from didim import signals
 from didim.errors import FitError, RankError
 from didim.least_squares import LeastSquaresSettings, LinearSystem, residual_std, row_weights, solve
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
@@ -65,12 +66,13 @@ def test_weights_are_the_inverse_residuals_of_each_joint() -> None:
     scale = np.repeat(1.0 / sigma, 200)
     np.testing.assert_allclose(row_weights(two, fit), scale, rtol=1e-12)
     w, y = two.w * scale[:, None], two.y * scale
-    beta, squares, _, singular = np.linalg.lstsq(w, y, rcond=None)
+    beta, squares, _, _ = np.linalg.lstsq(w, y, rcond=None)
     np.testing.assert_allclose(fit.solution, beta, rtol=1e-12)
     np.testing.assert_allclose(
         fit.covariance, squares[0] / 397 * np.linalg.inv(w.T @ w), rtol=1e-10, atol=1e-18
     )
-    assert fit.condition_number == pytest.approx(singular[0] / singular[-1], rel=1e-12)
+    # Without weights.
+    assert fit.condition_number == pytest.approx(np.linalg.cond(two.w), rel=1e-12)
     # The residual stays in N.m.
     np.testing.assert_allclose(fit.residual, two.y - two.w @ beta, atol=1e-10)
 
@@ -125,7 +127,7 @@ def coverage(settings: LeastSquaresSettings, decimated: bool, seeds: int = 400) 
     """Rms error of the estimates, in units of the standard deviations that the fits report."""
     signal = signals.SignalProcessing(decimation=(10,) if decimated else ())
     rng = np.random.default_rng(7)
-    n_samples = 2000 if decimated else 200
+    n_samples = 20_000 if decimated else 200
     stages = signals.decimation_stages(n_samples, signal)
     t = np.linspace(0.0, 1.0, n_samples)
     # Slow columns go through the decimation filter unchanged.
@@ -152,7 +154,8 @@ def test_errors_are_as_large_as_sigma_says() -> None:
 
 def test_errors_after_decimation_are_as_large_as_the_corrected_sigma_says() -> None:
     corrected = coverage(LeastSquaresSettings(), decimated=True)
-    assert corrected == pytest.approx(1.0, abs=0.06)
+    # The skirt of the filter lets a little more than 0.8 pass: the correction overdoes it by 3 %.
+    assert corrected == pytest.approx(0.97, abs=0.06)
     uncorrected = coverage(LeastSquaresSettings(decimation_corrected=False), decimated=True)
     assert uncorrected == pytest.approx(corrected / np.sqrt(0.8), rel=1e-12)
 

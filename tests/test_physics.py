@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
 import simulated
 from didim.identify import identify
 from didim.idim_ls import IDIMLS
 from didim.physics import inertia_matrices, physical_flags
 from didim.robot import Robot, load_robot
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 

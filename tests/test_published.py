@@ -8,14 +8,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
 from didim import _core
 from didim.cli import main
 from didim.experiment import load_experiment
 from didim.identification import Identification
 from didim.identify import identify
 from didim.idim_ls import IDIMLS
+from didim.least_squares import solve
 from didim.observations import linear_system, segments
 from didim.selection import select
+from didim.signals import Convention, Form
+
+Array = NDArray[np.float64]
 
 # Name, estimate, standard deviation and relative one, as the authors of the EMPS print them.
 EMPS = [
@@ -105,17 +111,66 @@ def reference(shared: Path) -> dict[str, dict[str, str]]:
         return {row["name"]: row for row in csv.DictReader(file)}
 
 
+# In the last second of the log joints 2 and 3 stand perfectly still, away from zero, so that the sign of
+# their velocity is that of rounding errors, which differ from filter to filter and from padding to padding.
+# These four notice, and no other.
+DECIDED_BY_ROUNDING = ("Fv2", "Fc2", "Fv3", "Fc3")
+
+
+def deviations(beta: Array, names: tuple[str, ...], reference: dict[str, dict[str, str]]) -> dict[str, float]:
+    """Distance to the prototype's estimates in their standard deviations."""
+    found = {}
+    for name, value in zip(names, beta, strict=True):
+        expected = float(reference[name]["real_log_estimate"])
+        std = abs(expected) * float(reference[name]["real_log_sigma_percent"]) / 100.0
+        found[name] = abs(float(value) - expected) / std
+    return found
+
+
 def test_tx40_parameters(tx40: Identification, reference: dict[str, dict[str, str]]) -> None:
-    assert tx40.names == tuple(reference)
-    value = np.array([float(row["real_log_estimate"]) for row in reference.values()])
-    std = np.array([float(row["real_log_sigma_percent"]) for row in reference.values()]) / 100 * np.abs(value)
-    off = np.abs(tx40.beta - value) / std
-    assert off.max() < 0.5, tx40.names[int(off.argmax())]
+    # The reference has the friction of coupled motors before Off6.
+    assert sorted(tx40.names) == sorted(reference)
+    off = deviations(tx40.beta, tx40.names, reference)
+    assert max(off.values()) < 0.5, max(off, key=lambda name: off[name])
+
+
+@pytest.mark.parametrize("form", ["sections", "transfer-function"])
+@pytest.mark.parametrize("padding", ["scipy", "matlab"])
+def test_tx40_rounding_decides_four_parameters_only(
+    project: Path, shared: Path, reference: dict[str, dict[str, str]], form: Form, padding: Convention
+) -> None:
+    experiment = load_experiment(project / "examples" / "tx40_log.toml", data=shared / "data" / "tx40")
+    fit = identify(experiment, IDIMLS(signal=replace(experiment.signal, form=form, padding=padding)))
+    for name, deviation in deviations(fit.beta, fit.names, reference).items():
+        assert deviation < (2.0 if name in DECIDED_BY_ROUNDING else 0.5), name
+
+
+def test_tx40_standard_deviations(tx40: Identification, reference: dict[str, dict[str, str]]) -> None:
+    for name, value, std in zip(tx40.names, tx40.beta, tx40.std, strict=True):
+        row = reference[name]
+        expected = abs(float(row["real_log_estimate"])) * float(row["real_log_sigma_percent"]) / 100.0
+        # The reference is not corrected for the correlation that decimation leaves.
+        assert std * np.sqrt(0.8) == pytest.approx(expected, rel=0.03), (name, value)
+
+
+def test_tx40_standstill_decides_the_friction_of_joints_2_and_3(
+    project: Path, shared: Path, reference: dict[str, dict[str, str]]
+) -> None:
+    experiment = load_experiment(project / "examples" / "tx40_log.toml", data=shared / "data" / "tx40")
+    robot = experiment.robot
+    (part,) = segments(experiment.recordings[0], experiment.signal)
+    dq = part.dq.copy()
+    still = np.abs(dq) < 1e-7
+    assert np.all(still.mean(axis=0)[[1, 2]] > 0.1)
+    dq[still] = 1e-7
+    system = linear_system(robot, [replace(part, dq=dq)], experiment.signal, select(robot, {}, ()))
+    off = deviations(solve(system, experiment.least_squares).solution, system.names, reference)
+    assert min(off[name] for name in DECIDED_BY_ROUNDING) > 4.0
 
 
 def test_tx40_fit(tx40: Identification) -> None:
-    assert tx40.condition_number == pytest.approx(956.0, rel=0.01)
-    np.testing.assert_allclose(100.0 * tx40.relative_error, [6.5, 7.4, 11.5, 12.3, 15.0, 14.0], atol=0.5)
+    assert tx40.condition_number == pytest.approx(956.0, abs=0.5)
+    np.testing.assert_allclose(100.0 * tx40.relative_error, [6.5, 7.4, 11.5, 12.3, 15.0, 14.0], atol=0.2)
     assert len(tx40.history) == 2
 
 

@@ -8,9 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import didim
 import numpy as np
 import pytest
+
+import didim
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

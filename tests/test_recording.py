@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
 from didim.errors import DidimError, ExperimentError, RecordingError
 from didim.recording import DataFolder, Recording, read_recording, read_reduction
 from didim.sampling import check_time
 from didim.schema import Table
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 N = 50

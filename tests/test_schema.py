@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from didim.errors import ExperimentError, RobotError
 from didim.schema import Table, read_toml
 

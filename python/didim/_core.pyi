@@ -1,10 +1,22 @@
-"""Typed border of the numerical core; private to the package. Arrays are float64; shapes are checked on entry."""
+"""Typed border of the numerical core; private to the package. Arrays are float64, shapes are checked."""
 
 from collections.abc import Sequence
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
+
+__all__ = [
+    "LeastSquares",
+    "Robot",
+    "base_parameters",
+    "decimate",
+    "filtfilt",
+    "inverse_dynamics",
+    "least_squares",
+    "observation",
+    "regressor",
+]
 
 _Array = NDArray[np.float64]
 _Stage = tuple[_Array, _Array, int, int, int]

@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 class BaseParameters:
     """The base parameters of a robot.
 
-    The columns of the regressor are scanned in the order of the standard parameters, and a column that depends on
-    those kept so far regroups into them: on the TX40 this gives the 60 names of Table II
+    The columns of the regressor are scanned in the order of the standard parameters, and a column that
+    depends on those kept so far regroups into them: on the TX40 this gives the 60 names of Table II
     (``tests/test_base_parameters.py``).
 
     Attributes
@@ -49,7 +49,7 @@ class BaseParameters:
     matrix: Array
 
     def lift(self, beta: ArrayLike) -> Array:
-        """Return standard parameters with the same torques: the kept ones take the base values, the others zero.
+        """Return standard parameters with the same torques: the kept take the base values, the others zero.
 
         Parameters
         ----------

@@ -97,9 +97,9 @@ class Identification:
     error_std : float
         Its standard deviation, by the divisor that the settings choose.
     condition_number : float
-        Of the matrix solved last, weights included.
+        Of the observation matrix W, without weights.
     n_rows : int
-        Rows of that matrix.
+        Rows of W.
     n_simulations : int
         Simulations of the direct dynamic model; none for IDIM-LS.
     elapsed : float

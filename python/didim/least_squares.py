@@ -132,7 +132,7 @@ class WeightedFit:
     joint_sigma : ndarray, shape (n_dof,)
         What the rows of each joint were divided by in the last solution (ones without weights).
     condition_number : float
-        Of the matrix solved last, weights included.
+        Of W as it is, without weights.
     stopped : bool
         Whether the callback asked to stop.
     """
@@ -190,6 +190,7 @@ def solve(
         )
     sigma = np.ones(len(system.joints))
     residual = system.y
+    condition_number = float("inf")
     # The last solution of the loop is the result; the first one has no weights.
     for number in range(1, settings.solutions + 1):
         if number > 1:
@@ -200,6 +201,8 @@ def solve(
         )
         if scaled.dependent:
             raise RankError(_dependence(system.names, scaled.dependent))
+        if number == 1:
+            condition_number = _condition_number(np.asarray(scaled.singular_values))
         beta = np.asarray(scaled.solution)
         residual = system.y - system.w @ beta
         # Asked to stop after the last solution, there is nothing left to stop.
@@ -210,15 +213,18 @@ def solve(
     if settings.decimation_corrected:
         variance /= band
     inverse_r = np.asarray(scaled.inverse_r)
-    singular = np.asarray(scaled.singular_values)
     return WeightedFit(
         solution=beta,
         covariance=variance * (inverse_r @ inverse_r.T),
         residual=residual,
         joint_sigma=sigma,
-        condition_number=float(singular.max() / singular.min()) if singular.min() > 0.0 else float("inf"),
+        condition_number=condition_number,
         stopped=stopped,
     )
+
+
+def _condition_number(singular: Array) -> float:
+    return float(singular.max() / singular.min()) if singular.min() > 0.0 else float("inf")
 
 
 def row_weights(system: LinearSystem, fit: WeightedFit) -> Array:

@@ -37,9 +37,10 @@ def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, 
     ShapeError
         For a wrong shape, or a NaN, with its place.
     """
-    motion = [_matrix(robot, name, value) for name, value in (("q", q), ("dq", dq), ("ddq", ddq))]
+    q, dq, ddq = _motion(robot, q, dq, ddq)
+    vector = standard_vector(robot, x)
     try:
-        return _core.inverse_dynamics(robot.core, *motion, standard_vector(robot, x))
+        return _core.inverse_dynamics(robot.core, q, dq, ddq, vector)
     except ValueError as reason:
         raise ShapeError(str(reason)) from None
 
@@ -66,9 +67,9 @@ def regressor(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Arra
     ShapeError
         For a wrong shape, or a NaN, with its place.
     """
-    motion = [_matrix(robot, name, value) for name, value in (("q", q), ("dq", dq), ("ddq", ddq))]
+    q, dq, ddq = _motion(robot, q, dq, ddq)
     try:
-        return _core.regressor(robot.core, *motion)
+        return _core.regressor(robot.core, q, dq, ddq)
     except ValueError as reason:
         raise ShapeError(str(reason)) from None
 
@@ -96,14 +97,21 @@ def standard_vector(robot: Robot, x: ArrayLike) -> Array:
     return vector
 
 
+def _motion(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Array, Array, Array]:
+    return _matrix(robot, "q", q), _matrix(robot, "dq", dq), _matrix(robot, "ddq", ddq)
+
+
 def _matrix(robot: Robot, name: str, value: ArrayLike) -> Array:
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise ShapeError(f"{name} must be an array of numbers with shape (n_samples, {robot.n_dof})") from None
+        raise ShapeError(
+            f"{name} must be an array of numbers with shape (n_samples, {robot.n_dof})"
+        ) from None
     if array.ndim != 2 or array.shape[1] != robot.n_dof:
         hint = "; transpose it?" if array.ndim == 2 and array.shape[0] == robot.n_dof else ""
         raise ShapeError(
-            f"{name} must have shape (n_samples, {robot.n_dof}) for robot {robot.name!r}, got {array.shape}{hint}"
+            f"{name} must have shape (n_samples, {robot.n_dof}) for robot {robot.name!r}, "
+            f"got {array.shape}{hint}"
         )
     return array

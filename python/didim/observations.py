@@ -79,8 +79,8 @@ def segments(recording: Recording, signal: SignalProcessing, delay_samples: floa
         raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
     found = []
     for start, stop in recording.windows:
-        motion = signals.differentiate(recording.q[start:stop], recording.rate_hz, signal)
-        motion, tau = align(motion, recording.tau[start:stop], delay_samples)
+        found_motion = signals.differentiate(recording.q[start:stop], recording.rate_hz, signal)
+        motion, tau = align(found_motion, recording.tau[start:stop], delay_samples)
         kept = slice(signal.trim_start, tau.shape[0] - signal.trim_end)
         if kept.stop <= kept.start:
             raise FitError(

@@ -178,8 +178,13 @@ class Robot:
 
     @cached_property
     def sets(self) -> Mapping[str, Array]:
-        """Named parameter sets of the file as full vectors of standard parameters, ``(n_parameters,)``."""
-        return MappingProxyType({name: self._vector(name) for name in self._named})
+        """Named parameter sets of the file as full vectors of standard parameters, ``(n_parameters,)``.
+
+        Sets that name friction parameters which the robot's friction model does not have are left out.
+        """
+        known = {*self.parameter_names, *self.base_parameters.names}
+        fitting = [name for name, values in self._named.items() if known.issuperset(values)]
+        return MappingProxyType({name: self._vector(name) for name in fitting})
 
     def set_base(self, name: str) -> Array:
         """Return the base parameters of a named set, ``(n_base,)``.
@@ -202,7 +207,8 @@ class Robot:
         if name not in self._named:
             known = ", ".join(self._named) or "none"
             raise RobotError(
-                f"{self.path.name}: no parameter set {name!r}{did_you_mean(name, self._named)} (there are: {known})"
+                f"{self.path.name}: no parameter set {name!r}{did_you_mean(name, self._named)} "
+                f"(there are: {known})"
             )
         return self._vector(name)
 
@@ -220,7 +226,9 @@ class Robot:
                 )
             index = places[parameter]
             if index in taken:
-                raise RobotError(f"{self.path.name}: [parameters.{name}] has both {taken[index]!r} and {parameter!r}")
+                raise RobotError(
+                    f"{self.path.name}: [parameters.{name}] has both {taken[index]!r} and {parameter!r}"
+                )
             taken[index] = parameter
             x[index] = value
         x.setflags(write=False)
@@ -271,8 +279,9 @@ def load_robot(name: str | Path) -> Robot:
         path = packaged[str(name)]
     content = read_toml(path, RobotError)
     robot = _robot(Table(content, path.name, RobotError), path)
-    robot.core  # noqa: B018 - built now, so that a wrong description is an error of loading
-    robot.sets  # noqa: B018 - likewise
+    for parameter_set in robot._named:  # now, so that a wrong description is an error of loading
+        robot.parameter_set(parameter_set)
+    robot.core  # noqa: B018 - likewise, for a robot without sets
     return robot
 
 
@@ -298,13 +307,9 @@ def _robot(table: Table, path: Path) -> Robot:
         alpha, d = (0.0, *alpha[:-1]), (0.0, *d[:-1])
     n = len(kinds)
     transmission = _sub_table(table, "transmission")
-    coupling = (
-        transmission.matrix("coupling", n, n) if transmission.has("coupling") else np.eye(n).tolist()
-    )
+    coupling = transmission.matrix("coupling", n, n) if transmission.has("coupling") else np.eye(n).tolist()
     reduction = np.asarray(transmission.matrix("reduction", n, n)) if transmission.has("reduction") else None
-    gains = (
-        tuple(transmission.numbers("drive_gains", length=n)) if transmission.has("drive_gains") else None
-    )
+    gains = tuple(transmission.numbers("drive_gains", length=n)) if transmission.has("drive_gains") else None
     transmission.done()
     friction = _friction(_sub_table(table, "friction"), kinds, None)
     sets = _sub_table(table, "parameters")
@@ -341,7 +346,12 @@ def _sub_table(table: Table, key: str) -> Table:
 
 def _row(joint: Table) -> tuple[float, float, float, float]:
     """Alpha, d, theta, r of one row (rad, m); in a standard table alpha and d belong to the next row."""
-    return (_angle(joint, "alpha"), joint.number("d_m", 0.0), _angle(joint, "theta"), joint.number("r_m", 0.0))
+    return (
+        _angle(joint, "alpha"),
+        joint.number("d_m", 0.0),
+        _angle(joint, "theta"),
+        joint.number("r_m", 0.0),
+    )
 
 
 def _angle(joint: Table, name: str) -> float:

@@ -21,6 +21,7 @@ from didim.errors import SignalError
 
 Array = NDArray[np.float64]
 Convention = Literal["scipy", "matlab"]
+Form = Literal["sections", "transfer-function"]
 Stage = tuple[Array, Array, int, int, int]
 """A filter of the core: sections (s, 6), their steady states (s, 2), padding, factor, first kept sample."""
 
@@ -42,6 +43,10 @@ class SignalProcessing:
         Its order, of one of the two passes.
     padding : {"scipy", "matlab"}
         Samples of odd extension at each end: SciPy's 3 (order + 1), or MATLAB's 3 order.
+    form : {"sections", "transfer-function"}
+        How the Butterworth filter is run. Second-order sections are the sound way. The transfer function is
+        that of MATLAB's ``filtfilt(b, a, x)``: where a joint stands still, its rounding noise decides the sign
+        of the velocity (docs/tx40.md), so that figures made with it need it.
     trim_start, trim_end : int
         Samples left out at the ends once positions are differentiated: there the filter has only the
         extension to go by.
@@ -60,6 +65,7 @@ class SignalProcessing:
     cutoff_hz: float | None = None
     order: int = 4
     padding: Convention = "scipy"
+    form: Form = "sections"
     trim_start: int = 0
     trim_end: int = 0
     decimation: tuple[int, ...] = ()
@@ -79,10 +85,17 @@ class SignalProcessing:
         for key in ("padding", "decimation_convention"):
             if getattr(self, key) not in get_args(Convention):
                 raise SignalError(f"{key} must be 'scipy' or 'matlab', got {getattr(self, key)!r}")
+        if self.form not in get_args(Form):
+            raise SignalError(f"form must be 'sections' or 'transfer-function', got {self.form!r}")
 
 
 def zero_phase_butterworth(
-    x: Array, rate_hz: float, cutoff_hz: float, order: int = 4, padding: Convention = "scipy"
+    x: Array,
+    rate_hz: float,
+    cutoff_hz: float,
+    order: int = 4,
+    padding: Convention = "scipy",
+    form: Form = "sections",
 ) -> Array:
     """Low-pass filter forward and backward, without delay.
 
@@ -98,6 +111,8 @@ def zero_phase_butterworth(
         Order of one pass.
     padding : {"scipy", "matlab"}
         Length of the odd extension, see `SignalProcessing`.
+    form : {"sections", "transfer-function"}
+        How the filter is run, see `SignalProcessing`.
 
     Returns
     -------
@@ -115,7 +130,7 @@ def zero_phase_butterworth(
     ``test_signals.py`` compares it with ``scipy.signal.sosfiltfilt``, and with ``filtfilt`` of the transfer
     function.
     """
-    from scipy.signal import butter, sosfilt_zi
+    from scipy.signal import butter, filtfilt, sosfilt_zi
 
     if not 0.0 < cutoff_hz < rate_hz / 2.0:
         raise SignalError(
@@ -123,13 +138,17 @@ def zero_phase_butterworth(
             f"{rate_hz / 2.0:g} Hz at {rate_hz:g} Hz"
         )
     x = _columns(x)
-    sos = np.ascontiguousarray(butter(order, cutoff_hz / (rate_hz / 2.0), output="sos"))
     padlen = _padding(order, padding)
     if x.shape[0] <= padlen:
         raise SignalError(
             f"the zero-phase filter of order {order} needs more than {padlen} samples, "
             f"the record has {x.shape[0]}"
         )
+    nyquist = rate_hz / 2.0
+    if form == "transfer-function":
+        b, a = butter(order, cutoff_hz / nyquist)
+        return np.asarray(filtfilt(b, a, x, axis=0, padlen=padlen))
+    sos = np.ascontiguousarray(butter(order, cutoff_hz / nyquist, output="sos"))
     return _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen)
 
 
@@ -198,7 +217,7 @@ def differentiate(q: Array, rate_hz: float, signal: SignalProcessing) -> tuple[A
     """
     q = _columns(q)
     if signal.cutoff_hz is not None:
-        q = zero_phase_butterworth(q, rate_hz, signal.cutoff_hz, signal.order, signal.padding)
+        q = zero_phase_butterworth(q, rate_hz, signal.cutoff_hz, signal.order, signal.padding, signal.form)
     dq = central_differences(q, 1.0 / rate_hz)
     return q, dq, central_differences(dq, 1.0 / rate_hz)
 

@@ -19,8 +19,6 @@ use faer::Mat;
 const TOLERANCE: f64 = 1e-10;
 /// A coefficient below this is zero; a symbol within this of a coefficient is it.
 const SNAP: f64 = 1e-7;
-/// A column whose largest entry is below this is zero: what rounding leaves of gravity along an axis it cannot turn.
-const ZERO: f64 = 1e-12;
 /// Random states per standard parameter: enough rows to tell all columns apart.
 const STATES_PER_PARAMETER: usize = 2;
 
@@ -85,9 +83,7 @@ fn dependences(robot: &Robot) -> Result<Vec<Dependence>, LeastSquaresError> {
     let (q, dq, ddq) = random_states(n, samples);
     let mut flat = vec![0.0; samples * n * p];
     regressor(robot, &q, &dq, &ddq, &mut flat).expect("the arrays were made for this robot");
-    let zero = |column: usize| flat[column..].iter().step_by(p).all(|entry| entry.abs() < ZERO);
-    let zeros: Vec<bool> = (0..p).map(zero).collect();
-    let w = Mat::from_fn(samples * n, p, |row, column| if zeros[column] { 0.0 } else { flat[row * p + column] });
+    let w = Mat::from_fn(samples * n, p, |row, column| flat[row * p + column]);
     Ok(least_squares::solve(w.as_ref(), &vec![0.0; samples * n], TOLERANCE)?.dependent)
 }
 
@@ -240,7 +236,11 @@ fn products(symbols: &[Symbol]) -> Vec<Symbol> {
     for (k, first) in symbols.iter().enumerate() {
         for (l, second) in symbols[k..].iter().enumerate() {
             all.push(Symbol {
-                text: if l == 0 { format!("{}^2", first.text) } else { format!("{} {}", first.text, second.text) },
+                text: if l == 0 {
+                    format!("{}^2", first.text)
+                } else {
+                    format!("{} {}", first.text, second.text)
+                },
                 value: first.value * second.value,
                 twin: first.twin * second.twin,
             });

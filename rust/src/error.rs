@@ -50,7 +50,9 @@ pub enum RobotError {
     )]
     SingularTransmission,
     /// A motor that does not turn with the joint it is named after.
-    #[error("motor {motor} of the transmission matrix does not move with joint {motor}; number the motors so that its diagonal has no zero")]
+    #[error(
+        "motor {motor} of the transmission matrix does not move with joint {motor}; number the motors so that its diagonal has no zero"
+    )]
     DetachedMotor {
         /// Motor, counted from 1.
         motor: usize,

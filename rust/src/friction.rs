@@ -27,7 +27,11 @@ pub fn sign<const L: usize, const F: bool>(robot: &Robot, j: usize, dq: Lanes<L,
 
 /// Columns of the friction parameters of joint `j` in its own row: `Fv Fc Off`, or `Fv+ Fc+ Fv- Fc-`.
 #[inline(always)]
-pub fn own_columns<const L: usize, const F: bool>(robot: &Robot, j: usize, dq: Lanes<L, F>) -> [Lanes<L, F>; 4] {
+pub fn own_columns<const L: usize, const F: bool>(
+    robot: &Robot,
+    j: usize,
+    dq: Lanes<L, F>,
+) -> [Lanes<L, F>; 4] {
     let s = sign(robot, j, dq);
     if robot.friction().asymmetric {
         [dq.map(|v| v.max(0.0)), s.map(|v| v.max(0.0)), dq.map(|v| v.min(0.0)), s.map(|v| v.min(0.0))]
@@ -52,8 +56,10 @@ pub struct CoupledColumns<const L: usize, const F: bool> {
 pub struct Shaft<const L: usize, const F: bool> {
     dq: Lanes<L, F>,
     ddq: Lanes<L, F>,
-    sign_shaft: Lanes<L, F>,
-    sign_joint: Lanes<L, F>,
+    /// Sign of the motor's speed.
+    turning: Lanes<L, F>,
+    /// Sign of the speed of the joint it is named after.
+    joint_turning: Lanes<L, F>,
 }
 
 impl<const L: usize, const F: bool> Shaft<L, F> {
@@ -66,7 +72,7 @@ impl<const L: usize, const F: bool> Shaft<L, F> {
             dq = state.dq[i].mul_add(Lanes::splat(c), dq);
             ddq = state.ddq[i].mul_add(Lanes::splat(c), ddq);
         }
-        Self { dq, ddq, sign_shaft: sign(robot, m, dq), sign_joint: sign(robot, m, state.dq[m]) }
+        Self { dq, ddq, turning: sign(robot, m, dq), joint_turning: sign(robot, m, state.dq[m]) }
     }
 
     /// Entries in the motor's own row.
@@ -75,7 +81,7 @@ impl<const L: usize, const F: bool> Shaft<L, F> {
         CoupledColumns {
             rotor: self.ddq - state.ddq[motor],
             viscous: self.dq - state.dq[motor],
-            coulomb: self.sign_shaft - self.sign_joint,
+            coulomb: self.turning - self.joint_turning,
         }
     }
 
@@ -83,8 +89,8 @@ impl<const L: usize, const F: bool> Shaft<L, F> {
     #[inline(always)]
     pub fn other_row(&self, robot: &Robot, i: usize, c: f64, state: &State<L, F>) -> CoupledColumns<L, F> {
         let sign = match robot.friction().coupling {
-            Coupling::Shaft => self.sign_shaft,
-            Coupling::Printed => self.sign_joint,
+            Coupling::Shaft => self.turning,
+            Coupling::Printed => self.joint_turning,
         };
         CoupledColumns {
             rotor: (self.ddq - state.ddq[i].scale(c)).scale(c),

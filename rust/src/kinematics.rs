@@ -83,7 +83,14 @@ impl<const L: usize, const F: bool> Motion<L, F> {
     /// Of link `j`, from that of link `j-1`.
     #[inline(always)]
     #[must_use]
-    pub fn next(&self, robot: &Robot, j: usize, at: &Placement<L, F>, dq: Lanes<L, F>, ddq: Lanes<L, F>) -> Self {
+    pub fn next(
+        &self,
+        robot: &Robot,
+        j: usize,
+        at: &Placement<L, F>,
+        dq: Lanes<L, F>,
+        ddq: Lanes<L, F>,
+    ) -> Self {
         let joint = &robot.joints()[j];
         let twist = robot.twists()[j];
         let omega = self.omega.into_twisted(twist);

@@ -70,6 +70,7 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
 
     /// `f` of each lane.
     #[inline(always)]
+    #[must_use]
     pub fn map(self, f: impl Fn(f64) -> f64) -> Self {
         Self(std::array::from_fn(|l| f(self.0[l])))
     }
@@ -117,7 +118,7 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
             let c = fused::<F>(z, c, -2.755_731_435_139_066_3e-7);
             let c = fused::<F>(z, c, 2.480_158_728_947_673e-5);
             let c = fused::<F>(z, c, -1.388_888_888_887_411e-3);
-            let c = fused::<F>(z, c, 4.166_666_666_666_660_2e-2);
+            let c = fused::<F>(z, c, 4.166_666_666_666_66e-2);
             let half = 0.5 * z;
             let w = 1.0 - half;
             let c = w + fused::<F>(z * z, c, (1.0 - w) - half);
@@ -186,7 +187,8 @@ mod tests {
             let x = f64::from(k) * 0.003_141_3 + 1e-9 * f64::from(k % 7);
             let (s, c) = Lanes::<1, false>([x]).sin_cos();
             let (sf, cf) = Lanes::<1, true>([x]).sin_cos();
-            for (got, want) in [(s.0[0], x.sin()), (c.0[0], x.cos()), (sf.0[0], x.sin()), (cf.0[0], x.cos())] {
+            for (got, want) in [(s.0[0], x.sin()), (c.0[0], x.cos()), (sf.0[0], x.sin()), (cf.0[0], x.cos())]
+            {
                 assert!((got - want).abs() < 3e-16, "{x}: {got} {want}");
             }
         }

@@ -106,7 +106,9 @@ fn blocks(robot: &Robot, columns: &[usize]) -> Vec<Block> {
             Owner::Joint { joint, .. } => {
                 drive.push(Series { row: joint, column, place });
                 let coupled = robot.coupled().iter().find(|coupled| coupled.motor == joint);
-                if let (Some(coupled), true) = (coupled, column == layout.joint(joint) + crate::parameters::IA) {
+                if let (Some(coupled), true) =
+                    (coupled, column == layout.joint(joint) + crate::parameters::IA)
+                {
                     drive.extend(coupled.others.iter().map(|&(row, _)| Series { row, column, place }));
                 }
             }

@@ -63,7 +63,12 @@ pub struct Friction {
 impl Friction {
     /// `sign(dq)` on `n` joints, one value for both directions, shaft coupling.
     pub fn sign(n: usize) -> Self {
-        Self { asymmetric: false, coupling: Coupling::Shaft, smoothing: vec![0.0; n], dead_zone: vec![0.0; n] }
+        Self {
+            asymmetric: false,
+            coupling: Coupling::Shaft,
+            smoothing: vec![0.0; n],
+            dead_zone: vec![0.0; n],
+        }
     }
 }
 

@@ -80,11 +80,7 @@ impl<const L: usize, const F: bool> Vector<L, F> {
     /// Components after `Rot(z, theta)` of the frame, from the sine and cosine of theta.
     #[inline(always)]
     pub fn into_turned(self, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
-        Self::new(
-            self.x.mul_add(cosine, self.y * sine),
-            self.y.mul_add(cosine, -(self.x * sine)),
-            self.z,
-        )
+        Self::new(self.x.mul_add(cosine, self.y * sine), self.y.mul_add(cosine, -(self.x * sine)), self.z)
     }
 
     /// Back: `Rot(z, theta) v`.

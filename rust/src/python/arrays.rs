@@ -1,4 +1,4 @@
-//! NumPy arrays at the border: shapes, finite numbers, copies only where the memory order asks for one.
+//! Arrays at the border: shapes, finite numbers, copies only where the memory order asks for one.
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::PyResult;
@@ -47,9 +47,10 @@ impl Shape {
 /// The numbers of an array in row-major order, all finite.
 pub fn flat<'a>(what: &str, array: &'a Input<'_>) -> PyResult<Cow<'a, [f64]>> {
     let width = array.shape()[1];
+    // Any contiguous array has a slice, column-major ones too: only row-major numbers can be taken as they lie.
     let data = match array.as_slice() {
-        Ok(slice) => Cow::Borrowed(slice),
-        Err(_) => Cow::Owned(array.as_array().iter().copied().collect()),
+        Ok(slice) if array.is_c_contiguous() => Cow::Borrowed(slice),
+        _ => Cow::Owned(array.as_array().iter().copied().collect()),
     };
     match data.iter().position(|value| !value.is_finite()) {
         None => Ok(data),

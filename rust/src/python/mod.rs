@@ -1,6 +1,9 @@
 //! The one door to Python: arrays in, arrays out, errors mapped to `ValueError` with their sentence, the interpreter
 //! released during long work. Typed in `python/didim/_core.pyi`; private to the Python package.
 
+// What Python hands over is owned here, as the macros of PyO3 want it.
+#![allow(clippy::needless_pass_by_value)]
+
 mod arrays;
 
 use crate::base::{Base, base_parameters as find_base};
@@ -154,7 +157,7 @@ fn stages(given: &[StageInput<'_>]) -> PyResult<Vec<Stage>> {
         .collect()
 }
 
-/// `W` (n_dof * n_kept, n_columns), rows joint by joint.
+/// `W`, shape `(n_dof * n_kept, n_columns)`, rows joint by joint.
 #[pyfunction]
 #[pyo3(signature = (robot, q, dq, ddq, columns, stages, threads=None))]
 #[allow(clippy::too_many_arguments)] // the arrays of a log are separate in Python
@@ -284,7 +287,7 @@ fn least_squares(
 mod _core {
     #[pymodule_export]
     use super::{
-        LeastSquares, Robot, base_parameters, decimate, filtfilt, inverse_dynamics, least_squares, observation,
-        regressor,
+        LeastSquares, Robot, base_parameters, decimate, filtfilt, inverse_dynamics, least_squares,
+        observation, regressor,
     };
 }

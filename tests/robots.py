@@ -1,0 +1,115 @@
+"""Robots for the tests: random ones, and their twins in Pinocchio."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from didim.robot import Friction, Geometry, JointLimits, Robot
+
+Array = NDArray[np.float64]
+INERTIAL = 10
+
+
+def make_robot(geometry: Geometry, **friction: Any) -> Robot:
+    """Build a robot without a file."""
+    n = len(geometry.kinds)
+    options: dict[str, Any] = {
+        "model": "symmetric",
+        "coulomb": "sign",
+        "coupling": "shaft",
+        "smoothing": (0.0,) * n,
+        "dead_zone": (0.0,) * n,
+    }
+    return Robot(
+        name="test",
+        description="",
+        path=Path("test.toml"),
+        digest="",
+        geometry=geometry,
+        friction=Friction(**(options | friction)),
+        limits=(JointLimits(),) * n,
+        reduction=None,
+        gains=None,
+    )
+
+
+# Right angles, and angles that are clearly none: in between, what is dependent is a matter of tolerance.
+angles = st.one_of(
+    st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi]),
+    st.floats(-3.0, 3.0).filter(lambda angle: abs(np.sin(2.0 * angle)) > 0.05),
+)
+lengths = st.one_of(st.just(0.0), st.floats(0.01, 1.0))
+
+
+@st.composite
+def robots(draw: st.DrawFn, largest: int = 9, coupled: bool = True) -> Robot:
+    """Serial robots of 1 to `largest` joints of both kinds, with any friction model."""
+    n = draw(st.integers(1, largest))
+    rows = [tuple(draw(s) for s in (angles, lengths, angles, lengths)) for _ in range(n)]
+    coupling = np.eye(n)
+    if coupled and n > 1 and draw(st.booleans()):
+        motor = draw(st.integers(1, n - 1))
+        coupling[motor, draw(st.integers(0, motor - 1))] = draw(st.sampled_from([1.0, -1.0, 0.5]))
+    alpha, d, theta, r = (tuple(column) for column in zip(*rows, strict=True))
+    geometry = Geometry(
+        kinds=tuple(draw(st.sampled_from(["revolute", "prismatic"])) for _ in range(n)),
+        alpha=alpha,
+        d=d,
+        theta=theta,
+        r=r,
+        gravity=tuple(draw(st.tuples(*[st.floats(-10.0, 10.0)] * 3))),
+        coupling=tuple(tuple(row) for row in coupling.tolist()),
+    )
+    coulomb = draw(st.sampled_from(["sign", "tanh"]))
+    return make_robot(
+        geometry,
+        model=draw(st.sampled_from(["symmetric", "asymmetric"])),
+        coulomb=coulomb,
+        coupling=draw(st.sampled_from(["shaft", "printed"])),
+        smoothing=(0.05,) * n if coulomb == "tanh" else (0.0,) * n,
+        dead_zone=(draw(st.sampled_from([0.0, 0.1])),) * n,
+    )
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Random positions, velocities and accelerations."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+
+
+def random_motion(rng: np.random.Generator, samples: int, n_dof: int) -> Motion:
+    """Return states within a turn and a few units per second."""
+    shape = (samples, n_dof)
+    return Motion(rng.uniform(-3, 3, shape), rng.uniform(-2, 2, shape), rng.uniform(-5, 5, shape))
+
+
+def random_parameters(rng: np.random.Generator, robot: Robot, *, drive: bool = True) -> Array:
+    """Return standard parameters of real bodies; without rotors and friction when `drive` is False."""
+    x = rng.uniform(0.1, 1.0, len(robot.parameter_names))
+    if not drive:
+        x[[name.startswith(("Ia", "F", "Off")) for name in robot.parameter_names]] = 0.0
+    for joint in range(robot.n_dof):
+        first = robot.parameter_names.index(f"XX{joint + 1}")
+        # Three point masses or more have an inertia that obeys the triangle inequalities.
+        mass = rng.uniform(0.2, 1.0, 4)
+        place = rng.uniform(-0.5, 0.5, (4, 3))
+        squares = np.einsum("k,ki,kj->ij", mass, place, place)
+        inertia = np.trace(squares) * np.eye(3) - squares
+        x[first : first + 6] = inertia[np.triu_indices(3)]
+        x[first + 6 : first + 9] = mass @ place
+        x[first + 9] = mass.sum()
+    return x
+
+
+def relative(error: Array, reference: Array) -> float:
+    """Return the largest error, relative to the largest reference value."""
+    return float(np.abs(error).max() / max(1.0, float(np.abs(reference).max())))

@@ -1,0 +1,98 @@
+"""Base parameters (7): the names of Table II, groupings, and torques that do not change."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import didim
+from didim.robot import Robot
+from robots import random_motion, random_parameters, relative, robots
+
+TABLE_2 = " ".join(
+    [
+        "ZZ1R Fv1 Fc1 Off1 XX2R XY2 XZ2R YZ2 ZZ2R MX2R MY2 Fv2 Fc2 Off2 XX3R XY3 XZ3 YZ3 ZZ3R MX3 MY3R Ia3",
+        "Fv3 Fc3 Off3 XX4R XY4 XZ4 YZ4 ZZ4R MX4 MY4R Ia4 Fv4 Fc4 Off4 XX5R XY5 XZ5 YZ5 ZZ5R MX5 MY5R Ia5 Fv5",
+        "Fc5 Off5 XX6R XY6 XZ6 YZ6 ZZ6 MX6 MY6 Ia6 Fv6 Fc6 Off6 Fvm6 Fcm6",
+    ]
+).split()
+
+
+def test_the_tx40_has_the_60_of_table_2() -> None:
+    robot = didim.load_robot("tx40")
+    assert len(robot.parameter_names) == 86
+    assert len(TABLE_2) == 60
+    assert sorted(robot.base_parameters.names) == sorted(TABLE_2)
+
+
+def test_the_names_are_those_of_the_reference_table(shared: Path) -> None:
+    with (shared / "reference" / "table2.csv").open() as file:
+        names = [row["name"] for row in csv.DictReader(file)]
+    assert sorted(didim.load_robot("tx40").base_parameters.names) == sorted(names)
+
+
+def test_groupings_of_the_tx40_are_sums_of_symbols() -> None:
+    base = didim.load_robot("tx40").base_parameters
+    groupings = dict(zip(base.names, base.groupings, strict=True))
+    assert groupings["ZZ2R"] == "ZZ2R = ZZ2 + Ia2 + d3^2 M3 + d3^2 M4 + d3^2 M5 + d3^2 M6"
+    assert groupings["MY3R"] == "MY3R = MY3 - MZ4 - r4 M4 - r4 M5 - r4 M6"
+    assert groupings["XX6R"] == "XX6R = XX6 - YY6"
+    assert "2 r3 MZ3" in groupings["ZZ1R"]
+    assert not any("." in text for text in base.groupings)
+
+
+def test_random_base_values_lifted_leave_the_torques_unchanged() -> None:
+    robot = didim.load_robot("tx40")
+    base = robot.base_parameters
+    rng = np.random.default_rng(0)
+    motion = random_motion(rng, 50, 6)
+    x = random_parameters(rng, robot)
+    beta = base.project(x)
+    tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
+    lifted = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, base.lift(beta))
+    assert relative(lifted - tau, tau) < 1e-10
+    random_beta = rng.uniform(-1, 1, 60)
+    np.testing.assert_allclose(base.project(base.lift(random_beta)), random_beta, rtol=1e-14)
+
+
+@settings(max_examples=60, deadline=None)
+@given(robot=robots(largest=7), seed=st.integers(0, 2**32 - 1))
+def test_regrouping_leaves_the_torques_of_any_robot_unchanged(robot: Robot, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    base = robot.base_parameters
+    motion = random_motion(rng, 20, robot.n_dof)
+    x = random_parameters(rng, robot)
+    tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
+    lifted = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, base.lift(base.project(x)))
+    assert relative(lifted - tau, tau) < 1e-8
+
+
+@settings(max_examples=40, deadline=None)
+@given(robot=robots(largest=6))
+def test_the_count_is_the_rank_of_random_states(robot: Robot) -> None:
+    motion = random_motion(np.random.default_rng(7), 400, robot.n_dof)
+    W = didim.regressor(robot, motion.q, motion.dq, motion.ddq)
+    flat = W.reshape(-1, W.shape[2])
+    norms = np.linalg.norm(flat, axis=0)
+    scaled = flat[:, norms > 1e-9] / norms[norms > 1e-9]
+    assert len(robot.base_parameters.names) == np.linalg.matrix_rank(scaled, tol=1e-7)
+
+
+def test_what_no_motion_shows_is_named() -> None:
+    assert didim.load_robot("emps").base_parameters.unidentifiable == (
+        *("XX1", "XY1", "XZ1", "YY1", "YZ1", "ZZ1", "MX1", "MY1", "MZ1"),
+    )
+    assert "M2" in didim.load_robot("tx40").base_parameters.unidentifiable
+
+
+def test_wrong_lengths_are_told() -> None:
+    base = didim.load_robot("emps").base_parameters
+    with pytest.raises(didim.ShapeError, match=r"beta must have shape \(4,\), got \(3,\)"):
+        base.lift(np.zeros(3))
+    with pytest.raises(didim.ShapeError, match=r"x must have shape \(14,\), got \(4,\)"):
+        base.project(np.zeros(4))

@@ -1,0 +1,156 @@
+"""Identities between the inverse model, its regressor and the observation matrix, over random robots."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import didim
+from didim import _core
+from didim.robot import Robot
+from robots import random_motion, random_parameters, relative, robots
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+@settings(max_examples=100, deadline=None)
+@given(robot=robots(), seed=seeds)
+def test_the_regressor_times_the_parameters_is_the_inverse_model(robot: Robot, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    motion = random_motion(rng, 7, robot.n_dof)
+    x = random_parameters(rng, robot)
+    tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
+    W = didim.regressor(robot, motion.q, motion.dq, motion.ddq)
+    assert relative(W @ x - tau, tau) < 1e-12
+
+
+@settings(max_examples=50, deadline=None)
+@given(robot=robots(), seed=seeds)
+def test_the_inertia_matrix_of_the_inverse_model_is_symmetric(robot: Robot, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = robot.n_dof
+    q = np.tile(rng.uniform(-3, 3, n), (n + 1, 1))
+    x = random_parameters(rng, robot)
+    accelerations = np.vstack([np.zeros(n), np.eye(n)])
+    tau = didim.inverse_dynamics(robot, q, np.zeros((n + 1, n)), accelerations, x)
+    M = (tau[1:] - tau[0]).T
+    assert relative(M - M.T, M) < 1e-12
+
+
+@settings(max_examples=50, deadline=None)
+@given(robot=robots(coupled=False), seed=seeds)
+def test_inertial_torques_have_the_power_of_the_kinetic_and_potential_energy(robot: Robot, seed: int) -> None:
+    # d/dt (1/2 dq' M dq) + dq' g = dq' tau along q(t), without friction: the Coriolis terms by M and g alone.
+    rng = np.random.default_rng(seed)
+    n = robot.n_dof
+    x = random_parameters(rng, robot)
+    x[[name.startswith(("F", "Off")) for name in robot.parameter_names]] = 0.0
+    q0, dq, ddq = rng.uniform(-1, 1, (3, n))
+    h = 1e-4
+
+    def kinetic(q: np.ndarray, v: np.ndarray) -> float:
+        rows = np.tile(q, (2, 1))
+        still = np.zeros_like(rows)
+        tau = didim.inverse_dynamics(robot, rows, still, np.vstack([np.zeros(n), v]), x)
+        return 0.5 * float(v @ (tau[1] - tau[0]))
+
+    def at(t: float) -> float:
+        return kinetic(q0 + dq * t + 0.5 * ddq * t * t, dq + ddq * t)
+
+    gravity = didim.inverse_dynamics(robot, q0[None], np.zeros((1, n)), np.zeros((1, n)), x)[0]
+    tau = didim.inverse_dynamics(robot, q0[None], dq[None], ddq[None], x)[0]
+    rate = (8.0 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12.0 * h)
+    scale = max(1.0, abs(float(dq @ tau)), abs(rate))
+    assert abs(rate + float(dq @ gravity) - float(dq @ tau)) / scale < 1e-7
+
+
+@settings(max_examples=30, deadline=None)
+@given(robot=robots(largest=6), seed=seeds, threads=st.sampled_from([1, 2, 5]))
+def test_observation_without_filters_is_the_regressor_joint_by_joint(
+    robot: Robot, seed: int, threads: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    motion = random_motion(rng, 11, robot.n_dof)
+    columns = list(rng.permutation(len(robot.parameter_names))[:9])
+    W = _core.observation(robot.core, motion.q, motion.dq, motion.ddq, columns, [], threads)
+    full = didim.regressor(robot, motion.q, motion.dq, motion.ddq)
+    expected = full.transpose(1, 0, 2).reshape(-1, full.shape[2])[:, columns]
+    np.testing.assert_array_equal(W, expected)
+
+
+def test_the_bits_do_not_depend_on_the_number_of_threads() -> None:
+    robot = didim.load_robot("tx40")
+    motion = random_motion(np.random.default_rng(1), 400, 6)
+    from didim.signals import SignalProcessing, decimation_stages
+
+    stages = decimation_stages(400, SignalProcessing(decimation=(5,)))
+    columns = list(robot.base_parameters.indices)
+    one, two, seven = (
+        _core.observation(robot.core, motion.q, motion.dq, motion.ddq, columns, stages, threads)
+        for threads in (1, 2, 7)
+    )
+    assert one.tobytes() == two.tobytes() == seven.tobytes()
+
+
+def test_coupled_wrist_is_equation_23_and_24() -> None:
+    robot = didim.load_robot("tx40")
+    names = {name: index for index, name in enumerate(robot.parameter_names)}
+    motion = random_motion(np.random.default_rng(2), 50, 6)
+    W = didim.regressor(robot, motion.q, motion.dq, motion.ddq)
+    dq5, dq6 = motion.dq[:, 4], motion.dq[:, 5]
+    np.testing.assert_allclose(W[:, 4, names["Ia6"]], motion.ddq[:, 5], rtol=1e-14)
+    np.testing.assert_allclose(W[:, 5, names["Ia6"]], motion.ddq[:, 4] + motion.ddq[:, 5], rtol=1e-14)
+    np.testing.assert_allclose(W[:, 4, names["Fvm6"]], dq6, rtol=1e-12)
+    np.testing.assert_allclose(W[:, 5, names["Fvm6"]], dq5, rtol=1e-12)
+    shaft = np.sign(dq5 + dq6)
+    np.testing.assert_array_equal(W[:, 4, names["Fcm6"]], shaft)
+    np.testing.assert_array_equal(W[:, 5, names["Fcm6"]], shaft - np.sign(dq6))
+    # The printed form differs on joint 5 only.
+    printed = didim.regressor(robot.with_friction(coupling="printed"), motion.q, motion.dq, motion.ddq)
+    np.testing.assert_array_equal(printed[:, 4, names["Fcm6"]], np.sign(dq6))
+    np.testing.assert_array_equal(printed[:, 5], W[:, 5])
+
+
+@pytest.mark.parametrize("order", ["C", "F", "strided"])
+def test_memory_order_makes_no_difference(order: str) -> None:
+    robot = didim.load_robot("planar2")
+    motion = random_motion(np.random.default_rng(3), 9, 2)
+    x = random_parameters(np.random.default_rng(4), robot)
+    expected = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
+    if order == "strided":
+        q = np.repeat(motion.q, 2, axis=0)[::2]
+    else:
+        q = np.asarray(motion.q, order="C" if order == "C" else "F")
+    np.testing.assert_array_equal(didim.inverse_dynamics(robot, q, motion.dq, motion.ddq, x), expected)
+
+
+@pytest.mark.parametrize("samples", [0, 1, 3, 4, 5])
+def test_any_number_of_samples(samples: int) -> None:
+    robot = didim.load_robot("planar2")
+    motion = random_motion(np.random.default_rng(5), 8, 2)
+    whole = didim.regressor(robot, motion.q, motion.dq, motion.ddq)
+    part = didim.regressor(robot, motion.q[:samples], motion.dq[:samples], motion.ddq[:samples])
+    np.testing.assert_array_equal(part, whole[:samples])
+
+
+def test_wrong_arrays_are_told() -> None:
+    robot = didim.load_robot("tx40")
+    rest = np.zeros((10, 6))
+    x = np.zeros(86)
+    with pytest.raises(didim.ShapeError, match=r"q must have shape .* got \(6, 10\); transpose it\?"):
+        didim.inverse_dynamics(robot, rest.T, rest, rest, x)
+    with pytest.raises(didim.ShapeError, match=r"dq must have the shape of q, \(10, 6\), got \(9, 6\)"):
+        didim.regressor(robot, rest, rest[:9], rest)
+    with pytest.raises(didim.ShapeError, match=r"lift them"):
+        didim.inverse_dynamics(robot, rest, rest, rest, np.zeros(60))
+    bad = rest.copy()
+    bad[3, 2] = np.nan
+    with pytest.raises(didim.ShapeError, match="ddq is NaN at sample 4, column 3"):
+        didim.regressor(robot, rest, rest, bad)
+    x[4] = np.inf
+    with pytest.raises(didim.ShapeError, match="inf for parameter YZ1"):
+        didim.inverse_dynamics(robot, rest, rest, rest, x)
+    with pytest.raises(didim.ShapeError, match="array of numbers"):
+        didim.regressor(robot, [["a"] * 6], rest, rest)

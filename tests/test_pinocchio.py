@@ -1,0 +1,81 @@
+"""Inverse dynamics and regressor against Pinocchio, on the TX40's kinematics and on random chains."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import didim
+from didim.robot import Robot
+from robots import INERTIAL, random_motion, random_parameters, relative, robots
+
+Array = NDArray[np.float64]
+# Pinocchio's order m, mc, Ixx Ixy Iyy Ixz Iyz Izz, as places in XX XY XZ YY YZ ZZ MX MY MZ M.
+PINOCCHIO_ORDER = [9, 6, 7, 8, 0, 1, 3, 2, 4, 5]
+
+
+def pinocchio_model(robot: Robot, x: Array) -> pin.Model:
+    """Build the same links in Pinocchio; rotors and friction are left out."""
+    model = pin.Model()
+    model.gravity.linear = np.array(robot.geometry.gravity)
+    geometry = robot.geometry
+    per_joint = sum(name.endswith("1") or name.endswith(("1+", "1-")) for name in robot.parameter_names)
+    parent = 0
+    for j, kind in enumerate(geometry.kinds):
+        placement = pin.SE3(pin.utils.rotate("x", geometry.alpha[j]), np.array([geometry.d[j], 0.0, 0.0]))
+        placement *= pin.SE3(pin.utils.rotate("z", geometry.theta[j]), np.array([0.0, 0.0, geometry.r[j]]))
+        joint = pin.JointModelRZ() if kind == "revolute" else pin.JointModelPZ()
+        parent = model.addJoint(parent, joint, placement, f"joint{j + 1}")
+        xx, xy, xz, yy, yz, zz, mx, my, mz, m = x[j * per_joint : j * per_joint + INERTIAL]
+        c = np.array([mx, my, mz]) / m
+        about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        about_centre = about_origin - m * (c @ c * np.eye(3) - np.outer(c, c))
+        model.appendBodyToJoint(parent, pin.Inertia(m, c, about_centre), pin.SE3.Identity())
+    return model
+
+
+def check(robot: Robot, rng: np.random.Generator) -> None:
+    x = random_parameters(rng, robot, drive=False)
+    motion = random_motion(rng, 5, robot.n_dof)
+    model = pinocchio_model(robot, x)
+    data = model.createData()
+    tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
+    W = didim.regressor(robot, motion.q, motion.dq, motion.ddq)
+    per_joint = (W.shape[2] - 2 * (robot.parameter_names[-1].startswith("Fcm"))) // robot.n_dof
+    columns = [j * per_joint + k for j in range(robot.n_dof) for k in PINOCCHIO_ORDER]
+    for k in range(5):
+        state = motion.q[k], motion.dq[k], motion.ddq[k]
+        expected = pin.rnea(model, data, *state)
+        assert relative(tau[k] - expected, expected) < 1e-9
+        reference = pin.computeJointTorqueRegressor(model, data, *state)
+        assert relative(W[k][:, columns] - reference, reference) < 1e-9
+
+
+@settings(max_examples=100, deadline=None)
+@given(robot=robots(coupled=False), seed=st.integers(0, 2**32 - 1))
+def test_random_chains(robot: Robot, seed: int) -> None:
+    check(robot, np.random.default_rng(seed))
+
+
+def test_the_kinematics_of_the_tx40() -> None:
+    robot = didim.load_robot("tx40")
+    for seed in range(20):
+        check(robot, np.random.default_rng(seed))
+
+
+def test_rotor_inertia_is_armature() -> None:
+    robot = didim.load_robot("planar2")
+    rng = np.random.default_rng(0)
+    x = random_parameters(rng, robot, drive=False)
+    motion = random_motion(rng, 5, 2)
+    model = pinocchio_model(robot, x)
+    model.armature = np.array([0.3, 0.7])
+    x[[robot.parameter_names.index(name) for name in ("Ia1", "Ia2")]] = model.armature
+    tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
+    data = model.createData()
+    for k in range(5):
+        expected = pin.rnea(model, data, motion.q[k], motion.dq[k], motion.ddq[k])
+        assert relative(tau[k] - expected, expected) < 1e-9
