@@ -278,6 +278,13 @@ def test_tx40_examples(project: Path, shared: Path, file: str) -> None:
     motor = np.loadtxt(shared / "data" / "tx40" / "motor_torque.csv", delimiter=",", skiprows=1, max_rows=1)
     assert recording.tau[0, 4] == pytest.approx(45 * motor[4] + 32 * motor[5])
     if file == "tx40_log.toml":
-        expected = SignalProcessing(cutoff_hz=50.0, trim_start=100, trim_end=100, decimation=(10, 10))
+        expected = SignalProcessing(
+            cutoff_hz=50.0,
+            padding="matlab",
+            form="transfer-function",
+            trim_start=100,
+            trim_end=100,
+            decimation=(10, 10),
+        )
         assert experiment.signal == expected
         assert experiment.least_squares == LeastSquaresSettings()

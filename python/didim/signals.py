@@ -45,8 +45,8 @@ class SignalProcessing:
         Samples of odd extension at each end: SciPy's 3 (order + 1), or MATLAB's 3 order.
     form : {"sections", "transfer-function"}
         How the Butterworth filter is run. Second-order sections are the sound way. The transfer function is
-        that of MATLAB's ``filtfilt(b, a, x)``: where a joint stands still, its rounding noise decides the sign
-        of the velocity (docs/tx40.md), so that figures made with it need it.
+        that of MATLAB's ``filtfilt(b, a, x)``: where a joint stands still, its rounding noise decides the
+        sign of the velocity (docs/tx40.md), so that figures made with it need it.
     trim_start, trim_end : int
         Samples left out at the ends once positions are differentiated: there the filter has only the
         extension to go by.
