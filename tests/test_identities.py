@@ -66,6 +66,66 @@ def test_inertial_torques_have_the_power_of_the_kinetic_and_potential_energy(rob
     assert abs(rate + float(dq @ gravity) - float(dq @ tau)) / scale < 1e-7
 
 
+@settings(max_examples=60, deadline=None)
+@given(robot=robots(), seed=seeds)
+def test_direct_after_inverse_is_the_identity(robot: Robot, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    motion = random_motion(rng, 6, robot.n_dof)
+    # Rotor inertias of 1 to 2 keep M(q) positive definite, those of coupled motors included.
+    x = random_parameters(rng, robot)
+    for index, name in enumerate(robot.parameter_names):
+        x[index] += name.startswith("Ia")
+    coupling = np.array(robot.geometry.coupling)
+    coupled = np.flatnonzero(np.abs(coupling).sum(axis=1) > np.abs(np.diag(coupling)))
+    for motor in coupled:
+        x[[robot.parameter_names.index(f"Ia{j + 1}") for j in range(robot.n_dof) if j != motor]] += 2.0
+    tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
+    ddq = didim.direct_dynamics(robot, motion.q, motion.dq, tau, x)
+    assert relative(ddq - motion.ddq, motion.ddq) < 1e-9
+
+
+@settings(max_examples=60, deadline=None)
+@given(robot=robots(), seed=seeds)
+def test_the_inertia_matrix_has_the_columns_of_the_inverse_model(robot: Robot, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = robot.n_dof
+    q = rng.uniform(-3, 3, (1, n))
+    x = random_parameters(rng, robot)
+    accelerations = np.vstack([np.zeros(n), np.eye(n)])
+    rest = np.zeros((n + 1, n))
+    tau = didim.inverse_dynamics(robot, np.repeat(q, n + 1, axis=0), rest, accelerations, x)
+    M = didim.inertia_matrix(robot, q, x)[0]
+    assert relative(M - (tau[1:] - tau[0]).T, M) < 1e-12
+
+
+def test_the_largest_safe_step_ends_where_the_margin_does() -> None:
+    robot = didim.load_robot("tx40")
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (200, 6))
+    inside, outside = robot.sets["didim"], robot.sets["didim_printed"]
+    step = _core.largest_safe_step(robot.core, q, inside, outside, 0.05)
+    assert 0.0 < step < 1.0
+    M0 = didim.inertia_matrix(robot, q, inside)
+    M1 = didim.inertia_matrix(robot, q, inside + step * (outside - inside))
+    smallest = min(np.linalg.eigvals(np.linalg.solve(a, b)).real.min() for a, b in zip(M0, M1, strict=True))
+    assert smallest == pytest.approx(0.05, abs=1e-9)
+    assert _core.largest_safe_step(robot.core, q, inside, robot.sets["cloe"], 0.05) == 1.0
+    assert _core.largest_safe_step(robot.core, q, outside, inside, 0.05) == 0.0
+    found = _core.smallest_eigenvalue(robot.core, q, inside)
+    assert found is not None
+    eigenvalues = np.linalg.eigvalsh(M0)[:, 0]
+    assert found[0] == int(np.argmin(eigenvalues))
+    assert found[1] == pytest.approx(eigenvalues.min(), rel=1e-9)
+
+
+def test_an_indefinite_inertia_matrix_is_told() -> None:
+    robot = didim.load_robot("planar2")
+    x = robot.sets["reference"].copy()
+    x[robot.parameter_names.index("Ia2")] = -10.0
+    rest = np.zeros((3, 2))
+    with pytest.raises(didim.IndefiniteError, match=r"not positive definite at sample 1: .* joint 2"):
+        didim.direct_dynamics(robot, rest, rest, rest, x)
+
+
 @settings(max_examples=30, deadline=None)
 @given(robot=robots(largest=6), seed=seeds, threads=st.sampled_from([1, 2, 5]))
 def test_observation_without_filters_is_the_regressor_joint_by_joint(

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 import simulated
 from didim.identify import identify
 from didim.idim_ls import IDIMLS
-from didim.physics import inertia_matrices, physical_flags
+from didim.model import inertia_matrix
+from didim.physics import physical_flags
 from didim.robot import Robot, load_robot
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ def flags(robot: Robot, beta: Array, std: float = 1e-3) -> tuple[str, ...]:
 def test_m_is_symmetric_and_the_true_one_positive_definite(name: str) -> None:
     robot = load_robot(name)
     q = simulated.motion(robot.n_dof, 50)
-    m = inertia_matrices(robot, q, np.asarray(robot.base_parameters.lift(base_values(robot))))
+    m = inertia_matrix(robot, q, np.asarray(robot.base_parameters.lift(base_values(robot))))
     assert m.shape == (50, robot.n_dof, robot.n_dof)
     np.testing.assert_allclose(m, m.transpose(0, 2, 1), atol=1e-12)
     assert np.linalg.eigvalsh(m).min() > 0.0

@@ -1,4 +1,4 @@
-"""Inverse dynamics and regressor against Pinocchio, on the TX40's kinematics and on random chains."""
+"""Inverse and direct dynamics, M(q) and regressor against Pinocchio, on the TX40 and on random chains."""
 
 from __future__ import annotations
 
@@ -64,6 +64,49 @@ def test_the_kinematics_of_the_tx40() -> None:
     robot = didim.load_robot("tx40")
     for seed in range(20):
         check(robot, np.random.default_rng(seed))
+
+
+def check_direct(robot: Robot, rng: np.random.Generator) -> None:
+    x = random_parameters(rng, robot, drive=False)
+    rotors = [robot.parameter_names.index(f"Ia{j + 1}") for j in range(robot.n_dof)]
+    x[rotors] = rng.uniform(0.1, 1.0, robot.n_dof)
+    motion = random_motion(rng, 5, robot.n_dof)
+    tau = rng.uniform(-5.0, 5.0, motion.q.shape)
+    model = pinocchio_model(robot, x)
+    model.armature = x[rotors]
+    data = model.createData()
+    ddq = didim.direct_dynamics(robot, motion.q, motion.dq, tau, x)
+    M = didim.inertia_matrix(robot, motion.q, x)
+    for k in range(5):
+        expected = pin.aba(model, data, motion.q[k], motion.dq[k], tau[k])
+        assert relative(ddq[k] - expected, expected) < 1e-9
+        upper = np.triu(pin.crba(model, data, motion.q[k]))
+        matrix = upper + np.triu(upper, 1).T
+        assert relative(M[k] - matrix, matrix) < 1e-9
+
+
+@settings(max_examples=100, deadline=None)
+@given(robot=robots(coupled=False), seed=st.integers(0, 2**32 - 1))
+def test_direct_model_of_random_chains(robot: Robot, seed: int) -> None:
+    check_direct(robot, np.random.default_rng(seed))
+
+
+def test_a_coupled_wrist_adds_the_rotor_block() -> None:
+    robot = didim.load_robot("tx40")
+    rng = np.random.default_rng(0)
+    x = random_parameters(rng, robot, drive=False)
+    rotors = [robot.parameter_names.index(f"Ia{j + 1}") for j in range(6)]
+    x[rotors] = rng.uniform(0.1, 1.0, 6)
+    motion = random_motion(rng, 5, 6)
+    M = didim.inertia_matrix(robot, motion.q, x)
+    model = pinocchio_model(robot, x)
+    data = model.createData()
+    block = np.diag(x[rotors])
+    block[4, 5] = block[5, 4] = x[rotors[5]]
+    for k in range(5):
+        upper = np.triu(pin.crba(model, data, motion.q[k]))
+        matrix = upper + np.triu(upper, 1).T + block
+        assert relative(M[k] - matrix, matrix) < 1e-9
 
 
 def test_rotor_inertia_is_armature() -> None:

@@ -9,6 +9,7 @@ from .errors import (
     DidimError,
     ExperimentError,
     FitError,
+    IndefiniteError,
     RankError,
     RecordingError,
     RobotError,
@@ -20,7 +21,7 @@ from .identification import Identification
 from .identify import identify
 from .idim_ls import IDIMLS
 from .least_squares import LeastSquaresSettings
-from .model import inverse_dynamics, regressor
+from .model import direct_dynamics, inertia_matrix, inverse_dynamics, regressor
 from .recording import Recording
 from .robot import Friction, Robot, load_robot
 from .signals import SignalProcessing
@@ -37,6 +38,7 @@ __all__ = [
     "FitError",
     "Friction",
     "Identification",
+    "IndefiniteError",
     "LeastSquaresSettings",
     "RankError",
     "Recording",
@@ -47,7 +49,9 @@ __all__ = [
     "SignalError",
     "SignalProcessing",
     "Status",
+    "direct_dynamics",
     "identify",
+    "inertia_matrix",
     "inverse_dynamics",
     "load_experiment",
     "load_robot",

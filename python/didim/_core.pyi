@@ -11,11 +11,15 @@ __all__ = [
     "Robot",
     "base_parameters",
     "decimate",
+    "direct_dynamics",
     "filtfilt",
+    "inertia_matrix",
     "inverse_dynamics",
+    "largest_safe_step",
     "least_squares",
     "observation",
     "regressor",
+    "smallest_eigenvalue",
 ]
 
 _Array = NDArray[np.float64]
@@ -66,6 +70,12 @@ def base_parameters(
     robot: Robot,
 ) -> tuple[list[int], list[list[tuple[int, float, str]]], list[int]]: ...
 def inverse_dynamics(robot: Robot, q: _Array, dq: _Array, ddq: _Array, x: _Array) -> _Array: ...
+def inertia_matrix(robot: Robot, q: _Array, x: _Array) -> _Array: ...
+def direct_dynamics(
+    robot: Robot, q: _Array, dq: _Array, tau: _Array, x: _Array
+) -> tuple[_Array, tuple[int, int] | None]: ...
+def smallest_eigenvalue(robot: Robot, q: _Array, x: _Array) -> tuple[int, float] | None: ...
+def largest_safe_step(robot: Robot, q: _Array, x: _Array, target: _Array, margin: float) -> float: ...
 def regressor(robot: Robot, q: _Array, dq: _Array, ddq: _Array) -> _Array: ...
 def filtfilt(
     signals: _Array, sos: _Array, zi: _Array, padding: int, threads: int | None = None

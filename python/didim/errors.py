@@ -31,5 +31,9 @@ class RankError(DidimError):
     """A log that cannot tell some parameters apart; the message names them."""
 
 
+class IndefiniteError(DidimError):
+    """Parameters with which M(q) is not positive definite: no robot has them."""
+
+
 class FitError(DidimError):
     """A request on a fit that cannot be met, such as an unknown parameter name."""

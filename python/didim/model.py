@@ -1,4 +1,4 @@
-"""Inverse dynamic model (1) and its regressor (2), in batches over samples."""
+"""Inverse dynamic model (1), its regressor (2) and the direct dynamic model (4), in batches over samples."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from .errors import ShapeError
+from .errors import IndefiniteError, ShapeError
 from .robot import Robot
 
 Array = NDArray[np.float64]
@@ -72,6 +72,82 @@ def regressor(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Arra
         return _core.regressor(robot.core, q, dq, ddq)
     except ValueError as reason:
         raise ShapeError(str(reason)) from None
+
+
+def inertia_matrix(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
+    """Inertia matrix ``M(q)`` of (1), rotors and coupled motors included.
+
+    Checked against Pinocchio's ``crba`` in ``tests/test_pinocchio.py``.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q : (n_samples, n_dof) array
+        Positions (rad or m), joint side.
+    x : (n_parameters,) array
+        Standard parameters in the order of ``robot.parameter_names``.
+
+    Returns
+    -------
+    (n_samples, n_dof, n_dof) array
+        Symmetric matrices (kg.m^2, kg.m or kg), joint side.
+
+    Raises
+    ------
+    ShapeError
+        For a wrong shape, or a NaN, with its place.
+    """
+    positions = _matrix(robot, "q", q)
+    vector = standard_vector(robot, x)
+    try:
+        return _core.inertia_matrix(robot.core, positions, vector)
+    except ValueError as reason:
+        raise ShapeError(str(reason)) from None
+
+
+def direct_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, x: ArrayLike) -> Array:
+    """Accelerations of a robot under torques: ``M(q) ddq = tau - N(q, dq)``, equation (4).
+
+    Checked against Pinocchio's ``aba`` in ``tests/test_pinocchio.py``, and as the inverse of
+    `inverse_dynamics` in ``tests/test_identities.py``.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q, dq : (n_samples, n_dof) arrays
+        Positions (rad or m) and velocities, joint side.
+    tau : (n_samples, n_dof) array
+        Torques (N.m) or forces (N), joint side.
+    x : (n_parameters,) array
+        Standard parameters in the order of ``robot.parameter_names``.
+
+    Returns
+    -------
+    (n_samples, n_dof) array
+        Accelerations (rad/s^2 or m/s^2), joint side.
+
+    Raises
+    ------
+    ShapeError
+        For a wrong shape, or a NaN, with its place.
+    IndefiniteError
+        When ``M(q)`` is not positive definite: such a robot does not exist; names the sample and the joint.
+    """
+    positions, velocities = _matrix(robot, "q", q), _matrix(robot, "dq", dq)
+    torques, vector = _matrix(robot, "tau", tau), standard_vector(robot, x)
+    try:
+        ddq, indefinite = _core.direct_dynamics(robot.core, positions, velocities, torques, vector)
+    except ValueError as reason:
+        raise ShapeError(str(reason)) from None
+    if indefinite is not None:
+        sample, joint = indefinite
+        raise IndefiniteError(
+            f"M(q) is not positive definite at sample {sample + 1}: the inertia that joint {joint + 1} feels "
+            "is not positive with these parameters"
+        )
+    return ddq
 
 
 def standard_vector(robot: Robot, x: ArrayLike) -> Array:

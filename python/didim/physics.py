@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
+from .model import inertia_matrix
 
 if TYPE_CHECKING:
     from .robot import Robot
@@ -72,43 +72,12 @@ def _cannot_be_negative(robot: Robot, index: int) -> bool:
     )
 
 
-def inertia_matrices(robot: Robot, q: Array, x: Array) -> Array:
-    """M(q) from (1): column j is the torque of a unit acceleration of joint j, less gravity.
-
-    Parameters
-    ----------
-    robot : Robot
-        Gives the model.
-    q : ndarray, shape (n_samples, n_dof)
-        Joint positions, rad or m.
-    x : ndarray, shape (p,)
-        Standard parameters.
-
-    Returns
-    -------
-    ndarray, shape (n_samples, n_dof, n_dof)
-        Symmetric to rounding, kg.m^2, kg.m or kg.
-
-    Notes ----- ``test_physics.py`` checks the symmetry. At rest neither friction nor offset depends on the
-    acceleration, so that the difference removes both with gravity.
-    """
-    q = np.ascontiguousarray(q, dtype=np.float64)
-    rest = np.zeros_like(q)
-    still = np.asarray(_core.inverse_dynamics(robot.core, q, rest, rest, x))
-    matrices = np.empty((*q.shape, q.shape[1]))
-    for joint in range(q.shape[1]):
-        unit = rest.copy()
-        unit[:, joint] = 1.0
-        matrices[:, :, joint] = np.asarray(_core.inverse_dynamics(robot.core, q, rest, unit, x)) - still
-    return matrices
-
-
 def _indefinite(robot: Robot, x: Array, q: Array) -> list[str]:
     """Flag on M(q), or nothing."""
     chosen = np.unique(
         np.linspace(0, q.shape[0] - 1, min(q.shape[0], MOST_CONFIGURATIONS)).round().astype(int)
     )
-    smallest = np.linalg.eigvalsh(inertia_matrices(robot, q[chosen], x))[:, 0]
+    smallest = np.linalg.eigvalsh(inertia_matrix(robot, q[chosen], x))[:, 0]
     bad = smallest <= 0.0
     if not bad.any():
         return []

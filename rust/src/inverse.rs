@@ -20,11 +20,11 @@ struct Wrench<const L: usize, const F: bool> {
 
 /// What moves a link: `M a + U MS` and `J domega + omega x J omega + MS x a`, for the ten parameters `x` of the link.
 #[inline(always)]
-fn wrench<const L: usize, const F: bool>(motion: &Motion<L, F>, x: &[f64]) -> Wrench<L, F> {
+fn wrench<const L: usize, const F: bool>(motion: &Motion<L, F>, x: &[Lanes<L, F>]) -> Wrench<L, F> {
     let Motion { omega, domega, a } = *motion;
     let angular = Angular::of(omega, domega);
-    let ms = Vector::splat([x[MX], x[MX + 1], x[MX + 2]]);
-    let m = Lanes::splat(x[M]);
+    let ms = Vector::new(x[MX], x[MX + 1], x[MX + 2]);
+    let m = x[M];
     let u = [angular.column(0), angular.column(1), angular.column(2)];
     let force = Vector::new(
         a.x.mul_add(m, u[2].x.mul_add(ms.z, u[1].x.mul_add(ms.y, u[0].x * ms.x))),
@@ -32,7 +32,7 @@ fn wrench<const L: usize, const F: bool>(motion: &Motion<L, F>, x: &[f64]) -> Wr
         a.z.mul_add(m, u[2].z.mul_add(ms.z, u[1].z.mul_add(ms.y, u[0].z * ms.x))),
     );
     let turn = |v: Vector<L, F>| {
-        let [xx, xy, xz, yy, yz, zz] = [0, 1, 2, 3, 4, 5].map(|k| Lanes::<L, F>::splat(x[XX + k]));
+        let [xx, xy, xz, yy, yz, zz] = [0, 1, 2, 3, 4, 5].map(|k| x[XX + k]);
         Vector::new(
             v.z.mul_add(xz, v.y.mul_add(xy, v.x * xx)),
             v.z.mul_add(yz, v.y.mul_add(yy, v.x * xy)),
@@ -43,25 +43,32 @@ fn wrench<const L: usize, const F: bool>(motion: &Motion<L, F>, x: &[f64]) -> Wr
     Wrench { force, moment }
 }
 
-/// Torques of `L` states, standard parameters `x`.
+/// Torques of `L` states, with standard parameters `x` of their own in each lane.
 #[inline(always)]
 pub fn inverse_dynamics_lanes<const L: usize, const F: bool>(
     robot: &Robot,
     state: &State<L, F>,
-    x: &[f64],
+    x: &[Lanes<L, F>],
+) -> [Lanes<L, F>; MAX_DOF] {
+    inverse_dynamics_at(robot, &Placement::all(robot, &state.q), state, x)
+}
+
+/// The same with the frames already placed.
+#[inline(always)]
+pub fn inverse_dynamics_at<const L: usize, const F: bool>(
+    robot: &Robot,
+    placements: &[Placement<L, F>; MAX_DOF],
+    state: &State<L, F>,
+    x: &[Lanes<L, F>],
 ) -> [Lanes<L, F>; MAX_DOF] {
     let n = robot.n_dof();
     let layout = Layout::of(robot);
     let mut motion = Motion::base(robot);
     let nothing = Wrench { force: Vector::zero(), moment: Vector::zero() };
     let mut wrenches = [nothing; MAX_DOF];
-    let mut placements =
-        [Placement { sine: Lanes::zero(), cosine: Lanes::zero(), r: Lanes::zero() }; MAX_DOF];
     for j in 0..n {
-        let at = Placement::of(robot, j, state.q[j]);
-        motion = motion.next(robot, j, &at, state.dq[j], state.ddq[j]);
+        motion = motion.next(robot, j, &placements[j], state.dq[j], state.ddq[j]);
         wrenches[j] = wrench(&motion, &x[layout.joint(j)..layout.joint(j) + INERTIAL]);
-        placements[j] = at;
     }
     let mut tau = [Lanes::zero(); MAX_DOF];
     for j in (0..n).rev() {
@@ -72,23 +79,15 @@ pub fn inverse_dynamics_lanes<const L: usize, const F: bool>(
             JointKind::Revolute => moment.z,
             JointKind::Prismatic => force.z,
         };
-        tau[j] = state.ddq[j].mul_add(Lanes::splat(block[IA]), tau[j]);
+        tau[j] = state.ddq[j].mul_add(block[IA], tau[j]);
         let columns = own_columns(robot, j, state.dq[j]);
         for (k, &value) in block[FRICTION..].iter().enumerate() {
-            tau[j] = columns[k].mul_add(Lanes::splat(value), tau[j]);
+            tau[j] = columns[k].mul_add(value, tau[j]);
         }
         if j > 0 {
-            let at = &placements[j];
-            let twist = robot.twists()[j];
-            let force = force.out_of_turned(at.sine, at.cosine);
-            let mut moment = moment.out_of_turned(at.sine, at.cosine);
-            // moment + (d, 0, r) x force
-            let d = Lanes::splat(joint.d);
-            moment.x -= at.r * force.y;
-            moment.y = at.r.mul_add(force.x, moment.y) - d * force.z;
-            moment.z = d.mul_add(force.y, moment.z);
-            wrenches[j - 1].force = wrenches[j - 1].force + force.out_of_twisted(twist);
-            wrenches[j - 1].moment = wrenches[j - 1].moment + moment.out_of_twisted(twist);
+            let (force, moment) = placements[j].wrench_before(robot, j, force, moment);
+            wrenches[j - 1].force = wrenches[j - 1].force + force;
+            wrenches[j - 1].moment = wrenches[j - 1].moment + moment;
         }
     }
     for (index, coupled) in robot.coupled().iter().enumerate() {
@@ -97,7 +96,7 @@ pub fn inverse_dynamics_lanes<const L: usize, const F: bool>(
         let (fvm, fcm) = (x[layout.coupled(index)], x[layout.coupled(index) + 1]);
         let shaft = Shaft::of(robot, coupled, state);
         let mut add = |row: usize, c: crate::friction::CoupledColumns<L, F>| {
-            tau[row] += c.rotor.scale(ia) + c.viscous.scale(fvm) + c.coulomb.scale(fcm);
+            tau[row] += c.rotor * ia + c.viscous * fvm + c.coulomb * fcm;
         };
         add(m, shaft.own_row(m, state));
         for &(i, c) in &coupled.others {
@@ -121,9 +120,10 @@ impl Kernel for Batch<'_> {
     #[inline(always)]
     fn run<const L: usize, const F: bool>(self) {
         let n = self.robot.n_dof();
+        let x: Vec<Lanes<L, F>> = self.x.iter().map(|&value| Lanes::splat(value)).collect();
         for (block, out) in self.tau.chunks_mut(n * L).enumerate() {
             let state = State::<L, F>::gather(n, block * L, self.q, self.dq, self.ddq);
-            let tau = inverse_dynamics_lanes(self.robot, &state, self.x);
+            let tau = inverse_dynamics_lanes(self.robot, &state, &x);
             for (l, row) in out.chunks_mut(n).enumerate() {
                 for j in 0..n {
                     row[j] = tau[j].0[l];

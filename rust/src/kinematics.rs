@@ -61,6 +61,45 @@ impl<const L: usize, const F: bool> Placement<L, F> {
     }
 }
 
+impl<const L: usize, const F: bool> Placement<L, F> {
+    /// Of every joint; past the last one, at rest in the frame before.
+    #[inline(always)]
+    pub fn all(robot: &Robot, q: &[Lanes<L, F>; MAX_DOF]) -> [Self; MAX_DOF] {
+        let nowhere = Self { sine: Lanes::zero(), cosine: Lanes::splat(1.0), r: Lanes::zero() };
+        let mut placements = [nowhere; MAX_DOF];
+        for j in 0..robot.n_dof() {
+            placements[j] = Self::of(robot, j, q[j]);
+        }
+        placements
+    }
+
+    /// A force and a moment at the origin of frame `j`, seen at the origin of frame `j-1` and in that frame.
+    #[inline(always)]
+    pub fn wrench_before(
+        &self,
+        robot: &Robot,
+        j: usize,
+        force: Vector<L, F>,
+        moment: Vector<L, F>,
+    ) -> (Vector<L, F>, Vector<L, F>) {
+        let joint = &robot.joints()[j];
+        let twist = robot.twists()[j];
+        let force = force.out_of_turned(self.sine, self.cosine);
+        let mut moment = moment.out_of_turned(self.sine, self.cosine);
+        // moment + (d, 0, r) x force
+        if joint.r != 0.0 || joint.kind == JointKind::Prismatic {
+            moment.x -= self.r * force.y;
+            moment.y = self.r.mul_add(force.x, moment.y);
+        }
+        if joint.d != 0.0 {
+            let d = Lanes::splat(joint.d);
+            moment.y -= d * force.z;
+            moment.z = d.mul_add(force.y, moment.z);
+        }
+        (force.out_of_twisted(twist), moment.out_of_twisted(twist))
+    }
+}
+
 /// Motion of one link.
 #[derive(Debug, Clone, Copy)]
 pub struct Motion<const L: usize, const F: bool> {

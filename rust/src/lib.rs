@@ -10,6 +10,7 @@
 //! | (1) | `tau = M(q) ddq + N(q, dq)` | [`inverse`] |
 //! | (2) | `tau = IDM(q, dq, ddq) x` | [`regressor`] |
 //! | (3) | `x_j = XX XY XZ YY YZ ZZ MX MY MZ M Ia Fv Fc Off` | [`parameters`] |
+//! | (4) | `M(q) ddq = tau - N(q, dq)` | [`direct`], [`inertia`] |
 //! | (6) | `Y = W_st x + rho`, filtered and decimated in parallel | [`observation`], [`filter`] |
 //! | (7) | `Y = W beta + rho`, independent columns only | [`base`] |
 //! | (8)-(11) | least squares and its covariance | [`least_squares`] |
@@ -29,9 +30,11 @@
 //! one sample. *Observation matrix*: the regressors of a whole log, filtered. *Lanes*: samples or candidates side by side in a register.
 
 pub mod base;
+pub mod direct;
 pub mod error;
 pub mod filter;
 pub mod friction;
+pub mod inertia;
 pub mod inverse;
 pub mod kinematics;
 pub mod lanes;

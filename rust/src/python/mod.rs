@@ -11,7 +11,7 @@ use crate::filter::Stage;
 use crate::observation::{Log, decimate as decimate_columns, observation as observe};
 use crate::parameters::{self, Layout};
 use crate::robot::{Coupling, Friction, Joint, JointKind, Robot as CoreRobot};
-use crate::{inverse, least_squares as ls, parallel, regressor as idm};
+use crate::{direct, inertia, inverse, least_squares as ls, parallel, regressor as idm};
 use arrays::{Input, Shape, flat, same_rows};
 use faer::Mat;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -129,6 +129,75 @@ fn regressor<'py>(
     let mut w = vec![0.0; q.len() * p];
     py.detach(|| idm::regressor(&robot.0, &q, &dq, &ddq, &mut w)).map_err(wrong)?;
     PyArray1::from_vec(py, w).reshape([shape.samples, shape.width, p])
+}
+
+/// `M(q)`, shape `(n_samples, n_dof, n_dof)`.
+#[pyfunction]
+fn inertia_matrix<'py>(
+    py: Python<'py>,
+    robot: &Robot,
+    q: Input<'py>,
+    x: PyReadonlyArray1<'py, f64>,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let shape = Shape::of("q", &q, robot.0.n_dof())?;
+    let q = shape.take("q", &q)?;
+    let x = x.as_array().to_vec();
+    let mut matrices = vec![0.0; q.len() * shape.width];
+    py.detach(|| inertia::inertia_matrix(&robot.0, &q, &x, &mut matrices)).map_err(wrong)?;
+    PyArray1::from_vec(py, matrices).reshape([shape.samples, shape.width, shape.width])
+}
+
+/// Accelerations and indefinite sample.
+type Accelerations<'py> = (Bound<'py, PyArray2<f64>>, Option<(usize, usize)>);
+
+/// `ddq`, and `(sample, joint)` of the first indefinite `M(q)`, from 0.
+#[pyfunction]
+fn direct_dynamics<'py>(
+    py: Python<'py>,
+    robot: &Robot,
+    q: Input<'py>,
+    dq: Input<'py>,
+    tau: Input<'py>,
+    x: PyReadonlyArray1<'py, f64>,
+) -> PyResult<Accelerations<'py>> {
+    let shape = Shape::of("q", &q, robot.0.n_dof())?;
+    let (q, dq, tau) = (shape.take("q", &q)?, shape.take("dq", &dq)?, shape.take("tau", &tau)?);
+    let x = x.as_array().to_vec();
+    let mut ddq = vec![0.0; q.len()];
+    let indefinite =
+        py.detach(|| direct::direct_dynamics(&robot.0, &q, &dq, &tau, &x, &mut ddq)).map_err(wrong)?;
+    let ddq = PyArray1::from_vec(py, ddq).reshape([shape.samples, shape.width])?;
+    Ok((ddq, indefinite.map(|at| (at.sample, at.joint))))
+}
+
+/// The smallest eigenvalue of `M(q)` over the rows of `q`, and its sample; None without rows.
+#[pyfunction]
+fn smallest_eigenvalue<'py>(
+    py: Python<'py>,
+    robot: &Robot,
+    q: Input<'py>,
+    x: PyReadonlyArray1<'py, f64>,
+) -> PyResult<Option<(usize, f64)>> {
+    let shape = Shape::of("q", &q, robot.0.n_dof())?;
+    let q = shape.take("q", &q)?;
+    let x = x.as_array().to_vec();
+    py.detach(|| inertia::smallest_eigenvalue(&robot.0, &q, &x)).map_err(wrong)
+}
+
+/// The largest step from `x` towards `target` that keeps `margin` of `M(q)` at every row of `q`.
+#[pyfunction]
+fn largest_safe_step<'py>(
+    py: Python<'py>,
+    robot: &Robot,
+    q: Input<'py>,
+    x: PyReadonlyArray1<'py, f64>,
+    target: PyReadonlyArray1<'py, f64>,
+    margin: f64,
+) -> PyResult<f64> {
+    let shape = Shape::of("q", &q, robot.0.n_dof())?;
+    let q = shape.take("q", &q)?;
+    let (x, target) = (x.as_array().to_vec(), target.as_array().to_vec());
+    py.detach(|| inertia::largest_safe_step(&robot.0, &q, &x, &target, margin)).map_err(wrong)
 }
 
 /// One filter as Python gives it: sections, their steady states, padding, factor, first kept sample.
@@ -287,7 +356,7 @@ fn least_squares(
 mod _core {
     #[pymodule_export]
     use super::{
-        LeastSquares, Robot, base_parameters, decimate, filtfilt, inverse_dynamics, least_squares,
-        observation, regressor,
+        LeastSquares, Robot, base_parameters, decimate, direct_dynamics, filtfilt, inertia_matrix,
+        inverse_dynamics, largest_safe_step, least_squares, observation, regressor, smallest_eigenvalue,
     };
 }
