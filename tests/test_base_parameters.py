@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import didim
-from didim.robot import Robot
-from robots import random_motion, random_parameters, relative, robots
+from didim.robot import Geometry, Robot
+from robots import make_robot, random_motion, random_parameters, relative, robots
 
 TABLE_2 = " ".join(
     [
@@ -96,3 +96,22 @@ def test_wrong_lengths_are_told() -> None:
         base.lift(np.zeros(3))
     with pytest.raises(didim.ShapeError, match=r"x must have shape \(14,\), got \(4,\)"):
         base.project(np.zeros(4))
+
+
+def test_twelve_bent_joints_are_no_trouble() -> None:
+    """Twelve joints without a right angle have thousands of products of symbols; the search must not try them all."""
+    n = 12
+    rng = np.random.default_rng(3)
+    geometry = Geometry(
+        kinds=("revolute",) * n,
+        alpha=tuple(rng.uniform(0.3, 1.2, n).tolist()),
+        d=tuple(rng.uniform(0.1, 0.9, n).tolist()),
+        theta=(0.0,) * n,
+        r=tuple(rng.uniform(0.1, 0.9, n).tolist()),
+        gravity=(0.0, 0.0, -9.81),
+        coupling=tuple(tuple(row) for row in np.eye(n).tolist()),
+    )
+    base = make_robot(geometry).base_parameters
+    groupings = dict(zip(base.names, base.groupings, strict=True))
+    assert groupings["MX11R"] == "MX11R = MX11 + d12 M12"
+    assert groupings["ZZ11R"].endswith("2 r12 sin(alpha12)^2 MZ12 + (d12^2 + r12^2 sin(alpha12)^2) M12")

@@ -19,6 +19,8 @@ use faer::Mat;
 const TOLERANCE: f64 = 1e-10;
 /// A coefficient below this is zero; a symbol within this of a coefficient is it.
 const SNAP: f64 = 1e-7;
+/// Largest number of monomials, before their factors, of the joints between two links.
+const LARGEST_SPAN: usize = 100;
 /// Random states per standard parameter: enough rows to tell all columns apart.
 const STATES_PER_PARAMETER: usize = 2;
 
@@ -47,8 +49,13 @@ pub struct Base {
 /// Finds the base parameters of a robot.
 pub fn base_parameters(robot: &Robot) -> Result<Base, LeastSquaresError> {
     let own = dependences(robot)?;
-    let twin = twin(robot).and_then(|twin| Some((dependences(&twin).ok()?, twin)));
-    let count = Layout::of(robot).count();
+    let twin = twin(robot).and_then(|twin| Some((dependences(&twin).ok()?, Dictionary::new(robot, &twin))));
+    let layout = Layout::of(robot);
+    let count = layout.count();
+    let joint = |column| match layout.owner(column) {
+        Owner::Joint { joint, .. } => joint,
+        Owner::Coupled { index, .. } => robot.coupled()[index].motor,
+    };
     let mut terms: Vec<Vec<Term>> = vec![Vec::new(); count];
     let mut unidentifiable = Vec::new();
     let mut kept: Vec<bool> = vec![true; count];
@@ -62,7 +69,12 @@ pub fn base_parameters(robot: &Robot) -> Result<Base, LeastSquaresError> {
             regroups = true;
             let (coefficient, symbol) = twin
                 .as_ref()
-                .and_then(|(other, twin)| recognise(robot, twin, other, dependence.column, column, value))
+                .and_then(|(other, dictionary)| {
+                    let found = other.iter().find(|other| other.column == dependence.column)?;
+                    let target = found.coefficients.iter().find(|(kept, _)| *kept == column)?.1;
+                    let (a, b) = (joint(column), joint(dependence.column));
+                    dictionary.find((a.min(b), a.max(b)), target, value)
+                })
                 .unwrap_or_else(|| (value, number(value)));
             terms[column].push(Term { column: dependence.column, coefficient, symbol });
         }
@@ -141,44 +153,73 @@ struct Symbol {
     twin: f64,
 }
 
-/// The coefficient of `dependent` in `kept` as a polynomial of at most two terms, recognised on the twin.
-fn recognise(
-    robot: &Robot,
-    twin: &Robot,
-    other: &[Dependence],
-    dependent: usize,
-    kept: usize,
-    value: f64,
-) -> Option<(f64, String)> {
-    let found = other.iter().find(|dependence| dependence.column == dependent)?;
-    let target = found.coefficients.iter().find(|(column, _)| *column == kept)?.1;
-    let layout = Layout::of(robot);
-    let joint = |column| match layout.owner(column) {
-        Owner::Joint { joint, .. } => joint,
-        Owner::Coupled { index, .. } => robot.coupled()[index].motor,
-    };
-    let (a, b) = (joint(kept).min(joint(dependent)), joint(kept).max(joint(dependent)));
-    let monomials = monomials(robot, twin, a, b);
-    let matches = |twin_value: f64, own: f64| {
-        (twin_value - target).abs() < SNAP && (own - value).abs() < SNAP * (1.0 + value.abs())
-    };
-    for m in &monomials {
-        if matches(m.twin, m.value) {
-            return Some((m.value, m.text.clone()));
-        }
-    }
-    for (k, first) in monomials.iter().enumerate() {
-        for second in &monomials[k + 1..] {
-            if matches(first.twin + second.twin, first.value + second.value) {
-                let text = match second.text.strip_prefix('-') {
-                    Some(rest) => format!("({} - {rest})", or_one(&first.text)),
-                    None => format!("({} + {})", or_one(&first.text), or_one(&second.text)),
+/// Polynomials of the geometry, ready to be looked up by their value on the twin.
+///
+/// Most coefficients are of one joint's geometry, because a link regroups into the one before it and so on inwards; the
+/// others are looked for among the joints between, where those are few. What is not found stays a number.
+struct Dictionary {
+    /// Monomials of each joint, then those of pairs of joints `(a, b]` that are not too many; sorted by twin value.
+    joints: Vec<Vec<Symbol>>,
+    spans: Vec<((usize, usize), Vec<Symbol>)>,
+}
+
+impl Dictionary {
+    fn new(robot: &Robot, twin: &Robot) -> Self {
+        let n = robot.n_dof();
+        let symbols: Vec<(Vec<Symbol>, Vec<Symbol>)> = (0..n).map(|j| symbols(robot, twin, j)).collect();
+        let joints = (0..n).map(|j| monomials(&symbols[j..=j])).collect();
+        let mut spans = Vec::new();
+        for a in 0..n {
+            for b in a + 2..n {
+                let size = |pick: fn(&(Vec<Symbol>, Vec<Symbol>)) -> usize| {
+                    let count = symbols[a + 1..=b].iter().map(pick).sum::<usize>();
+                    1 + count + count * (count + 1) / 2
                 };
-                return Some((first.value + second.value, text));
+                if size(|s| s.0.len()) * size(|s| s.1.len()) <= LARGEST_SPAN {
+                    spans.push(((a, b), monomials(&symbols[a + 1..=b])));
+                }
             }
         }
+        Self { joints, spans }
     }
-    None
+
+    /// The coefficient `target` of the twin, `value` of the robot, between joints `a` and `b`: a sum of at most two monomials.
+    fn find(&self, (a, b): (usize, usize), target: f64, value: f64) -> Option<(f64, String)> {
+        let span = self.spans.iter().find(|(ends, _)| *ends == (a, b)).map(|(_, symbols)| symbols);
+        let lists = || self.joints[(a + 1).min(b)..=b].iter().chain(span);
+        lists()
+            .find_map(|list| single(list, target, value))
+            .or_else(|| lists().find_map(|list| pair(list, target, value)))
+    }
+}
+
+/// The symbols near `target` in a sorted list.
+fn near(list: &[Symbol], target: f64) -> &[Symbol] {
+    let first = list.partition_point(|symbol| symbol.twin < target - SNAP);
+    let last = list.partition_point(|symbol| symbol.twin <= target + SNAP);
+    &list[first..last]
+}
+
+fn same(a: f64, b: f64) -> bool {
+    (a - b).abs() < SNAP * (1.0 + b.abs())
+}
+
+fn single(list: &[Symbol], target: f64, value: f64) -> Option<(f64, String)> {
+    near(list, target).iter().find(|m| same(m.value, value)).map(|m| (m.value, m.text.clone()))
+}
+
+fn pair(list: &[Symbol], target: f64, value: f64) -> Option<(f64, String)> {
+    list.iter().find_map(|first| {
+        let second = near(list, target - first.twin).iter().find(|m| same(first.value + m.value, value))?;
+        // A sum opens with its positive term, and with the shorter of two positive ones.
+        let key = |m: &Symbol| (m.text.starts_with('-'), m.text.len(), m.text.clone());
+        let (first, second) = if key(first) <= key(second) { (first, second) } else { (second, first) };
+        let text = match second.text.strip_prefix('-') {
+            Some(rest) => format!("({} - {})", or_one(&first.text), or_one(rest)),
+            None => format!("({} + {})", or_one(&first.text), or_one(&second.text)),
+        };
+        Some((first.value + second.value, text))
+    })
 }
 
 fn or_one(text: &str) -> &str {
@@ -189,29 +230,33 @@ fn or_one(text: &str) -> &str {
     }
 }
 
-/// Multiples by 1, -1, 2, -2 of products of up to two lengths and up to two sines or cosines of joints `a+1` to `b`.
-fn monomials(robot: &Robot, twin: &Robot, a: usize, b: usize) -> Vec<Symbol> {
-    let mut lengths = Vec::new();
+/// Lengths, and sines and cosines of angles, of one joint.
+fn symbols(robot: &Robot, twin: &Robot, j: usize) -> (Vec<Symbol>, Vec<Symbol>) {
+    let (own, other) = (&robot.joints()[j], &twin.joints()[j]);
+    let lengths = [("d", own.d, other.d), ("r", own.r, other.r)]
+        .into_iter()
+        .filter(|(_, value, _)| *value != 0.0)
+        .map(|(name, value, twin)| Symbol { text: format!("{name}{}", j + 1), value, twin })
+        .collect();
     let mut angles = Vec::new();
-    for j in a + 1..=b {
-        let (own, other) = (&robot.joints()[j], &twin.joints()[j]);
-        for (name, value, twin) in [("d", own.d, other.d), ("r", own.r, other.r)] {
-            if value != 0.0 {
-                lengths.push(Symbol { text: format!("{name}{}", j + 1), value, twin });
-            }
-        }
-        if let Twist::General(c, s) = robot.twists()[j] {
-            let (ct, st) = twin.twists()[j].cos_sin();
-            angles.push(Symbol { text: format!("cos(alpha{})", j + 1), value: c, twin: ct });
-            angles.push(Symbol { text: format!("sin(alpha{})", j + 1), value: s, twin: st });
-        }
-        if own.kind == JointKind::Prismatic && right(own.theta).is_none() {
-            for (name, f) in [("cos", f64::cos as fn(f64) -> f64), ("sin", f64::sin)] {
-                let text = format!("{name}(theta{})", j + 1);
-                angles.push(Symbol { text, value: f(own.theta), twin: f(other.theta) });
-            }
+    if let Twist::General(c, s) = robot.twists()[j] {
+        let (ct, st) = twin.twists()[j].cos_sin();
+        angles.push(Symbol { text: format!("cos(alpha{})", j + 1), value: c, twin: ct });
+        angles.push(Symbol { text: format!("sin(alpha{})", j + 1), value: s, twin: st });
+    }
+    if own.kind == JointKind::Prismatic && right(own.theta).is_none() {
+        for (name, f) in [("cos", f64::cos as fn(f64) -> f64), ("sin", f64::sin)] {
+            let text = format!("{name}(theta{})", j + 1);
+            angles.push(Symbol { text, value: f(own.theta), twin: f(other.theta) });
         }
     }
+    (lengths, angles)
+}
+
+/// Multiples by 1, -1, 2, -2 of products of up to two lengths and up to two sines or cosines, sorted by twin value.
+fn monomials(symbols: &[(Vec<Symbol>, Vec<Symbol>)]) -> Vec<Symbol> {
+    let lengths: Vec<Symbol> = symbols.iter().flat_map(|s| s.0.iter().cloned()).collect();
+    let angles: Vec<Symbol> = symbols.iter().flat_map(|s| s.1.iter().cloned()).collect();
     let mut all = Vec::new();
     for length in products(&lengths) {
         for angle in products(&angles) {
@@ -226,6 +271,7 @@ fn monomials(robot: &Robot, twin: &Robot, a: usize, b: usize) -> Vec<Symbol> {
             }
         }
     }
+    all.sort_by(|a, b| a.twin.total_cmp(&b.twin));
     all
 }
 
