@@ -4,72 +4,84 @@
 //! whether `M` is positive definite. Identity that tests it: direct after inverse is the identity; independently, Pinocchio's `aba`.
 
 use crate::error::ShapeError;
-use crate::inertia::{Lower, inertia_matrix_lanes};
-use crate::inverse::{check_length, inverse_dynamics_at};
+use crate::inertia::{Lower, inertia_matrix_lanes, no_matrix};
+use crate::inverse::{Wrench, check_length, inverse_dynamics_at};
 use crate::kinematics::{Placement, State};
 use crate::lanes::{Kernel, Lanes, dispatch};
 use crate::parameters::Layout;
 use crate::robot::{MAX_DOF, Robot};
 
-/// Accelerations, and the pivots of `M = L D L'`: all positive exactly where `M` is positive definite.
+/// Memory of the direct model, and its result: nothing is cleared or copied per call.
 #[derive(Debug, Clone, Copy)]
-pub struct Accelerations<const L: usize, const F: bool> {
+pub struct Direct<const L: usize, const F: bool> {
+    placements: [Placement<L, F>; MAX_DOF],
+    wrenches: [Wrench<L, F>; MAX_DOF],
+    matrix: Lower<L, F>,
+    bias: [Lanes<L, F>; MAX_DOF],
     /// Joint accelerations (rad/s^2 or m/s^2).
     pub ddq: [Lanes<L, F>; MAX_DOF],
-    /// Pivots, joint by joint.
+    /// Pivots of `M = L D L'`, joint by joint: all positive exactly where `M` is positive definite.
     pub pivots: [Lanes<L, F>; MAX_DOF],
 }
 
-/// Accelerations of `L` states under torques `tau`; `state.ddq` is not read.
-#[inline(always)]
-pub fn direct_dynamics_lanes<const L: usize, const F: bool>(
-    robot: &Robot,
-    state: &State<L, F>,
-    tau: &[Lanes<L, F>; MAX_DOF],
-    x: &[Lanes<L, F>],
-) -> Accelerations<L, F> {
-    let placements = Placement::all(robot, &state.q);
-    let still = State { ddq: [Lanes::zero(); MAX_DOF], ..*state };
-    let bias = inverse_dynamics_at(robot, &placements, &still, x);
-    let matrix = inertia_matrix_lanes(robot, &placements, x);
-    let mut right = *tau;
-    for j in 0..robot.n_dof() {
-        right[j] -= bias[j];
+impl<const L: usize, const F: bool> Direct<L, F> {
+    /// Nothing computed yet.
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self {
+            placements: Placement::nowhere(),
+            wrenches: Wrench::none(),
+            matrix: no_matrix(),
+            bias: [Lanes::zero(); MAX_DOF],
+            ddq: [Lanes::zero(); MAX_DOF],
+            pivots: [Lanes::splat(1.0); MAX_DOF],
+        }
     }
-    solve(robot.n_dof(), matrix, right)
-}
 
-/// `M ddq = right` by `L D L'`, without square roots.
-#[inline(always)]
-fn solve<const L: usize, const F: bool>(
-    n: usize,
-    mut m: Lower<L, F>,
-    mut right: [Lanes<L, F>; MAX_DOF],
-) -> Accelerations<L, F> {
-    let mut pivots = [Lanes::splat(1.0); MAX_DOF];
-    for k in 0..n {
-        let pivot = m[k][k];
-        pivots[k] = pivot;
-        let inverse = Lanes::splat(1.0) / pivot;
-        for i in k + 1..n {
-            let factor = m[i][k] * inverse;
-            for j in k + 1..=i {
-                m[i][j] -= factor * m[j][k];
+    /// Accelerations of `L` states under torques `tau`. `still` has no acceleration.
+    #[inline(always)]
+    pub fn solve(
+        &mut self,
+        robot: &Robot,
+        still: &State<L, F>,
+        tau: &[Lanes<L, F>; MAX_DOF],
+        x: &[Lanes<L, F>],
+    ) {
+        Placement::all(robot, &still.q, &mut self.placements);
+        inverse_dynamics_at(robot, &self.placements, still, x, &mut self.wrenches, &mut self.bias);
+        inertia_matrix_lanes(robot, &self.placements, x, &mut self.matrix);
+        for j in 0..robot.n_dof() {
+            self.ddq[j] = tau[j] - self.bias[j];
+        }
+        self.factor_and_solve(robot.n_dof());
+    }
+
+    /// `M ddq = right` by `L D L'`, without square roots; `right` stands in `ddq`.
+    #[inline(always)]
+    fn factor_and_solve(&mut self, n: usize) {
+        let (m, right) = (&mut self.matrix, &mut self.ddq);
+        for k in 0..n {
+            let pivot = m[k][k];
+            self.pivots[k] = pivot;
+            let inverse = Lanes::splat(1.0) / pivot;
+            for i in k + 1..n {
+                let factor = m[i][k] * inverse;
+                for j in k + 1..=i {
+                    m[i][j] = factor.neg_mul_add(m[j][k], m[i][j]);
+                }
+                right[i] = factor.neg_mul_add(right[k], right[i]);
             }
-            right[i] -= factor * right[k];
+            for i in k + 1..n {
+                m[i][k] = m[i][k] * inverse;
+            }
+            right[k] = right[k] * inverse;
         }
-        for i in k + 1..n {
-            m[i][k] = m[i][k] * inverse;
-        }
-        right[k] = right[k] * inverse;
-    }
-    for k in (0..n).rev() {
-        for i in k + 1..n {
-            let term = m[i][k] * right[i];
-            right[k] -= term;
+        for k in (0..n).rev() {
+            for i in k + 1..n {
+                right[k] = m[i][k].neg_mul_add(right[i], right[k]);
+            }
         }
     }
-    Accelerations { ddq: right, pivots }
 }
 
 /// A sample whose inertia matrix is not positive definite.
@@ -96,10 +108,12 @@ impl Kernel for Batch<'_> {
     fn run<const L: usize, const F: bool>(self) -> Option<Indefinite> {
         let n = self.robot.n_dof();
         let x: Vec<Lanes<L, F>> = self.x.iter().map(|&value| Lanes::splat(value)).collect();
+        let mut result = Direct::<L, F>::new();
         for (block, out) in self.ddq.chunks_mut(n * L).enumerate() {
             // The torques travel in the place of the accelerations, which are what is asked for.
-            let state = State::<L, F>::gather(n, block * L, self.q, self.dq, self.tau);
-            let result = direct_dynamics_lanes(self.robot, &state, &state.ddq, &x);
+            let mut state = State::<L, F>::gather(n, block * L, self.q, self.dq, self.tau);
+            let tau = std::mem::replace(&mut state.ddq, [Lanes::zero(); MAX_DOF]);
+            result.solve(self.robot, &state, &tau, &x);
             for (l, row) in out.chunks_mut(n).enumerate() {
                 for j in 0..n {
                     let pivot = result.pivots[j].0[l];

@@ -17,11 +17,12 @@ use crate::robot::{CoupledMotor, Coupling, Robot};
 #[inline(always)]
 pub fn sign<const L: usize, const F: bool>(robot: &Robot, j: usize, dq: Lanes<L, F>) -> Lanes<L, F> {
     let smoothing = robot.friction().smoothing[j];
-    let dead_zone = robot.friction().dead_zone[j];
+    let dead_zone = Lanes::splat(robot.friction().dead_zone[j]);
     if smoothing > 0.0 {
-        dq.map(|v| if v.abs() <= dead_zone { 0.0 } else { (v / smoothing).tanh() })
+        let s = dq.scale(1.0 / smoothing).tanh();
+        if robot.friction().dead_zone[j] > 0.0 { s.where_above(dq.abs(), dead_zone) } else { s }
     } else {
-        dq.map(|v| if v.abs() <= dead_zone || v == 0.0 { 0.0 } else { 1.0_f64.copysign(v) })
+        Lanes::splat(1.0).copysign(dq).where_above(dq.abs(), dead_zone)
     }
 }
 
@@ -34,7 +35,8 @@ pub fn own_columns<const L: usize, const F: bool>(
 ) -> [Lanes<L, F>; 4] {
     let s = sign(robot, j, dq);
     if robot.friction().asymmetric {
-        [dq.map(|v| v.max(0.0)), s.map(|v| v.max(0.0)), dq.map(|v| v.min(0.0)), s.map(|v| v.min(0.0))]
+        let zero = Lanes::zero();
+        [dq.max(zero), s.max(zero), dq.min(zero), s.min(zero)]
     } else {
         [dq, s, Lanes::splat(1.0), Lanes::zero()]
     }
@@ -49,6 +51,14 @@ pub struct CoupledColumns<const L: usize, const F: bool> {
     pub viscous: Lanes<L, F>,
     /// Column of `Fcm_m`.
     pub coulomb: Lanes<L, F>,
+}
+
+impl<const L: usize, const F: bool> CoupledColumns<L, F> {
+    /// Torque of the parameters `Ia_m`, `Fvm_m` and `Fcm_m`.
+    #[inline(always)]
+    pub fn torque(&self, ia: Lanes<L, F>, fvm: Lanes<L, F>, fcm: Lanes<L, F>) -> Lanes<L, F> {
+        self.rotor.mul_add(ia, self.viscous.mul_add(fvm, self.coulomb * fcm))
+    }
 }
 
 /// Speed and acceleration of a coupled motor.

@@ -66,9 +66,9 @@ impl<const L: usize, const F: bool> Body<L, F> {
         // With a = ms + moved, the terms are p.a 1 - (p a' + a p')/2.
         let a = ms + moved;
         let (da, ra) = (d * a.x, r * a.z);
-        let half = |v: Lanes<L, F>| v.scale(0.5);
         let (xx, yy, zz) = (xx + ra, yy + da + ra, zz + da);
-        let (xy, xz, yz) = (xy - half(d * a.y), xz - half(d * a.z + r * a.x), yz - half(r * a.y));
+        let (xy, xz, yz) =
+            (xy - (d * a.y).scale(0.5), xz - d.mul_add(a.z, r * a.x).scale(0.5), yz - (r * a.y).scale(0.5));
         let ms = moved.out_of_twisted(robot.twists()[k]);
         let (ca, sa) = robot.twists()[k].cos_sin();
         let (ca, sa) = (Lanes::splat(ca), Lanes::splat(sa));
@@ -86,16 +86,16 @@ impl<const L: usize, const F: bool> Body<L, F> {
     }
 }
 
-/// `M(q)` of `L` positions or candidates, with standard parameters `x` of their own in each lane.
+/// `M(q)` of `L` positions or candidates, with standard parameters `x` of their own in each lane, into `matrix`.
 #[inline(always)]
 pub fn inertia_matrix_lanes<const L: usize, const F: bool>(
     robot: &Robot,
     placements: &[Placement<L, F>; MAX_DOF],
     x: &[Lanes<L, F>],
-) -> Lower<L, F> {
+    matrix: &mut Lower<L, F>,
+) {
     let n = robot.n_dof();
     let layout = Layout::of(robot);
-    let mut matrix = [[Lanes::zero(); MAX_DOF]; MAX_DOF];
     let mut body = Body::of_link(&x[layout.joint(n - 1)..]);
     for j in (0..n).rev() {
         let (mut force, mut moment) = match robot.joints()[j].kind {
@@ -124,8 +124,13 @@ pub fn inertia_matrix_lanes<const L: usize, const F: bool>(
             body.add(&carried);
         }
     }
-    add_coupled_rotors(robot, x, &mut matrix);
-    matrix
+    add_coupled_rotors(robot, x, matrix);
+}
+
+/// Memory for [`inertia_matrix_lanes`].
+#[inline(always)]
+pub fn no_matrix<const L: usize, const F: bool>() -> Lower<L, F> {
+    [[Lanes::zero(); MAX_DOF]; MAX_DOF]
 }
 
 /// What coupled rotors put off the diagonal; on it, `Ia` already has them (24).
@@ -161,11 +166,13 @@ impl Kernel for Batch<'_> {
     fn run<const L: usize, const F: bool>(self) {
         let n = self.robot.n_dof();
         let x: Vec<Lanes<L, F>> = self.x.iter().map(|&value| Lanes::splat(value)).collect();
+        let (mut placements, mut matrix) = (Placement::<L, F>::nowhere(), no_matrix());
         for (block, out) in self.matrices.chunks_mut(n * n * L).enumerate() {
             let q = std::array::from_fn(|j| {
                 if j < n { Lanes::gather(self.q, n, block * L, j) } else { Lanes::zero() }
             });
-            let matrix = inertia_matrix_lanes(self.robot, &Placement::all(self.robot, &q), &x);
+            Placement::all(self.robot, &q, &mut placements);
+            inertia_matrix_lanes(self.robot, &placements, &x, &mut matrix);
             for (l, sample) in out.chunks_mut(n * n).enumerate() {
                 for i in 0..n {
                     for j in 0..n {

@@ -13,9 +13,17 @@ use crate::spatial::Vector;
 
 /// Force and moment on a link at its origin, in its frame.
 #[derive(Debug, Clone, Copy)]
-struct Wrench<const L: usize, const F: bool> {
+pub struct Wrench<const L: usize, const F: bool> {
     force: Vector<L, F>,
     moment: Vector<L, F>,
+}
+
+impl<const L: usize, const F: bool> Wrench<L, F> {
+    /// No wrench on any link: memory for [`inverse_dynamics_at`].
+    #[inline(always)]
+    pub fn none() -> [Self; MAX_DOF] {
+        [Self { force: Vector::zero(), moment: Vector::zero() }; MAX_DOF]
+    }
 }
 
 /// What moves a link: `M a + U MS` and `J domega + omega x J omega + MS x a`, for the ten parameters `x` of the link.
@@ -31,16 +39,19 @@ fn wrench<const L: usize, const F: bool>(motion: &Motion<L, F>, x: &[Lanes<L, F>
         a.y.mul_add(m, u[2].y.mul_add(ms.z, u[1].y.mul_add(ms.y, u[0].y * ms.x))),
         a.z.mul_add(m, u[2].z.mul_add(ms.z, u[1].z.mul_add(ms.y, u[0].z * ms.x))),
     );
-    let turn = |v: Vector<L, F>| {
-        let [xx, xy, xz, yy, yz, zz] = [0, 1, 2, 3, 4, 5].map(|k| x[XX + k]);
-        Vector::new(
-            v.z.mul_add(xz, v.y.mul_add(xy, v.x * xx)),
-            v.z.mul_add(yz, v.y.mul_add(yy, v.x * xy)),
-            v.z.mul_add(zz, v.y.mul_add(yz, v.x * xz)),
-        )
-    };
-    let moment = turn(domega) + omega.cross(turn(omega)) + ms.cross(a);
+    let moment = turn(x, domega) + omega.cross(turn(x, omega)) + ms.cross(a);
     Wrench { force, moment }
+}
+
+/// `J v` of the inertia in `x`.
+#[inline(always)]
+fn turn<const L: usize, const F: bool>(x: &[Lanes<L, F>], v: Vector<L, F>) -> Vector<L, F> {
+    let [xx, xy, xz, yy, yz, zz] = [x[XX], x[XX + 1], x[XX + 2], x[XX + 3], x[XX + 4], x[XX + 5]];
+    Vector::new(
+        v.z.mul_add(xz, v.y.mul_add(xy, v.x * xx)),
+        v.z.mul_add(yz, v.y.mul_add(yy, v.x * xy)),
+        v.z.mul_add(zz, v.y.mul_add(yz, v.x * xz)),
+    )
 }
 
 /// Torques of `L` states, with standard parameters `x` of their own in each lane.
@@ -50,27 +61,30 @@ pub fn inverse_dynamics_lanes<const L: usize, const F: bool>(
     state: &State<L, F>,
     x: &[Lanes<L, F>],
 ) -> [Lanes<L, F>; MAX_DOF] {
-    inverse_dynamics_at(robot, &Placement::all(robot, &state.q), state, x)
+    let mut placements = Placement::nowhere();
+    Placement::all(robot, &state.q, &mut placements);
+    let mut tau = [Lanes::zero(); MAX_DOF];
+    inverse_dynamics_at(robot, &placements, state, x, &mut Wrench::none(), &mut tau);
+    tau
 }
 
-/// The same with the frames already placed.
+/// The same with the frames already placed, and with memory for the wrenches of the links: nothing is cleared or copied per call.
 #[inline(always)]
 pub fn inverse_dynamics_at<const L: usize, const F: bool>(
     robot: &Robot,
     placements: &[Placement<L, F>; MAX_DOF],
     state: &State<L, F>,
     x: &[Lanes<L, F>],
-) -> [Lanes<L, F>; MAX_DOF] {
+    wrenches: &mut [Wrench<L, F>; MAX_DOF],
+    tau: &mut [Lanes<L, F>; MAX_DOF],
+) {
     let n = robot.n_dof();
     let layout = Layout::of(robot);
     let mut motion = Motion::base(robot);
-    let nothing = Wrench { force: Vector::zero(), moment: Vector::zero() };
-    let mut wrenches = [nothing; MAX_DOF];
     for j in 0..n {
         motion = motion.next(robot, j, &placements[j], state.dq[j], state.ddq[j]);
         wrenches[j] = wrench(&motion, &x[layout.joint(j)..layout.joint(j) + INERTIAL]);
     }
-    let mut tau = [Lanes::zero(); MAX_DOF];
     for j in (0..n).rev() {
         let joint = &robot.joints()[j];
         let Wrench { force, moment } = wrenches[j];
@@ -95,15 +109,11 @@ pub fn inverse_dynamics_at<const L: usize, const F: bool>(
         let ia = x[layout.joint(m) + IA];
         let (fvm, fcm) = (x[layout.coupled(index)], x[layout.coupled(index) + 1]);
         let shaft = Shaft::of(robot, coupled, state);
-        let mut add = |row: usize, c: crate::friction::CoupledColumns<L, F>| {
-            tau[row] += c.rotor * ia + c.viscous * fvm + c.coulomb * fcm;
-        };
-        add(m, shaft.own_row(m, state));
+        tau[m] += shaft.own_row(m, state).torque(ia, fvm, fcm);
         for &(i, c) in &coupled.others {
-            add(i, shaft.other_row(robot, i, c, state));
+            tau[i] += shaft.other_row(robot, i, c, state).torque(ia, fvm, fcm);
         }
     }
-    tau
 }
 
 struct Batch<'a> {

@@ -62,15 +62,18 @@ impl<const L: usize, const F: bool> Placement<L, F> {
 }
 
 impl<const L: usize, const F: bool> Placement<L, F> {
-    /// Of every joint; past the last one, at rest in the frame before.
+    /// Every frame at rest in the one before: memory for [`Self::all`].
     #[inline(always)]
-    pub fn all(robot: &Robot, q: &[Lanes<L, F>; MAX_DOF]) -> [Self; MAX_DOF] {
-        let nowhere = Self { sine: Lanes::zero(), cosine: Lanes::splat(1.0), r: Lanes::zero() };
-        let mut placements = [nowhere; MAX_DOF];
+    pub fn nowhere() -> [Self; MAX_DOF] {
+        [Self { sine: Lanes::zero(), cosine: Lanes::splat(1.0), r: Lanes::zero() }; MAX_DOF]
+    }
+
+    /// Of every joint.
+    #[inline(always)]
+    pub fn all(robot: &Robot, q: &[Lanes<L, F>; MAX_DOF], placements: &mut [Self; MAX_DOF]) {
         for j in 0..robot.n_dof() {
             placements[j] = Self::of(robot, j, q[j]);
         }
-        placements
     }
 
     /// A force and a moment at the origin of frame `j`, seen at the origin of frame `j-1` and in that frame.
@@ -88,12 +91,12 @@ impl<const L: usize, const F: bool> Placement<L, F> {
         let mut moment = moment.out_of_turned(self.sine, self.cosine);
         // moment + (d, 0, r) x force
         if joint.r != 0.0 || joint.kind == JointKind::Prismatic {
-            moment.x -= self.r * force.y;
+            moment.x = self.r.neg_mul_add(force.y, moment.x);
             moment.y = self.r.mul_add(force.x, moment.y);
         }
         if joint.d != 0.0 {
             let d = Lanes::splat(joint.d);
-            moment.y -= d * force.z;
+            moment.y = d.neg_mul_add(force.z, moment.y);
             moment.z = d.mul_add(force.y, moment.z);
         }
         (force.out_of_twisted(twist), moment.out_of_twisted(twist))
@@ -151,14 +154,14 @@ impl<const L: usize, const F: bool> Motion<L, F> {
         match joint.kind {
             JointKind::Revolute => {
                 domega.x = omega.y.mul_add(dq, domega.x);
-                domega.y -= omega.x * dq;
+                domega.y = omega.x.neg_mul_add(dq, domega.y);
                 domega.z += ddq;
                 omega.z += dq;
             }
             JointKind::Prismatic => {
                 let twice = dq + dq;
                 a.x = omega.y.mul_add(twice, a.x);
-                a.y -= omega.x * twice;
+                a.y = omega.x.neg_mul_add(twice, a.y);
                 a.z += ddq;
             }
         }
@@ -229,11 +232,11 @@ impl<const L: usize, const F: bool> Axis<L, F> {
         if joint.d != 0.0 {
             let d = Lanes::splat(joint.d);
             w.y = u.z.mul_add(d, w.y);
-            w.z -= u.y * d;
+            w.z = u.y.neg_mul_add(d, w.z);
         }
         if joint.r != 0.0 || joint.kind == JointKind::Prismatic {
             w.x = u.y.mul_add(at.r, w.x);
-            w.y -= u.x * at.r;
+            w.y = u.x.neg_mul_add(at.r, w.y);
         }
         Self { u: u.into_turned(at.sine, at.cosine), w: w.into_turned(at.sine, at.cosine) }
     }

@@ -1,19 +1,27 @@
 //! `Lanes<L>`: `L` samples or candidates side by side. The only place that knows about SIMD.
 //!
-//! The equations are written once, over [`Lanes`]; arrays of `f64` that the compiler keeps in vector registers.
-//! [`dispatch`] compiles a [`Kernel`] for the instruction sets that matter and chooses one at run time. Every
-//! function a kernel calls on its hot path is `#[inline(always)]`, or it would be compiled for the oldest processor.
+//! The equations are written once, over [`Lanes`]. [`dispatch`] compiles a [`Kernel`] for the instruction sets that matter and
+//! chooses one at run time. Every function a kernel calls on its hot path is `#[inline(always)]`, or it would be compiled
+//! for the oldest processor.
 //!
 //! `FUSED` says whether `a * b + c` rounds once. It follows the processor, not the number of lanes or threads,
-//! so that one machine gives one result.
+//! so that one machine gives one result. On x86-64 it also says that the processor has AVX2, so that four lanes can be held in
+//! a vector register: left to itself the compiler takes arrays apart and puts only some of them together again
+//! (docs/performance.md). For that reason only [`dispatch`] and [`dispatch_one`] start fused lanes.
+
+// Vector instructions need `unsafe` for what the compiler cannot see: that `FUSED` was granted by the processor at run time.
+#![allow(unsafe_code)]
 
 use pulp::Arch;
 use std::f64::consts::FRAC_2_PI;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64 as x86;
+
 /// `L` numbers that go through the same operations.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Lanes<const L: usize, const FUSED: bool = false>(pub [f64; L]);
+pub struct Lanes<const L: usize, const FUSED: bool = false>(pub(crate) [f64; L]);
 
 /// A computation that can run on any number of lanes.
 pub trait Kernel {
@@ -26,44 +34,149 @@ pub trait Kernel {
 /// Lanes that fill the vector registers of most processors without spilling them.
 pub const WIDTH: usize = 4;
 
-struct Vectorised<K, const FUSED: bool>(K);
+struct Vectorised<K, const L: usize, const FUSED: bool>(K);
 
-impl<K: Kernel, const FUSED: bool> pulp::NullaryFnOnce for Vectorised<K, FUSED> {
+impl<K: Kernel, const L: usize, const FUSED: bool> pulp::NullaryFnOnce for Vectorised<K, L, FUSED> {
     type Output = K::Output;
     #[inline(always)]
     fn call(self) -> K::Output {
-        self.0.run::<WIDTH, FUSED>()
+        self.0.run::<L, FUSED>()
     }
 }
 
-/// Runs a kernel with the best instruction set of this processor.
-pub fn dispatch<K: Kernel>(kernel: K) -> K::Output {
+/// Runs a kernel on `L` lanes with the best instruction set of this processor.
+pub fn dispatch_on<const L: usize, K: Kernel>(kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
     if let Arch::V3(simd) = Arch::new() {
-        return simd.vectorize(Vectorised::<K, true>(kernel));
+        return simd.vectorize(Vectorised::<K, L, true>(kernel));
     }
     #[cfg(target_arch = "aarch64")]
-    return Vectorised::<K, true>(kernel).0.run::<WIDTH, true>();
+    return kernel.run::<L, true>();
     #[cfg(not(target_arch = "aarch64"))]
-    kernel.run::<WIDTH, false>()
+    kernel.run::<L, false>()
+}
+
+/// Runs a kernel on [`WIDTH`] lanes.
+pub fn dispatch<K: Kernel>(kernel: K) -> K::Output {
+    dispatch_on::<WIDTH, K>(kernel)
+}
+
+/// An operation on lanes: on x86-64 by the vector instruction, elsewhere (and on a single lane) number by number.
+macro_rules! lane_wise {
+    ($(#[$doc:meta])* $visibility:vis fn $name:ident(self as $first:ident $(, $argument:ident)*) $scalar:expr; $vector:expr) => {
+        $(#[$doc])*
+        #[inline(always)]
+        #[must_use]
+        $visibility fn $name(self $(, $argument: Self)*) -> Self {
+            #[cfg(target_arch = "x86_64")]
+            if F && L % 4 == 0 {
+                let mut out = [0.0; L];
+                for k in (0..L).step_by(4) {
+                    // SAFETY: fused lanes exist only where `dispatch_on` has found AVX2 and FMA; k + 4 <= L.
+                    unsafe {
+                        let $first = x86::_mm256_loadu_pd(self.0.as_ptr().add(k));
+                        $(let $argument = x86::_mm256_loadu_pd($argument.0.as_ptr().add(k));)*
+                        x86::_mm256_storeu_pd(out.as_mut_ptr().add(k), $vector);
+                    }
+                }
+                return Self(out);
+            }
+            Self(std::array::from_fn(|l| {
+                let $first = self.0[l];
+                $(let $argument = $argument.0[l];)*
+                $scalar
+            }))
+        }
+    };
+}
+
+/// The bit of the sign.
+const SIGN: u64 = 1 << 63;
+/// 1.5 * 2^52: adding it leaves the nearest integer in the low bits.
+const ROUND: f64 = 6_755_399_441_055_744.0;
+
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+unsafe fn sign_bits() -> x86::__m256d {
+    // SAFETY: as the caller.
+    unsafe { x86::_mm256_set1_pd(-0.0) }
+}
+
+/// Bits of each number, moved up.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+unsafe fn shifted<const BY: i32>(a: x86::__m256d) -> x86::__m256d {
+    // SAFETY: as the caller.
+    unsafe { x86::_mm256_castsi256_pd(x86::_mm256_slli_epi64::<BY>(x86::_mm256_castpd_si256(a))) }
 }
 
 impl<const L: usize, const F: bool> Lanes<L, F> {
+    lane_wise!(fn add_lanes(self as a, b) a + b; x86::_mm256_add_pd(a, b));
+    lane_wise!(fn sub_lanes(self as a, b) a - b; x86::_mm256_sub_pd(a, b));
+    lane_wise!(fn mul_lanes(self as a, b) a * b; x86::_mm256_mul_pd(a, b));
+    lane_wise!(fn div_lanes(self as a, b) a / b; x86::_mm256_div_pd(a, b));
+    lane_wise!(fn neg_lanes(self as a) -a; x86::_mm256_xor_pd(a, sign_bits()));
+    lane_wise!(fn fused(self as a, b, c) fused::<F>(a, b, c); x86::_mm256_fmadd_pd(a, b, c));
+    lane_wise!(
+        /// `a * b - c`, rounded once where the processor can.
+        pub fn mul_sub(self as a, b, c) fused::<F>(a, b, -c); x86::_mm256_fmsub_pd(a, b, c));
+    lane_wise!(
+        /// `c - a * b`, rounded once where the processor can.
+        pub fn neg_mul_add(self as a, b, c) fused::<F>(-a, b, c); x86::_mm256_fnmadd_pd(a, b, c));
+    lane_wise!(
+        /// Absolute values.
+        pub fn abs(self as a) a.abs(); x86::_mm256_andnot_pd(sign_bits(), a));
+    lane_wise!(
+        /// The smaller of each pair; the second where one is NaN.
+        pub fn min(self as a, b) if a < b { a } else { b }; x86::_mm256_min_pd(a, b));
+    lane_wise!(
+        /// The larger of each pair; the second where one is NaN.
+        pub fn max(self as a, b) if a > b { a } else { b }; x86::_mm256_max_pd(a, b));
+    lane_wise!(
+        /// `a` with the sign of `b`.
+        pub fn copysign(self as a, b) a.copysign(b);
+        x86::_mm256_or_pd(x86::_mm256_andnot_pd(sign_bits(), a), x86::_mm256_and_pd(sign_bits(), b)));
+    lane_wise!(
+        /// `a` where `b > c`, otherwise zero.
+        pub fn where_above(self as a, b, c) if b > c { a } else { 0.0 };
+        x86::_mm256_and_pd(a, x86::_mm256_cmp_pd::<{ x86::_CMP_GT_OQ }>(b, c)));
+    lane_wise!(
+        /// `a` with its sign turned where the lowest bit but one of `bits` is set.
+        fn turned_by(self as a, bits) f64::from_bits(a.to_bits() ^ ((bits.to_bits() << 62) & SIGN));
+        x86::_mm256_xor_pd(a, x86::_mm256_and_pd(shifted::<62>(bits), sign_bits())));
+    lane_wise!(
+        /// `b` where the lowest bit of `bits` is set, otherwise `a`.
+        fn chosen_by(self as a, b, bits) if bits.to_bits() & 1 == 1 { b } else { a };
+        x86::_mm256_blendv_pd(a, b, shifted::<63>(bits)));
+    lane_wise!(
+    /// `2^k` of the integer `k` that [`ROUND`] has left in the low bits of `bits`.
+    fn power_of_two(self as bits) f64::from_bits(bits.to_bits().wrapping_add(1023) << 52);
+    x86::_mm256_castsi256_pd(x86::_mm256_slli_epi64::<52>(x86::_mm256_add_epi64(
+        x86::_mm256_castpd_si256(bits),
+        x86::_mm256_set1_epi64x(1023),
+    ))));
+
     /// The same number in each lane.
     #[inline(always)]
-    pub fn splat(value: f64) -> Self {
+    pub(crate) fn splat(value: f64) -> Self {
         Self([value; L])
     }
 
     /// Zero in each lane.
     #[inline(always)]
-    pub fn zero() -> Self {
+    pub(crate) fn zero() -> Self {
         Self([0.0; L])
+    }
+
+    /// The numbers, lane by lane.
+    #[inline(always)]
+    pub fn to_array(self) -> [f64; L] {
+        self.0
     }
 
     /// Entry `column` of rows `row`, `row + 1`, ... of a row-major array; the last row stands in past the end.
     #[inline(always)]
-    pub fn gather(rows: &[f64], width: usize, row: usize, column: usize) -> Self {
+    pub(crate) fn gather(rows: &[f64], width: usize, row: usize, column: usize) -> Self {
         let last = rows.len() / width - 1;
         Self(std::array::from_fn(|l| rows[(row + l).min(last) * width + column]))
     }
@@ -79,58 +192,94 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
     #[inline(always)]
     #[must_use]
     pub fn mul_add(self, b: Self, c: Self) -> Self {
-        Self(std::array::from_fn(|l| {
-            if F { self.0[l].mul_add(b.0[l], c.0[l]) } else { self.0[l] * b.0[l] + c.0[l] }
-        }))
+        self.fused(b, c)
     }
 
-    /// `self * b` times a plain number.
+    /// Times a plain number.
     #[inline(always)]
     #[must_use]
     pub fn scale(self, factor: f64) -> Self {
-        self.map(|x| x * factor)
+        self * Self::splat(factor)
+    }
+
+    /// Horner's rule, from the highest coefficient to the lowest.
+    #[inline(always)]
+    fn polynomial<const N: usize>(self, coefficients: [f64; N]) -> Self {
+        let mut sum = Self::splat(coefficients[0]);
+        for &coefficient in &coefficients[1..] {
+            sum = sum.mul_add(self, Self::splat(coefficient));
+        }
+        sum
     }
 
     /// Sine and cosine without branches: three-part reduction by pi/2 and the minimax polynomials of
     /// fdlibm on [-pi/4, pi/4]. Within 2 units of the last place below 1e5 rad, which a joint does not leave.
     #[inline(always)]
     pub fn sin_cos(self) -> (Self, Self) {
-        const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52: adding it leaves the nearest integer in the low bits
         const PI_2_A: f64 = 1.570_796_326_734_125_6;
         const PI_2_B: f64 = 6.077_100_506_303_966e-11;
         const PI_2_C: f64 = 2.022_266_248_711_166_5e-21;
-        let mut sine = [0.0; L];
-        let mut cosine = [0.0; L];
-        for l in 0..L {
-            let x = self.0[l];
-            let shifted = fused::<F>(x, FRAC_2_PI, ROUND);
-            let quadrant = shifted.to_bits();
-            let k = shifted - ROUND;
-            let r = fused::<F>(-k, PI_2_C, fused::<F>(-k, PI_2_B, fused::<F>(-k, PI_2_A, x)));
-            let z = r * r;
-            let s = fused::<F>(z, 1.589_690_995_211_55e-10, -2.505_076_025_340_686_3e-8);
-            let s = fused::<F>(z, s, 2.755_731_370_707_006_8e-6);
-            let s = fused::<F>(z, s, -1.984_126_982_985_795e-4);
-            let s = fused::<F>(z, s, 8.333_333_333_322_49e-3);
-            let s = fused::<F>(z, s, -1.666_666_666_666_663_2e-1);
-            let s = fused::<F>(z * r, s, r);
-            let c = fused::<F>(z, -1.135_964_755_778_819_5e-11, 2.087_572_321_298_175e-9);
-            let c = fused::<F>(z, c, -2.755_731_435_139_066_3e-7);
-            let c = fused::<F>(z, c, 2.480_158_728_947_673e-5);
-            let c = fused::<F>(z, c, -1.388_888_888_887_411e-3);
-            let c = fused::<F>(z, c, 4.166_666_666_666_66e-2);
-            let half = 0.5 * z;
-            let w = 1.0 - half;
-            let c = w + fused::<F>(z * z, c, (1.0 - w) - half);
-            // Odd quadrants exchange sine and cosine, the second bit turns the sign: masks keep it free of branches.
-            let swap = (quadrant & 1).wrapping_neg();
-            let (sb, cb) = (s.to_bits(), c.to_bits());
-            let sine_bits = (sb & !swap) | (cb & swap);
-            let cosine_bits = (cb & !swap) | (sb & swap);
-            sine[l] = f64::from_bits(sine_bits ^ ((quadrant & 2) << 62));
-            cosine[l] = f64::from_bits(cosine_bits ^ ((quadrant.wrapping_add(1) & 2) << 62));
-        }
-        (Self(sine), Self(cosine))
+        let one = Self::splat(1.0);
+        let quadrant = self.mul_add(Self::splat(FRAC_2_PI), Self::splat(ROUND));
+        let k = quadrant - Self::splat(ROUND);
+        let r = k.mul_add(Self::splat(-PI_2_A), self);
+        let r = k.mul_add(Self::splat(-PI_2_B), r);
+        let r = k.mul_add(Self::splat(-PI_2_C), r);
+        let z = r * r;
+        let s = z.polynomial([
+            1.589_690_995_211_55e-10,
+            -2.505_076_025_340_686_3e-8,
+            2.755_731_370_707_006_8e-6,
+            -1.984_126_982_985_795e-4,
+            8.333_333_333_322_49e-3,
+            -1.666_666_666_666_663_2e-1,
+        ]);
+        let s = (z * r).mul_add(s, r);
+        let c = z.polynomial([
+            -1.135_964_755_778_819_5e-11,
+            2.087_572_321_298_175e-9,
+            -2.755_731_435_139_066_3e-7,
+            2.480_158_728_947_673e-5,
+            -1.388_888_888_887_411e-3,
+            4.166_666_666_666_66e-2,
+        ]);
+        let half = z.scale(0.5);
+        let w = one - half;
+        let c = w + (z * z).mul_add(c, (one - w) - half);
+        // Odd quadrants exchange sine and cosine, the second bit turns the sign: masks keep it free of branches.
+        let next = quadrant + one;
+        (s.chosen_by(c, quadrant).turned_by(quadrant), c.chosen_by(s, quadrant).turned_by(next))
+    }
+
+    /// Hyperbolic tangent, within 3 units of the last place: `E / (E + 2)` with `E = exp(2 x) - 1`, which keeps its digits near zero.
+    #[inline(always)]
+    pub fn tanh(self) -> Self {
+        const LN_2_A: f64 = 6.931_471_803_691_238e-1; // its last bits are zero: times k it is exact
+        const LN_2_B: f64 = 1.908_214_929_270_587_7e-10;
+        // tanh is 1 to the last bit beyond 19.1. On the positive side, so that both sides have the same digits.
+        let y = self.abs().min(Self::splat(20.0)).scale(2.0);
+        let rounded = y.mul_add(Self::splat(std::f64::consts::LOG2_E), Self::splat(ROUND));
+        let k = rounded - Self::splat(ROUND);
+        let r = k.mul_add(Self::splat(-LN_2_A), y);
+        let r = k.mul_add(Self::splat(-LN_2_B), r);
+        let p = r.polynomial([
+            1.0 / 6_227_020_800.0,
+            1.0 / 479_001_600.0,
+            1.0 / 39_916_800.0,
+            1.0 / 3_628_800.0,
+            1.0 / 362_880.0,
+            1.0 / 40_320.0,
+            1.0 / 5_040.0,
+            1.0 / 720.0,
+            1.0 / 120.0,
+            1.0 / 24.0,
+            1.0 / 6.0,
+            0.5,
+        ]);
+        let p = (r * r).mul_add(p, r);
+        let power = rounded.power_of_two();
+        let e = power.mul_add(p, power - Self::splat(1.0));
+        (e / (e + Self::splat(2.0))).copysign(self)
     }
 }
 
@@ -140,26 +289,26 @@ fn fused<const F: bool>(a: f64, b: f64, c: f64) -> f64 {
 }
 
 macro_rules! operator {
-    ($trait:ident, $method:ident, $op:tt) => {
+    ($trait:ident, $method:ident, $by:ident) => {
         impl<const L: usize, const F: bool> $trait for Lanes<L, F> {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
-                Self(std::array::from_fn(|l| self.0[l] $op other.0[l]))
+                self.$by(other)
             }
         }
     };
 }
-operator!(Add, add, +);
-operator!(Sub, sub, -);
-operator!(Mul, mul, *);
-operator!(Div, div, /);
+operator!(Add, add, add_lanes);
+operator!(Sub, sub, sub_lanes);
+operator!(Mul, mul, mul_lanes);
+operator!(Div, div, div_lanes);
 
 impl<const L: usize, const F: bool> Neg for Lanes<L, F> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        self.map(|x| -x)
+        self.neg_lanes()
     }
 }
 

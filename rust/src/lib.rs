@@ -30,6 +30,8 @@
 //! one sample. *Observation matrix*: the regressors of a whole log, filtered. *Lanes*: samples or candidates side by side in a register.
 
 pub mod base;
+pub mod cancel;
+pub mod control;
 pub mod direct;
 pub mod error;
 pub mod filter;
@@ -44,6 +46,9 @@ pub mod parallel;
 pub mod parameters;
 #[cfg(feature = "python")]
 pub mod python;
+pub mod reference;
 pub mod regressor;
 pub mod robot;
+pub mod schedule;
+pub mod simulate;
 pub mod spatial;

@@ -8,10 +8,10 @@
 
 use crate::filter::{Stage, StageError, Workspace, check_stages, output_length, zero_phase_lanes};
 use crate::kinematics::State;
-use crate::lanes::{Kernel, dispatch};
+use crate::lanes::{Kernel, Lanes, dispatch};
 use crate::parallel;
 use crate::parameters::{INERTIAL, Layout, Owner};
-use crate::regressor::{Walk, drive_lanes};
+use crate::regressor::{Entries, Walk, drive_lanes};
 use crate::robot::{MAX_DOF, Robot};
 use thiserror::Error;
 
@@ -135,6 +135,28 @@ struct FormAndFilter<'a> {
     stages: &'a [Stage],
 }
 
+/// Entries go to the columns that were asked for.
+struct Groups<'a> {
+    place: &'a [usize],
+    width: usize,
+    groups: &'a mut [Vec<[f64; COLUMNS]>],
+    first: usize,
+    valid: usize,
+}
+
+impl<const L: usize, const F: bool> Entries<L, F> for Groups<'_> {
+    #[inline(always)]
+    fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>) {
+        let s = self.place[row * self.width + column];
+        if s != usize::MAX {
+            let group = &mut self.groups[s / COLUMNS][self.first..self.first + self.valid];
+            for (l, sample) in group.iter_mut().enumerate() {
+                sample[s % COLUMNS] = value.0[l];
+            }
+        }
+    }
+}
+
 impl Kernel for FormAndFilter<'_> {
     type Output = Vec<Vec<[f64; COLUMNS]>>;
 
@@ -152,15 +174,7 @@ impl Kernel for FormAndFilter<'_> {
         for first in (0..samples).step_by(L) {
             let state = State::<L, F>::gather(n, first, log.q, log.dq, log.ddq);
             let valid = L.min(samples - first);
-            let mut put = |row: usize, column: usize, value: crate::lanes::Lanes<L, F>| {
-                let s = place[row * width + column];
-                if s != usize::MAX {
-                    let group = &mut groups[s / COLUMNS][first..first + valid];
-                    for (l, sample) in group.iter_mut().enumerate() {
-                        sample[s % COLUMNS] = value.0[l];
-                    }
-                }
-            };
+            let mut entries = Groups { place: &place, width, groups: &mut groups, first, valid };
             match block.link {
                 Some(j) => {
                     let mut walk = Walk::new(robot);
@@ -170,11 +184,11 @@ impl Kernel for FormAndFilter<'_> {
                     let unit = walk.unit_wrenches();
                     for i in 0..=j {
                         for (k, value) in walk.row(i, &unit).into_iter().enumerate() {
-                            put(i, k, value);
+                            entries.put(i, k, value);
                         }
                     }
                 }
-                None => drive_lanes(robot, &state, put),
+                None => drive_lanes(robot, &state, &mut entries),
             }
         }
         let mut workspace = Workspace::new();

@@ -54,9 +54,9 @@ impl<const L: usize, const F: bool> Walk<L, F> {
             row[k] = u.dot(unit.inertia[k]);
         }
         let [ax, ay, az] = [unit.a.x, unit.a.y, unit.a.z];
-        row[6] = w.dot(unit.angular.column(0)) + u.z.mul_add(ay, -(u.y * az));
-        row[7] = w.dot(unit.angular.column(1)) + u.x.mul_add(az, -(u.z * ax));
-        row[8] = w.dot(unit.angular.column(2)) + u.y.mul_add(ax, -(u.x * ay));
+        row[6] = w.dot(unit.angular.column(0)) + u.z.mul_sub(ay, u.y * az);
+        row[7] = w.dot(unit.angular.column(1)) + u.x.mul_sub(az, u.z * ax);
+        row[8] = w.dot(unit.angular.column(2)) + u.y.mul_sub(ax, u.x * ay);
         row[9] = w.dot(unit.a);
         row
     }
@@ -91,12 +91,18 @@ impl<const L: usize, const F: bool> UnitWrenches<L, F> {
     }
 }
 
-/// Calls `put(row, column, value)` for every entry of the regressor that is not zero by structure.
+/// Takes the entries of a regressor. A trait and not a closure: what it does must be inlined into the kernel.
+pub(crate) trait Entries<const L: usize, const F: bool> {
+    /// Takes the entry of `L` samples. Implementations are `#[inline(always)]`.
+    fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>);
+}
+
+/// Hands over every entry of the regressor that is not zero by structure.
 #[inline(always)]
 fn regressor_lanes<const L: usize, const F: bool>(
     robot: &Robot,
     state: &State<L, F>,
-    mut put: impl FnMut(usize, usize, Lanes<L, F>),
+    entries: &mut impl Entries<L, F>,
 ) {
     let layout = Layout::of(robot);
     let mut walk = Walk::new(robot);
@@ -106,11 +112,11 @@ fn regressor_lanes<const L: usize, const F: bool>(
         let first = layout.joint(j);
         for i in 0..=j {
             for (k, value) in walk.row(i, &unit).into_iter().enumerate() {
-                put(i, first + k, value);
+                entries.put(i, first + k, value);
             }
         }
     }
-    drive_lanes(robot, state, put);
+    drive_lanes(robot, state, entries);
 }
 
 /// The same for the columns of rotors and friction, joints and coupled motors.
@@ -118,15 +124,15 @@ fn regressor_lanes<const L: usize, const F: bool>(
 pub(crate) fn drive_lanes<const L: usize, const F: bool>(
     robot: &Robot,
     state: &State<L, F>,
-    mut put: impl FnMut(usize, usize, Lanes<L, F>),
+    entries: &mut impl Entries<L, F>,
 ) {
     let layout = Layout::of(robot);
     for j in 0..robot.n_dof() {
         let first = layout.joint(j);
-        put(j, first + IA, state.ddq[j]);
+        entries.put(j, first + IA, state.ddq[j]);
         let columns = own_columns(robot, j, state.dq[j]);
         for k in FRICTION..layout.per_joint() {
-            put(j, first + k, columns[k - FRICTION]);
+            entries.put(j, first + k, columns[k - FRICTION]);
         }
     }
     for (index, coupled) in robot.coupled().iter().enumerate() {
@@ -134,14 +140,31 @@ pub(crate) fn drive_lanes<const L: usize, const F: bool>(
         let shaft = Shaft::of(robot, coupled, state);
         let first = layout.coupled(index);
         let own = shaft.own_row(m, state);
-        put(m, layout.joint(m) + IA, own.rotor + state.ddq[m]);
-        put(m, first, own.viscous);
-        put(m, first + 1, own.coulomb);
+        entries.put(m, layout.joint(m) + IA, own.rotor + state.ddq[m]);
+        entries.put(m, first, own.viscous);
+        entries.put(m, first + 1, own.coulomb);
         for &(i, c) in &coupled.others {
             let row = shaft.other_row(robot, i, c, state);
-            put(i, layout.joint(m) + IA, row.rotor);
-            put(i, first, row.viscous);
-            put(i, first + 1, row.coulomb);
+            entries.put(i, layout.joint(m) + IA, row.rotor);
+            entries.put(i, first, row.viscous);
+            entries.put(i, first + 1, row.coulomb);
+        }
+    }
+}
+
+/// Entries go to the rows of each sample.
+struct Rows<'a> {
+    out: &'a mut [f64],
+    n: usize,
+    p: usize,
+    samples: usize,
+}
+
+impl<const L: usize, const F: bool> Entries<L, F> for Rows<'_> {
+    #[inline(always)]
+    fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>) {
+        for l in 0..self.samples {
+            self.out[(l * self.n + row) * self.p + column] = value.0[l];
         }
     }
 }
@@ -164,11 +187,7 @@ impl Kernel for Batch<'_> {
             let state = State::<L, F>::gather(n, block * L, self.q, self.dq, self.ddq);
             out.fill(0.0);
             let samples = out.len() / (n * p);
-            regressor_lanes(self.robot, &state, |row, column, value| {
-                for l in 0..samples {
-                    out[(l * n + row) * p + column] = value.0[l];
-                }
-            });
+            regressor_lanes(self.robot, &state, &mut Rows { out, n, p, samples });
         }
     }
 }

@@ -44,9 +44,9 @@ impl<const L: usize, const F: bool> Vector<L, F> {
     #[inline(always)]
     pub fn cross(self, b: Self) -> Self {
         Self::new(
-            self.y.mul_add(b.z, -(self.z * b.y)),
-            self.z.mul_add(b.x, -(self.x * b.z)),
-            self.x.mul_add(b.y, -(self.y * b.x)),
+            self.y.mul_sub(b.z, self.z * b.y),
+            self.z.mul_sub(b.x, self.x * b.z),
+            self.x.mul_sub(b.y, self.y * b.x),
         )
     }
 
@@ -80,13 +80,13 @@ impl<const L: usize, const F: bool> Vector<L, F> {
     /// Components after `Rot(z, theta)` of the frame, from the sine and cosine of theta.
     #[inline(always)]
     pub fn into_turned(self, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
-        Self::new(self.x.mul_add(cosine, self.y * sine), self.y.mul_add(cosine, -(self.x * sine)), self.z)
+        Self::new(self.x.mul_add(cosine, self.y * sine), self.y.mul_sub(cosine, self.x * sine), self.z)
     }
 
     /// Back: `Rot(z, theta) v`.
     #[inline(always)]
     pub fn out_of_turned(self, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
-        self.into_turned(-sine, cosine)
+        Self::new(self.x.mul_sub(cosine, self.y * sine), self.y.mul_add(cosine, self.x * sine), self.z)
     }
 }
 

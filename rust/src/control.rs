@@ -1,0 +1,279 @@
+//! The controllers of the closed loop: one linear law per joint, continuous or digital.
+//!
+//! With `e = q_ref - q` and `v = w dq_ref - dq`,
+//!
+//! `u = s (P e + D v + I z + A ddq_ref) + tau_ff / g`, `dz/dt = a e + b v`, `tau = g sat(u)`.
+//!
+//! PD and PID on joints have `a = 1, b = 0`; a cascade of a position loop `kp` around a velocity loop `kv` with integral time
+//! `Ti` has `P = kv kp, D = kv, I = kv / Ti, a = kp, b = 1`. `g` is the drive gain and `s` scales the gains of a candidate
+//! (gain updating). Integration stops while it would drive a saturated output further. A digital controller computes `u` at its own
+//! rate, with velocities from differences of smoothed positions, and holds it, some samples late.
+//! Tested against closed forms in `simulate/tests.rs` and against the EMPS in the Python tests.
+
+use crate::error::ControlError;
+use crate::lanes::Lanes;
+use crate::reference::Target;
+use crate::robot::MAX_DOF;
+
+/// The law of one joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Law {
+    /// `P`, per unit of position error.
+    pub position: f64,
+    /// `D`, per unit of velocity error.
+    pub velocity: f64,
+    /// `I`, per unit of `z`.
+    pub integral: f64,
+    /// `A`, per unit of reference acceleration.
+    pub acceleration: f64,
+    /// `w`: the share of the reference velocity in the velocity error.
+    pub reference_velocity: f64,
+    /// `a` of the integrator.
+    pub integrated_position: f64,
+    /// `b` of the integrator.
+    pub integrated_velocity: f64,
+    /// Largest `|u|`; infinite without saturation.
+    pub limit: f64,
+    /// `g`: torque or force per unit of `u`.
+    pub gain: f64,
+}
+
+/// When the law is evaluated.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Timing {
+    /// At every stage of the integration.
+    Continuous,
+    /// At its own rate.
+    Digital(Digital),
+}
+
+/// A sampled controller.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Digital {
+    /// Sample time (s).
+    pub period: f64,
+    /// Whole samples between a measurement and the output that follows from it.
+    pub delay: usize,
+    /// Weights of the newest, the one before, ... position in the smoothed position.
+    pub smoothing: Vec<f64>,
+    /// Step of the encoder per joint (rad or m); 0 for an exact one.
+    pub resolution: Vec<f64>,
+}
+
+/// Samples at a constant rate, `(samples, n)` row-major, the first at time 0; straight lines between them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Signal {
+    /// Samples per second.
+    pub rate: f64,
+    /// Joints.
+    pub n: usize,
+    /// The samples.
+    pub values: Vec<f64>,
+}
+
+impl Signal {
+    /// At time `t`; the first and the last sample hold beyond the ends.
+    #[inline(always)]
+    pub fn at(&self, t: f64, out: &mut [f64; MAX_DOF]) {
+        let last = self.values.len() / self.n - 1;
+        let place = (t * self.rate).clamp(0.0, last as f64);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped to the samples
+        let k = (place as usize).min(last.saturating_sub(1));
+        let part = place - k as f64;
+        for j in 0..self.n {
+            let (a, b) = (self.values[k * self.n + j], self.values[(k + 1).min(last) * self.n + j]);
+            out[j] = a + part * (b - a);
+        }
+    }
+}
+
+/// The controller of a robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Controller {
+    laws: Vec<Law>,
+    timing: Timing,
+    feedforward: Option<Signal>,
+}
+
+impl Controller {
+    /// Checks and stores the laws, one per joint, and a torque that is fed forward (joint side).
+    pub fn new(laws: Vec<Law>, timing: Timing, feedforward: Option<Signal>) -> Result<Self, ControlError> {
+        let n = laws.len();
+        for (j, law) in laws.iter().enumerate() {
+            for (what, value) in [
+                ("the position gain", law.position),
+                ("the velocity gain", law.velocity),
+                ("the integral gain", law.integral),
+                ("the acceleration gain", law.acceleration),
+                ("the share of the reference velocity", law.reference_velocity),
+                ("the integrator", law.integrated_position + law.integrated_velocity),
+                ("the drive gain", law.gain),
+            ] {
+                if !value.is_finite() {
+                    return Err(ControlError::NotFinite { what, joint: j + 1 });
+                }
+            }
+            if law.limit.is_nan() || law.limit <= 0.0 {
+                return Err(ControlError::Limit { joint: j + 1, value: law.limit });
+            }
+            if law.gain == 0.0 {
+                return Err(ControlError::NoGain { joint: j + 1 });
+            }
+        }
+        if let Timing::Digital(digital) = &timing {
+            if !(digital.period > 0.0 && digital.period.is_finite()) {
+                return Err(ControlError::Period { value: digital.period });
+            }
+            if digital.smoothing.is_empty() || digital.smoothing.iter().any(|c| !c.is_finite()) {
+                return Err(ControlError::Smoothing);
+            }
+            if digital.resolution.len() != n {
+                return Err(ControlError::Resolution { want: n, got: digital.resolution.len() });
+            }
+        }
+        if let Some(signal) = &feedforward {
+            check_signal("the torque fed forward", signal, n)?;
+        }
+        Ok(Self { laws, timing, feedforward })
+    }
+
+    /// One law per joint.
+    pub fn laws(&self) -> &[Law] {
+        &self.laws
+    }
+
+    /// Continuous or digital.
+    pub fn timing(&self) -> &Timing {
+        &self.timing
+    }
+
+    /// Torque fed forward.
+    pub fn feedforward(&self) -> Option<&Signal> {
+        self.feedforward.as_ref()
+    }
+
+    /// Sample time of a digital controller.
+    pub fn period(&self) -> Option<f64> {
+        match &self.timing {
+            Timing::Continuous => None,
+            Timing::Digital(digital) => Some(digital.period),
+        }
+    }
+}
+
+/// A signal has samples, `n` joints and finite numbers.
+pub fn check_signal(what: &'static str, signal: &Signal, n: usize) -> Result<(), ControlError> {
+    if signal.n != n || signal.values.is_empty() || signal.values.len() % n != 0 {
+        return Err(ControlError::Signal { what, want: n, got: signal.n });
+    }
+    if !(signal.rate > 0.0 && signal.rate.is_finite()) || signal.values.iter().any(|v| !v.is_finite()) {
+        return Err(ControlError::SignalNotFinite { what });
+    }
+    Ok(())
+}
+
+/// What a controller sees and gives at one instant, on lanes.
+#[derive(Debug, Clone, Copy)]
+pub struct Instant<'a, const L: usize, const F: bool> {
+    /// Reference.
+    pub target: &'a Target,
+    /// Torque fed forward.
+    pub feedforward: &'a [f64; MAX_DOF],
+    /// Scale of the gains of each candidate.
+    pub scale: &'a [Lanes<L, F>; MAX_DOF],
+}
+
+/// Torque (joint side) and growth of the integrator of joint `j`.
+#[inline(always)]
+pub fn law<const L: usize, const F: bool>(
+    law: &Law,
+    instant: &Instant<'_, L, F>,
+    j: usize,
+    q: Lanes<L, F>,
+    dq: Lanes<L, F>,
+    z: Lanes<L, F>,
+) -> (Lanes<L, F>, Lanes<L, F>) {
+    let target = instant.target;
+    let e = Lanes::splat(target.q[j]) - q;
+    let v = Lanes::splat(law.reference_velocity * target.dq[j]) - dq;
+    let mut u = e.mul_add(
+        Lanes::splat(law.position),
+        v.mul_add(Lanes::splat(law.velocity), Lanes::splat(law.acceleration * target.ddq[j])),
+    );
+    let mut dz = Lanes::zero();
+    if law.integral != 0.0 {
+        u = z.mul_add(Lanes::splat(law.integral), u);
+        dz = e.mul_add(Lanes::splat(law.integrated_position), v.scale(law.integrated_velocity));
+    }
+    u = u.mul_add(instant.scale[j], Lanes::splat(instant.feedforward[j] / law.gain));
+    if law.limit < f64::INFINITY {
+        let limit = Lanes::splat(law.limit);
+        let clipped = u.max(-limit).min(limit);
+        if law.integral != 0.0 {
+            // Where u is beyond the limit and dz drives it further, the product is positive.
+            let further = (u - clipped) * dz.scale(law.integral);
+            dz = dz - dz.where_above(further, Lanes::zero());
+        }
+        u = clipped;
+    }
+    (u.scale(law.gain), dz)
+}
+
+/// Memory of a digital controller on lanes.
+#[derive(Debug, Clone)]
+pub struct Sampled<const L: usize, const F: bool> {
+    /// Measured positions, newest first.
+    history: Vec<[Lanes<L, F>; MAX_DOF]>,
+    /// Outputs on their way, newest first.
+    queue: Vec<[Lanes<L, F>; MAX_DOF]>,
+    z: [Lanes<L, F>; MAX_DOF],
+    differences: Vec<f64>,
+}
+
+impl<const L: usize, const F: bool> Sampled<L, F> {
+    /// Before the first sample: the robot has moved with its initial velocity so far, and the outputs were zero.
+    pub fn start(digital: &Digital, q: &[Lanes<L, F>; MAX_DOF], dq: &[Lanes<L, F>; MAX_DOF]) -> Self {
+        let taps = digital.smoothing.len();
+        let before = |k: usize| std::array::from_fn(|j| q[j] - dq[j].scale(digital.period * k as f64));
+        let weight = |k: usize| digital.smoothing.get(k).copied().unwrap_or(0.0);
+        Self {
+            // The first sample pushes all of them one place back.
+            history: (1..=taps + 1).map(before).collect(),
+            queue: vec![[Lanes::zero(); MAX_DOF]; digital.delay + 1],
+            z: [Lanes::zero(); MAX_DOF],
+            differences: (0..=taps)
+                .map(|k| (weight(k) - if k > 0 { weight(k - 1) } else { 0.0 }) / digital.period)
+                .collect(),
+        }
+    }
+
+    /// One sample: takes the positions, and returns the torques that act until the next.
+    #[inline(always)]
+    pub fn step(
+        &mut self,
+        laws: &[Law],
+        digital: &Digital,
+        instant: &Instant<'_, L, F>,
+        q: &[Lanes<L, F>; MAX_DOF],
+    ) -> [Lanes<L, F>; MAX_DOF] {
+        self.history.rotate_right(1);
+        self.queue.rotate_right(1);
+        for (j, one) in laws.iter().enumerate() {
+            let resolution = digital.resolution[j];
+            let measured = if resolution > 0.0 {
+                q[j].map(|value| (value / resolution).round() * resolution)
+            } else {
+                q[j]
+            };
+            self.history[0][j] = measured;
+            let mut velocity = Lanes::zero();
+            for (difference, positions) in self.differences.iter().zip(&self.history) {
+                velocity = positions[j].mul_add(Lanes::splat(*difference), velocity);
+            }
+            let (torque, dz) = law(one, instant, j, measured, velocity, self.z[j]);
+            self.z[j] = dz.mul_add(Lanes::splat(digital.period), self.z[j]);
+            self.queue[0][j] = torque;
+        }
+        self.queue[digital.delay]
+    }
+}

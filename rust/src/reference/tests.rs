@@ -1,0 +1,101 @@
+use super::*;
+use proptest::prelude::*;
+
+fn at(reference: &Reference, t: f64) -> Target {
+    let mut target = Target::zero();
+    reference.at(t, &mut 0, &mut target);
+    target
+}
+
+proptest! {
+    #[test]
+    fn a_polynomial_of_fifth_degree_is_met_everywhere(c in prop::array::uniform6(-2.0..2.0_f64), t in 0.0..0.9_f64) {
+        let p = |t: f64| (0..6).map(|k| c[k] * t.powi(k as i32)).sum::<f64>();
+        let dp = |t: f64| (1..6).map(|k| k as f64 * c[k] * t.powi(k as i32 - 1)).sum::<f64>();
+        let ddp = |t: f64| (2..6).map(|k| (k * (k - 1)) as f64 * c[k] * t.powi(k as i32 - 2)).sum::<f64>();
+        let times = vec![0.0, 0.2, 0.5, 0.9];
+        let knots = |f: &dyn Fn(f64) -> f64| times.iter().map(|&t| f(t)).collect::<Vec<_>>();
+        let reference = Reference::from_knots(1, times.clone(), &knots(&p), &knots(&dp), &knots(&ddp)).unwrap();
+        let target = at(&reference, t);
+        prop_assert!((target.q[0] - p(t)).abs() < 1e-12);
+        prop_assert!((target.dq[0] - dp(t)).abs() < 1e-11);
+        prop_assert!((target.ddq[0] - ddp(t)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn samples_of_a_fourth_degree_are_met_at_the_ends_too(c in prop::array::uniform5(-2.0..2.0_f64), k in 0..70_usize) {
+        let rate = 100.0;
+        let p = |t: f64| (0..5).map(|k| c[k] * t.powi(k as i32)).sum::<f64>();
+        let ddp = |t: f64| (2..5).map(|k| (k * (k - 1)) as f64 * c[k] * t.powi(k as i32 - 2)).sum::<f64>();
+        let q: Vec<f64> = (0..71).map(|k| p(k as f64 / rate)).collect();
+        let t = (k as f64 + 0.3) / rate;
+        let target = at(&Reference::sampled(1, rate, &q).unwrap(), t);
+        prop_assert!((target.q[0] - p(t)).abs() < 1e-12);
+        prop_assert!((target.ddq[0] - ddp(t)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn point_to_point_arrives_within_its_limits(points in prop::collection::vec(-2.0..2.0_f64, 8), v in 0.5..3.0_f64, a in 1.0..9.0_f64) {
+        let moves = PointToPoint { points: &points, velocity: &[v, 2.0 * v], acceleration: &[a, a], dwell: 0.1 };
+        let reference = Reference::point_to_point(2, moves).unwrap();
+        let end = reference.span().1;
+        let target = at(&reference, end);
+        for j in 0..2 {
+            prop_assert!((target.q[j] - points[6 + j]).abs() < 1e-9);
+            prop_assert!(target.dq[j].abs() < 1e-9);
+        }
+        for k in 0..200 {
+            let t = end * f64::from(k) / 200.0;
+            let target = at(&reference, t);
+            prop_assert!(target.dq[0].abs() <= v * (1.0 + 1e-9) && target.dq[1].abs() <= 2.0 * v * (1.0 + 1e-9));
+            prop_assert!(target.ddq[..2].iter().all(|x| x.abs() <= a * (1.0 + 1e-9)));
+            let near = at(&reference, t + 1e-7);
+            prop_assert!((near.q[0] - target.q[0] - 1e-7 * target.dq[0]).abs() < 1e-12);
+        }
+    }
+}
+
+#[test]
+fn a_trapezium_takes_the_time_of_the_formula() {
+    // 1 m at 0.5 m/s and 2 m/s^2: 0.25 s up, 1.75 s at speed, 0.25 s down.
+    let moves = PointToPoint { points: &[0.0, 1.0], velocity: &[0.5], acceleration: &[2.0], dwell: 0.0 };
+    let reference = Reference::point_to_point(1, moves).unwrap();
+    assert!((reference.span().1 - 2.25).abs() < 1e-14);
+    assert_eq!(reference.breaks().len(), 2);
+    assert!((at(&reference, 1.0).dq[0] - 0.5).abs() < 1e-15);
+    assert!((at(&reference, 0.1).q[0] - 0.01).abs() < 1e-15);
+    assert_eq!(at(&reference, 2.2).ddq[0], -2.0);
+}
+
+#[test]
+fn a_fourier_series_is_met_between_its_knots() {
+    let sine = [0.3, 0.0, 0.0, 0.1];
+    let cosine = [0.0, 0.2, -0.05, 0.0];
+    let series = Fourier { period: 2.0, offset: &[0.5, -1.0], sine: &sine, cosine: &cosine };
+    let reference = Reference::fourier(2, series, 4.0, 4000).unwrap();
+    let w = std::f64::consts::PI;
+    for t in [0.0, 0.123_45, 1.9, 3.999] {
+        let target = at(&reference, t);
+        let q = [
+            0.5 + 0.3 * (w * t).sin() - 0.05 * (2.0 * w * t).cos(),
+            -1.0 + 0.2 * (w * t).cos() + 0.1 * (2.0 * w * t).sin(),
+        ];
+        let ddq1 = -0.2 * w * w * (w * t).cos() - 0.4 * w * w * (2.0 * w * t).sin();
+        assert!((target.q[0] - q[0]).abs() < 1e-14 && (target.q[1] - q[1]).abs() < 1e-14);
+        assert!((target.ddq[1] - ddq1).abs() < 1e-8, "{} {ddq1}", target.ddq[1]);
+    }
+}
+
+#[test]
+fn wrong_references_say_what_is_wrong() {
+    let message = |result: Result<Reference, ReferenceError>| result.unwrap_err().to_string();
+    assert!(message(Reference::sampled(1, 10.0, &[0.0; 4])).contains("at least 5 samples, got 4"));
+    let knots = Reference::from_knots(1, vec![0.0, 0.0], &[0.0; 2], &[0.0; 2], &[0.0; 2]);
+    assert!(message(knots).contains("knot 2"));
+    let knots = Reference::from_knots(2, vec![0.0, 1.0], &[0.0, 1.0, f64::NAN, 0.0], &[0.0; 4], &[0.0; 4]);
+    assert!(message(knots).contains("position of joint 1 at knot 2"));
+    let moves = PointToPoint { points: &[0.0, 1.0], velocity: &[0.0], acceleration: &[1.0], dwell: 0.0 };
+    assert!(
+        message(Reference::point_to_point(1, moves)).contains("velocity of joint 1 must be positive, got 0")
+    );
+}

@@ -1,0 +1,551 @@
+//! The closed loop, (4) with its controller and reference, by the classical Runge-Kutta method: one candidate or thousands.
+//!
+//! Candidates run side by side in the lanes of a register, and groups of lanes on several threads; none sees another, so
+//! the bits do not depend on either number. With `a1 .. a4` the accelerations at the four stages of a step `h`,
+//!
+//! `q <- q + h dq + h^2/6 (a1 + a2 + a3)`, `dq <- dq + h/6 (a1 + 2 a2 + 2 a3 + a4)`,
+//!
+//! which is the classical method for `(q, dq)` with the sums of velocities written out. Tested in `simulate/tests.rs`: order four,
+//! energy, power balance, a pendulum against its elliptic functions; and against the EMPS in the Python tests.
+
+use crate::cancel::Cancel;
+use crate::control::{Controller, Instant, Sampled, Signal, Timing, check_signal, law};
+use crate::direct::Direct;
+use crate::error::SimulationError;
+use crate::kinematics::State;
+use crate::lanes::{Kernel, Lanes, WIDTH, dispatch_on};
+use crate::parallel;
+use crate::parameters::Layout;
+use crate::reference::{Reference, Target};
+use crate::robot::{MAX_DOF, Robot};
+use crate::schedule::{Schedule, Segment};
+
+/// How often, in segments, a run asks whether it shall stop.
+const PATIENCE: usize = 256;
+/// Most lanes of a group.
+pub const MOST_LANES: usize = 8;
+
+/// What is simulated; candidates differ only in their parameters and the scale of their gains.
+#[derive(Clone, Copy)]
+pub struct Simulation<'a> {
+    /// The robot.
+    pub robot: &'a Robot,
+    /// What it follows.
+    pub reference: &'a Reference,
+    /// What makes it follow.
+    pub controller: &'a Controller,
+    /// When.
+    pub schedule: &'a Schedule,
+    /// External torque on the joints, joint side.
+    pub external: Option<&'a Signal>,
+    /// Positions and velocities at time 0; those of the reference if None.
+    pub start: Option<(&'a [f64], &'a [f64])>,
+    /// Tracking error (rad or m) that counts as divergence.
+    pub divergence: f64,
+}
+
+/// One candidate.
+#[derive(Debug, Clone, Copy)]
+pub struct Candidate<'a> {
+    /// Standard parameters.
+    pub x: &'a [f64],
+    /// Scale of the gains, one per joint.
+    pub scale: &'a [f64],
+}
+
+/// How the run of a candidate ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Outcome {
+    /// With the last record.
+    Completed,
+    /// With a tracking error beyond bounds, or one that is no number any more.
+    Diverged {
+        /// When (s).
+        time: f64,
+        /// Joint, from 0.
+        joint: usize,
+    },
+    /// With an inertia matrix that is not positive definite.
+    Indefinite {
+        /// When (s).
+        time: f64,
+        /// Joint whose pivot is not positive, from 0.
+        joint: usize,
+    },
+    /// On request.
+    Cancelled {
+        /// When (s).
+        time: f64,
+    },
+}
+
+/// One record of a group of lanes: entry `j * lanes + l` is joint `j` of lane `l`.
+#[derive(Debug, Clone, Copy)]
+pub struct Record<'a> {
+    /// Lanes of the group.
+    pub lanes: usize,
+    /// Positions.
+    pub q: &'a [f64],
+    /// Velocities.
+    pub dq: &'a [f64],
+    /// Accelerations.
+    pub ddq: &'a [f64],
+    /// Torques of the drives.
+    pub tau: &'a [f64],
+}
+
+/// Takes the records of a group of lanes. Called through a pointer, so that the kernel is compiled once for all of them.
+pub trait Observer: Send {
+    /// Takes record `k`.
+    fn record(&mut self, k: usize, record: &Record<'_>);
+}
+
+/// Whole trajectories of the lanes, each `(records, n)` row-major.
+#[derive(Debug, Clone, Default)]
+pub struct Trajectories {
+    /// Per lane.
+    pub lanes: Vec<Trajectory>,
+}
+
+/// One trajectory, `(records, n)` row-major.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Trajectory {
+    /// Positions.
+    pub q: Vec<f64>,
+    /// Velocities.
+    pub dq: Vec<f64>,
+    /// Accelerations.
+    pub ddq: Vec<f64>,
+    /// Torques of the drives.
+    pub tau: Vec<f64>,
+}
+
+impl Trajectories {
+    /// Memory for `lanes` trajectories.
+    pub fn new(lanes: usize, records: usize, n: usize) -> Self {
+        let empty = || Vec::with_capacity(records * n);
+        let one = || Trajectory { q: empty(), dq: empty(), ddq: empty(), tau: empty() };
+        Self { lanes: (0..lanes).map(|_| one()).collect() }
+    }
+}
+
+impl Observer for Trajectories {
+    fn record(&mut self, _k: usize, record: &Record<'_>) {
+        for (l, lane) in self.lanes.iter_mut().enumerate() {
+            for (out, values) in [
+                (&mut lane.q, record.q),
+                (&mut lane.dq, record.dq),
+                (&mut lane.ddq, record.ddq),
+                (&mut lane.tau, record.tau),
+            ] {
+                out.extend(values.iter().skip(l).step_by(record.lanes));
+            }
+        }
+    }
+}
+
+/// What a cost compares a simulation with, `(records, n)` row-major each.
+#[derive(Debug, Clone, Copy)]
+pub struct Measured<'a> {
+    /// Positions.
+    pub q: &'a [f64],
+    /// Torques of the drives.
+    pub tau: &'a [f64],
+    /// Weight of a squared position error, one per joint.
+    pub weight_q: &'a [f64],
+    /// Weight of a squared torque error, one per joint.
+    pub weight_tau: &'a [f64],
+}
+
+/// Sum of weighted squared errors of each lane: no memory per record.
+#[derive(Debug, Clone, Copy)]
+pub struct Cost<'a> {
+    measured: Measured<'a>,
+    n: usize,
+    /// Sum of each lane.
+    pub sums: [f64; MOST_LANES],
+}
+
+impl<'a> Cost<'a> {
+    /// Nothing summed yet.
+    pub fn new(measured: Measured<'a>, n: usize) -> Self {
+        Self { measured, n, sums: [0.0; MOST_LANES] }
+    }
+}
+
+impl Observer for Cost<'_> {
+    fn record(&mut self, k: usize, record: &Record<'_>) {
+        let Measured { q, tau, weight_q, weight_tau } = self.measured;
+        for j in 0..self.n {
+            let (at, of_joint) = (k * self.n + j, j * record.lanes);
+            for l in 0..record.lanes {
+                let e = record.q[of_joint + l] - q[at];
+                let f = record.tau[of_joint + l] - tau[at];
+                self.sums[l] += weight_q[j] * e * e + weight_tau[j] * f * f;
+            }
+        }
+    }
+}
+
+/// Runs candidates in groups of lanes on at most `threads` threads; each group gets an observer of its own.
+///
+/// `observer(lanes)` makes one for a group of so many candidates. The result has a group's outcomes and its observer, in the order
+/// of the candidates.
+pub fn simulate<O: Observer>(
+    simulation: Simulation<'_>,
+    candidates: &[Candidate<'_>],
+    threads: usize,
+    cancel: &Cancel<'_>,
+    observer: impl Fn(usize) -> O + Sync,
+) -> Result<Vec<(Vec<Outcome>, O)>, SimulationError> {
+    check(&simulation, candidates)?;
+    // Lanes that would run empty are worth less than threads that would.
+    let width = if candidates.len() == 1 { 1 } else { WIDTH };
+    Ok(parallel::map(candidates.len().div_ceil(width), threads, |g| {
+        let group = &candidates[g * width..(g * width + width).min(candidates.len())];
+        let mut observer = observer(group.len());
+        let outcomes = if group.len() == 1 {
+            run_group::<1>(simulation, group, cancel, &mut observer)
+        } else {
+            run_group::<WIDTH>(simulation, group, cancel, &mut observer)
+        };
+        (outcomes, observer)
+    }))
+}
+
+/// Runs up to `L` candidates on one thread.
+pub fn run_group<const L: usize>(
+    simulation: Simulation<'_>,
+    candidates: &[Candidate<'_>],
+    cancel: &Cancel<'_>,
+    observer: &mut dyn Observer,
+) -> Vec<Outcome> {
+    dispatch_on::<L, _>(Run { simulation, candidates, cancel, observer })
+}
+
+fn check(simulation: &Simulation<'_>, candidates: &[Candidate<'_>]) -> Result<(), SimulationError> {
+    let n = simulation.robot.n_dof();
+    let count = Layout::of(simulation.robot).count();
+    let length = |what, want, got| {
+        if want == got { Ok(()) } else { Err(SimulationError::Length { what, want, got }) }
+    };
+    length("the reference", n, simulation.reference.n_dof())?;
+    length("the controller", n, simulation.controller.laws().len())?;
+    if let Some((q, dq)) = simulation.start {
+        length("the initial positions", n, q.len())?;
+        length("the initial velocities", n, dq.len())?;
+    }
+    if let Some(external) = simulation.external {
+        check_signal("the external torque", external, n)?;
+    }
+    if simulation.controller.period().is_some() != simulation.schedule.segments().iter().any(|s| s.control) {
+        return Err(SimulationError::Schedule);
+    }
+    for candidate in candidates {
+        length("x", count, candidate.x.len())?;
+        length("the scale of the gains", n, candidate.scale.len())?;
+    }
+    Ok(())
+}
+
+struct Run<'a> {
+    simulation: Simulation<'a>,
+    candidates: &'a [Candidate<'a>],
+    cancel: &'a Cancel<'a>,
+    observer: &'a mut dyn Observer,
+}
+
+impl Kernel for Run<'_> {
+    type Output = Vec<Outcome>;
+
+    #[inline(always)]
+    fn run<const L: usize, const F: bool>(self) -> Vec<Outcome> {
+        let Self { simulation, candidates, cancel, observer } = self;
+        Loop::<L, F>::new(simulation, candidates).run(cancel, observer)[..candidates.len()].to_vec()
+    }
+}
+
+/// The state of a run, and its memory: nothing is allocated once it runs.
+struct Loop<'a, const L: usize, const F: bool> {
+    simulation: Simulation<'a>,
+    x: Vec<Lanes<L, F>>,
+    scale: [Lanes<L, F>; MAX_DOF],
+    outcomes: [Outcome; L],
+    running: usize,
+    /// Positions, velocities; the accelerations stay zero, as the direct model wants them.
+    state: State<L, F>,
+    z: [Lanes<L, F>; MAX_DOF],
+    held: [Lanes<L, F>; MAX_DOF],
+    direct: Direct<L, F>,
+    tau: [Lanes<L, F>; MAX_DOF],
+    dz: [Lanes<L, F>; MAX_DOF],
+    target: Target,
+    piece: usize,
+    feedforward: [f64; MAX_DOF],
+    external: [f64; MAX_DOF],
+}
+
+impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
+    #[inline(always)]
+    fn new(simulation: Simulation<'a>, candidates: &[Candidate<'_>]) -> Self {
+        let n = simulation.robot.n_dof();
+        let last = candidates.len().saturating_sub(1);
+        // Lanes without a candidate of their own repeat the last one.
+        let lane = |pick: fn(&Candidate<'_>, usize) -> f64, k: usize| {
+            Lanes(std::array::from_fn(|l| pick(&candidates[l.min(last)], k)))
+        };
+        let nothing = [Lanes::zero(); MAX_DOF];
+        let count = if candidates.is_empty() { 0 } else { Layout::of(simulation.robot).count() };
+        let mut scale = nothing;
+        for (j, scale) in scale.iter_mut().enumerate().take(if count == 0 { 0 } else { n }) {
+            *scale = lane(|candidate, j| candidate.scale[j], j);
+        }
+        let mut this = Self {
+            simulation,
+            x: (0..count).map(|k| lane(|candidate, k| candidate.x[k], k)).collect(),
+            scale,
+            outcomes: [Outcome::Completed; L],
+            running: L,
+            state: State { q: nothing, dq: nothing, ddq: nothing },
+            z: nothing,
+            held: nothing,
+            direct: Direct::new(),
+            tau: nothing,
+            dz: nothing,
+            target: Target::zero(),
+            piece: 0,
+            feedforward: [0.0; MAX_DOF],
+            external: [0.0; MAX_DOF],
+        };
+        simulation.reference.at(0.0, &mut this.piece, &mut this.target);
+        for j in 0..n {
+            let (q, dq) =
+                simulation.start.map_or((this.target.q[j], this.target.dq[j]), |(q, dq)| (q[j], dq[j]));
+            this.state.q[j] = Lanes::splat(q);
+            this.state.dq[j] = Lanes::splat(dq);
+        }
+        this
+    }
+
+    /// The whole run. The stages of a step are a loop around the one place that evaluates the model: inlined four times and more
+    /// it would take minutes to compile, and fill the cache of instructions.
+    #[inline(always)]
+    fn run(mut self, cancel: &Cancel<'_>, observer: &mut dyn Observer) -> [Outcome; L] {
+        let schedule = self.simulation.schedule;
+        let mut sampled = match self.simulation.controller.timing() {
+            Timing::Continuous => None,
+            Timing::Digital(digital) => {
+                Some((digital, Sampled::start(digital, &self.state.q, &self.state.dq)))
+            }
+        };
+        // The last record needs one more evaluation: a segment without length, whose step ends after its first stage.
+        let end = schedule.end();
+        let last =
+            Segment { start: end, step: 0.0, steps: 1, record: true, control: schedule.last_control() };
+        let mut records = 0;
+        for (index, segment) in schedule.segments().iter().chain(std::iter::once(&last)).enumerate() {
+            if index % PATIENCE == 0 && cancel.requested() {
+                return self.cancelled(segment.start);
+            }
+            if index > 0 {
+                self.check_tracking(segment.start);
+                if self.running == 0 {
+                    return self.outcomes;
+                }
+            }
+            if segment.control
+                && let Some((digital, sampled)) = &mut sampled
+            {
+                self.sample(digital, sampled, segment.start);
+            }
+            for step in 0..segment.steps {
+                let t = segment.start + step as f64 * segment.step;
+                let mut stages = Stages::start(&self.state, &self.z);
+                for stage in 0..4 {
+                    self.evaluate(stages.time(stage, t, segment.step), &stages.state, &stages.z);
+                    if stage == 0 && step == 0 && segment.record {
+                        self.hand_over(records, observer);
+                        records += 1;
+                    }
+                    if segment.step == 0.0 {
+                        break;
+                    }
+                    let n = self.simulation.robot.n_dof();
+                    stages.advance(stage, n, segment.step, &self.state, &self.z, &self.direct.ddq, &self.dz);
+                }
+                (self.state, self.z) = (stages.state, stages.z);
+            }
+        }
+        self.outcomes
+    }
+
+    /// Gives the observer where the run stands, with the torques and accelerations evaluated there.
+    #[inline(always)]
+    fn hand_over(&self, k: usize, observer: &mut dyn Observer) {
+        let n = self.simulation.robot.n_dof();
+        let mut buffers = [[0.0; MAX_DOF * MOST_LANES]; 4];
+        let all = [&self.state.q, &self.state.dq, &self.direct.ddq, &self.tau];
+        for (buffer, values) in buffers.iter_mut().zip(all) {
+            for j in 0..n {
+                buffer[j * L..(j + 1) * L].copy_from_slice(&values[j].0);
+            }
+        }
+        let [q, dq, ddq, tau] = &buffers;
+        let (q, dq, ddq, tau) = (&q[..n * L], &dq[..n * L], &ddq[..n * L], &tau[..n * L]);
+        observer.record(k, &Record { lanes: L, q, dq, ddq, tau });
+    }
+
+    /// Torques and accelerations at one time.
+    #[inline(always)]
+    fn evaluate(&mut self, t: f64, state: &State<L, F>, z: &[Lanes<L, F>; MAX_DOF]) {
+        let Simulation { robot, controller, .. } = self.simulation;
+        let n = robot.n_dof();
+        if let Timing::Continuous = controller.timing() {
+            self.aim(t);
+            let instant =
+                Instant { target: &self.target, feedforward: &self.feedforward, scale: &self.scale };
+            for (j, one) in controller.laws().iter().enumerate() {
+                (self.tau[j], self.dz[j]) = law(one, &instant, j, state.q[j], state.dq[j], z[j]);
+            }
+        } else {
+            self.tau = self.held;
+        }
+        match self.simulation.external {
+            None => self.direct.solve(robot, state, &self.tau, &self.x),
+            Some(external) => {
+                external.at(t, &mut self.external);
+                let mut sum = self.tau;
+                for j in 0..n {
+                    sum[j] += Lanes::splat(self.external[j]);
+                }
+                self.direct.solve(robot, state, &sum, &self.x);
+            }
+        }
+        let mut smallest = self.direct.pivots[0];
+        for j in 1..n {
+            smallest = self.direct.pivots[j].min(smallest);
+        }
+        if smallest.0.iter().any(|&pivot| pivot <= 0.0) {
+            self.find_indefinite(t);
+        }
+    }
+
+    /// Reference and feed-forward at one time.
+    #[inline(always)]
+    fn aim(&mut self, t: f64) {
+        self.simulation.reference.at(t, &mut self.piece, &mut self.target);
+        if let Some(signal) = self.simulation.controller.feedforward() {
+            signal.at(t, &mut self.feedforward);
+        }
+    }
+
+    #[inline(always)]
+    fn sample(&mut self, digital: &crate::control::Digital, sampled: &mut Sampled<L, F>, t: f64) {
+        self.aim(t);
+        let instant = Instant { target: &self.target, feedforward: &self.feedforward, scale: &self.scale };
+        self.held = sampled.step(self.simulation.controller.laws(), digital, &instant, &self.state.q);
+    }
+
+    #[cold]
+    fn find_indefinite(&mut self, time: f64) {
+        for l in 0..L {
+            let joint = (0..self.simulation.robot.n_dof()).find(|&j| self.direct.pivots[j].0[l] <= 0.0);
+            if let Some(joint) = joint {
+                self.end(l, Outcome::Indefinite { time, joint });
+            }
+        }
+    }
+
+    /// Ends the runs whose tracking error has left the bounds. NaN is beyond any bound.
+    #[inline(always)]
+    fn check_tracking(&mut self, time: f64) {
+        self.simulation.reference.at(time, &mut self.piece, &mut self.target);
+        for j in 0..self.simulation.robot.n_dof() {
+            for l in 0..L {
+                let error = (self.state.q[j].0[l] - self.target.q[j]).abs();
+                if error.is_nan() || error > self.simulation.divergence {
+                    self.end(l, Outcome::Diverged { time, joint: j });
+                }
+            }
+        }
+    }
+
+    fn end(&mut self, lane: usize, outcome: Outcome) {
+        if self.outcomes[lane] == Outcome::Completed {
+            self.outcomes[lane] = outcome;
+            self.running -= 1;
+        }
+    }
+
+    fn cancelled(mut self, time: f64) -> [Outcome; L] {
+        for lane in 0..L {
+            self.end(lane, Outcome::Cancelled { time });
+        }
+        self.outcomes
+    }
+}
+
+/// The stages of one step: where the next evaluation is due, and the sums so far.
+struct Stages<const L: usize, const F: bool> {
+    state: State<L, F>,
+    z: [Lanes<L, F>; MAX_DOF],
+    /// Sum of the first three accelerations.
+    first_three: [Lanes<L, F>; MAX_DOF],
+    /// Sums weighted 1 2 2 1.
+    weighted: [Lanes<L, F>; MAX_DOF],
+    weighted_z: [Lanes<L, F>; MAX_DOF],
+}
+
+impl<const L: usize, const F: bool> Stages<L, F> {
+    #[inline(always)]
+    fn start(state: &State<L, F>, z: &[Lanes<L, F>; MAX_DOF]) -> Self {
+        let nothing = [Lanes::zero(); MAX_DOF];
+        Self { state: *state, z: *z, first_three: nothing, weighted: nothing, weighted_z: nothing }
+    }
+
+    /// Time of a stage; those at the ends lie just inside the step, so that a jump of the reference's acceleration there is seen
+    /// from within.
+    #[inline(always)]
+    fn time(&self, stage: usize, t: f64, h: f64) -> f64 {
+        t + h * [1e-9, 0.5, 0.5, 1.0 - 1e-9][stage]
+    }
+
+    /// Takes the derivatives of a stage and moves on to the next, or to the end of the step.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)] // the state of the loop, field by field
+    fn advance(
+        &mut self,
+        stage: usize,
+        n: usize,
+        h: f64,
+        start: &State<L, F>,
+        z: &[Lanes<L, F>; MAX_DOF],
+        ddq: &[Lanes<L, F>; MAX_DOF],
+        dz: &[Lanes<L, F>; MAX_DOF],
+    ) {
+        let weight = Lanes::splat([1.0, 2.0, 2.0, 1.0][stage]);
+        if stage < 3 {
+            let way = Lanes::splat(h * [0.5, 0.5, 1.0][stage]);
+            for j in 0..n {
+                self.first_three[j] += ddq[j];
+                self.weighted[j] = weight.mul_add(ddq[j], self.weighted[j]);
+                self.weighted_z[j] = weight.mul_add(dz[j], self.weighted_z[j]);
+                // The velocity of this stage carries the position to the next.
+                self.state.q[j] = way.mul_add(self.state.dq[j], start.q[j]);
+                self.state.dq[j] = way.mul_add(ddq[j], start.dq[j]);
+                self.z[j] = way.mul_add(dz[j], z[j]);
+            }
+        } else {
+            let (whole, sixth, square) = (Lanes::splat(h), Lanes::splat(h / 6.0), Lanes::splat(h * h / 6.0));
+            for j in 0..n {
+                let way = whole.mul_add(start.dq[j], start.q[j]);
+                self.state.q[j] = square.mul_add(self.first_three[j], way);
+                self.state.dq[j] = sixth.mul_add(self.weighted[j] + ddq[j], start.dq[j]);
+                self.z[j] = sixth.mul_add(self.weighted_z[j] + dz[j], z[j]);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
