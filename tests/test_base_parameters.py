@@ -99,7 +99,7 @@ def test_wrong_lengths_are_told() -> None:
 
 
 def test_twelve_bent_joints_are_no_trouble() -> None:
-    """Twelve joints without a right angle have thousands of products of symbols; the search must not try them all."""
+    """Without a right angle there are thousands of products of symbols; the search must not try them all."""
     n = 12
     rng = np.random.default_rng(3)
     geometry = Geometry(
