@@ -542,6 +542,47 @@ def test_arrays_are_copied_and_checked() -> None:
         Recording(t=np.arange(N) / RATE, q=q, rate_hz=RATE, windows=((40, 60),))
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rate_hz": 0.0}, "rate_hz must be a positive number, got 0.0"),
+        ({"rate_hz": math.nan}, "rate_hz must be a positive number, got nan"),
+        ({"rate_hz": math.inf}, "rate_hz must be a positive number, got inf"),
+        ({"rate_hz": "1000"}, "rate_hz must be a positive number, got '1000'"),
+        ({"rate_hz": True}, "rate_hz must be a positive number, got True"),
+        ({"rate_hz": 500.0}, "the time stamps give a sampling rate of 1000 Hz, rate_hz says 500 Hz"),
+        ({"t": [0.0, math.nan, 0.002]}, "t is nan at sample 1"),
+        ({"t": [0.0, 0.0, 0.001]}, "time does not grow from row 1 (0 s) to row 2"),
+        ({"t": [0.0, 0.001, 0.003]}, "sampling is uneven after row 1 (t = 0 s), where the time step is"),
+        ({"windows": ((0, 1.5),)}, "windows must be pairs of sample numbers (start, stop), got ((0, 1.5),)"),
+        ({"windows": (0, 3)}, "windows must be pairs of sample numbers (start, stop), got (0, 3)"),
+    ],
+)
+def test_rates_and_times_of_arrays_are_checked(options: dict[str, Any], message: str) -> None:
+    q = motion()[1][:3]
+    arrays: dict[str, Any] = {"t": np.arange(3) / RATE, "q": q, "rate_hz": RATE}
+    with pytest.raises(RecordingError) as caught:
+        Recording(**(arrays | options))
+    assert str(caught.value).startswith(f"recording: {message}")
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, "1000", None])
+def test_a_wrong_rate_of_arrays_is_a_sentence(rate: Any) -> None:
+    with pytest.raises(RecordingError) as caught:
+        Recording.from_arrays(motion()[1], rate_hz=rate)
+    assert str(caught.value) == f"recording: rate_hz must be a positive number, got {rate!r}"
+
+
+def test_a_rate_whose_time_stamps_overflow_is_a_sentence() -> None:
+    with pytest.raises(RecordingError, match=r"^recording: t is inf at sample 1$"):
+        Recording.from_arrays(motion()[1], rate_hz=1e-310)
+
+
+def test_an_infinite_window_leaves_the_record(tmp_path: Path, csv_file: Path) -> None:
+    said = message(tmp_path, described("a.csv", windows_s=[[0.0, 1e308]]))
+    assert said == "log.toml: [recording] the window [0.0, 1e+308] s leaves the record, which lasts 0.05 s"
+
+
 # --- measured data
 
 

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
+from operator import index
 from pathlib import Path
 from typing import Literal, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from didim.arrays import real_array
 from didim.data_files import Column, DataFile, open_data_file
 from didim.errors import RecordingError
 from didim.sampling import MINIMUM_SAMPLES, check_time, slices
@@ -65,7 +68,8 @@ class Recording:
     Raises
     ------
     RecordingError
-        On arrays of the wrong shape or length, transposed, too short, or not finite, and on wrong windows.
+        On arrays of the wrong shape or length, transposed, too short, or not finite, on time stamps that are
+        uneven or contradict the rate (`didim.sampling.check_time`), and on wrong windows.
     """
 
     name: str = "recording"
@@ -81,17 +85,20 @@ class Recording:
     def __post_init__(self) -> None:
         if self.role not in ROLES:
             raise RecordingError(f"{self.name}: role must be 'fit' or 'held-out', got {self.role!r}")
-        if not self.rate_hz > 0.0:
-            raise RecordingError(f"{self.name}: rate_hz must be above 0, got {self.rate_hz}")
+        object.__setattr__(self, "rate_hz", _rate(self.name, self.rate_hz))
         q = self._matrix("q", self.q)
         n_samples = len(q)
         if n_samples < MINIMUM_SAMPLES:
             raise RecordingError(
                 f"{self.name}: {n_samples} samples are too few, at least {MINIMUM_SAMPLES} are needed"
             )
-        t = np.ascontiguousarray(self.t, dtype=np.float64)
+        t = np.array(real_array(f"{self.name}: t", self.t, RecordingError))
         if t.shape != (n_samples,):
             raise RecordingError(f"{self.name}: t must have shape ({n_samples},) as q has, got {t.shape}")
+        bad = np.flatnonzero(~np.isfinite(t))
+        if bad.size:
+            raise RecordingError(f"{self.name}: t is {t[bad[0]]} at sample {bad[0]}")
+        check_time(t, self.rate_hz, self.name)
         for key, value in (("t", t), ("q", q)):
             self._set(key, value)
         for key in ("tau", "q_ref"):
@@ -102,7 +109,7 @@ class Recording:
             if value.shape != q.shape:
                 raise RecordingError(f"{self.name}: {key} and q differ in shape, {value.shape} and {q.shape}")
             self._set(key, value)
-        windows = tuple((int(start), int(stop)) for start, stop in self.windows) or ((0, n_samples),)
+        windows = self._windows() or ((0, n_samples),)
         end = 0
         for start, stop in windows:
             if not end <= start < stop <= n_samples:
@@ -126,16 +133,25 @@ class Recording:
         role: Role = "fit",
     ) -> Recording:
         """Make a recording of arrays at hand, such as simulated ones: joint side, SI, (n_samples, n_dof)."""
-        positions = np.asarray(q, dtype=np.float64)
+        rate = _rate(name, rate_hz)
+        positions = real_array(f"{name}: q", q, RecordingError)
         return cls(
             name=name,
-            t=np.arange(len(positions)) / rate_hz,
+            t=_clock(len(np.atleast_1d(positions)), rate),
             q=positions,
-            tau=None if tau is None else np.asarray(tau, dtype=np.float64),
-            rate_hz=rate_hz,
-            q_ref=None if q_ref is None else np.asarray(q_ref, dtype=np.float64),
+            tau=None if tau is None else real_array(f"{name}: tau", tau, RecordingError),
+            rate_hz=rate,
+            q_ref=None if q_ref is None else real_array(f"{name}: q_ref", q_ref, RecordingError),
             role=role,
         )
+
+    def _windows(self) -> tuple[tuple[int, int], ...]:
+        try:
+            return tuple((index(start), index(stop)) for start, stop in self.windows)
+        except (TypeError, ValueError):
+            raise RecordingError(
+                f"{self.name}: windows must be pairs of sample numbers (start, stop), got {self.windows!r}"
+            ) from None
 
     def _set(self, key: str, value: Array) -> None:
         value.flags.writeable = False
@@ -143,7 +159,7 @@ class Recording:
 
     def _matrix(self, key: str, value: Array) -> Array:
         # A copy, so that making it read-only leaves the caller's array alone.
-        matrix = np.array(value, dtype=np.float64, order="C")
+        matrix = np.array(real_array(f"{self.name}: {key}", value, RecordingError), order="C")
         if matrix.ndim != 2:
             raise RecordingError(f"{self.name}: {key} must have shape (n_samples, n_dof), got {matrix.shape}")
         if matrix.shape[1] > max(matrix.shape[0], 12):
@@ -157,6 +173,18 @@ class Recording:
                 f"{self.name}: {key} of joint {joint + 1} is {matrix[sample, joint]} at sample {sample}"
             )
         return matrix
+
+
+def _rate(name: str, rate_hz: object) -> float:
+    if isinstance(rate_hz, bool) or not isinstance(rate_hz, Real) or not 0.0 < float(rate_hz) < np.inf:
+        raise RecordingError(f"{name}: rate_hz must be a positive number, got {rate_hz!r}")
+    return float(rate_hz)
+
+
+def _clock(n_samples: int, rate_hz: float) -> Array:
+    """Time stamps from zero, in s."""
+    with np.errstate(over="ignore"):  # told by Recording
+        return np.arange(n_samples) / rate_hz
 
 
 @dataclass(frozen=True)
@@ -299,7 +327,7 @@ def read_recording(
     assert rate is not None  # a missing rate without time stamps was refused above
     return Recording(
         name=name,
-        t=np.arange(len(q)) / rate if t is None else t,
+        t=_clock(len(q), rate) if t is None else t,
         q=q,
         tau=other["torque"],
         rate_hz=rate,
@@ -337,8 +365,9 @@ class _Channel:
         return cls(source, np.array(factors), matrix)
 
     def read(self) -> Array:
-        values = self.source.values() * self.factors
-        return values if self.to_joint is None else values @ self.to_joint
+        with np.errstate(over="ignore", invalid="ignore"):  # told by Recording
+            values = self.source.values() * self.factors
+            return values if self.to_joint is None else values @ self.to_joint
 
 
 def _side(table: Table, reduction: Array | None) -> tuple[str, Array | None]:
