@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from . import _core
 from .errors import FitError, RankError
+from .schema import counted
 
 Array = NDArray[np.float64]
 Weights = Literal["none", "per-joint"]
@@ -177,15 +178,17 @@ def solve(
     RankError
         When a column depends on others; the message names them.
 
-    Notes ----- ``test_least_squares.py`` compares with `numpy.linalg.lstsq` and checks over many seeds that
-    the errors are as large as the covariance says, with and without decimation.
+    Notes
+    -----
+    ``test_least_squares.py`` compares with `numpy.linalg.lstsq` and checks over many seeds that the errors
+    are as large as the covariance says, with and without decimation.
     """
     rows, columns = system.w.shape
     if columns == 0:
         raise FitError("no parameter is left to estimate: all are fixed or dropped")
     if rows <= columns:
         raise FitError(
-            f"{rows} rows cannot determine {columns} parameters; "
+            f"{counted(rows, 'row')} cannot determine {counted(columns, 'parameter')}; "
             "use a longer record or window, or decimate less"
         )
     sigma = np.ones(len(system.joints))

@@ -21,7 +21,7 @@ from didim.arrays import real_array
 from didim.data_files import Column, DataFile, open_data_file
 from didim.errors import RecordingError
 from didim.sampling import MINIMUM_SAMPLES, check_time, slices
-from didim.schema import Table
+from didim.schema import Table, counted
 from didim.units import TIME, effort_factors, position_factors
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ class Recording:
         n_samples = len(q)
         if n_samples < MINIMUM_SAMPLES:
             raise RecordingError(
-                f"{self.name}: {n_samples} samples are too few, at least {MINIMUM_SAMPLES} are needed"
+                f"{self.name}: at least {MINIMUM_SAMPLES} samples are needed, got {n_samples}"
             )
         t = np.array(real_array(f"{self.name}: t", self.t, RecordingError))
         if t.shape != (n_samples,):
@@ -234,7 +234,7 @@ class DataFolder:
         if not isinstance(columns, list) or not all(type(column) in (str, int) for column in columns):
             table.fail(f"columns must be a list of names, or of numbers from 1, got {columns!r}")
         if len(columns) != count:
-            table.fail(f"columns must name {count} columns, got {len(columns)}")
+            table.fail(f"columns must name {counted(count, 'column')}, got {len(columns)}")
         if len(set(columns)) < count:
             table.fail(f"columns names a column twice: {columns!r}")
         return cast("list[Column]", columns)
@@ -316,12 +316,12 @@ def read_recording(
     for key, values in {**other, "time": t}.items():
         if values is not None and len(values) != len(q):
             raise RecordingError(
-                f"{name}: {key} has {len(values)} samples ({sources[key].place}), "
+                f"{name}: {key} has {counted(len(values), 'sample')} ({sources[key].place}), "
                 f"position has {len(q)} ({sources['position'].place})"
             )
     if len(q) < MINIMUM_SAMPLES:
         file = sources["position"].place
-        raise RecordingError(f"{file}: {len(q)} samples are too few, at least {MINIMUM_SAMPLES} are needed")
+        raise RecordingError(f"{file}: at least {MINIMUM_SAMPLES} samples are needed, got {len(q)}")
     if t is not None:
         rate = check_time(t, rate, sources["time"].place)
     assert rate is not None  # a missing rate without time stamps was refused above

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from didim.errors import RecordingError
-from didim.schema import Table
+from didim.schema import Table, counted
 
 Array = NDArray[np.float64]
 
@@ -104,7 +104,8 @@ def slices(table: Table, windows_s: object, rate_hz: float, n_samples: int) -> t
         start, stop = (round(edge * rate_hz) for edge in window)
         if stop - start < MINIMUM_SAMPLES:
             table.fail(
-                f"the window {window} s has {stop - start} samples, at least {MINIMUM_SAMPLES} are needed"
+                f"the window {window} s has {counted(stop - start, 'sample')}, "
+                f"at least {MINIMUM_SAMPLES} are needed"
             )
         found.append((start, stop))
     found.sort()

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from .schema import counted
+
 if TYPE_CHECKING:
     from .identification import Identification
 
@@ -26,7 +28,8 @@ def render(fit: Identification) -> str:
     str
         Lines without a final line feed.
     """
-    lines = [f"{fit.name}: {len(fit.names)} base parameters of robot {fit.robot} by {fit.method}", ""]
+    count = counted(len(fit.names), "base parameter")
+    lines = [f"{fit.name}: {count} of robot {fit.robot} by {fit.method}", ""]
     lines += _parameter_lines(fit)
     lines += ["", *_error_lines(fit), ""]
     lines.append(
@@ -73,7 +76,7 @@ def _parameter_lines(fit: Identification) -> list[str]:
     if marked:
         lines += [
             f"* not well identified, sigma above {WELL_IDENTIFIED_PERCENT:.0f} %: "
-            f"{marked} of {len(fit.names)} parameters"
+            f"{marked} of {counted(len(fit.names), 'parameter')}"
         ]
     return lines
 
