@@ -21,11 +21,12 @@ from .least_squares import (
     Variance,
     WeightedFit,
     Weights,
+    check_size,
     residual_std,
     row_weights,
     solve,
 )
-from .observations import Segment, linear_system, segments
+from .observations import Segment, linear_system, segments, told
 from .physics import physical_flags
 from .selection import Selection, select
 from .signals import SignalProcessing
@@ -136,7 +137,7 @@ class IDIMLS:
         measured = system.measured
         last = np.zeros(system.w.shape[1])
 
-        def told(number: int, solution: Array, residual: Array) -> bool:
+        def record(number: int, solution: Array, residual: Array) -> bool:
             nonlocal last
             change, last = np.linalg.norm(solution - last), solution
             history.append(
@@ -149,7 +150,7 @@ class IDIMLS:
             return progress(history[-1])
 
         band = signals.retained_band(signal) if settings.decimation_corrected else 1.0
-        fit = solve(system, settings, band=band, progress=told)
+        fit = solve(system, settings, band=band, progress=record)
         beta = selection.expand(fit.solution)
         covariance = selection.expand_covariance(fit.covariance)
         errors = system.norms(fit.residual)
@@ -213,7 +214,9 @@ class _Job:
                 continue
             parts = segments(recording, self.signal, delay_samples)
             system = linear_system(self.experiment.robot, parts, self.signal, everything)
-            errors, torques = system.norms(system.y - system.w @ beta), system.norms(system.y)
+            with told(f"recording '{recording.name}'"):
+                check_size(system)
+            errors, torques = system.norms(_error(system, beta)), system.norms(system.y)
             found.append(
                 HeldOut(
                     name=recording.name,
@@ -246,6 +249,12 @@ def _status(fit: WeightedFit) -> Status:
     if fit.stopped:
         return Status.STOPPED
     return Status.SOLVED if fit.condition_number < LARGEST_CONDITION_NUMBER else Status.ILL_CONDITIONED
+
+
+def _error(system: LinearSystem, beta: Array) -> Array:
+    """``Y - W beta``, infinite where floating point ends."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(system.y - system.w @ beta)
 
 
 def _ratio(part: float | np.floating[Any], whole: float | np.floating[Any]) -> float:

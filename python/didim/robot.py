@@ -18,6 +18,7 @@ from . import _core
 from .base import BaseParameters, base_parameters
 from .errors import RobotError
 from .schema import Table, did_you_mean, read_toml
+from .units import reduction_matrix
 
 Array = NDArray[np.float64]
 
@@ -174,7 +175,13 @@ class Robot:
     @cached_property
     def base_parameters(self) -> BaseParameters:
         """What motion can tell apart (7)."""
-        return base_parameters(self.core)
+        core = self.core
+        try:
+            return base_parameters(core)
+        except ValueError as reason:
+            raise RobotError(
+                f"{self.path.name}: lengths or gravity allow no base parameters in floating point ({reason})"
+            ) from None
 
     @cached_property
     def sets(self) -> Mapping[str, Array]:
@@ -308,7 +315,7 @@ def _robot(table: Table, path: Path) -> Robot:
     n = len(kinds)
     transmission = _sub_table(table, "transmission")
     coupling = transmission.matrix("coupling", n, n) if transmission.has("coupling") else np.eye(n).tolist()
-    reduction = np.asarray(transmission.matrix("reduction", n, n)) if transmission.has("reduction") else None
+    reduction = reduction_matrix(transmission, n) if transmission.has("reduction") else None
     gains = tuple(transmission.numbers("drive_gains", length=n)) if transmission.has("drive_gains") else None
     transmission.done()
     friction = _friction(_sub_table(table, "friction"), kinds, None)

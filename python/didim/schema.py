@@ -72,6 +72,8 @@ def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
         text = f"not a TOML file, byte {reason.start} is not UTF-8"
     except tomllib.TOMLDecodeError as reason:
         text = f"not valid TOML, {reason}"
+    except ValueError as reason:  # a zero byte in the name
+        raise error(f"{str(path)!r} is no file name ({reason})") from None
     hint = "" if path.suffix == ".toml" else "; a file of this kind ends in .toml"
     raise error(f"{path.name}: {text}{hint}")
 
