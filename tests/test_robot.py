@@ -160,6 +160,8 @@ def test_a_robot_without_joints_is_told(tmp_path: Path) -> None:
 def test_unknown_names_are_told() -> None:
     with pytest.raises(didim.RobotError, match="no packaged robot 'tx4'; did you mean 'tx40'"):
         didim.load_robot("tx4")
+    with pytest.raises(didim.RobotError, match=r"^friction of robot 'tx40': unknown key 'zeal'; known here"):
+        didim.load_robot("tx40").with_friction(zeal="red")
     with pytest.raises(didim.RobotError, match="no such file"):
         didim.load_robot("nowhere/robot.toml")
     with pytest.raises(didim.RobotError, match="no parameter set 'didm'; did you mean 'didim'"):

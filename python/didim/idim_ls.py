@@ -28,7 +28,7 @@ from .least_squares import (
 )
 from .observations import Segment, linear_system, segments, told
 from .physics import physical_flags
-from .selection import Selection, select
+from .selection import Selection, dropped_names, select
 from .signals import SignalProcessing
 from .status import Status
 
@@ -79,6 +79,8 @@ class IDIMLS:
         self._least_squares(LeastSquaresSettings())
         if self.compensate_samples is not None:
             DelaySettings(compensate_samples=self.compensate_samples)
+        if self.dropped is not None:
+            object.__setattr__(self, "dropped", dropped_names(self.dropped))
 
     def _least_squares(self, default: LeastSquaresSettings) -> LeastSquaresSettings:
         keys = ("weights", "reweightings", "variance", "decimation_corrected")
@@ -120,8 +122,9 @@ class IDIMLS:
             else self.compensate_samples
         )
         fixed = dict(experiment.fixed if self.fixed is None else self.fixed)
-        dropped = tuple(experiment.dropped if self.dropped is None else self.dropped)
+        dropped = experiment.dropped if self.dropped is None else dropped_names(self.dropped)
         selection = select(robot, fixed, dropped)
+        fixed = {name: float(value) for name, value in fixed.items()}
         job = _Job(experiment, signal, settings, selection)
 
         estimate = job.estimate_delay() if wish == "estimate" else None
@@ -229,15 +232,27 @@ class _Job:
     def record(self, fixed: dict[str, float], dropped: tuple[str, ...], wish: float | str) -> dict[str, Any]:
         """Return settings and recordings of this run, as JSON has them (lists, no tuples)."""
         asked = {
-            "didim": metadata.version("didim"),
+            **{package: metadata.version(package) for package in ("didim", "numpy", "scipy")},
             "experiment": self.experiment.name,
+            # With the friction of the experiment, which the digest of the robot file does not tell.
+            "robot": {
+                "name": self.experiment.robot.name,
+                "geometry": asdict(self.experiment.robot.geometry),
+                "friction": asdict(self.experiment.robot.friction),
+            },
             "signal": asdict(self.signal),
             "least_squares": asdict(self.settings),
             "delay": {"compensate_samples": wish},
             "fixed": fixed,
             "dropped": dropped,
             "recordings": [
-                {"name": item.name, "role": item.role, "rate_hz": item.rate_hz, "windows": item.windows}
+                {
+                    "name": item.name,
+                    "role": item.role,
+                    "rate_hz": item.rate_hz,
+                    "windows": item.windows,
+                    **item.origin,
+                }
                 for item in self.experiment.recordings
             ],
         }
@@ -275,5 +290,5 @@ def _delay_record(compensated: float, estimate: DelayEstimate | None) -> dict[st
 def _digests(experiment: Experiment) -> dict[str, str]:
     found = dict(experiment.digests)
     for recording in experiment.recordings:
-        found |= recording.digests
+        found |= {f"data {file}": digest for file, digest in recording.digests.items()}
     return found

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from numbers import Real
 from operator import index
 from pathlib import Path
-from typing import Literal, Protocol, cast
+from typing import Any, Literal, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,6 +64,9 @@ class Recording:
         (start, stop) sample slices that are used, in order and without overlap; the whole record by default.
     digests
         SHA-256 of each file read, by file name.
+    origin
+        How it was read, for the record of a result: the tables of the experiment file with the factors that
+        took their values to SI, and the reduction matrix of a log on the motor side; empty for arrays.
 
     Raises
     ------
@@ -81,6 +84,7 @@ class Recording:
     role: Role = "fit"
     windows: tuple[tuple[int, int], ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
+    origin: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.role not in ROLES:
@@ -120,6 +124,7 @@ class Recording:
             end = stop
         object.__setattr__(self, "windows", windows)
         object.__setattr__(self, "digests", dict(self.digests))
+        object.__setattr__(self, "origin", dict(self.origin))
 
     @classmethod
     def from_arrays(
@@ -331,16 +336,30 @@ def read_recording(
         role=role,
         windows=slices(table, windows_s, rate, len(q)),
         digests=digests,
+        origin=_origin(sources, {"position": position, "torque": torque, "reference": reference}),
     )
+
+
+def _origin(sources: Mapping[str, _Source], channels: Mapping[str, _Channel | None]) -> dict[str, Any]:
+    """Tables that were read, with what became of their units, as JSON knows it."""
+    found: dict[str, Any] = {key: source.table.content for key, source in sources.items()}
+    for key, channel in channels.items():
+        if channel is not None:
+            # Of counts and drive gains too, wherever these were written down.
+            found[key]["factors_to_si"] = channel.factors.tolist()
+            if channel.reduction is not None:
+                found["reduction"] = channel.reduction.tolist()
+    return found
 
 
 @dataclass(frozen=True)
 class _Channel:
-    """A source with its way to the joints: joint side = (values * factors) @ to_joint."""
+    """A source with its way to the joints: joint side = (values * factors) @ to_joint, from the reduction."""
 
     source: _Source
     factors: Array
     to_joint: Array | None
+    reduction: Array | None
 
     @classmethod
     def motion(cls, source: _Source, robot: _Robot, reduction: Array | None) -> _Channel:
@@ -349,7 +368,7 @@ class _Channel:
         source.table.done()
         # q_motor = R q for columns; samples are rows here.
         to_joint = None if matrix is None else np.linalg.inv(matrix).T.astype(np.float64)
-        return cls(source, np.array(factors), to_joint)
+        return cls(source, np.array(factors), to_joint, matrix)
 
     @classmethod
     def effort(cls, source: _Source, robot: _Robot, reduction: Array | None) -> _Channel:
@@ -358,7 +377,7 @@ class _Channel:
         gains = robot.gains if side == "motor" or reduction is None else None
         factors = effort_factors(source.table, side, robot.joint_kinds, gains)
         source.table.done()
-        return cls(source, np.array(factors), matrix)
+        return cls(source, np.array(factors), matrix, matrix)
 
     def read(self) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):  # told by Recording

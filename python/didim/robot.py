@@ -254,7 +254,10 @@ class Robot:
         RobotError
             For an unknown key or a wrong value.
         """
-        table = Table(options, "[friction]", RobotError)
+        return self.with_friction_table(Table(options, f"friction of robot {self.name!r}", RobotError))
+
+    def with_friction_table(self, table: Table) -> Robot:
+        """Return the same robot with the friction options of a table, whose errors name its file."""
         return replace(self, friction=_friction(table, self.geometry.kinds, self.friction))
 
 
@@ -279,10 +282,7 @@ def load_robot(name: str | Path) -> Robot:
     packaged = {file.stem: file for file in sorted(PACKAGED.glob("*.toml"))}
     if path.suffix != ".toml":
         if str(name) not in packaged:
-            raise RobotError(
-                f"no packaged robot {str(name)!r}{did_you_mean(str(name), packaged)} (there are: "
-                f"{', '.join(packaged)}); a path ends in .toml"
-            )
+            raise RobotError(_no_robot(path, packaged))
         path = packaged[str(name)]
     content = read_toml(path, RobotError)
     robot = _robot(Table(content, path.name, RobotError), path)
@@ -290,6 +290,16 @@ def load_robot(name: str | Path) -> Robot:
         robot.parameter_set(parameter_set)
     robot.core  # noqa: B018 - likewise, for a robot without sets
     return robot
+
+
+def _no_robot(path: Path, packaged: Mapping[str, Path]) -> str:
+    """Sentence on what is neither a packaged robot nor a path that ends in .toml."""
+    if path.is_file():
+        return f"{path}: the name of a robot file must end in .toml; rename it"
+    if Path(f"{path}.toml").is_file():
+        return f"no packaged robot {path.name!r}; did you mean the file '{path.name}.toml'?"
+    near = did_you_mean(path.name, packaged)
+    return f"no packaged robot {path.name!r}{near} (there are: {', '.join(packaged)}); a path ends in .toml"
 
 
 def _robot(table: Table, path: Path) -> Robot:
