@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -308,6 +309,14 @@ def test_emps_asymmetric_example(project: Path, shared: Path) -> None:
     assert asymmetric.least_squares == symmetric.least_squares
     assert len(asymmetric.robot.base_parameters.names) == 5
     assert len(symmetric.robot.base_parameters.names) == 4
+
+
+def test_the_command_in_the_head_of_an_example_is_its_own(project: Path) -> None:
+    files = sorted((project / "examples").glob("*.toml"))
+    assert len(files) >= 4
+    for file in files:
+        head = file.read_text(encoding="utf-8").partition("schema = 1")[0]
+        assert re.findall(r"didim identify (\S+)", head) == [f"examples/{file.name}"]
 
 
 @pytest.mark.parametrize("file", ["tx40_log.toml", "tx40_log_best.toml"])
