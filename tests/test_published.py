@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -174,8 +176,14 @@ def test_tx40_fit(tx40: Identification) -> None:
     assert len(tx40.history) == 2
 
 
-def test_tx40_best_recipe_fits_better(project: Path, shared: Path, tx40: Identification) -> None:
+def test_tx40_dead_zone_fits_better_whatever_the_filter(
+    project: Path, shared: Path, tx40: Identification
+) -> None:
     path = project / "examples" / "tx40_log_best.toml"
-    best = identify(load_experiment(path, data=shared / "data" / "tx40"))
+    experiment = load_experiment(path, data=shared / "data" / "tx40")
+    best = identify(experiment)
     assert best.names == tx40.names
     assert best.overall_relative_error < tx40.overall_relative_error
+    for form, padding in product(get_args(Form), get_args(Convention)):
+        fit = identify(experiment, IDIMLS(signal=replace(experiment.signal, form=form, padding=padding)))
+        assert np.max(np.abs(fit.beta - best.beta) / best.std) < 1e-6
