@@ -137,7 +137,7 @@ def _number(value: float, places: int) -> str:
 
 def _sigma_percent(percent: float) -> str:
     """Write a relative sigma: three digits, and four decimals below 10 %, as the EMPS is published."""
-    if not math.isfinite(percent):
+    if math.isnan(percent):
         return "-"
     if percent > LARGEST_PERCENT:
         return f">{LARGEST_PERCENT}"
