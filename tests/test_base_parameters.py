@@ -14,6 +14,7 @@ import didim
 from didim.robot import Geometry, Robot
 from robots import make_robot, random_motion, random_parameters, relative, robots
 
+# Joint by joint, in our order: that of (3), with the friction of coupled motors last.
 TABLE_2 = " ".join(
     [
         "ZZ1R Fv1 Fc1 Off1 XX2R XY2 XZ2R YZ2 ZZ2R MX2R MY2 Fv2 Fc2 Off2 XX3R XY3 XZ3 YZ3 ZZ3R MX3 MY3R Ia3",
@@ -27,13 +28,16 @@ def test_the_tx40_has_the_60_of_table_2() -> None:
     robot = didim.load_robot("tx40")
     assert len(robot.parameter_names) == 86
     assert len(TABLE_2) == 60
-    assert sorted(robot.base_parameters.names) == sorted(TABLE_2)
+    assert list(robot.base_parameters.names) == TABLE_2
 
 
 def test_the_names_are_those_of_the_reference_table(shared: Path) -> None:
     with (shared / "reference" / "table2.csv").open() as file:
         names = [row["name"] for row in csv.DictReader(file)]
-    assert sorted(didim.load_robot("tx40").base_parameters.names) == sorted(names)
+    assert len(set(names)) == 60
+    # Joint by joint as printed; Table II alone puts Off6 behind the friction of the coupled motors.
+    assert names[-3:] == ["Fvm6", "Fcm6", "Off6"]
+    assert list(didim.load_robot("tx40").base_parameters.names) == [*names[:-3], "Off6", "Fvm6", "Fcm6"]
 
 
 def test_groupings_of_the_tx40_are_sums_of_symbols() -> None:
@@ -99,7 +103,7 @@ def test_wrong_lengths_are_told() -> None:
 
 
 def test_twelve_bent_joints_are_no_trouble() -> None:
-    """Without right angles there are thousands of products of symbols; the search must not try them all."""
+    """Without a right angle there are thousands of products of symbols; the search must not try them all."""
     n = 12
     rng = np.random.default_rng(3)
     geometry = Geometry(

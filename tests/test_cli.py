@@ -78,8 +78,42 @@ def test_identify_prints_the_table_and_writes_the_json(
     assert out == f"{fit}\n"
     data = json.loads((tmp_path / "arm.json").read_text(encoding="utf-8"))
     assert data["schema"] == 1
-    assert set(data["digests"]) == {"arm.toml", "planar2.toml", "log.npz"}
+    assert set(data["digests"]) == {"experiment arm.toml", "robot planar2.toml", "data log.npz"}
     assert data["settings"]["signal"]["cutoff_hz"] == 40.0
+
+
+def test_the_json_says_what_the_robot_and_the_log_were_taken_for(arm: Path, tmp_path: Path) -> None:
+    """Everything that decides the numbers: friction, gravity, coupling, reduction, drive gains, counts."""
+    text = EXPERIMENT.replace("[signal]", "[friction]\ndead_zone_rad_s = 0.02\n[signal]")
+    text = text.replace('unit = "N.m"\nside = "joint"', 'unit = "A"\ngain = [2.0, -0.5]\nside = "motor"')
+    text = text.replace('unit = "rad"', 'unit = "count"\ncounts_per_rev = 4')
+    arm.write_text(text + "[transmission]\nreduction = [[2, 0], [1, 3]]\n", encoding="utf-8")
+    assert identify_arm(arm, "--quiet", "--json", str(tmp_path / "arm.json")) == 0
+    settings = json.loads((tmp_path / "arm.json").read_text(encoding="utf-8"))["settings"]
+    assert settings["robot"]["name"] == "planar2"
+    assert settings["robot"]["friction"] == {
+        "model": "symmetric",
+        "coulomb": "sign",
+        "coupling": "shaft",
+        "smoothing": [0.0, 0.0],
+        "dead_zone": [0.02, 0.02],
+    }
+    assert settings["robot"]["geometry"]["gravity"] == [0.0, -9.81, 0.0]
+    assert settings["robot"]["geometry"]["coupling"] == [[1.0, 0.0], [0.0, 1.0]]
+    assert settings["robot"]["geometry"]["d"] == [0.0, 0.5]
+    (recording,) = settings["recordings"]
+    assert recording["reduction"] == [[2.0, 0.0], [1.0, 3.0]]
+    assert recording["position"] == {
+        "file": "log.npz",
+        "variable": "q",
+        "unit": "count",
+        "counts_per_rev": 4,
+        "side": "joint",
+        "factors_to_si": [2.0 * np.pi / 4] * 2,
+    }
+    assert recording["torque"]["factors_to_si"] == [2.0, -0.5]
+    assert recording["torque"]["side"] == "motor"
+    assert {"didim", "numpy", "scipy"} <= set(settings)
 
 
 def test_quiet_and_verbose(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -168,6 +202,29 @@ def test_wrong_arguments(arguments: list[str], message: str, capsys: pytest.Capt
         (('variable = "tau"', 'variable = "torque"'), "torque"),
         (("planar2", "planar9"), "planar9"),
         (("schema = 1", "schema = 1 2"), "arm.toml"),
+        (("cutoff_hz = 40", "cutoff_hz = 1e-9"), "rounding spoils a filter of order 4 at 1e-09 Hz"),
+        (("cutoff_hz = 40", "cutoff_hz = 40\norder = 1000"), "[signal] order must be 1 to 10, got 1000"),
+        (
+            ("cutoff_hz = 40", 'cutoff_hz = 5\norder = 10\nform = "transfer-function"'),
+            "recording 'recording 1': rounding spoils a filter of order 10 at 5 Hz, sampled at 500 Hz",
+        ),
+        (("decimation = [5]", "decimation = [1000000000]"), "decimation by 1000000000 needs more than"),
+        (("rate_hz = 500", "rate_hz = 1e300"), "sampled at 1e+300 Hz"),
+        (("rate_hz = 500", "rate_hz = 1e-310"), "t is inf at sample 1"),
+        (
+            ("[signal]", "[parameters.fixed]\nFv1 = 1e308\n[signal]"),
+            "the torques of the fixed parameters are too",
+        ),
+        (
+            ("[signal]", "[parameters.fixed]\nFv1 = 1e160\n[signal]"),
+            "torques of joint 1 are too large to be sq",
+        ),
+        (('unit = "N.m"', 'unit = "A"\ngain = 1e200'), "the torques of joint 1 are too large to be squared"),
+        (('unit = "N.m"', 'unit = "A"\ngain = 1e308'), "recording 1: tau of joint 1 is inf at sample 0"),
+        (('unit = "N.m"', 'unit = "A"\ngain = 1e-200'), "the torques of joint 1 are too small to be squared"),
+        (('unit = "rad"', 'unit = "count"\ncounts_per_rev = 1e-150'), "are too large for floating point"),
+        (("log.npz", "data\\u0000.npz"), "is no file name"),
+        (("planar2", "planar2\\u0000.toml"), "is no file name"),
     ],
 )
 def test_wrong_input_is_one_line_and_exit_2(

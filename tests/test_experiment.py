@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from didim.delay import DelaySettings
-from didim.errors import DidimError, ExperimentError
+from didim.errors import DidimError, ExperimentError, FitError
 from didim.experiment import Experiment, load_experiment
 from didim.least_squares import LeastSquaresSettings
 from didim.recording import Recording
@@ -66,10 +68,10 @@ def test_a_short_file_takes_the_defaults(log: Path) -> None:
     (recording,) = experiment.recordings
     assert recording.name == "recording 1"
     assert recording.q.shape == (N, 2)
-    for file in ("log.toml", "q.csv", "u.csv"):
+    for role, file in (("experiment", "log.toml"), ("data", "q.csv"), ("data", "u.csv")):
         digest = hashlib.sha256((log.parent / file).read_bytes()).hexdigest()
-        assert experiment.digests[file] == digest
-    assert experiment.digests["planar2.toml"] == experiment.robot.digest
+        assert experiment.digests[f"{role} {file}"] == digest
+    assert experiment.digests["robot planar2.toml"] == experiment.robot.digest
 
 
 def test_every_table_is_read(log: Path) -> None:
@@ -185,6 +187,21 @@ def test_the_data_folder_is_where_the_data_are_looked_up(log: Path, tmp_path: Pa
         ),
         (
             "[[recording]]",
+            '[friction]\ncolomb = "tanh"\n[[recording]]',
+            "log.toml: [friction] unknown key 'colomb'; did you mean 'coulomb'?",
+        ),
+        (
+            "[[recording]]",
+            '[friction]\ncoulomb = "tanh"\n[[recording]]',
+            "log.toml: [friction] coulomb = 'tanh' needs smoothing_rad_s above 0 for joint 1",
+        ),
+        (
+            "[[recording]]",
+            '[parameters]\ndropped = "Off1"\n[[recording]]',
+            "log.toml: [parameters] dropped must be a list of texts, got 'Off1'",
+        ),
+        (
+            "[[recording]]",
             "[parameters]\nfixed = { Fv1 = true }\n[[recording]]",
             "log.toml: [parameters.fixed] Fv1 must be a finite number, got True",
         ),
@@ -204,6 +221,32 @@ def test_a_robot_beside_the_file_that_is_missing(log: Path) -> None:
     assert "none.toml" in message(log, LOG.replace('"planar2"', '"none.toml"'))
 
 
+def test_a_robot_file_whose_name_does_not_end_in_toml(log: Path) -> None:
+    robot = load_robot("planar2").path.read_bytes()
+    (log.parent / "mine").write_bytes(robot)
+    said = message(log, LOG.replace('"planar2"', '"mine"'))
+    assert said == f"{log.parent / 'mine'}: the name of a robot file must end in .toml; rename it"
+    (log.parent / "mine").rename(log.parent / "mine.toml")
+    said = message(log, LOG.replace('"planar2"', '"mine"'))
+    assert said == "no packaged robot 'mine'; did you mean the file 'mine.toml'?"
+    # A packaged robot is not hidden by a file of its name.
+    (log.parent / "planar2").write_bytes(b"")
+    (log.parent / "planar2.toml").write_bytes(b"")
+    log.write_text(LOG, encoding="utf-8")
+    assert load_experiment(log).robot.path.parent != log.parent
+
+
+def test_digests_of_files_of_one_name_stay_apart(log: Path, tmp_path: Path) -> None:
+    (tmp_path / "lab").mkdir()
+    robot = tmp_path / "lab" / "log.toml"
+    robot.write_bytes(load_robot("planar2").path.read_bytes())
+    log.write_text(LOG.replace('"planar2"', '"lab/log.toml"'), encoding="utf-8")
+    digests = load_experiment(log).digests
+    assert set(digests) == {"experiment log.toml", "robot log.toml", "data q.csv", "data u.csv"}
+    for key, path in (("experiment log.toml", log), ("robot log.toml", robot)):
+        assert digests[key] == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 def test_recordings_are_needed_and_have_different_names(log: Path) -> None:
     assert message(log, 'schema = 1\nrobot = "planar2"\n') == "log.toml: key 'recording' is missing"
     again = LOG[LOG.index("[[") :].replace("[[recording]]", '[[recording]]\nname = "recording 1"')
@@ -217,6 +260,8 @@ def test_an_experiment_made_in_python() -> None:
     experiment = Experiment(name="arm", robot=robot, recordings=(Recording.from_arrays(q, q, rate_hz=100.0),))
     assert experiment.path is None
     assert experiment.least_squares == LeastSquaresSettings()
+    with pytest.raises(FitError, match=r"^dropped must be a list of parameter names, got 'Off1'$"):
+        replace(experiment, dropped="Off1")  # type: ignore[arg-type]
     with pytest.raises(ExperimentError, match=r"^arm: at least one recording is needed$"):
         Experiment(name="arm", robot=robot, recordings=())
     with pytest.raises(ExperimentError) as caught:
@@ -264,6 +309,14 @@ def test_emps_asymmetric_example(project: Path, shared: Path) -> None:
     assert asymmetric.least_squares == symmetric.least_squares
     assert len(asymmetric.robot.base_parameters.names) == 5
     assert len(symmetric.robot.base_parameters.names) == 4
+
+
+def test_the_command_in_the_head_of_an_example_is_its_own(project: Path) -> None:
+    files = sorted((project / "examples").glob("*.toml"))
+    assert len(files) >= 4
+    for file in files:
+        head = file.read_text(encoding="utf-8").partition("schema = 1")[0]
+        assert re.findall(r"didim identify (\S+)", head) == [f"examples/{file.name}"]
 
 
 @pytest.mark.parametrize("file", ["tx40_log.toml", "tx40_log_best.toml"])

@@ -133,8 +133,8 @@ def test_table() -> None:
         "----------------------------------------------------------",
         "ZZ1R       kg.m^2      95.1089   0.1085    0.1141",
         "Fv1        N.m.s/rad  203.5034   1.1460    0.5631",
-        "XY2        kg.m^2      -0.01104  0.00816  73.89    *",
-        "Ia2        kg.m^2       0.3000                     fixed",
+        "XY2        kg.m^2      -0.01104  0.00816  73.9     *",
+        "Ia2        kg.m^2       0.3                        fixed",
         "MY2        kg.m         0                          dropped",
         "* not well identified, sigma above 20 %: 1 of 5 parameters",
         "",
@@ -146,11 +146,42 @@ def test_table() -> None:
         "torque recorded +1.50 samples (+1.500 ms) after the motion, by estimate",
         "torque moved back by 1.5 samples",
         "",
-        "Physics forbids:",
+        "Not physical as it stands:",
         "  Fc2 = -1 N.m is negative, by 3.0 sigma",
         "",
-        Status.SOLVED.value,
+        f"{Status.SOLVED.value} But it is not physical as it stands: see the 1 finding above.",
     ]
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "printed"),
+    [
+        (100.0, 0.00114, ["100.00000", "0.00114", "0.00114"]),
+        (1.0, 0.099996, ["1.0000", "0.1000", "9.9996"]),
+        (1.0, 0.10004, ["1.0000", "0.1000", "10.0"]),
+        (1.0, 0.9994, ["1.0000", "0.9994", "99.9"]),
+        (1.0, 1.576, ["1.0000", "1.5760", "158"]),
+        (1.0, 9.99, ["1.0000", "9.9900", "999"]),
+        (1.0, 12.61, ["1.0000", "12.6100", ">999"]),
+        (5e-324, 1.0, ["0.0000", "1.0000", ">999"]),
+        (-3e-15, 2e-17, ["-3e-15", "2e-17", "0.6667"]),
+        (2.5e150, 1e148, ["2.5e+150", "1e+148", "0.4000"]),
+    ],
+)
+def test_digits_of_a_row(value: float, sigma: float, printed: list[str]) -> None:
+    fit = example()
+    beta, covariance = fit.beta.copy(), fit.covariance.copy()
+    beta[0], covariance[0, 0] = value, sigma**2
+    row = str(replace(fit, beta=beta, covariance=covariance)).splitlines()[4].split()
+    assert row[2:5] == printed
+
+
+def test_a_fixed_value_is_short() -> None:
+    fit = example()
+    beta = fit.beta.copy()
+    beta[3] = 35.150651882485469
+    (row,) = [line for line in str(replace(fit, beta=beta)).splitlines() if line.startswith("Ia2 ")]
+    assert row.split() == ["Ia2", "kg.m^2", "35.1507", "fixed"]
 
 
 def test_wrong_shapes() -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 import simulated
-from didim.errors import FitError, RankError
+from didim.errors import FitError, RankError, SignalError
 from didim.identification import Iteration
 from didim.identify import METHODS, identify
 from didim.idim_ls import IDIMLS
@@ -170,12 +171,13 @@ def test_settings_of_the_method_override_those_of_the_experiment(robot: Robot, x
         ({"YY1": 1.0}, (), "YY1 of robot 'planar2' has no effect on the torques"),
         ({"ZZ1": 1.0}, (), "ZZ1 is a standard parameter of robot 'planar2' that regroups into ZZ1R"),
         ({}, ("M2",), "M2 is a standard parameter .* that regroups into ZZ1R, MX1R"),
+        ({"Fv1": "1.2"}, (), "fixed parameter Fv1 must have a finite value, got '1.2'"),
         ({"Fv1": float("nan")}, (), "fixed parameter Fv1 must have a finite value, got nan"),
         ({"Fv1": 1.0}, ("Fv1",), "parameter Fv1 is both fixed and dropped"),
     ],
 )
 def test_wrong_names(
-    robot: Robot, x: Array, fixed: dict[str, float], dropped: tuple[str, ...], message: str
+    robot: Robot, x: Array, fixed: dict[str, Any], dropped: tuple[str, ...], message: str
 ) -> None:
     with pytest.raises(FitError, match=message):
         identify(simulated.experiment(robot, simulated.log(robot, x)), IDIMLS(fixed=fixed, dropped=dropped))
@@ -218,11 +220,43 @@ def test_trimming_that_leaves_nothing(robot: Robot, x: Array) -> None:
         identify(simulated.experiment(robot, simulated.log(robot, x), signal=signal))
 
 
+def test_errors_of_the_filters_name_recording_and_window(robot: Robot, x: Array) -> None:
+    log = simulated.log(robot, x, name="night")
+    short = replace(log, windows=((0, 1500), (2000, 2010)))
+    message = (
+        r"^recording 'night', window of samples 2000 to 2010: the zero-phase filter of order 4 needs more"
+    )
+    with pytest.raises(SignalError, match=message):
+        identify(simulated.experiment(robot, short))
+    message = (
+        r"^recording 'night', window of samples 2000 to 2070: decimation by 5 needs more than 27 samples"
+    )
+    with pytest.raises(SignalError, match=message):
+        identify(simulated.experiment(robot, replace(log, windows=((0, 1500), (2000, 2070)))))
+    message = r"^recording 'night': a record of 3000 samples is too short to compensate a delay of 5000"
+    with pytest.raises(FitError, match=message):
+        identify(simulated.experiment(robot, log), IDIMLS(compensate_samples=5000.0))
+
+
+def test_torques_of_a_held_out_recording_that_overflow(robot: Robot, x: Array) -> None:
+    fitted = simulated.log(robot, x)
+    assert fitted.tau is not None
+    held = replace(fitted, name="night", role="held-out", tau=1e200 * fitted.tau)
+    with pytest.raises(
+        FitError, match=r"^recording 'night': the torques of joint 1 are too large to be squared"
+    ):
+        identify(simulated.experiment(robot, fitted, held))
+
+
 def test_wrong_settings_are_told_when_they_are_made() -> None:
     with pytest.raises(FitError, match="reweightings must be a whole number"):
         IDIMLS(reweightings=-2)
     with pytest.raises(FitError, match="compensate_samples must be a number or 'estimate', got nan"):
         IDIMLS(compensate_samples=float("nan"))
+    with pytest.raises(FitError, match=r"^dropped must be a list of parameter names, got 'Off1'$"):
+        IDIMLS(dropped="Off1")
+    with pytest.raises(FitError, match="dropped must be a list of parameter names, got \\[1\\]"):
+        IDIMLS(dropped=[1])  # type: ignore[list-item]
 
 
 def test_the_callback_hears_every_iteration_and_stops(robot: Robot, x: Array) -> None:

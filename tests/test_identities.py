@@ -212,5 +212,5 @@ def test_wrong_arrays_are_told() -> None:
     x[4] = np.inf
     with pytest.raises(didim.ShapeError, match="inf for parameter YZ1"):
         didim.inverse_dynamics(robot, rest, rest, rest, x)
-    with pytest.raises(didim.ShapeError, match="array of numbers"):
+    with pytest.raises(didim.ShapeError, match="array of real numbers"):
         didim.regressor(robot, [["a"] * 6], rest, rest)

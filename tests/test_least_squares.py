@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from didim import signals
+from didim import _core, signals
 from didim.errors import FitError, RankError
 from didim.least_squares import LeastSquaresSettings, LinearSystem, residual_std, row_weights, solve
 
@@ -174,6 +174,37 @@ def test_a_column_without_excitation_is_named() -> None:
     w[:, 1] = 0.0
     with pytest.raises(RankError, match=r"columns of W: Fv1 = 0\)"):
         solve(replace(one, w=w), PLAIN)
+
+
+@pytest.mark.parametrize(("factor", "size"), [(1e160, "large"), (1e-200, "small")])
+def test_torques_whose_squares_no_number_holds(factor: float, size: str) -> None:
+    two = system((0.1, 10.0))
+    y = two.y.copy()
+    y[two.joints[1]] *= factor
+    with pytest.raises(
+        FitError, match=f"^the torques of joint 2 are too {size} to be squared; check their unit"
+    ):
+        solve(replace(two, y=y), PLAIN)
+
+
+def test_columns_that_are_too_large_or_make_sigma_too_large() -> None:
+    one = system()
+    with pytest.raises(FitError, match=r"^the column of Fv1 is too large to be squared; check the unit"):
+        solve(replace(one, w=one.w * [1.0, 1e160, 1.0]), PLAIN)
+    # The variance of a parameter of 1e157 N.m is beyond 1e308.
+    with pytest.raises(
+        FitError, match=r"^parameter .* and its standard deviation cannot be told in floating"
+    ):
+        solve(replace(one, w=1e-154 * one.w, y=1e3 * one.y), PLAIN)
+
+
+def test_what_the_core_refuses_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(w: Array, y: Array) -> None:
+        raise ValueError("its singular values cannot be computed")
+
+    monkeypatch.setattr(_core, "least_squares", refuse)
+    with pytest.raises(FitError, match=r"^its singular values cannot be computed$"):
+        solve(system(), PLAIN)
 
 
 def test_too_few_rows_and_no_columns() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -76,7 +78,24 @@ def test_indefinite_inertia_matrix() -> None:
     assert len(told) == 1
     assert told[0].startswith("M(q) is not positive definite in ")
     assert "of 200 configurations of the log" in told[0]
-    assert "cannot be simulated" in told[0]
+    assert told[0].endswith("cannot be simulated")
+
+
+def test_torques_of_the_wrong_sign_are_suspected() -> None:
+    robot = load_robot("planar2")
+    log = simulated.log(robot, np.asarray(robot.sets["reference"]), noise=0.1)
+    assert log.tau is not None
+    fit = identify(simulated.experiment(robot, replace(log, tau=-log.tau)))
+    (told,) = [flag for flag in fit.warnings if flag.startswith("M(q)")]
+    assert "in 100 % of 1000 configurations" in told
+    assert told.endswith("this estimate cannot be simulated; is the sign of the torques wrong?")
+
+
+def test_a_fixed_value_is_told_as_such() -> None:
+    robot = load_robot("planar2")
+    assert flags(robot, base_values(robot, Fv1=-0.2), std=0.0) == (
+        "Fv1 = -0.2 N.m.s/rad is negative, as fixed",
+    )
 
 
 def test_the_printed_table_of_the_tx40_is_flagged() -> None:
@@ -95,4 +114,6 @@ def test_flags_are_part_of_the_result() -> None:
     x[robot.parameter_names.index("Fv2")] = -0.5
     fit = identify(simulated.experiment(robot, simulated.log(robot, x)), IDIMLS(weights="none"))
     assert len(fit.warnings) == 1
-    assert "Physics forbids:\n  Fv2 = -0.5 N.m.s/rad is negative" in str(fit)
+    assert "Not physical as it stands:\n  Fv2 = -0.5 N.m.s/rad is negative" in str(fit)
+    last = str(fit).splitlines()[-1]
+    assert last == f"{fit.status.value} But it is not physical as it stands: see the 1 finding above."

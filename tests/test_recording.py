@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from didim.errors import DidimError, ExperimentError, RecordingError
@@ -250,7 +252,7 @@ def test_two_ragged_rows_that_make_up_for_each_other(tmp_path: Path) -> None:
     edit(path, 5, "1")
     edit(path, 6, "1,2,3")
     content = {"rate_hz": RATE, "position": {"file": "a.csv", "unit": "rad", "side": "joint"}}
-    assert message(tmp_path, content) == "a.csv: row 4 (line 5) has 1 columns where the first line has 2"
+    assert message(tmp_path, content) == "a.csv: row 4 (line 5) has 1 column where the first line has 2"
 
 
 @pytest.mark.parametrize(
@@ -258,6 +260,8 @@ def test_two_ragged_rows_that_make_up_for_each_other(tmp_path: Path) -> None:
     [
         (b"", "a.csv: the file is empty"),
         (b"\n \n", "a.csv: the file is empty"),
+        (b"\xef\xbb\xbf", "a.csv: the first line is blank"),
+        (b"\n1,2\n", "a.csv: the first line is blank"),
         (b"t,q1,q2,u1,u2\n", "a.csv: there are no rows below the header"),
         (
             b"0,0,0,0,0\n1,0,0,0,0",
@@ -268,13 +272,128 @@ def test_two_ragged_rows_that_make_up_for_each_other(tmp_path: Path) -> None:
             "a.csv: the first line is neither names nor numbers ('t' is no number); "
             "say header = true or header = false",
         ),
-        (b"t,q1,q2,u1,u2\n0,0,0,0,0\n0.001,0,0,0,0", "a.csv: 2 samples are too few, at least 3 are needed"),
+        (b"t,q1,q2,u1,u2\n0,0,0,0,0\n0.001,0,0,0,0", "a.csv: at least 3 samples are needed, got 2"),
         (b"t,q1,q1,q2,u1,u2\n", "a.csv: column 'q1' stands twice in the header"),
     ],
 )
 def test_files_without_a_table_of_numbers(tmp_path: Path, content: bytes, expected: str) -> None:
     (tmp_path / "a.csv").write_bytes(content)
     assert message(tmp_path, described("a.csv")) == expected
+
+
+POSITION_ONLY = {"file": "a.csv", "unit": "rad", "side": "joint"}
+
+
+@pytest.mark.parametrize(
+    ("content", "keys", "expected"),
+    [
+        ("q1;q2\n1;2\n", {}, 'the file has 1 column where 2 are wanted; is delimiter = ";" meant?'),
+        ("q1\tq2\n1\t2\n", {}, 'the file has 1 column where 2 are wanted; is delimiter = "\\t" meant?'),
+        (
+            "q1,q2\n1,2\n",
+            {"delimiter": ";"},
+            'the file has 1 column where 2 are wanted; is delimiter = "," meant?',
+        ),
+        ("q\n1\n", {}, "the file has 1 column where 2 are wanted"),
+        ("q\n1\n", {"columns": [1, 2]}, "there is no column 2; there is one"),
+        (
+            "q1;q2\n1;2\n",
+            {"columns": ["q1", "q2"]},
+            "there is no column 'q1'; the only one is 'q1;q2'; is delimiter = \";\" meant?",
+        ),
+        (
+            "0,1;0,2\n0,3;0,4\n",
+            {},
+            "the first line is neither names nor numbers ('1;0' is no number); is delimiter = \";\" meant?",
+        ),
+        (
+            "q1;q2\n0,5;-1,5e-3\n",
+            {"delimiter": ";"},
+            "row 1 (line 2), column 'q1', is '0,5', not a number; a decimal comma must be a point",
+        ),
+        (
+            "q1,q2\n0,5,1,5\n",
+            {},
+            "row 1 (line 2) has 4 columns where the first line has 2; are there decimal commas?",
+        ),
+        (
+            "q1,q2\r1,2\r3,4\r",
+            {},
+            "lines end with a carriage return alone; save the file with LF or CR LF line ends",
+        ),
+        (
+            "q1,q2\n1,2\r3,4\n",
+            {},
+            "lines end with a carriage return alone; save the file with LF or CR LF line ends",
+        ),
+        ("x" * 200_000, {}, "this is no CSV file (field larger than field limit (131072))"),
+    ],
+)
+def test_csv_files_of_another_make(tmp_path: Path, content: str, keys: dict[str, Any], expected: str) -> None:
+    (tmp_path / "a.csv").write_bytes(content.encode())
+    assert message(tmp_path, {"rate_hz": RATE, "position": POSITION_ONLY | keys}) == f"a.csv: {expected}"
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("q1,q2\n1,2\n".encode("utf-16"), "the file is UTF-16 text; save it as UTF-8"),
+        (
+            "q1,q2\n1,2\n".encode("utf-16-le"),
+            "this is no text file in UTF-8, byte 1 is zero (is it binary, or UTF-16?)",
+        ),
+        (
+            b"\x7fELF\x02\x01\x00\r\xff\n",
+            "this is no text file in UTF-8, byte 6 is zero (is it binary, or UTF-16?)",
+        ),
+    ],
+)
+def test_csv_files_that_are_no_text(tmp_path: Path, content: bytes, expected: str) -> None:
+    (tmp_path / "a.csv").write_bytes(content)
+    assert message(tmp_path, {"rate_hz": RATE, "position": POSITION_ONLY}) == f"a.csv: {expected}"
+
+
+@given(content=st.binary(min_size=1, max_size=60), suffix=st.sampled_from(["csv", "npz", "mat"]))
+def test_any_bytes_are_a_sentence(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes, suffix: str
+) -> None:
+    """Whatever the file holds: an error of ours, or (it happens to be a short table) a recording."""
+    folder = tmp_path_factory.mktemp("bytes")
+    (folder / f"a.{suffix}").write_bytes(content)
+    position = {"file": f"a.{suffix}", "unit": "rad", "side": "joint"}
+    assert "\n" not in outcome(folder, {"rate_hz": RATE, "position": position})
+
+
+def outcome(folder: Path, content: dict[str, Any]) -> str:
+    """Error of reading a recording, empty when it can be read."""
+    try:
+        read(folder, content)
+    except DidimError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize("suffix", ["npz", "mat"])
+def test_damaged_array_files_are_a_sentence(tmp_path: Path, suffix: str) -> None:
+    import scipy.io
+
+    q = motion()[1]
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "npz":
+        np.savez_compressed(path, q=q)
+    else:
+        scipy.io.savemat(path, {"q": q}, do_compression=True)
+    whole = path.read_bytes()
+    content = {
+        "rate_hz": RATE,
+        "position": {"file": path.name, "variable": "q", "unit": "rad", "side": "joint"},
+    }
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        damaged = bytearray(whole[: rng.integers(1, len(whole) + 1)])
+        damaged[rng.integers(len(damaged))] ^= int(rng.integers(1, 256))
+        path.write_bytes(damaged)
+        assert "\n" not in outcome(tmp_path, content)
 
 
 def test_missing_and_unknown_files(tmp_path: Path) -> None:
@@ -479,7 +598,11 @@ def test_wrong_keys(
             "windows_s must be a list of [start, stop] in seconds with start < stop, got 0.0",
         ),
         ({"role": "test"}, "role must be one of 'fit', 'held-out', got 'test'"),
-        ({"velocity": {}}, "unknown key 'velocity'"),
+        (
+            {"velocity": {}},
+            "unknown key 'velocity'; known here are 'name', 'role', 'rate_hz', 'windows_s', 'time', "
+            "'position', 'torque', 'reference'",
+        ),
     ],
 )
 def test_wrong_keys_of_the_recording(
@@ -533,13 +656,54 @@ def test_arrays_are_copied_and_checked() -> None:
         RecordingError, match=r"^recording: q must have shape \(n_samples, n_dof\), got \(50,\)$"
     ):
         Recording.from_arrays(q[:, 0], rate_hz=RATE)
-    with pytest.raises(RecordingError, match="2 samples are too few"):
+    with pytest.raises(RecordingError, match="at least 3 samples are needed, got 2"):
         Recording.from_arrays(q[:2], rate_hz=RATE)
     u[3, 1] = np.inf
     with pytest.raises(RecordingError, match=r"tau of joint 2 is inf at sample 3$"):
         Recording.from_arrays(q, u, rate_hz=RATE)
     with pytest.raises(RecordingError, match="window of samples 40 to 60 is empty, overlaps"):
         Recording(t=np.arange(N) / RATE, q=q, rate_hz=RATE, windows=((40, 60),))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rate_hz": 0.0}, "rate_hz must be a positive number, got 0.0"),
+        ({"rate_hz": math.nan}, "rate_hz must be a positive number, got nan"),
+        ({"rate_hz": math.inf}, "rate_hz must be a positive number, got inf"),
+        ({"rate_hz": "1000"}, "rate_hz must be a positive number, got '1000'"),
+        ({"rate_hz": True}, "rate_hz must be a positive number, got True"),
+        ({"rate_hz": 500.0}, "the time stamps give a sampling rate of 1000 Hz, rate_hz says 500 Hz"),
+        ({"t": [0.0, math.nan, 0.002]}, "t is nan at sample 1"),
+        ({"t": [0.0, 0.0, 0.001]}, "time does not grow from row 1 (0 s) to row 2"),
+        ({"t": [0.0, 0.001, 0.003]}, "sampling is uneven after row 1 (t = 0 s), where the time step is"),
+        ({"windows": ((0, 1.5),)}, "windows must be pairs of sample numbers (start, stop), got ((0, 1.5),)"),
+        ({"windows": (0, 3)}, "windows must be pairs of sample numbers (start, stop), got (0, 3)"),
+    ],
+)
+def test_rates_and_times_of_arrays_are_checked(options: dict[str, Any], message: str) -> None:
+    q = motion()[1][:3]
+    arrays: dict[str, Any] = {"t": np.arange(3) / RATE, "q": q, "rate_hz": RATE}
+    with pytest.raises(RecordingError) as caught:
+        Recording(**(arrays | options))
+    assert str(caught.value).startswith(f"recording: {message}")
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, "1000", None])
+def test_a_wrong_rate_of_arrays_is_a_sentence(rate: Any) -> None:
+    with pytest.raises(RecordingError) as caught:
+        Recording.from_arrays(motion()[1], rate_hz=rate)
+    assert str(caught.value) == f"recording: rate_hz must be a positive number, got {rate!r}"
+
+
+def test_a_rate_whose_time_stamps_overflow_is_a_sentence() -> None:
+    with pytest.raises(RecordingError, match=r"^recording: t is inf at sample 1$"):
+        Recording.from_arrays(motion()[1], rate_hz=1e-310)
+
+
+def test_an_infinite_window_leaves_the_record(tmp_path: Path, csv_file: Path) -> None:
+    said = message(tmp_path, described("a.csv", windows_s=[[0.0, 1e308]]))
+    assert said == "log.toml: [recording] the window [0.0, 1e+308] s leaves the record, which lasts 0.05 s"
 
 
 # --- measured data

@@ -130,6 +130,11 @@ def test_sets_may_mix_base_and_standard_names(tmp_path: Path) -> None:
         (("[parameters.good]", "[transmission]\ncoupling = [[1, 1], [1, 1]]\n[parameters.good]"), "singular"),
         (("[parameters.good]", "[transmission]\ncoupling = [[0, 1], [1, 0]]\n[parameters.good]"), "motor 1"),
         (("[parameters.good]", "[transmission]\ncoupling = [[1, 0]]\n[parameters.good]"), "2 rows"),
+        (
+            ("[parameters.good]", "[transmission]\nreduction = [[1, 1], [2, 2]]\n[parameters.good]"),
+            "[transmission] reduction is singular: the row of motor 2 is a combination of the rows before it",
+        ),
+        (("d_m = 0.3", "d_m = 1e200"), "lengths or gravity allow no base parameters in floating point"),
         (("[parameters.good]", '[friction]\ncoulomb = "tanh"\n[parameters.good]'), "smoothing_rad_s above 0"),
         (
             ("[parameters.good]", "[friction]\ndead_zone_rad_s = -1\n[parameters.good]"),
@@ -155,6 +160,8 @@ def test_a_robot_without_joints_is_told(tmp_path: Path) -> None:
 def test_unknown_names_are_told() -> None:
     with pytest.raises(didim.RobotError, match="no packaged robot 'tx4'; did you mean 'tx40'"):
         didim.load_robot("tx4")
+    with pytest.raises(didim.RobotError, match=r"^friction of robot 'tx40': unknown key 'zeal'; known here"):
+        didim.load_robot("tx40").with_friction(zeal="red")
     with pytest.raises(didim.RobotError, match="no such file"):
         didim.load_robot("nowhere/robot.toml")
     with pytest.raises(didim.RobotError, match="no parameter set 'didm'; did you mean 'didim'"):

@@ -76,9 +76,10 @@ def test_defaults_stand_for_absent_keys_only() -> None:
         (
             lambda t: t.matrix("m", 2, 2),
             {"m": [[1, 2]]},
-            "m must be a matrix of 2 rows and 2 columns, got 1 rows",
+            "m must be a matrix of 2 rows and 2 columns, got 1 row",
         ),
         (lambda t: t.matrix("m", 1, 2), {"m": [[1]]}, "m, row 1, must hold 2 numbers, got 1"),
+        (lambda t: t.numbers("l", 1), {"l": []}, "l must hold 1 number, got 0"),
         (lambda t: t.table("t"), {"t": 1}, "t must be a table, got 1"),
         (lambda t: t.tables("t"), {"t": {}}, "t must be an array of tables, [[t]]"),
         (lambda t: t.done(), {"zeal": 1}, "unknown key 'zeal'"),
@@ -97,6 +98,15 @@ def test_an_unknown_key_gets_a_suggestion() -> None:
         found.done()
     expected = "emps.toml: [signal] unknown key 'cutof_hz'; did you mean 'cutoff_hz'?"
     assert str(caught.value) == expected
+
+
+def test_an_unknown_key_like_no_other_gets_the_list() -> None:
+    found = table(zeal=1, order=4)
+    found.integer("order")
+    found.number("cutoff_hz", None)
+    with pytest.raises(ExperimentError) as caught:
+        found.done()
+    assert str(caught.value) == "emps.toml: [signal] unknown key 'zeal'; known here are 'order', 'cutoff_hz'"
 
 
 def test_tables_of_an_array_are_numbered_when_there_are_several() -> None:
@@ -119,5 +129,16 @@ def test_files_that_are_no_toml(tmp_path: Path) -> None:
     bad.write_bytes(b"a = '\xff'")
     with pytest.raises(RobotError, match=r"^bad\.toml: not a TOML file, byte 5 is not UTF-8$"):
         read_toml(bad, RobotError)
+    mark = tmp_path / "mark.toml"
+    mark.write_bytes(b"\xef\xbb\xbfa = 1\n")
+    assert read_toml(mark, RobotError) == {"a": 1}
+    data = tmp_path / "data.csv"
+    data.write_text("a,b\n", encoding="utf-8")
+    with pytest.raises(
+        RobotError, match=r"^data\.csv: not valid TOML, .*; a file of this kind ends in \.toml$"
+    ):
+        read_toml(data, RobotError)
+    with pytest.raises(RobotError, match=r"/bad: no such file; did you mean 'bad\.toml'\?$"):
+        read_toml(tmp_path / "bad", RobotError)
     with pytest.raises(RobotError, match="cannot be read"):
         read_toml(tmp_path, RobotError)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from typing import Literal
 
 import numpy as np
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 
 from didim import _core, signals
 from didim.errors import SignalError
-from didim.signals import SignalProcessing
+from didim.signals import Form, SignalProcessing
 
 Array = NDArray[np.float64]
 
@@ -23,7 +25,7 @@ def noise(n_samples: int, columns: int, seed: int = 0) -> Array:
     return np.asarray(np.cumsum(rng.standard_normal((n_samples, columns)), axis=0))
 
 
-@pytest.mark.parametrize("order", [1, 2, 3, 4, 5, 8, 11])
+@pytest.mark.parametrize("order", [1, 2, 3, 4, 5, 8, 10])
 @pytest.mark.parametrize("columns", [1, 3, 8, 9])
 def test_butterworth_with_default_padding_is_scipys_sosfiltfilt(order: int, columns: int) -> None:
     x = noise(300, columns, order)
@@ -229,7 +231,19 @@ def test_strides_and_precision_do_not_matter() -> None:
     [
         ({"cutoff_hz": -5.0}, "cutoff_hz must be a positive frequency, got -5.0"),
         ({"cutoff_hz": float("nan")}, "cutoff_hz must be a positive frequency, got nan"),
-        ({"order": 0}, "order must be at least 1, got 0"),
+        ({"cutoff_hz": float("inf")}, "cutoff_hz must be a positive frequency, got inf"),
+        ({"cutoff_hz": "50"}, "cutoff_hz must be a positive frequency, got '50'"),
+        ({"cutoff_hz": True}, "cutoff_hz must be a positive frequency, got True"),
+        ({"order": 0}, "order must be 1 to 10, got 0"),
+        ({"order": 11}, "order must be 1 to 10, got 11"),
+        ({"order": 4.0}, "order must be a whole number, got 4.0"),
+        ({"order": True}, "order must be a whole number, got True"),
+        ({"trim_start": 2.5}, "trim_start must be a whole number, got 2.5"),
+        ({"trim_end": "3"}, "trim_end must be a whole number, got '3'"),
+        ({"decimation": (10.0,)}, "each decimation factor must be a whole number, got 10.0"),
+        ({"decimation": (True,)}, "each decimation factor must be a whole number, got True"),
+        ({"decimation": 10}, "decimation must be a tuple of whole numbers, got 10"),
+        ({"decimation": "10"}, "decimation must be a tuple of whole numbers, got '10'"),
         ({"trim_end": -1}, "trim_end must not be negative, got -1"),
         ({"decimation": (10, 1)}, "each decimation factor must be at least 2, got 1"),
         ({"padding": "octave"}, "padding must be 'scipy' or 'matlab', got 'octave'"),
@@ -240,3 +254,77 @@ def test_settings_are_checked_when_made(settings: dict[str, object], message: st
     with pytest.raises(SignalError) as error:
         SignalProcessing(**settings)  # type: ignore[arg-type]
     assert str(error.value) == message
+
+
+def test_settings_are_plain_numbers_afterwards() -> None:
+    signal = SignalProcessing(cutoff_hz=50, order=np.int64(2), decimation=[np.int64(5)])  # type: ignore[arg-type]
+    assert signal == SignalProcessing(cutoff_hz=50.0, order=2, decimation=(5,))
+    assert json.loads(json.dumps(asdict(signal)))["decimation"] == [5]
+
+
+@pytest.mark.parametrize(
+    ("order", "cutoff", "rate", "form"),
+    [
+        (4, 50.0, 5000.0, "transfer-function"),  # examples/tx40_log.toml
+        (10, 50.0, 500.0, "transfer-function"),
+        (10, 0.05, 5000.0, "sections"),
+        (1, 0.05, 5000.0, "sections"),
+    ],
+)
+def test_a_sound_filter_leaves_constants_as_they_are(
+    order: int, cutoff: float, rate: float, form: Form
+) -> None:
+    x = np.ones((100, 2))
+    filtered = signals.zero_phase_butterworth(x, rate, cutoff, order, "scipy", form)
+    np.testing.assert_allclose(filtered, x, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("order", "cutoff", "rate", "form"),
+    [
+        (8, 20.0, 5000.0, "transfer-function"),
+        (10, 5.0, 500.0, "transfer-function"),
+        (8, 498.0, 1000.0, "transfer-function"),
+        (4, 1e-9, 500.0, "sections"),
+        (1, 1e-12, 500.0, "sections"),
+        (4, 1e-300, 1e300, "sections"),
+        (4, 40.0, 1e300, "transfer-function"),
+    ],
+)
+def test_a_filter_that_rounding_spoils_is_refused(order: int, cutoff: float, rate: float, form: Form) -> None:
+    with pytest.raises(SignalError) as error:
+        signals.zero_phase_butterworth(noise(100, 1), rate, cutoff, order, "scipy", form)
+    said = f"rounding spoils a filter of order {order} at {cutoff:g} Hz, sampled at {rate:g} Hz: move the "
+    assert str(error.value).startswith(said + "cut-off away from zero and from half the sampling rate")
+    assert str(error.value).endswith("use form 'sections'") is (form == "transfer-function")
+
+
+def test_the_order_of_a_direct_call_is_bounded_too() -> None:
+    with pytest.raises(SignalError, match=r"^order must be 1 to 10, got 1000$"):
+        signals.zero_phase_butterworth(noise(100, 1), 1000.0, 100.0, 1000)
+
+
+def test_a_decimation_beyond_the_record_or_beyond_rounding() -> None:
+    with pytest.raises(
+        SignalError, match=r"decimation by 1000 needs more than 999 samples, stage 1 of 1 gets 9"
+    ):
+        signals.decimation_stages(900, SignalProcessing(decimation=(1000,)))
+    huge = SignalProcessing(decimation=(10**400,))
+    with pytest.raises(SignalError, match="needs more than 9999"):
+        signals.decimation_stages(900, huge)
+    signals.decimation_stages(10**7, SignalProcessing(decimation=(10**4,)))
+    with pytest.raises(
+        SignalError, match="rounding spoils the filter of a decimation by 1000000: take several"
+    ):
+        signals.decimation_stages(10**7, SignalProcessing(decimation=(10**6,)))
+
+
+def test_derivatives_that_overflow_are_told() -> None:
+    with pytest.raises(SignalError, match=r"^derivatives at a sampling time of 1e-300 s are too large"):
+        signals.differentiate(noise(50, 2), 1e300, SignalProcessing())
+
+
+def test_what_the_core_refuses_is_a_sentence() -> None:
+    (stage,) = signals.decimation_stages(100, SignalProcessing(decimation=(2,)))
+    with pytest.raises(SignalError, match="filter stage 0 needs more than 27 samples"):
+        signals.decimate(noise(20, 1), [stage])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
+from .arrays import real_array
 from .errors import ShapeError
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ class BaseParameters:
 
     @staticmethod
     def _checked(what: str, values: ArrayLike, length: int) -> Array:
-        array = np.asarray(values, dtype=np.float64)
+        array = real_array(what, values, ShapeError)
         if array.shape != (length,):
             raise ShapeError(f"{what} must have shape ({length},), got {array.shape}")
         return array

@@ -9,7 +9,8 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-import zipfile
+import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn, Protocol
@@ -18,11 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from didim.errors import RecordingError
-from didim.schema import did_you_mean, listing
+from didim.schema import counted, did_you_mean, listing
 
 Array = NDArray[np.float64]
 Column = str | int
 """A column by name, or by number from 1."""
+
+# A number as they are written where the decimal sign is a comma.
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 
 class DataFile(Protocol):
@@ -62,6 +66,8 @@ def open_data_file(path: Path, name: str, *, delimiter: str | None, header: bool
         raise RecordingError(f"{path}: no such data file") from None
     except OSError as reason:
         raise RecordingError(f"{path}: cannot be read ({reason.strerror})") from None
+    except ValueError as reason:  # a zero byte in the name
+        raise RecordingError(f"{str(path)!r} is no file name ({reason})") from None
     if not raw or raw.isspace():
         raise RecordingError(f"{name}: the file is empty")
     suffix = path.suffix.lower()
@@ -99,21 +105,24 @@ class CsvFile:
     def __init__(self, raw: bytes, name: str, delimiter: str, header: bool | None) -> None:
         self.name = name
         self.sha256 = hashlib.sha256(raw).hexdigest()
+        self._check_text(raw)
         # Line ends and blanks behind the last sample mean nothing; a tab may be a separator.
         self._body = raw.removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n ")
         self._delimiter = delimiter
         end = self._body.find(b"\n")
-        first = self._body if end < 0 else self._body[:end]
-        cells = [cell.strip().strip('"') for cell in self._split(first.decode("utf-8", "replace"))]
+        self._first = (self._body if end < 0 else self._body[:end]).decode("utf-8", "replace")
+        cells = [cell.strip().strip('"') for cell in self._split(self._first)]
         self._n_columns = len(cells)
+        if not any(cells):
+            self._fail("the first line is blank")
         numeric = [_number_or_none(cell) is not None for cell in cells]
         if header is None:
             header = not any(numeric)
             if any(numeric) and not all(numeric):
                 odd = cells[numeric.index(False)]
                 self._fail(
-                    f"the first line is neither names nor numbers ({odd!r} is no number); "
-                    "say header = true or header = false"
+                    f"the first line is neither names nor numbers ({odd!r} is no number)"
+                    + (self._delimiter_hint() or "; say header = true or header = false")
                 )
         # NumPy writes its header behind a comment sign.
         self.names = [cells[0].removeprefix("#").strip(), *cells[1:]] if header else None
@@ -138,10 +147,31 @@ class CsvFile:
     def _fail(self, text: str) -> NoReturn:
         raise RecordingError(f"{self.name}: {text}")
 
+    def _check_text(self, raw: bytes) -> None:
+        """Refuse what is no text in UTF-8, or has line ends that would be taken for parts of a line."""
+        if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+            self._fail("the file is UTF-16 text; save it as UTF-8")
+        zero = raw.find(b"\0")
+        if zero >= 0:
+            self._fail(f"this is no text file in UTF-8, byte {zero} is zero (is it binary, or UTF-16?)")
+        if raw.count(b"\r") != raw.count(b"\r\n"):
+            self._fail("lines end with a carriage return alone; save the file with LF or CR LF line ends")
+
     def _split(self, line: str) -> list[str]:
         if self._delimiter == " ":
             return line.split()
-        return next(csv.reader([line.rstrip("\r\n")], delimiter=self._delimiter), [])
+        try:
+            return next(csv.reader([line.rstrip("\r\n")], delimiter=self._delimiter), [])
+        except csv.Error as reason:
+            self._fail(f"this is no CSV file ({reason})")
+
+    def _delimiter_hint(self) -> str:
+        """End of a sentence that names another delimiter where the first line looks like it."""
+        for other in (";", "\t", ",", " "):
+            # Names may hold commas and blanks: these are likely only where nothing else separates.
+            if other in self._first and other != self._delimiter and (other in ";\t" or self._n_columns == 1):
+                return f"; is delimiter = {json.dumps(other)} meant?"
+        return ""
 
     def _column(self, index: int) -> str:
         return repr(self.names[index]) if self.names else str(index + 1)
@@ -156,22 +186,28 @@ class CsvFile:
         if columns is None:
             if self._n_columns != count:
                 self._fail(
-                    f"the file has {self._n_columns} columns where {count} are wanted"
-                    + ("; transpose it?" if self._n_rows == count else ", so columns must say which")
+                    f"the file has {counted(self._n_columns, 'column')} where {count} "
+                    f"{'is' if count == 1 else 'are'} wanted"
+                    + ("; transpose it?" if self._n_rows == count else self._columns_hint(count))
                 )
             return list(range(count))
         return [self._index(column) for column in columns]
 
+    def _columns_hint(self, count: int) -> str:
+        return self._delimiter_hint() or (", so columns must say which" if self._n_columns > count else "")
+
     def _index(self, column: Column) -> int:
         if isinstance(column, int):
             if not 1 <= column <= self._n_columns:
-                self._fail(f"there is no column {column}; the columns are 1 to {self._n_columns}")
+                there = f"the columns are 1 to {self._n_columns}" if self._n_columns > 1 else "there is one"
+                self._fail(f"there is no column {column}; {there}{self._delimiter_hint()}")
             return column - 1
         if self.names is None:
             self._fail(f"there is no column {column!r}: the file has no header, so columns go by number")
         if column not in self.names:
-            near = did_you_mean(column, self.names)
-            self._fail(f"there is no column {column!r}; the columns are {listing(self.names)}{near}")
+            there = f"the {'columns are' if self._n_columns > 1 else 'only one is'} {listing(self.names)}"
+            hint = did_you_mean(column, self.names) or self._delimiter_hint()
+            self._fail(f"there is no column {column!r}; {there}{hint}")
         if self.names.count(column) > 1:
             self._fail(f"column {column!r} stands twice in the header")
         return self.names.index(column)
@@ -218,12 +254,16 @@ class CsvFile:
                 self._fail(f"{self._row(row)} is blank; samples must not be missing")
             cells = self._split(line)
             if len(cells) != self._n_columns:
+                hint = "; are there decimal commas?" if len(cells) == 2 * self._n_columns else ""
                 self._fail(
-                    f"{self._row(row)} has {len(cells)} columns where the first line has {self._n_columns}"
+                    f"{self._row(row)} has {counted(len(cells), 'column')} where the first line has "
+                    f"{self._n_columns}{hint}"
                 )
             for index in usecols:
-                if _number_or_none(cells[index].strip()) is None:
-                    text = f"{cells[index].strip()!r}, not a number" if cells[index].strip() else "empty"
+                cell = cells[index].strip()
+                if _number_or_none(cell) is None:
+                    hint = "; a decimal comma must be a point" if DECIMAL_COMMA.fullmatch(cell) else ""
+                    text = f"{cell!r}, not a number{hint}" if cell else "empty"
                     self._fail(f"{self._row(row)}, column {self._column(index)}, is {text}")
 
 
@@ -250,7 +290,7 @@ class ArrayFile:
             self._fail("this is a version 7.3 (HDF5) .mat file; save it in MATLAB with save(..., '-v7')")
         try:
             self.names = self._variables()
-        except (ValueError, TypeError, OSError, NotImplementedError, zipfile.BadZipFile, KeyError):
+        except Exception:  # whatever a foreign parser stumbles over in bytes of another kind
             kind = "MATLAB version 5" if matlab else "npz"
             self._fail(f"this is not a readable {kind} file")
 
@@ -339,7 +379,7 @@ class ArrayFile:
             else:
                 with np.load(io.BytesIO(self._raw), allow_pickle=False) as arrays:
                     values = arrays[name]
-        except (ValueError, TypeError, OSError, zipfile.BadZipFile) as reason:
+        except Exception as reason:  # likewise
             self._fail(f"variable {name!r} cannot be read ({reason})")
         if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
             self._fail(f"variable {name!r} is no array of real numbers")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from . import signals
 from .errors import FitError
+from .schema import counted
 
 if TYPE_CHECKING:
     from .least_squares import LinearSystem
@@ -119,7 +120,8 @@ def align(motion: Sequence[Array], tau: Array, delay_samples: float) -> tuple[tu
     last = min(n_samples, n_samples - (whole + offsets[-1]))
     if last <= first:
         raise FitError(
-            f"a record of {n_samples} samples is too short to compensate a delay of {delay_samples:g} samples"
+            f"a record of {counted(n_samples, 'sample')} is too short to compensate a delay of "
+            f"{delay_samples:g} samples"
         )
     moved = np.zeros((last - first, *tau.shape[1:]))
     for offset, weight in zip(offsets, weights, strict=True):
@@ -177,7 +179,8 @@ def estimate_delay(
     shortest = min(part.q.shape[0] for part in parts)
     if shortest <= 4 * reach:
         raise FitError(
-            f"a segment of {shortest} samples is too short to look for delays of up to {reach} samples"
+            f"a segment of {counted(shortest, 'sample')} is too short to look for delays of up to {reach} "
+            "samples"
         )
     inner = [_inner(part, reach) for part in parts]
     system, row_weights = observe(inner)

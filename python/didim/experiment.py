@@ -16,8 +16,9 @@ from didim.delay import DelaySettings
 from didim.errors import DidimError, ExperimentError
 from didim.least_squares import LeastSquaresSettings
 from didim.recording import DataFolder, Recording, read_recording, read_reduction
-from didim.robot import Robot, load_robot
+from didim.robot import PACKAGED, Robot, load_robot
 from didim.schema import Table, read_toml
+from didim.selection import dropped_names
 from didim.signals import SignalProcessing
 
 SCHEMA = 1
@@ -47,7 +48,8 @@ class Experiment:
     dropped
         Parameters taken as zero.
     digests
-        SHA-256 of each file read, by file name: experiment, robot, data.
+        SHA-256 of each file read, by role and file name: ``experiment emps.toml``, ``robot emps.toml``,
+        ``data DATA_EMPS.mat``.
     reference, controller
         Tables of the closed loop as they stand in the file, or None.
 
@@ -72,7 +74,7 @@ class Experiment:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "recordings", tuple(self.recordings))
-        object.__setattr__(self, "dropped", tuple(self.dropped))
+        object.__setattr__(self, "dropped", dropped_names(self.dropped))
         for key in ("fixed", "digests"):
             object.__setattr__(self, key, dict(getattr(self, key)))
         if not self.recordings:
@@ -136,9 +138,13 @@ def load_experiment(path: str | Path, *, data: Path | str | None = None) -> Expe
             part.fail(f"name {recording.name!r} stands for an earlier recording already")
         recordings.append(recording)
 
-    digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest(), robot.path.name: robot.digest}
+    # An experiment and a robot may both be emps.toml.
+    digests = {
+        f"experiment {path.name}": hashlib.sha256(path.read_bytes()).hexdigest(),
+        f"robot {robot.path.name}": robot.digest,
+    }
     for recording in recordings:
-        digests.update(recording.digests)
+        digests.update({f"data {file}": digest for file, digest in recording.digests.items()})
     return Experiment(
         name=name,
         path=path,
@@ -159,11 +165,10 @@ def _robot(table: Table, path: Path) -> Robot:
     """Load the robot, by packaged name or path from the experiment file, with the experiment's friction."""
     name = table.text("robot")
     beside = path.parent / name
-    robot = load_robot(beside if name.endswith(".toml") else name)
+    # What is no packaged robot is looked for beside the experiment, and its message tells of files there.
+    robot = load_robot(name if (PACKAGED / f"{name}.toml").is_file() else beside)
     friction = table.table("friction", None)
-    if friction is None:
-        return robot
-    return _told(friction, lambda: robot.with_friction(**friction.content))
+    return robot if friction is None else robot.with_friction_table(friction)
 
 
 def _settings(

@@ -172,7 +172,8 @@ class Identification:
     def relative_std_percent(self) -> Array:
         """Equation (11), shape (b,), percent; NaN where beta is zero."""
         size = np.abs(self.beta)
-        return 100.0 * np.divide(self.std, size, out=np.full_like(size, np.nan), where=size > 0.0)
+        with np.errstate(over="ignore"):  # infinite where beta is next to nothing
+            return 100.0 * np.divide(self.std, size, out=np.full_like(size, np.nan), where=size > 0.0)
 
     @property
     def converged(self) -> bool:

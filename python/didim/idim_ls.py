@@ -21,13 +21,14 @@ from .least_squares import (
     Variance,
     WeightedFit,
     Weights,
+    check_size,
     residual_std,
     row_weights,
     solve,
 )
-from .observations import Segment, linear_system, segments
+from .observations import Segment, linear_system, segments, told
 from .physics import physical_flags
-from .selection import Selection, select
+from .selection import Selection, dropped_names, select
 from .signals import SignalProcessing
 from .status import Status
 
@@ -78,6 +79,8 @@ class IDIMLS:
         self._least_squares(LeastSquaresSettings())
         if self.compensate_samples is not None:
             DelaySettings(compensate_samples=self.compensate_samples)
+        if self.dropped is not None:
+            object.__setattr__(self, "dropped", dropped_names(self.dropped))
 
     def _least_squares(self, default: LeastSquaresSettings) -> LeastSquaresSettings:
         keys = ("weights", "reweightings", "variance", "decimation_corrected")
@@ -119,8 +122,9 @@ class IDIMLS:
             else self.compensate_samples
         )
         fixed = dict(experiment.fixed if self.fixed is None else self.fixed)
-        dropped = tuple(experiment.dropped if self.dropped is None else self.dropped)
+        dropped = experiment.dropped if self.dropped is None else dropped_names(self.dropped)
         selection = select(robot, fixed, dropped)
+        fixed = {name: float(value) for name, value in fixed.items()}
         job = _Job(experiment, signal, settings, selection)
 
         estimate = job.estimate_delay() if wish == "estimate" else None
@@ -136,7 +140,7 @@ class IDIMLS:
         measured = system.measured
         last = np.zeros(system.w.shape[1])
 
-        def told(number: int, solution: Array, residual: Array) -> bool:
+        def record(number: int, solution: Array, residual: Array) -> bool:
             nonlocal last
             change, last = np.linalg.norm(solution - last), solution
             history.append(
@@ -149,7 +153,7 @@ class IDIMLS:
             return progress(history[-1])
 
         band = signals.retained_band(signal) if settings.decimation_corrected else 1.0
-        fit = solve(system, settings, band=band, progress=told)
+        fit = solve(system, settings, band=band, progress=record)
         beta = selection.expand(fit.solution)
         covariance = selection.expand_covariance(fit.covariance)
         errors = system.norms(fit.residual)
@@ -213,7 +217,9 @@ class _Job:
                 continue
             parts = segments(recording, self.signal, delay_samples)
             system = linear_system(self.experiment.robot, parts, self.signal, everything)
-            errors, torques = system.norms(system.y - system.w @ beta), system.norms(system.y)
+            with told(f"recording '{recording.name}'"):
+                check_size(system)
+            errors, torques = system.norms(_error(system, beta)), system.norms(system.y)
             found.append(
                 HeldOut(
                     name=recording.name,
@@ -226,15 +232,27 @@ class _Job:
     def record(self, fixed: dict[str, float], dropped: tuple[str, ...], wish: float | str) -> dict[str, Any]:
         """Return settings and recordings of this run, as JSON has them (lists, no tuples)."""
         asked = {
-            "didim": metadata.version("didim"),
+            **{package: metadata.version(package) for package in ("didim", "numpy", "scipy")},
             "experiment": self.experiment.name,
+            # With the friction of the experiment, which the digest of the robot file does not tell.
+            "robot": {
+                "name": self.experiment.robot.name,
+                "geometry": asdict(self.experiment.robot.geometry),
+                "friction": asdict(self.experiment.robot.friction),
+            },
             "signal": asdict(self.signal),
             "least_squares": asdict(self.settings),
             "delay": {"compensate_samples": wish},
             "fixed": fixed,
             "dropped": dropped,
             "recordings": [
-                {"name": item.name, "role": item.role, "rate_hz": item.rate_hz, "windows": item.windows}
+                {
+                    "name": item.name,
+                    "role": item.role,
+                    "rate_hz": item.rate_hz,
+                    "windows": item.windows,
+                    **item.origin,
+                }
                 for item in self.experiment.recordings
             ],
         }
@@ -246,6 +264,12 @@ def _status(fit: WeightedFit) -> Status:
     if fit.stopped:
         return Status.STOPPED
     return Status.SOLVED if fit.condition_number < LARGEST_CONDITION_NUMBER else Status.ILL_CONDITIONED
+
+
+def _error(system: LinearSystem, beta: Array) -> Array:
+    """``Y - W beta``, infinite where floating point ends."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(system.y - system.w @ beta)
 
 
 def _ratio(part: float | np.floating[Any], whole: float | np.floating[Any]) -> float:
@@ -266,5 +290,5 @@ def _delay_record(compensated: float, estimate: DelayEstimate | None) -> dict[st
 def _digests(experiment: Experiment) -> dict[str, str]:
     found = dict(experiment.digests)
     for recording in experiment.recordings:
-        found |= recording.digests
+        found |= {f"data {file}": digest for file, digest in recording.digests.items()}
     return found

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from . import _core
 from .errors import FitError, RankError
+from .schema import counted
 
 Array = NDArray[np.float64]
 Weights = Literal["none", "per-joint"]
@@ -173,21 +174,25 @@ def solve(
     Raises
     ------
     FitError
-        When there are not more rows than columns, or no column at all.
+        When there are not more rows than columns, no column at all, or numbers whose squares are too large
+        for floating point.
     RankError
         When a column depends on others; the message names them.
 
-    Notes ----- ``test_least_squares.py`` compares with `numpy.linalg.lstsq` and checks over many seeds that
-    the errors are as large as the covariance says, with and without decimation.
+    Notes
+    -----
+    ``test_least_squares.py`` compares with `numpy.linalg.lstsq` and checks over many seeds that the errors
+    are as large as the covariance says, with and without decimation.
     """
     rows, columns = system.w.shape
     if columns == 0:
         raise FitError("no parameter is left to estimate: all are fixed or dropped")
     if rows <= columns:
         raise FitError(
-            f"{rows} rows cannot determine {columns} parameters; "
+            f"{counted(rows, 'row')} cannot determine {counted(columns, 'parameter')}; "
             "use a longer record or window, or decimate less"
         )
+    check_size(system)
     sigma = np.ones(len(system.joints))
     residual = system.y
     condition_number = float("inf")
@@ -196,9 +201,12 @@ def solve(
         if number > 1:
             sigma = _joint_sigma(system, residual)
         scale = _per_row(system, 1.0 / sigma)
-        scaled = _core.least_squares(
-            np.ascontiguousarray(system.w * scale[:, None]), np.ascontiguousarray(system.y * scale)
-        )
+        try:
+            scaled = _core.least_squares(
+                np.ascontiguousarray(system.w * scale[:, None]), np.ascontiguousarray(system.y * scale)
+            )
+        except ValueError as reason:
+            raise FitError(str(reason)) from None
         if scaled.dependent:
             raise RankError(_dependence(system.names, scaled.dependent))
         if number == 1:
@@ -213,14 +221,44 @@ def solve(
     if settings.decimation_corrected:
         variance /= band
     inverse_r = np.asarray(scaled.inverse_r)
+    with np.errstate(over="ignore", invalid="ignore"):  # told below
+        covariance = variance * (inverse_r @ inverse_r.T)
+    bad = np.flatnonzero(~(np.isfinite(beta) & np.isfinite(np.diag(covariance))))
+    if bad.size:
+        raise FitError(
+            f"parameter {system.names[bad[0]]} and its standard deviation cannot be told in floating point; "
+            "check the units of the log"
+        )
     return WeightedFit(
         solution=beta,
-        covariance=variance * (inverse_r @ inverse_r.T),
+        covariance=covariance,
         residual=residual,
         joint_sigma=sigma,
         condition_number=condition_number,
         stopped=stopped,
     )
+
+
+def check_size(system: LinearSystem) -> None:
+    """Refuse torques and columns whose sum of squares no floating-point number holds.
+
+    Raises
+    ------
+    FitError
+        Naming the joint or the parameter (``test_least_squares.py``).
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        torques, columns = system.norms(system.measured), np.linalg.norm(system.w, axis=0)
+        rest = system.norms(system.y)
+    cure = "check their unit, the drive gain and the values of fixed parameters"
+    for joint, rows in enumerate(system.joints):
+        if not np.isfinite(torques[joint] + rest[joint]):
+            raise FitError(f"the torques of joint {joint + 1} are too large to be squared; {cure}")
+        if torques[joint] == 0.0 and system.measured[rows].any():
+            raise FitError(f"the torques of joint {joint + 1} are too small to be squared; {cure}")
+    for column in np.flatnonzero(~np.isfinite(columns)):
+        name = system.names[column]
+        raise FitError(f"the column of {name} is too large to be squared; check the unit of the positions")
 
 
 def _condition_number(singular: Array) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
+from .arrays import real_array
 from .errors import IndefiniteError, ShapeError
 from .robot import Robot
 
@@ -158,7 +159,7 @@ def standard_vector(robot: Robot, x: ArrayLike) -> Array:
     ShapeError
         For a wrong length, or a NaN, with the parameter's name.
     """
-    vector = np.asarray(x, dtype=np.float64)
+    vector = real_array("x", x, ShapeError)
     names = robot.parameter_names
     if vector.shape != (len(names),):
         hint = ""
@@ -178,12 +179,7 @@ def _motion(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[
 
 
 def _matrix(robot: Robot, name: str, value: ArrayLike) -> Array:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ShapeError(
-            f"{name} must be an array of numbers with shape (n_samples, {robot.n_dof})"
-        ) from None
+    array = real_array(name, value, ShapeError)
     if array.ndim != 2 or array.shape[1] != robot.n_dof:
         hint = "; transpose it?" if array.ndim == 2 and array.shape[0] == robot.n_dof else ""
         raise ShapeError(

@@ -6,7 +6,8 @@ Y and every column of W go through the same decimation filter, which keeps the l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,14 +16,15 @@ from numpy.typing import NDArray
 
 from . import _core, signals
 from .delay import align
-from .errors import FitError
+from .errors import FitError, SignalError
 from .least_squares import LinearSystem
+from .schema import counted
 
 if TYPE_CHECKING:
     from .recording import Recording
     from .robot import Robot
     from .selection import Selection
-    from .signals import SignalProcessing
+    from .signals import SignalProcessing, Stage
 
 Array = NDArray[np.float64]
 
@@ -35,6 +37,8 @@ class Segment:
     ----------
     name : str
         Recording that it is part of.
+    place : str
+        Recording and window, as messages open.
     rate_hz : float
         Its rate.
     q, dq, ddq : ndarray, shape (n_samples, n_dof)
@@ -44,6 +48,7 @@ class Segment:
     """
 
     name: str
+    place: str
     rate_hz: float
     q: Array
     dq: Array
@@ -73,24 +78,33 @@ def segments(recording: Recording, signal: SignalProcessing, delay_samples: floa
     FitError
         Without torques, or when trimming leaves nothing of a window.
     SignalError
-        When the filter cannot be applied.
+        When the filter cannot be applied; the message names recording and window.
+
+    Notes
+    -----
+    ``test_identify.py`` filters windows each by itself, and reads the messages.
     """
     if recording.tau is None:
         raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
     found = []
     for start, stop in recording.windows:
-        found_motion = signals.differentiate(recording.q[start:stop], recording.rate_hz, signal)
-        motion, tau = align(found_motion, recording.tau[start:stop], delay_samples)
+        place = f"recording '{recording.name}'"
+        if (start, stop) != (0, len(recording.q)):
+            place += f", window of samples {start} to {stop}"
+        with told(place):
+            found_motion = signals.differentiate(recording.q[start:stop], recording.rate_hz, signal)
+            motion, tau = align(found_motion, recording.tau[start:stop], delay_samples)
         kept = slice(signal.trim_start, tau.shape[0] - signal.trim_end)
         if kept.stop <= kept.start:
             raise FitError(
-                f"recording '{recording.name}': trimming {signal.trim_start} and {signal.trim_end} samples "
-                f"leaves nothing of the window from sample {start} to {stop}"
+                f"{place}: trimming {signal.trim_start} and {signal.trim_end} samples leaves nothing of "
+                f"{counted(tau.shape[0], 'sample')}"
             )
         q, dq, ddq = (np.ascontiguousarray(values[kept]) for values in motion)
         found.append(
             Segment(
                 name=recording.name,
+                place=place,
                 rate_hz=recording.rate_hz,
                 q=q,
                 dq=dq,
@@ -122,6 +136,13 @@ def linear_system(
     LinearSystem
         Columns of the estimated parameters only.
 
+    Raises
+    ------
+    SignalError
+        When the decimation cannot be applied; the message names recording and window.
+    FitError
+        When numbers are too large for floating point.
+
     Notes
     -----
     ``test_identify.py`` checks the order of the rows and that noise-free recordings give the parameters back.
@@ -130,18 +151,24 @@ def linear_system(
     n_dof = robot.n_dof
     w_parts, y_parts = [], []
     for part in parts:
-        stages = signals.decimation_stages(part.q.shape[0], signal)
-        w = _core.observation(robot.core, part.q, part.dq, part.ddq, columns, stages)
-        w_parts.append(np.asarray(w).reshape(n_dof, -1, len(columns)))
-        y_parts.append(signals.decimate(part.tau, stages).T)
+        with told(part.place):
+            stages = signals.decimation_stages(part.q.shape[0], signal)
+            w = _observation(robot, part, columns, stages)
+            y_parts.append(signals.decimate(part.tau, stages).T)
+        w_parts.append(w.reshape(n_dof, -1, len(columns)))
     rows = sum(y.shape[1] for y in y_parts)
     w_all = np.concatenate(w_parts, axis=1).reshape(n_dof * rows, len(columns))
     y_all = np.concatenate(y_parts, axis=1).reshape(n_dof * rows)
     estimated = selection.estimated
     known = None
     if len(estimated) < len(columns):
-        known = w_all @ selection.values
-        y_all = y_all - known
+        with np.errstate(over="ignore", invalid="ignore"):  # told below
+            known = w_all @ selection.values
+            y_all = y_all - known
+        if not np.isfinite(y_all).all():
+            raise FitError(
+                "the torques of the fixed parameters are too large for floating point; check their values"
+            )
         w_all = w_all[:, estimated]
     return LinearSystem(
         w=np.ascontiguousarray(w_all),
@@ -150,3 +177,31 @@ def linear_system(
         names=tuple(robot.base_parameters.names[index] for index in estimated),
         known=known,
     )
+
+
+def _observation(robot: Robot, part: Segment, columns: Sequence[int], stages: Sequence[Stage]) -> Array:
+    """Build the observation matrix (6) of one segment: (n_dof * n_kept, n_columns), rows joint by joint.
+
+    Raises
+    ------
+    FitError
+        When the core refuses the segment, or a number is too large for floating point.
+    """
+    try:
+        w = np.asarray(_core.observation(robot.core, part.q, part.dq, part.ddq, list(columns), list(stages)))
+    except ValueError as reason:
+        raise FitError(str(reason)) from None
+    if not np.isfinite(w).all():
+        raise FitError(
+            "positions, velocities or accelerations are too large for floating point; check their unit"
+        )
+    return w
+
+
+@contextmanager
+def told(place: str) -> Iterator[None]:
+    """Open the message of an error with the recording and window that it is about."""
+    try:
+        yield
+    except (SignalError, FitError) as error:
+        raise type(error)(f"{place}: {error}") from None

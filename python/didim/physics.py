@@ -56,7 +56,7 @@ def physical_flags(robot: Robot, beta: Array, std: Array, q: Array) -> tuple[str
             times = -beta[index] / std[index] if std[index] > 0.0 else np.inf
             flags.append(
                 f"{name} = {beta[index]:.4g} {unit} is negative"
-                + (f", by {times:.1f} sigma" if np.isfinite(times) else "")
+                + (f", by {times:.1f} sigma" if np.isfinite(times) else ", as fixed")
                 + (" (noise can explain it)" if times < 2.0 else "")
             )
     if q.shape[0]:
@@ -86,4 +86,6 @@ def _indefinite(robot: Robot, x: Array, q: Array) -> list[str]:
     return [
         f"M(q) is not positive definite in {100.0 * bad.mean():.3g} % of {len(chosen)} configurations of the "
         f"log (smallest eigenvalue {smallest[worst]:.3g} at q = {angles}): this estimate cannot be simulated"
+        # A bad estimate is indefinite here and there; one with the signs turned round, everywhere.
+        + ("; is the sign of the torques wrong?" if bad.all() else "")
     ]

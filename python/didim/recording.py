@@ -9,17 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
+from operator import index
 from pathlib import Path
-from typing import Literal, Protocol, cast
+from typing import Any, Literal, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from didim.arrays import real_array
 from didim.data_files import Column, DataFile, open_data_file
 from didim.errors import RecordingError
 from didim.sampling import MINIMUM_SAMPLES, check_time, slices
-from didim.schema import Table
-from didim.units import TIME, effort_factors, position_factors
+from didim.schema import Table, counted
+from didim.units import TIME, effort_factors, position_factors, reduction_matrix
 
 Array = NDArray[np.float64]
 Role = Literal["fit", "held-out"]
@@ -61,11 +64,15 @@ class Recording:
         (start, stop) sample slices that are used, in order and without overlap; the whole record by default.
     digests
         SHA-256 of each file read, by file name.
+    origin
+        How it was read, for the record of a result: the tables of the experiment file with the factors that
+        took their values to SI, and the reduction matrix of a log on the motor side; empty for arrays.
 
     Raises
     ------
     RecordingError
-        On arrays of the wrong shape or length, transposed, too short, or not finite, and on wrong windows.
+        On arrays of the wrong shape or length, transposed, too short, or not finite, on time stamps that are
+        uneven or contradict the rate (`didim.sampling.check_time`), and on wrong windows.
     """
 
     name: str = "recording"
@@ -77,21 +84,25 @@ class Recording:
     role: Role = "fit"
     windows: tuple[tuple[int, int], ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
+    origin: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.role not in ROLES:
             raise RecordingError(f"{self.name}: role must be 'fit' or 'held-out', got {self.role!r}")
-        if not self.rate_hz > 0.0:
-            raise RecordingError(f"{self.name}: rate_hz must be above 0, got {self.rate_hz}")
+        object.__setattr__(self, "rate_hz", _rate(self.name, self.rate_hz))
         q = self._matrix("q", self.q)
         n_samples = len(q)
         if n_samples < MINIMUM_SAMPLES:
             raise RecordingError(
-                f"{self.name}: {n_samples} samples are too few, at least {MINIMUM_SAMPLES} are needed"
+                f"{self.name}: at least {MINIMUM_SAMPLES} samples are needed, got {n_samples}"
             )
-        t = np.ascontiguousarray(self.t, dtype=np.float64)
+        t = np.array(real_array(f"{self.name}: t", self.t, RecordingError))
         if t.shape != (n_samples,):
             raise RecordingError(f"{self.name}: t must have shape ({n_samples},) as q has, got {t.shape}")
+        bad = np.flatnonzero(~np.isfinite(t))
+        if bad.size:
+            raise RecordingError(f"{self.name}: t is {t[bad[0]]} at sample {bad[0]}")
+        check_time(t, self.rate_hz, self.name)
         for key, value in (("t", t), ("q", q)):
             self._set(key, value)
         for key in ("tau", "q_ref"):
@@ -102,7 +113,7 @@ class Recording:
             if value.shape != q.shape:
                 raise RecordingError(f"{self.name}: {key} and q differ in shape, {value.shape} and {q.shape}")
             self._set(key, value)
-        windows = tuple((int(start), int(stop)) for start, stop in self.windows) or ((0, n_samples),)
+        windows = self._windows() or ((0, n_samples),)
         end = 0
         for start, stop in windows:
             if not end <= start < stop <= n_samples:
@@ -113,6 +124,7 @@ class Recording:
             end = stop
         object.__setattr__(self, "windows", windows)
         object.__setattr__(self, "digests", dict(self.digests))
+        object.__setattr__(self, "origin", dict(self.origin))
 
     @classmethod
     def from_arrays(
@@ -126,16 +138,25 @@ class Recording:
         role: Role = "fit",
     ) -> Recording:
         """Make a recording of arrays at hand, such as simulated ones: joint side, SI, (n_samples, n_dof)."""
-        positions = np.asarray(q, dtype=np.float64)
+        rate = _rate(name, rate_hz)
+        positions = real_array(f"{name}: q", q, RecordingError)
         return cls(
             name=name,
-            t=np.arange(len(positions)) / rate_hz,
+            t=_clock(len(np.atleast_1d(positions)), rate),
             q=positions,
-            tau=None if tau is None else np.asarray(tau, dtype=np.float64),
-            rate_hz=rate_hz,
-            q_ref=None if q_ref is None else np.asarray(q_ref, dtype=np.float64),
+            tau=None if tau is None else real_array(f"{name}: tau", tau, RecordingError),
+            rate_hz=rate,
+            q_ref=None if q_ref is None else real_array(f"{name}: q_ref", q_ref, RecordingError),
             role=role,
         )
+
+    def _windows(self) -> tuple[tuple[int, int], ...]:
+        try:
+            return tuple((index(start), index(stop)) for start, stop in self.windows)
+        except (TypeError, ValueError):
+            raise RecordingError(
+                f"{self.name}: windows must be pairs of sample numbers (start, stop), got {self.windows!r}"
+            ) from None
 
     def _set(self, key: str, value: Array) -> None:
         value.flags.writeable = False
@@ -143,7 +164,7 @@ class Recording:
 
     def _matrix(self, key: str, value: Array) -> Array:
         # A copy, so that making it read-only leaves the caller's array alone.
-        matrix = np.array(value, dtype=np.float64, order="C")
+        matrix = np.array(real_array(f"{self.name}: {key}", value, RecordingError), order="C")
         if matrix.ndim != 2:
             raise RecordingError(f"{self.name}: {key} must have shape (n_samples, n_dof), got {matrix.shape}")
         if matrix.shape[1] > max(matrix.shape[0], 12):
@@ -157,6 +178,18 @@ class Recording:
                 f"{self.name}: {key} of joint {joint + 1} is {matrix[sample, joint]} at sample {sample}"
             )
         return matrix
+
+
+def _rate(name: str, rate_hz: object) -> float:
+    if isinstance(rate_hz, bool) or not isinstance(rate_hz, Real) or not 0.0 < float(rate_hz) < np.inf:
+        raise RecordingError(f"{name}: rate_hz must be a positive number, got {rate_hz!r}")
+    return float(rate_hz)
+
+
+def _clock(n_samples: int, rate_hz: float) -> Array:
+    """Time stamps from zero, in s."""
+    with np.errstate(over="ignore"):  # told by Recording
+        return np.arange(n_samples) / rate_hz
 
 
 @dataclass(frozen=True)
@@ -206,7 +239,7 @@ class DataFolder:
         if not isinstance(columns, list) or not all(type(column) in (str, int) for column in columns):
             table.fail(f"columns must be a list of names, or of numbers from 1, got {columns!r}")
         if len(columns) != count:
-            table.fail(f"columns must name {count} columns, got {len(columns)}")
+            table.fail(f"columns must name {counted(count, 'column')}, got {len(columns)}")
         if len(set(columns)) < count:
             table.fail(f"columns names a column twice: {columns!r}")
         return cast("list[Column]", columns)
@@ -222,12 +255,8 @@ def read_reduction(table: Table | None, robot_reduction: Array | None, n_dof: in
     """
     if table is None:
         return robot_reduction
-    reduction = np.array(table.matrix("reduction", n_dof, n_dof))
+    reduction = reduction_matrix(table, n_dof)
     table.done()
-    for row in range(n_dof):
-        if np.linalg.matrix_rank(reduction[: row + 1]) <= row:
-            what = "zero" if not reduction[row].any() else "a combination of the rows before it"
-            table.fail(f"reduction is singular: the row of motor {row + 1} is {what}")
     return reduction
 
 
@@ -288,18 +317,18 @@ def read_recording(
     for key, values in {**other, "time": t}.items():
         if values is not None and len(values) != len(q):
             raise RecordingError(
-                f"{name}: {key} has {len(values)} samples ({sources[key].place}), "
+                f"{name}: {key} has {counted(len(values), 'sample')} ({sources[key].place}), "
                 f"position has {len(q)} ({sources['position'].place})"
             )
     if len(q) < MINIMUM_SAMPLES:
         file = sources["position"].place
-        raise RecordingError(f"{file}: {len(q)} samples are too few, at least {MINIMUM_SAMPLES} are needed")
+        raise RecordingError(f"{file}: at least {MINIMUM_SAMPLES} samples are needed, got {len(q)}")
     if t is not None:
         rate = check_time(t, rate, sources["time"].place)
     assert rate is not None  # a missing rate without time stamps was refused above
     return Recording(
         name=name,
-        t=np.arange(len(q)) / rate if t is None else t,
+        t=_clock(len(q), rate) if t is None else t,
         q=q,
         tau=other["torque"],
         rate_hz=rate,
@@ -307,16 +336,30 @@ def read_recording(
         role=role,
         windows=slices(table, windows_s, rate, len(q)),
         digests=digests,
+        origin=_origin(sources, {"position": position, "torque": torque, "reference": reference}),
     )
+
+
+def _origin(sources: Mapping[str, _Source], channels: Mapping[str, _Channel | None]) -> dict[str, Any]:
+    """Tables that were read, with what became of their units, as JSON knows it."""
+    found: dict[str, Any] = {key: source.table.content for key, source in sources.items()}
+    for key, channel in channels.items():
+        if channel is not None:
+            # Of counts and drive gains too, wherever these were written down.
+            found[key]["factors_to_si"] = channel.factors.tolist()
+            if channel.reduction is not None:
+                found["reduction"] = channel.reduction.tolist()
+    return found
 
 
 @dataclass(frozen=True)
 class _Channel:
-    """A source with its way to the joints: joint side = (values * factors) @ to_joint."""
+    """A source with its way to the joints: joint side = (values * factors) @ to_joint, from the reduction."""
 
     source: _Source
     factors: Array
     to_joint: Array | None
+    reduction: Array | None
 
     @classmethod
     def motion(cls, source: _Source, robot: _Robot, reduction: Array | None) -> _Channel:
@@ -325,7 +368,7 @@ class _Channel:
         source.table.done()
         # q_motor = R q for columns; samples are rows here.
         to_joint = None if matrix is None else np.linalg.inv(matrix).T.astype(np.float64)
-        return cls(source, np.array(factors), to_joint)
+        return cls(source, np.array(factors), to_joint, matrix)
 
     @classmethod
     def effort(cls, source: _Source, robot: _Robot, reduction: Array | None) -> _Channel:
@@ -334,11 +377,12 @@ class _Channel:
         gains = robot.gains if side == "motor" or reduction is None else None
         factors = effort_factors(source.table, side, robot.joint_kinds, gains)
         source.table.done()
-        return cls(source, np.array(factors), matrix)
+        return cls(source, np.array(factors), matrix, matrix)
 
     def read(self) -> Array:
-        values = self.source.values() * self.factors
-        return values if self.to_joint is None else values @ self.to_joint
+        with np.errstate(over="ignore", invalid="ignore"):  # told by Recording
+            values = self.source.values() * self.factors
+            return values if self.to_joint is None else values @ self.to_joint
 
 
 def _side(table: Table, reduction: Array | None) -> tuple[str, Array | None]:

@@ -18,6 +18,7 @@ from . import _core
 from .base import BaseParameters, base_parameters
 from .errors import RobotError
 from .schema import Table, did_you_mean, read_toml
+from .units import reduction_matrix
 
 Array = NDArray[np.float64]
 
@@ -174,7 +175,13 @@ class Robot:
     @cached_property
     def base_parameters(self) -> BaseParameters:
         """What motion can tell apart (7)."""
-        return base_parameters(self.core)
+        core = self.core
+        try:
+            return base_parameters(core)
+        except ValueError as reason:
+            raise RobotError(
+                f"{self.path.name}: lengths or gravity allow no base parameters in floating point ({reason})"
+            ) from None
 
     @cached_property
     def sets(self) -> Mapping[str, Array]:
@@ -247,7 +254,10 @@ class Robot:
         RobotError
             For an unknown key or a wrong value.
         """
-        table = Table(options, "[friction]", RobotError)
+        return self.with_friction_table(Table(options, f"friction of robot {self.name!r}", RobotError))
+
+    def with_friction_table(self, table: Table) -> Robot:
+        """Return the same robot with the friction options of a table, whose errors name its file."""
         return replace(self, friction=_friction(table, self.geometry.kinds, self.friction))
 
 
@@ -272,10 +282,7 @@ def load_robot(name: str | Path) -> Robot:
     packaged = {file.stem: file for file in sorted(PACKAGED.glob("*.toml"))}
     if path.suffix != ".toml":
         if str(name) not in packaged:
-            raise RobotError(
-                f"no packaged robot {str(name)!r}{did_you_mean(str(name), packaged)} (there are: "
-                f"{', '.join(packaged)}); a path ends in .toml"
-            )
+            raise RobotError(_no_robot(path, packaged))
         path = packaged[str(name)]
     content = read_toml(path, RobotError)
     robot = _robot(Table(content, path.name, RobotError), path)
@@ -283,6 +290,16 @@ def load_robot(name: str | Path) -> Robot:
         robot.parameter_set(parameter_set)
     robot.core  # noqa: B018 - likewise, for a robot without sets
     return robot
+
+
+def _no_robot(path: Path, packaged: Mapping[str, Path]) -> str:
+    """Sentence on what is neither a packaged robot nor a path that ends in .toml."""
+    if path.is_file():
+        return f"{path}: the name of a robot file must end in .toml; rename it"
+    if Path(f"{path}.toml").is_file():
+        return f"no packaged robot {path.name!r}; did you mean the file '{path.name}.toml'?"
+    near = did_you_mean(path.name, packaged)
+    return f"no packaged robot {path.name!r}{near} (there are: {', '.join(packaged)}); a path ends in .toml"
 
 
 def _robot(table: Table, path: Path) -> Robot:
@@ -308,7 +325,7 @@ def _robot(table: Table, path: Path) -> Robot:
     n = len(kinds)
     transmission = _sub_table(table, "transmission")
     coupling = transmission.matrix("coupling", n, n) if transmission.has("coupling") else np.eye(n).tolist()
-    reduction = np.asarray(transmission.matrix("reduction", n, n)) if transmission.has("reduction") else None
+    reduction = reduction_matrix(transmission, n) if transmission.has("reduction") else None
     gains = tuple(transmission.numbers("drive_gains", length=n)) if transmission.has("drive_gains") else None
     transmission.done()
     friction = _friction(_sub_table(table, "friction"), kinds, None)

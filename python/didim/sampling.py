@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from didim.errors import RecordingError
-from didim.schema import Table
+from didim.schema import Table, counted
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,8 @@ def check_time(t: Array, rate_hz: float | None, file: str) -> float:
         When a step differs by more than 1 % from the median step, which names the row and how many samples
         are missing, or when the declared rate differs by more than 0.1 % from the time stamps.
     """
-    steps = np.diff(t)
+    with np.errstate(over="ignore"):  # an infinite step is an uneven one
+        steps = np.diff(t)
     period = float(np.median(steps))
     if not (steps > 0.0).all():
         row = int(np.argmin(steps > 0.0)) + 1
@@ -97,12 +98,14 @@ def slices(table: Table, windows_s: object, rate_hz: float, n_samples: int) -> t
             or not window[0] < window[1]
         ):
             table.fail(f"{wanted}, got {window!r}")
-        start, stop = (round(edge * rate_hz) for edge in window)
-        if start < 0 or stop > n_samples:
+        # Compared before it is rounded: an edge far out may be infinite in samples.
+        if window[0] * rate_hz <= -0.5 or window[1] * rate_hz >= n_samples + 0.5:
             table.fail(f"the window {window} s leaves the record, which lasts {n_samples / rate_hz:.6g} s")
+        start, stop = (round(edge * rate_hz) for edge in window)
         if stop - start < MINIMUM_SAMPLES:
             table.fail(
-                f"the window {window} s has {stop - start} samples, at least {MINIMUM_SAMPLES} are needed"
+                f"the window {window} s has {counted(stop - start, 'sample')}, "
+                f"at least {MINIMUM_SAMPLES} are needed"
             )
         found.append((start, stop))
     found.sort()

@@ -39,6 +39,11 @@ def listing(names: Iterable[object]) -> str:
     return ", ".join(repr(name) for name in names)
 
 
+def counted(number: int, noun: str) -> str:
+    """Count with its noun: ``1 column``, ``2 columns``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
     """Read a TOML file.
 
@@ -55,15 +60,22 @@ def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
         Of class `error`, when the file is missing, unreadable, or not TOML (with its line and column).
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        # Some editors of Windows open a file with a byte-order mark, which TOML does not know.
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise error(f"{path}: no such file") from None
+        near = path.with_name(path.name + ".toml")
+        hint = f"; did you mean {near.name!r}?" if near.is_file() else ""
+        raise error(f"{path}: no such file{hint}") from None
     except OSError as reason:
         raise error(f"{path}: cannot be read ({reason.strerror})") from None
     except UnicodeDecodeError as reason:
-        raise error(f"{path.name}: not a TOML file, byte {reason.start} is not UTF-8") from None
+        text = f"not a TOML file, byte {reason.start} is not UTF-8"
     except tomllib.TOMLDecodeError as reason:
-        raise error(f"{path.name}: not valid TOML, {reason}") from None
+        text = f"not valid TOML, {reason}"
+    except ValueError as reason:  # a zero byte in the name
+        raise error(f"{str(path)!r} is no file name ({reason})") from None
+    hint = "" if path.suffix == ".toml" else "; a file of this kind ends in .toml"
+    raise error(f"{path.name}: {text}{hint}")
 
 
 class Table:
@@ -204,8 +216,9 @@ class Table:
         if key not in self._mapping:
             return default
         if not isinstance(value, list) or len(value) != rows:
-            got = f"{len(value)} rows" if isinstance(value, list) else repr(value)
-            self.fail(f"{key} must be a matrix of {rows} rows and {columns} columns, got {got}")
+            got = counted(len(value), "row") if isinstance(value, list) else repr(value)
+            shape = f"{counted(rows, 'row')} and {counted(columns, 'column')}"
+            self.fail(f"{key} must be a matrix of {shape}, got {got}")
         return [self._number_list(f"{key}, row {i + 1},", row, columns) for i, row in enumerate(value)]
 
     def table(self, key: str, default: _Default = MISSING) -> Table | _Default:
@@ -235,9 +248,10 @@ class Table:
         return dict(self._mapping)
 
     def done(self) -> None:
-        """Raise on the first key that was never asked for, with the nearest key that was."""
+        """Raise on the first key that was never asked for, with the nearest key that was, or all of them."""
         for key in self._unknown():
-            self.fail(f"unknown key {key!r}{did_you_mean(key, self._asked)}")
+            known = f"; known here are {listing(self._asked)}" if self._asked else ""
+            self.fail(f"unknown key {key!r}{did_you_mean(key, self._asked) or known}")
 
     def _unknown(self) -> list[str]:
         return [key for key in self._mapping if key not in self._asked]
@@ -255,7 +269,7 @@ class Table:
         if not isinstance(value, list):
             self.fail(f"{key} must be a list of numbers, got {value!r}")
         if length is not None and len(value) != length:
-            self.fail(f"{key} must hold {length} numbers, got {len(value)}")
+            self.fail(f"{key} must hold {counted(length, 'number')}, got {len(value)}")
         return [self._finite(f"{key} number {i + 1}", item) for i, item in enumerate(value)]
 
     def _check_range(

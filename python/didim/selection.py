@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -52,6 +53,21 @@ class Selection:
         return full
 
 
+def dropped_names(dropped: Iterable[str]) -> tuple[str, ...]:
+    """Check names of parameters to drop.
+
+    Raises
+    ------
+    FitError
+        For a single text, which would be taken letter by letter, and for what is no text
+        (``test_identify.py``).
+    """
+    names = None if isinstance(dropped, str) or not isinstance(dropped, Iterable) else tuple(dropped)
+    if names is None or not all(isinstance(name, str) for name in names):
+        raise FitError(f"dropped must be a list of parameter names, got {dropped!r}")
+    return names
+
+
 def select(robot: Robot, fixed: Mapping[str, float], dropped: Iterable[str]) -> Selection:
     """Find the base parameters that are named in an experiment.
 
@@ -84,8 +100,8 @@ def select(robot: Robot, fixed: Mapping[str, float], dropped: Iterable[str]) -> 
     values = np.zeros(len(names))
     for name, value in fixed.items():
         index = _index(robot, name)
-        if not np.isfinite(value):
-            raise FitError(f"fixed parameter {name} must have a finite value, got {value}")
+        if isinstance(value, bool) or not isinstance(value, Real) or not np.isfinite(value):
+            raise FitError(f"fixed parameter {name} must have a finite value, got {value!r}")
         roles[index], values[index] = "fixed", value
     for name in dropped:
         index = _index(robot, name)

@@ -9,14 +9,16 @@ published figures need the one they were made with.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from didim import _core
+from didim.arrays import real_array
 from didim.errors import SignalError
 
 Array = NDArray[np.float64]
@@ -30,6 +32,12 @@ DECIMATION_ORDER = 8
 DECIMATION_RIPPLE_DB = 0.05
 DECIMATION_BAND = 0.8
 
+LARGEST_ORDER = 10
+"""Of the Butterworth filter: above it nothing is gained but ringing and rounding."""
+
+LARGEST_POLE_ERROR = 1e-5
+"""How far rounding may move a pole, as a share of its distance from the unit circle."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SignalProcessing:
@@ -40,7 +48,7 @@ class SignalProcessing:
     cutoff_hz : float or None
         Cut-off of the zero-phase Butterworth filter of the positions; None does not filter.
     order : int
-        Its order, of one of the two passes.
+        Its order, of one of the two passes: 1 to 10.
     padding : {"scipy", "matlab"}
         Samples of odd extension at each end: SciPy's 3 (order + 1), or MATLAB's 3 order.
     form : {"sections", "transfer-function"}
@@ -72,14 +80,22 @@ class SignalProcessing:
     decimation_convention: Convention = "scipy"
 
     def __post_init__(self) -> None:
-        if self.cutoff_hz is not None and not (np.isfinite(self.cutoff_hz) and self.cutoff_hz > 0.0):
-            raise SignalError(f"cutoff_hz must be a positive frequency, got {self.cutoff_hz}")
-        if self.order < 1:
-            raise SignalError(f"order must be at least 1, got {self.order}")
+        cutoff = self.cutoff_hz
+        if cutoff is not None:
+            if isinstance(cutoff, bool) or not isinstance(cutoff, Real) or not 0.0 < cutoff < np.inf:
+                raise SignalError(f"cutoff_hz must be a positive frequency, got {cutoff!r}")
+            object.__setattr__(self, "cutoff_hz", float(cutoff))
+        for key in ("order", "trim_start", "trim_end"):
+            object.__setattr__(self, key, _whole(key, getattr(self, key)))
+        _check_order(self.order)
         for key in ("trim_start", "trim_end"):
             if getattr(self, key) < 0:
                 raise SignalError(f"{key} must not be negative, got {getattr(self, key)}")
-        for factor in self.decimation:
+        if isinstance(self.decimation, str) or not isinstance(self.decimation, Sequence):
+            raise SignalError(f"decimation must be a tuple of whole numbers, got {self.decimation!r}")
+        factors = tuple(_whole("each decimation factor", factor) for factor in self.decimation)
+        object.__setattr__(self, "decimation", factors)
+        for factor in factors:
             if factor < 2:
                 raise SignalError(f"each decimation factor must be at least 2, got {factor}")
         for key in ("padding", "decimation_convention"):
@@ -122,8 +138,9 @@ def zero_phase_butterworth(
     Raises
     ------
     SignalError
-        When the cut-off is not below half the sampling rate, the record is no longer than the extension, or a
-        sample is not a finite number.
+        When the cut-off is not below half the sampling rate or so close to it or to zero that rounding
+        spoils the filter, the order is not 1 to 10, the record is no longer than the extension, or a sample
+        is not a finite number.
 
     Notes
     -----
@@ -132,6 +149,7 @@ def zero_phase_butterworth(
     """
     from scipy.signal import butter, filtfilt, sosfilt_zi
 
+    _check_order(order)
     if not 0.0 < cutoff_hz < rate_hz / 2.0:
         raise SignalError(
             f"the cut-off of {cutoff_hz:g} Hz must be below half the sampling rate, "
@@ -144,12 +162,23 @@ def zero_phase_butterworth(
             f"the zero-phase filter of order {order} needs more than {padlen} samples, "
             f"the record has {x.shape[0]}"
         )
-    nyquist = rate_hz / 2.0
-    if form == "transfer-function":
-        b, a = butter(order, cutoff_hz / nyquist)
-        return np.asarray(filtfilt(b, a, x, axis=0, padlen=padlen))
-    sos = np.ascontiguousarray(butter(order, cutoff_hz / nyquist, output="sos"))
-    return _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen)
+    share = cutoff_hz / (rate_hz / 2.0)
+    transfer = form == "transfer-function"
+    sound = 0.0 < share < 1.0  # the division may have rounded to either
+    if sound:
+        b, a = butter(order, share)
+        sos = np.ascontiguousarray(butter(order, share, output="sos"))
+        sound = _poles_survive(butter(order, share, output="zpk")[1], [a] if transfer else sos[:, 3:])
+    if not sound:
+        raise SignalError(
+            f"rounding spoils a filter of order {order} at {cutoff_hz:g} Hz, sampled at {rate_hz:g} Hz: move "
+            "the cut-off away from zero and from half the sampling rate"
+            + (", lower the order or use form 'sections'" if transfer else "")
+        )
+    if transfer:
+        with np.errstate(over="ignore", invalid="ignore"):  # told by whoever takes it
+            return np.asarray(filtfilt(b, a, x, axis=0, padlen=padlen))
+    return _told(lambda: _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen))
 
 
 def central_differences(x: Array, dt: float) -> Array:
@@ -170,7 +199,8 @@ def central_differences(x: Array, dt: float) -> Array:
     Raises
     ------
     SignalError
-        With fewer than two samples, or a sample that is not a finite number.
+        With fewer than two samples, a sample that is not a finite number, or derivatives beyond what a
+        floating-point number holds.
 
     Notes
     -----
@@ -180,9 +210,12 @@ def central_differences(x: Array, dt: float) -> Array:
     if x.shape[0] < 2:
         raise SignalError(f"central differences need at least 2 samples, got {x.shape[0]}")
     dx = np.empty_like(x)
-    dx[1:-1] = (x[2:] - x[:-2]) / (2.0 * dt)
-    dx[0] = (x[1] - x[0]) / dt
-    dx[-1] = (x[-1] - x[-2]) / dt
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # told below
+        dx[1:-1] = (x[2:] - x[:-2]) / (2.0 * dt)
+        dx[0] = (x[1] - x[0]) / dt
+        dx[-1] = (x[-1] - x[-2]) / dt
+    if not np.isfinite(dx).all():
+        raise SignalError(f"derivatives at a sampling time of {dt:g} s are too large for floating point")
     return dx
 
 
@@ -240,7 +273,8 @@ def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:
     Raises
     ------
     SignalError
-        When a stage gets too few samples for its padding.
+        When a stage gets too few samples for its padding or its factor, or its factor is so large that
+        rounding spoils the filter.
 
     Notes
     -----
@@ -253,15 +287,15 @@ def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:
     matlab = signal.decimation_convention == "matlab"
     stages: list[Stage] = []
     for factor in signal.decimation:
-        sos = np.ascontiguousarray(
-            cheby1(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, DECIMATION_BAND / factor, output="sos")
-        )
+        stage = f"stage {len(stages) + 1} of {len(signal.decimation)} gets {n_samples}"
         padlen = _padding(DECIMATION_ORDER, signal.decimation_convention)
-        if n_samples <= padlen:
-            raise SignalError(
-                f"decimation by {factor} needs more than {padlen} samples, stage {len(stages) + 1} of "
-                f"{len(signal.decimation)} gets {n_samples}"
-            )
+        needed = max(padlen, factor - 1)
+        if n_samples <= needed:
+            raise SignalError(f"decimation by {factor} needs more than {needed} samples, {stage}")
+        design = DECIMATION_ORDER, DECIMATION_RIPPLE_DB, DECIMATION_BAND / factor
+        sos = np.ascontiguousarray(cheby1(*design, output="sos"))
+        if not _poles_survive(cheby1(*design, output="zpk")[1], sos[:, 3:]):
+            raise SignalError(f"rounding spoils the filter of a decimation by {factor}: take several stages")
         kept = -(-n_samples // factor)
         # MATLAB's grid ends on the last sample.
         first = n_samples - factor * (kept - 1) - 1 if matlab else 0
@@ -295,7 +329,7 @@ def decimate(x: Array, stages: Sequence[Stage]) -> Array:
     ``test_signals.py`` compares with ``scipy.signal.decimate(zero_phase=True)``.
     """
     x = _columns(x)
-    return _core.decimate(x, list(stages)) if stages else x.copy()
+    return _told(lambda: _core.decimate(x, list(stages))) if stages else x.copy()
 
 
 def retained_band(signal: SignalProcessing) -> float:
@@ -322,9 +356,39 @@ def _padding(order: int, convention: Convention) -> int:
     return 3 * order if convention == "matlab" else 3 * (order + 1)
 
 
+def _whole(key: str, value: object) -> int:
+    """Return a whole number, NumPy's too, as the int that JSON knows; 4.0 and True are none."""
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise SignalError(f"{key} must be a whole number, got {value!r}")
+    return int(value)
+
+
+def _check_order(order: int) -> None:
+    if not 1 <= order <= LARGEST_ORDER:
+        raise SignalError(f"order must be 1 to {LARGEST_ORDER}, got {order}")
+
+
+def _poles_survive(poles: Array | NDArray[np.complex128], denominators: Iterable[Array]) -> bool:
+    """Whether the roots of the coefficients are still the poles that these were made of."""
+    margin = 1.0 - np.abs(poles)
+    if not (margin > 0.0).all():
+        return False
+    roots = np.concatenate([np.roots(denominator) for denominator in denominators])
+    moved = np.array([np.abs(roots - pole).min() for pole in poles]) + np.finfo(np.float64).eps
+    return bool((moved <= LARGEST_POLE_ERROR * margin).all())
+
+
+def _told(run: Callable[[], Array]) -> Array:
+    """Run a function of the core, whose error is a sentence already."""
+    try:
+        return run()
+    except ValueError as reason:
+        raise SignalError(str(reason)) from None
+
+
 def _columns(x: Array) -> Array:
     """Make contiguous (n_samples, m) floats, or raise the error that says what came instead."""
-    x = np.ascontiguousarray(x, dtype=np.float64)
+    x = np.ascontiguousarray(real_array("signals", x, SignalError))
     if x.ndim != 2:
         raise SignalError(f"signals must have shape (n_samples, m), got {x.shape}")
     bad = np.argwhere(~np.isfinite(x))

@@ -6,11 +6,20 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from .schema import counted
+
 if TYPE_CHECKING:
     from .identification import Identification
 
 # The paper calls a parameter well identified below this relative standard deviation.
 WELL_IDENTIFIED_PERCENT = 20.0
+
+# Beyond it a relative sigma says no more than that nothing is known.
+LARGEST_PERCENT = 999
+
+# Decimals, and size, up to which numbers are printed in fixed point.
+MOST_PLACES = 9
+LARGEST_FIXED_POINT = 1e9
 
 
 def render(fit: Identification) -> str:
@@ -26,7 +35,8 @@ def render(fit: Identification) -> str:
     str
         Lines without a final line feed.
     """
-    lines = [f"{fit.name}: {len(fit.names)} base parameters of robot {fit.robot} by {fit.method}", ""]
+    count = counted(len(fit.names), "base parameter")
+    lines = [f"{fit.name}: {count} of robot {fit.robot} by {fit.method}", ""]
     lines += _parameter_lines(fit)
     lines += ["", *_error_lines(fit), ""]
     lines.append(
@@ -34,9 +44,14 @@ def render(fit: Identification) -> str:
         f"standard deviation of the error {fit.error_std:.5g}, {fit.n_rows} rows"
     )
     lines += _delay_lines(fit)
+    verdict = fit.status.value
     if fit.warnings:
-        lines += ["", "Physics forbids:", *(f"  {text}" for text in fit.warnings)]
-    lines += ["", fit.status.value]
+        lines += ["", "Not physical as it stands:", *(f"  {text}" for text in fit.warnings)]
+        # The last line is what is read: it must not sound like plain success.
+        verdict += (
+            f" But it is not physical as it stands: see the {counted(len(fit.warnings), 'finding')} above."
+        )
+    lines += ["", verdict]
     return "\n".join(lines)
 
 
@@ -46,7 +61,7 @@ def _parameter_lines(fit: Identification) -> list[str]:
     values = zip(fit.names, fit.units, fit.roles, fit.beta, fit.std, fit.relative_std_percent, strict=True)
     for name, unit, role, value, std, percent in values:
         if role != "estimated":
-            rows.append((name, unit, f"{value:.4f}" if role == "fixed" else "0", "", "", role))
+            rows.append((name, unit, f"{value:g}" if role == "fixed" else "0", "", "", role))
             continue
         places = _decimal_places(std)
         uncertain = not percent <= WELL_IDENTIFIED_PERCENT
@@ -55,9 +70,9 @@ def _parameter_lines(fit: Identification) -> list[str]:
             (
                 name,
                 unit,
-                f"{value:.{places}f}",
-                f"{std:.{places}f}",
-                _percent(percent),
+                _number(value, places),
+                _number(std, places),
+                _sigma_percent(percent),
                 "*" if uncertain else "",
             )
         )
@@ -73,7 +88,7 @@ def _parameter_lines(fit: Identification) -> list[str]:
     if marked:
         lines += [
             f"* not well identified, sigma above {WELL_IDENTIFIED_PERCENT:.0f} %: "
-            f"{marked} of {len(fit.names)} parameters"
+            f"{marked} of {counted(len(fit.names), 'parameter')}"
         ]
     return lines
 
@@ -111,7 +126,24 @@ def _decimal_places(std: float) -> int:
     """Decimals that show three digits of sigma, and four decimals at least."""
     if not math.isfinite(std) or std <= 0.0:
         return 6
-    return min(12, max(4, 2 - math.floor(math.log10(std))))
+    return max(4, 2 - math.floor(math.log10(std)))
+
+
+def _number(value: float, places: int) -> str:
+    """Write in fixed point, or with a power of ten what would take a line of zeros."""
+    fixed_point = places <= MOST_PLACES and abs(value) < LARGEST_FIXED_POINT
+    return f"{value:.{places}f}" if fixed_point else f"{value:.4g}"
+
+
+def _sigma_percent(percent: float) -> str:
+    """Write a relative sigma: three digits, and four decimals below 10 %, as the EMPS is published."""
+    if math.isnan(percent):
+        return "-"
+    if percent > LARGEST_PERCENT:
+        return f">{LARGEST_PERCENT}"
+    if percent < 10.0:
+        return _number(percent, _decimal_places(percent) if percent > 0.0 else 4)
+    return f"{percent:.{1 if percent < 99.95 else 0}f}"
 
 
 def _percent(percent: float) -> str:

@@ -1,4 +1,4 @@
-"""Units of a log, and their factors to SI: the only place that knows them.
+"""Units of a log, their factors to SI, and the reduction to the joints: the only place that knows them.
 
 Positions come out in rad or m, torques in N.m or N. Tested in ``tests/test_recording.py``.
 """
@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 from didim.schema import Table, listing
 
@@ -103,3 +106,26 @@ def effort_factors(
     if not all(gains):
         table.fail("gain must not be zero")
     return [gain if unit in ("A", "V") else 1.0 for unit, gain in zip(units, gains, strict=True)]
+
+
+def reduction_matrix(table: Table, n_dof: int) -> NDArray[np.float64]:
+    """Read the reduction matrix R, (n_dof, n_dof), rows motors, columns joints: ``q_motor = R q``.
+
+    Parameters
+    ----------
+    table
+        ``[transmission]`` of a robot or an experiment file.
+    n_dof
+        Number of joints.
+
+    Raises
+    ------
+    DidimError
+        Of the table's class, when the matrix is singular.
+    """
+    reduction = np.array(table.matrix("reduction", n_dof, n_dof))
+    for row in range(n_dof):
+        if np.linalg.matrix_rank(reduction[: row + 1]) <= row:
+            what = "zero" if not reduction[row].any() else "a combination of the rows before it"
+            table.fail(f"reduction is singular: the row of motor {row + 1} is {what}")
+    return reduction

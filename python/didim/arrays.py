@@ -1,0 +1,41 @@
+"""Arrays from users: real numbers as float64, anything else refused in one sentence.
+
+NumPy would drop the imaginary part of a complex number, read the text "1.5" as a number and make NaN of None.
+Tested in ``tests/test_arrays.py``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from didim.errors import DidimError
+
+Array = NDArray[np.float64]
+
+
+def real_array(what: str, value: ArrayLike, error: type[DidimError]) -> Array:
+    """Return `value` as float64, of any shape and not necessarily finite; a copy only where needed.
+
+    Parameters
+    ----------
+    what : str
+        How messages name it.
+    value : array_like
+        Real numbers.
+    error : type of DidimError
+        Class of the error to raise.
+
+    Raises
+    ------
+    DidimError
+        Of class `error`, for complex numbers, texts, objects and rows of different length.
+    """
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):  # such as rows of different length
+        raise error(f"{what} must be an array of real numbers") from None
+    if array.dtype.kind not in "fiub":
+        kind = "complex numbers" if array.dtype.kind == "c" else f"values of type {array.dtype}"
+        raise error(f"{what} must be an array of real numbers, got {kind}")
+    return np.asarray(array, dtype=np.float64)

@@ -1,0 +1,67 @@
+"""Arrays from users: real numbers come out as float64, and what is none is one sentence at every door."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import didim
+from didim import signals
+from didim.arrays import real_array
+from didim.errors import DidimError, ShapeError
+
+ROBOT = didim.load_robot("planar2")
+X = ROBOT.sets["reference"]
+Q = np.linspace(0.0, 1.0, 40).reshape(20, 2)
+
+
+@pytest.mark.parametrize(
+    "value", [[[1, 2], [3, 4]], np.ones((2, 2), np.float32), np.ones((2, 2), np.uint8), [[True, False]]]
+)
+def test_real_numbers_are_float64(value: Any) -> None:
+    array = real_array("q", value, ShapeError)
+    assert array.dtype == np.float64
+    np.testing.assert_array_equal(array, value)
+
+
+def test_float64_is_not_copied() -> None:
+    assert real_array("q", Q, ShapeError) is Q
+
+
+@pytest.mark.parametrize(
+    ("value", "got"),
+    [
+        (np.ones((2, 2), complex), ", got complex numbers"),
+        ([["1.5"]], ", got values of type <U3"),
+        ([[None]], ", got values of type object"),
+        ([[1.0], [1.0, 2.0]], ""),
+    ],
+)
+def test_anything_else_is_refused(value: Any, got: str) -> None:
+    with pytest.raises(ShapeError) as caught:
+        real_array("q", value, ShapeError)
+    assert str(caught.value) == f"q must be an array of real numbers{got}"
+
+
+@pytest.mark.parametrize(
+    ("call", "what"),
+    [
+        (lambda bad: didim.regressor(ROBOT, Q, bad, Q), "dq"),
+        (lambda bad: didim.inverse_dynamics(ROBOT, Q, Q, Q, X + 0j), "x"),
+        (lambda bad: didim.direct_dynamics(ROBOT, Q, Q, bad, X), "tau"),
+        (lambda bad: ROBOT.base_parameters.lift(np.zeros(len(ROBOT.base_parameters.names)) + 0j), "beta"),
+        (lambda bad: ROBOT.base_parameters.project(X + 0j), "x"),
+        (lambda bad: signals.central_differences(bad, 0.1), "signals"),
+        (lambda bad: didim.Recording.from_arrays(bad, rate_hz=1.0), "recording: q"),
+        (lambda bad: didim.Recording.from_arrays(Q, bad, rate_hz=1.0), "recording: tau"),
+        (lambda bad: didim.Recording.from_arrays(Q, Q, q_ref=bad, rate_hz=1.0), "recording: q_ref"),
+        (lambda bad: didim.Recording(t=bad[:, 0], q=Q, rate_hz=1.0), "recording: t"),
+    ],
+)
+def test_complex_arrays_are_refused_at_every_door(call: Callable[[Any], object], what: str) -> None:
+    with pytest.raises(DidimError) as caught:
+        call(Q + 0j)
+    assert str(caught.value) == f"{what} must be an array of real numbers, got complex numbers"
