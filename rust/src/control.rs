@@ -163,7 +163,7 @@ impl Controller {
 
 /// A signal has samples, `n` joints and finite numbers.
 pub fn check_signal(what: &'static str, signal: &Signal, n: usize) -> Result<(), ControlError> {
-    if signal.n != n || signal.values.is_empty() || signal.values.len() % n != 0 {
+    if signal.n != n || signal.values.is_empty() || !signal.values.len().is_multiple_of(n) {
         return Err(ControlError::Signal { what, want: n, got: signal.n });
     }
     if !(signal.rate > 0.0 && signal.rate.is_finite()) || signal.values.iter().any(|v| !v.is_finite()) {

@@ -24,6 +24,13 @@ pub struct Direct<const L: usize, const F: bool> {
     pub pivots: [Lanes<L, F>; MAX_DOF],
 }
 
+impl<const L: usize, const F: bool> Default for Direct<L, F> {
+    #[inline(always)]
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl<const L: usize, const F: bool> Direct<L, F> {
     /// Nothing computed yet.
     #[inline(always)]

@@ -136,7 +136,7 @@ struct FormAndFilter<'a> {
 }
 
 /// Entries go to the columns that were asked for.
-struct Groups<'a> {
+struct Asked<'a> {
     place: &'a [usize],
     width: usize,
     groups: &'a mut [Vec<[f64; COLUMNS]>],
@@ -144,7 +144,7 @@ struct Groups<'a> {
     valid: usize,
 }
 
-impl<const L: usize, const F: bool> Entries<L, F> for Groups<'_> {
+impl<const L: usize, const F: bool> Entries<L, F> for Asked<'_> {
     #[inline(always)]
     fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>) {
         let s = self.place[row * self.width + column];
@@ -174,7 +174,7 @@ impl Kernel for FormAndFilter<'_> {
         for first in (0..samples).step_by(L) {
             let state = State::<L, F>::gather(n, first, log.q, log.dq, log.ddq);
             let valid = L.min(samples - first);
-            let mut entries = Groups { place: &place, width, groups: &mut groups, first, valid };
+            let mut entries = Asked { place: &place, width, groups: &mut groups, first, valid };
             match block.link {
                 Some(j) => {
                     let mut walk = Walk::new(robot);

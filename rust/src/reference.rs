@@ -144,7 +144,7 @@ impl Reference {
         knots: usize,
     ) -> Result<Self, ReferenceError> {
         for (what, values) in [("sine", series.sine), ("cosine", series.cosine)] {
-            if n == 0 || values.len() % n != 0 || values.len() != series.sine.len() {
+            if n == 0 || !values.len().is_multiple_of(n) || values.len() != series.sine.len() {
                 return Err(ReferenceError::Length { what, want: series.sine.len(), got: values.len() });
             }
         }

@@ -362,7 +362,7 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
                 let t = segment.start + step as f64 * segment.step;
                 let mut stages = Stages::start(&self.state, &self.z);
                 for stage in 0..4 {
-                    self.evaluate(stages.time(stage, t, segment.step), &stages.state, &stages.z);
+                    self.evaluate(Stages::<L, F>::time(stage, t, segment.step), &stages.state, &stages.z);
                     if stage == 0 && step == 0 && segment.record {
                         self.hand_over(records, observer);
                         records += 1;
@@ -506,7 +506,7 @@ impl<const L: usize, const F: bool> Stages<L, F> {
     /// Time of a stage; those at the ends lie just inside the step, so that a jump of the reference's acceleration there is seen
     /// from within.
     #[inline(always)]
-    fn time(&self, stage: usize, t: f64, h: f64) -> f64 {
+    fn time(stage: usize, t: f64, h: f64) -> f64 {
         t + h * [1e-9, 0.5, 0.5, 1.0 - 1e-9][stage]
     }
 

@@ -7,12 +7,20 @@ fn at(reference: &Reference, t: f64) -> Target {
     target
 }
 
+fn horner(c: &[f64], t: f64) -> f64 {
+    c.iter().rev().fold(0.0, |sum, c| sum * t + c)
+}
+
+fn derivative(c: &[f64]) -> Vec<f64> {
+    c.iter().enumerate().skip(1).map(|(k, c)| k as f64 * c).collect()
+}
+
 proptest! {
     #[test]
     fn a_polynomial_of_fifth_degree_is_met_everywhere(c in prop::array::uniform6(-2.0..2.0_f64), t in 0.0..0.9_f64) {
-        let p = |t: f64| (0..6).map(|k| c[k] * t.powi(k as i32)).sum::<f64>();
-        let dp = |t: f64| (1..6).map(|k| k as f64 * c[k] * t.powi(k as i32 - 1)).sum::<f64>();
-        let ddp = |t: f64| (2..6).map(|k| (k * (k - 1)) as f64 * c[k] * t.powi(k as i32 - 2)).sum::<f64>();
+        let p = |t: f64| horner(&c, t);
+        let dp = |t: f64| horner(&derivative(&c), t);
+        let ddp = |t: f64| horner(&derivative(&derivative(&c)), t);
         let times = vec![0.0, 0.2, 0.5, 0.9];
         let knots = |f: &dyn Fn(f64) -> f64| times.iter().map(|&t| f(t)).collect::<Vec<_>>();
         let reference = Reference::from_knots(1, times.clone(), &knots(&p), &knots(&dp), &knots(&ddp)).unwrap();
@@ -25,9 +33,9 @@ proptest! {
     #[test]
     fn samples_of_a_fourth_degree_are_met_at_the_ends_too(c in prop::array::uniform5(-2.0..2.0_f64), k in 0..70_usize) {
         let rate = 100.0;
-        let p = |t: f64| (0..5).map(|k| c[k] * t.powi(k as i32)).sum::<f64>();
-        let ddp = |t: f64| (2..5).map(|k| (k * (k - 1)) as f64 * c[k] * t.powi(k as i32 - 2)).sum::<f64>();
-        let q: Vec<f64> = (0..71).map(|k| p(k as f64 / rate)).collect();
+        let p = |t: f64| horner(&c, t);
+        let ddp = |t: f64| horner(&derivative(&derivative(&c)), t);
+        let q: Vec<f64> = (0..71_u8).map(|k| p(f64::from(k) / rate)).collect();
         let t = (k as f64 + 0.3) / rate;
         let target = at(&Reference::sampled(1, rate, &q).unwrap(), t);
         prop_assert!((target.q[0] - p(t)).abs() < 1e-12);
