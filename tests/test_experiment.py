@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import didim
+from didim.closed_loop import ControllerSpec, Measurement, ReferenceSpec, SimulationSettings
 from didim.delay import DelaySettings
 from didim.errors import DidimError, ExperimentError, FitError
 from didim.experiment import Experiment, load_experiment
@@ -108,7 +110,15 @@ dropped = ["Off2"]
 [reference]
 kind = "recorded"
 [controller]
+kind = "pd"
 kp = 10
+kv = 1
+[simulation]
+smoothing_rad_s = 0.01
+step_s = 0.002
+[measurement]
+torque_noise_n_m = 0.1
+seed = 3
 """
     )
     log.write_text(text, encoding="utf-8")
@@ -133,8 +143,12 @@ kp = 10
     assert experiment.delay.compensate_samples == "estimate"
     assert experiment.fixed == {"Fv1": 0.5}
     assert experiment.dropped == ("Off2",)
-    assert experiment.reference == {"kind": "recorded"}
-    assert experiment.controller == {"kp": 10}
+    assert isinstance(experiment.reference, ReferenceSpec)
+    assert experiment.reference.kind == "recorded"
+    assert isinstance(experiment.controller, ControllerSpec)
+    assert experiment.controller.settings == {"kind": "pd", "kp": 10, "kv": 1}
+    assert experiment.simulation == SimulationSettings(smoothing=(0.01, 0.01), step_s=0.002)
+    assert experiment.measurement == Measurement(torque_noise=(0.1, 0.1), seed=3)
 
 
 def test_the_data_folder_is_where_the_data_are_looked_up(log: Path, tmp_path: Path) -> None:
@@ -248,7 +262,8 @@ def test_digests_of_files_of_one_name_stay_apart(log: Path, tmp_path: Path) -> N
 
 
 def test_recordings_are_needed_and_have_different_names(log: Path) -> None:
-    assert message(log, 'schema = 1\nrobot = "planar2"\n') == "log.toml: key 'recording' is missing"
+    expected = "log.toml: there is neither a [[recording]] to read nor a [reference] to simulate"
+    assert message(log, 'schema = 1\nrobot = "planar2"\n') == expected
     again = LOG[LOG.index("[[") :].replace("[[recording]]", '[[recording]]\nname = "recording 1"')
     expected = "log.toml: [recording 2] name 'recording 1' stands for an earlier recording already"
     assert message(log, LOG + again) == expected
@@ -262,8 +277,8 @@ def test_an_experiment_made_in_python() -> None:
     assert experiment.least_squares == LeastSquaresSettings()
     with pytest.raises(FitError, match=r"^dropped must be a list of parameter names, got 'Off1'$"):
         replace(experiment, dropped="Off1")  # type: ignore[arg-type]
-    with pytest.raises(ExperimentError, match=r"^arm: at least one recording is needed$"):
-        Experiment(name="arm", robot=robot, recordings=())
+    with pytest.raises(FitError, match=r"^experiment 'arm' has no recording with role 'fit'$"):
+        didim.identify(Experiment(name="arm", robot=robot, recordings=()), didim.IDIMLS())
     with pytest.raises(ExperimentError) as caught:
         Experiment(name="arm", robot=robot, recordings=(Recording.from_arrays(q[:, :1], rate_hz=1.0),))
     expected = f"recording: q must have shape (n_samples, 2) for robot 'planar2', got ({N}, 1)"
@@ -288,10 +303,11 @@ def test_emps_example(project: Path, shared: Path) -> None:
     )
     assert experiment.least_squares.variance == "r-1"
     assert not experiment.least_squares.decimation_corrected
-    assert experiment.controller is not None
-    assert experiment.controller["velocity_fir"] == [0.5, 0.5]
+    assert isinstance(experiment.controller, ControllerSpec)
+    assert experiment.controller.settings["velocity_fir"] == [0.5, 0.5]
     # The controller of the file, on the logged positions, is the logged force (0.24 %, data/README.md).
-    control, step = experiment.controller, experiment.controller["sample_time_s"]
+    control = experiment.controller.settings
+    step = control["sample_time_s"]
     q = recording.q[:, 0]
     qf = 0.5 * (q[1:] + q[:-1])
     velocity = np.diff(qf) / step

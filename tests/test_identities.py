@@ -179,10 +179,8 @@ def test_memory_order_makes_no_difference(order: str) -> None:
     motion = random_motion(np.random.default_rng(3), 9, 2)
     x = random_parameters(np.random.default_rng(4), robot)
     expected = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
-    if order == "strided":
-        q = np.repeat(motion.q, 2, axis=0)[::2]
-    else:
-        q = np.asarray(motion.q, order="C" if order == "C" else "F")
+    laid = np.asarray(motion.q, order="F" if order == "F" else "C")
+    q = np.repeat(motion.q, 2, axis=0)[::2] if order == "strided" else laid
     np.testing.assert_array_equal(didim.inverse_dynamics(robot, q, motion.dq, motion.ddq, x), expected)
 
 

@@ -5,6 +5,7 @@ parameters (3), observation matrix (6), base parameters (7), least squares and c
 """
 
 from .base import BaseParameters
+from .control import Controller, Digital
 from .errors import (
     DidimError,
     ExperimentError,
@@ -23,8 +24,10 @@ from .idim_ls import IDIMLS
 from .least_squares import LeastSquaresSettings
 from .model import direct_dynamics, inertia_matrix, inverse_dynamics, regressor
 from .recording import Recording
+from .reference import Reference
 from .robot import Friction, Robot, load_robot
 from .signals import SignalProcessing
+from .simulation import Simulation, SimulationStatus, StepWarning, simulate
 from .status import Status
 
 __version__ = "0.1.0"
@@ -32,7 +35,9 @@ __version__ = "0.1.0"
 __all__ = [
     "IDIMLS",
     "BaseParameters",
+    "Controller",
     "DidimError",
+    "Digital",
     "Experiment",
     "ExperimentError",
     "FitError",
@@ -43,12 +48,16 @@ __all__ = [
     "RankError",
     "Recording",
     "RecordingError",
+    "Reference",
     "Robot",
     "RobotError",
     "ShapeError",
     "SignalError",
     "SignalProcessing",
+    "Simulation",
+    "SimulationStatus",
     "Status",
+    "StepWarning",
     "direct_dynamics",
     "identify",
     "inertia_matrix",
@@ -56,4 +65,5 @@ __all__ = [
     "load_experiment",
     "load_robot",
     "regressor",
+    "simulate",
 ]

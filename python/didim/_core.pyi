@@ -1,14 +1,17 @@
 """Typed border of the numerical core; private to the package. Arrays are float64, shapes are checked."""
 
 from collections.abc import Sequence
-from typing import final
+from typing import Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "Controller",
     "LeastSquares",
+    "Reference",
     "Robot",
+    "Schedule",
     "base_parameters",
     "decimate",
     "direct_dynamics",
@@ -19,6 +22,8 @@ __all__ = [
     "least_squares",
     "observation",
     "regressor",
+    "simulate",
+    "simulate_cost",
     "smallest_eigenvalue",
 ]
 
@@ -91,3 +96,89 @@ def observation(
     threads: int | None = None,
 ) -> _Array: ...
 def least_squares(w: _Array, y: _Array, tolerance: float = 1e-10) -> LeastSquares: ...
+
+_Signal = tuple[float, _Array]
+_Ending = tuple[int, float, int]
+
+@final
+class Reference:
+    @staticmethod
+    def from_knots(times: _Array, q: _Array, dq: _Array, ddq: _Array) -> Reference: ...
+    @staticmethod
+    def sampled(rate: float, q: _Array) -> Reference: ...
+    @staticmethod
+    def fourier(
+        period: float, offset: Sequence[float], sine: _Array, cosine: _Array, duration: float, knots: int
+    ) -> Reference: ...
+    @staticmethod
+    def point_to_point(
+        points: _Array, velocity: Sequence[float], acceleration: Sequence[float], dwell: float
+    ) -> Reference: ...
+    @property
+    def n_dof(self) -> int: ...
+    @property
+    def span(self) -> tuple[float, float]: ...
+    @property
+    def breaks(self) -> list[float]: ...
+    def at(self, times: _Array) -> tuple[_Array, _Array, _Array]: ...
+
+@final
+class Controller:
+    def __new__(
+        cls,
+        laws: Sequence[Sequence[float]],
+        digital: tuple[float, int, Sequence[float], Sequence[float]] | None = None,
+        feedforward: _Signal | None = None,
+    ) -> Controller: ...
+    @property
+    def period(self) -> float | None: ...
+
+@final
+class Schedule:
+    def __new__(
+        cls,
+        robot: Robot,
+        reference: Reference,
+        *,
+        rate: float,
+        records: int,
+        period: float | None,
+        coarse: float,
+        fine: float,
+        slow: Sequence[float],
+    ) -> Schedule: ...
+    @property
+    def steps(self) -> int: ...
+    @property
+    def records(self) -> int: ...
+    def divided(self, parts: int) -> Schedule: ...
+
+class _Setting(Protocol):
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def reference(self) -> Reference: ...
+    @property
+    def controller(self) -> Controller: ...
+    @property
+    def schedule(self) -> Schedule: ...
+    @property
+    def start(self) -> tuple[Sequence[float], Sequence[float]] | None: ...
+    @property
+    def external(self) -> _Signal | None: ...
+    @property
+    def divergence(self) -> float: ...
+
+def simulate(
+    setting: _Setting, x: _Array, scale: _Array, threads: int | None = None
+) -> tuple[list[_Array], list[_Ending]]: ...
+def simulate_cost(
+    setting: _Setting,
+    x: _Array,
+    scale: _Array,
+    q: _Array,
+    tau: _Array,
+    weight_q: Sequence[float],
+    weight_tau: Sequence[float],
+    threads: int | None = None,
+) -> tuple[_Array, list[_Ending]]: ...

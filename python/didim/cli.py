@@ -147,4 +147,37 @@ def _base(options: argparse.Namespace) -> int:
     return CONVERGED
 
 
-COMMANDS: tuple[Callable[[Commands], None], ...] = (_add_identify, _add_base)
+def _add_simulate(commands: Commands) -> None:
+    parser = _command(
+        commands,
+        "simulate",
+        _simulate,
+        "simulate the controlled robot of an experiment, beside its recording",
+    )
+    _add_experiment(parser)
+    parser.add_argument(
+        "--parameters",
+        metavar="FIT.json|NAME",
+        required=True,
+        help="result of an identification, or a parameter set of the robot file",
+    )
+    parser.add_argument("--recording", metavar="NAME", help="recording to simulate (default: the first)")
+    parser.add_argument("-o", "--output", metavar="FILE.csv", type=Path, help="write the run as CSV")
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from .experiment import load_experiment
+    from .simulate_command import simulate_experiment
+
+    report = simulate_experiment(
+        load_experiment(options.experiment, data=options.data), options.parameters, options.recording
+    )
+    for sentence in report.warnings:
+        print(f"didim: warning: {sentence}", file=sys.stderr)
+    if options.output is not None:
+        report.write(options.output)
+    print(report)
+    return CONVERGED if report.outcome.completed else NOT_CONVERGED
+
+
+COMMANDS: tuple[Callable[[Commands], None], ...] = (_add_identify, _add_simulate, _add_base)

@@ -37,3 +37,15 @@ class IndefiniteError(DidimError):
 
 class FitError(DidimError):
     """A request on a fit that cannot be met, such as an unknown parameter name."""
+
+
+class ReferenceError(DidimError):
+    """A reference motion that cannot be followed."""
+
+
+class ControllerError(DidimError):
+    """A controller that cannot be."""
+
+
+class SimulationError(DidimError):
+    """A simulation whose parts do not fit together."""

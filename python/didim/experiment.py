@@ -12,10 +12,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+from didim.closed_loop import (
+    ControllerSpec,
+    Measurement,
+    ReferenceSpec,
+    SimulationSettings,
+    read_controller,
+    read_measurement,
+    read_reference,
+    read_simulation,
+)
+from didim.control import Controller
 from didim.delay import DelaySettings
 from didim.errors import DidimError, ExperimentError
 from didim.least_squares import LeastSquaresSettings
 from didim.recording import DataFolder, Recording, read_recording, read_reduction
+from didim.reference import Reference
 from didim.robot import PACKAGED, Robot, load_robot
 from didim.schema import Table, read_toml
 from didim.selection import dropped_names
@@ -51,12 +63,16 @@ class Experiment:
         SHA-256 of each file read, by role and file name: ``experiment emps.toml``, ``robot emps.toml``,
         ``data DATA_EMPS.mat``.
     reference, controller
-        Tables of the closed loop as they stand in the file, or None.
+        What the robot followed, and what made it: as the file describes them, or as made in Python; None without.
+    simulation
+        How the closed loop is simulated.
+    measurement
+        What a simulated measurement adds to a simulation, or None.
 
     Raises
     ------
     ExperimentError
-        Without recordings, or when one has another number of joints than the robot.
+        When a recording has another number of joints than the robot.
     """
 
     name: str
@@ -69,16 +85,16 @@ class Experiment:
     fixed: Mapping[str, float] = field(default_factory=dict)
     dropped: tuple[str, ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
-    reference: Mapping[str, Any] | None = None
-    controller: Mapping[str, Any] | None = None
+    reference: ReferenceSpec | Reference | None = None
+    controller: ControllerSpec | Controller | None = None
+    simulation: SimulationSettings = field(default_factory=SimulationSettings)
+    measurement: Measurement | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "recordings", tuple(self.recordings))
         object.__setattr__(self, "dropped", dropped_names(self.dropped))
         for key in ("fixed", "digests"):
             object.__setattr__(self, key, dict(getattr(self, key)))
-        if not self.recordings:
-            raise ExperimentError(f"{self.name}: at least one recording is needed")
         n_dof = self.robot.n_dof
         for recording in self.recordings:
             shape = recording.q.shape
@@ -121,12 +137,17 @@ def load_experiment(path: str | Path, *, data: Path | str | None = None) -> Expe
     name = table.text("name", path.stem)
     robot = _robot(table, path)
     transmission = table.table("transmission", None)
-    recording_tables = table.tables("recording")
+    recording_tables = table.tables("recording", [])
     signal = _settings(SignalProcessing, _signal_keys, table.table("signal", None))
     least_squares = _settings(LeastSquaresSettings, _least_squares_keys, table.table("least_squares", None))
     delay = _settings(DelaySettings, _delay_keys, table.table("delay", None))
     fixed, dropped = _parameters(table.table("parameters", None))
-    closed_loop = {key: table.table(key, None) for key in ("reference", "controller")}
+    reference = _optional(table, "reference", robot, read_reference)
+    controller = _optional(table, "controller", robot, read_controller)
+    simulation = _optional(table, "simulation", robot, read_simulation) or SimulationSettings()
+    measurement = _optional(table, "measurement", robot, read_measurement)
+    if not recording_tables and reference is None:
+        table.fail("there is neither a [[recording]] to read nor a [reference] to simulate")
     table.done()
 
     reduction = read_reduction(transmission, robot.reduction, robot.n_dof)
@@ -156,9 +177,18 @@ def load_experiment(path: str | Path, *, data: Path | str | None = None) -> Expe
         fixed=fixed,
         dropped=dropped,
         digests=digests,
-        reference=_mapping(closed_loop["reference"]),
-        controller=_mapping(closed_loop["controller"]),
+        reference=reference,
+        controller=controller,
+        simulation=simulation,
+        measurement=measurement,
     )
+
+
+def _optional(
+    table: Table, key: str, robot: Robot, read: Callable[[Table, Robot], _Settings]
+) -> _Settings | None:
+    part = table.table(key, None)
+    return None if part is None else read(part, robot)
 
 
 def _robot(table: Table, path: Path) -> Robot:
@@ -239,7 +269,3 @@ def _parameters(table: Table | None) -> tuple[dict[str, float], tuple[str, ...]]
     dropped = tuple(table.texts("dropped", []))
     table.done()
     return fixed, dropped
-
-
-def _mapping(table: Table | None) -> Mapping[str, Any] | None:
-    return None if table is None else table.content

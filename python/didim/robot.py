@@ -256,6 +256,13 @@ class Robot:
         """
         return self.with_friction_table(Table(options, f"friction of robot {self.name!r}", RobotError))
 
+    def with_smoothing(self, smoothing: Sequence[float]) -> Robot:
+        """Return the same robot with ``tanh(dq / smoothing)`` friction without dead zone; one velocity per joint (rad/s, m/s)."""
+        friction = replace(
+            self.friction, coulomb="tanh", smoothing=tuple(smoothing), dead_zone=(0.0,) * self.n_dof
+        )
+        return replace(self, friction=friction)
+
     def with_friction_table(self, table: Table) -> Robot:
         """Return the same robot with the friction options of a table, whose errors name its file."""
         return replace(self, friction=_friction(table, self.geometry.kinds, self.friction))

@@ -247,6 +247,11 @@ class Table:
         self._asked.update(dict.fromkeys(self._mapping))
         return dict(self._mapping)
 
+    @property
+    def content_unread(self) -> dict[str, Any]:
+        """Copy of the whole table, for the record of a result; asks for nothing."""
+        return dict(self._mapping)
+
     def done(self) -> None:
         """Raise on the first key that was never asked for, with the nearest key that was, or all of them."""
         for key in self._unknown():

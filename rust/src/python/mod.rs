@@ -5,6 +5,7 @@
 #![allow(clippy::needless_pass_by_value)]
 
 mod arrays;
+mod simulation;
 
 use crate::base::{Base, base_parameters as find_base};
 use crate::filter::Stage;
@@ -354,6 +355,8 @@ fn least_squares(
 /// The module `didim._core`.
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::simulation::{Controller, Reference, Schedule, simulate, simulate_cost};
     #[pymodule_export]
     use super::{
         LeastSquares, Robot, base_parameters, decimate, direct_dynamics, filtfilt, inertia_matrix,

@@ -1,0 +1,504 @@
+"""The closed loop, simulated: one candidate or thousands at once.
+
+Classical Runge-Kutta in the core, candidates side by side in the lanes of vector registers and on all cores. Tested in
+``tests/test_simulation.py``: order four, energy, power balance, a pendulum against its elliptic functions, the EMPS.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _core
+from .arrays import real_array
+from .control import Controller
+from .errors import ShapeError, SimulationError
+from .model import standard_vector
+from .reference import Reference
+from .robot import Robot
+
+Array = NDArray[np.float64]
+
+STEP = 5e-4
+"""Largest step where friction is smooth (s), unless told otherwise."""
+FINE_STEP = 1e-4
+"""Largest step where a velocity is near zero (s), unless told otherwise: a TX40 is stiff there."""
+SIGN_STEP = 2e-4
+"""Largest step with ``sign`` friction (s), unless told otherwise."""
+NEAR_ZERO = 10.0
+"""Near zero means this many times the smoothing velocity of the friction."""
+DIVERGENCE = 100.0
+"""Tracking error (rad or m) that counts as divergence."""
+LARGE_ERROR = 0.01
+"""Share of the torque (rms) beyond which the integration error calls for a smaller step."""
+
+
+class SimulationStatus(Enum):
+    """How a simulation ended; the value is a sentence for people."""
+
+    COMPLETED = "The simulation ran to its end."
+    DIVERGED = "The simulation diverged: the controller does not hold this robot."
+    INDEFINITE = "The simulation ended: M(q) is not positive definite, so that no such robot exists."
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How the run of one candidate ended.
+
+    Attributes
+    ----------
+    status : SimulationStatus
+        What happened.
+    time_s : float or None
+        When (s), if it ended early.
+    joint : int or None
+        Joint, from 1, where it happened.
+    """
+
+    status: SimulationStatus
+    time_s: float | None = None
+    joint: int | None = None
+
+    @property
+    def completed(self) -> bool:
+        """Whether the run reached its end."""
+        return self.status is SimulationStatus.COMPLETED
+
+    def __str__(self) -> str:
+        if self.status is SimulationStatus.DIVERGED:
+            return (
+                f"diverged at {self.time_s:.4g} s: joint {self.joint} has left its reference; the controller does "
+                "not hold this robot, or the step is too large"
+            )
+        if self.status is SimulationStatus.INDEFINITE:
+            return (
+                f"ended at {self.time_s:.4g} s: M(q) is not positive definite, the inertia that joint {self.joint} "
+                "feels is not positive with these parameters"
+            )
+        return "completed"
+
+
+@dataclass(frozen=True)
+class IntegrationError:
+    """Estimate of the error of the integration, from the same run with half the steps.
+
+    Attributes
+    ----------
+    q : (n_dof,) array
+        Largest position error (rad or m).
+    tau : (n_dof,) array
+        Torque error, rms (N.m or N).
+    tau_relative : float
+        The largest ratio of that to the rms torque of the joint.
+    """
+
+    q: Array
+    tau: Array
+    tau_relative: float
+
+    @property
+    def large(self) -> bool:
+        """Whether the step is too large for what is read from the torques."""
+        return not self.tau_relative <= LARGE_ERROR
+
+
+class StepWarning(UserWarning):
+    """The step of a simulation is too large."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """Trajectories of the closed loop at the recording rate, joint side, SI units.
+
+    Attributes
+    ----------
+    t : (n_records,) array
+        Times (s).
+    q, dq, ddq, tau : (n_records, n_dof) arrays; (n_candidates, n_records, n_dof) for several candidates
+        Positions, velocities, accelerations, and torques (N.m, N) of the drives. NaN after an early end.
+    outcomes : tuple of Outcome
+        One per candidate.
+    error : IntegrationError or None
+        Estimate for the first candidate, where it was asked for.
+    n_steps : int
+        Steps of one run.
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    tau: Array
+    outcomes: tuple[Outcome, ...]
+    error: IntegrationError | None
+    n_steps: int
+
+    @property
+    def status(self) -> SimulationStatus:
+        """Ending of the only candidate, or of the first that did not complete."""
+        return self.outcome.status
+
+    @property
+    def outcome(self) -> Outcome:
+        """Outcome of the only candidate, or of the first that did not complete."""
+        return next((outcome for outcome in self.outcomes if not outcome.completed), self.outcomes[0])
+
+    @property
+    def completed(self) -> bool:
+        """Whether every candidate reached the end."""
+        return self.outcome.completed
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """A robot with its controller and reference, ready to run any number of candidates.
+
+    Attributes
+    ----------
+    model : Robot
+        The robot.
+    motion : Reference
+        What it follows.
+    law : Controller
+        What makes it follow.
+    rate_hz : float
+        Records per second.
+    n_records : int
+        Number of records.
+    schedule : core schedule
+        Steps, decided once.
+    start : (q, dq) or None
+        Positions and velocities at time 0; the reference's by default.
+    external : (rate_hz, (n_samples, n_dof) array) or None
+        External torque on the joints (N.m, N).
+    divergence : float
+        Tracking error (rad or m) that ends a run.
+    """
+
+    model: Robot
+    motion: Reference
+    law: Controller
+    rate_hz: float
+    n_records: int
+    schedule: _core.Schedule
+    start: tuple[Sequence[float], Sequence[float]] | None = None
+    external: tuple[float, Array] | None = None
+    divergence: float = DIVERGENCE
+
+    @property
+    def robot(self) -> _core.Robot:
+        """The robot of the core."""
+        return self.model.core
+
+    @property
+    def reference(self) -> _core.Reference:
+        """The reference of the core."""
+        return self.motion.core
+
+    @property
+    def controller(self) -> _core.Controller:
+        """The controller of the core."""
+        return self.law.core
+
+    @property
+    def t(self) -> Array:
+        """Times of the records (s)."""
+        return np.arange(self.n_records) / self.rate_hz
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        reference: Reference,
+        controller: Controller,
+        *,
+        rate_hz: float | None = None,
+        duration_s: float | None = None,
+        step: float | None = None,
+        fine_step: float | None = None,
+        start: tuple[ArrayLike, ArrayLike] | None = None,
+        external: tuple[float, ArrayLike] | None = None,
+        divergence: float = DIVERGENCE,
+    ) -> ClosedLoop:
+        """Decide the steps, and check that everything fits together. Parameters as for `simulate`."""
+        n = robot.n_dof
+        for what, got in (("reference", reference.n_dof), ("controller", controller.n_dof)):
+            if got != n:
+                raise SimulationError(f"the {what} has {got} joints and robot {robot.name!r} has {n}")
+        rate = 1000.0 if rate_hz is None else float(rate_hz)
+        duration = reference.duration if duration_s is None else float(duration_s)
+        if not (np.isfinite(rate) and rate > 0.0):
+            raise SimulationError(f"rate_hz must be positive, got {rate_hz}")
+        if not (np.isfinite(duration) and duration > 0.0 and duration * rate < 1e9):
+            raise SimulationError(f"duration_s must be positive and below 1e9 records, got {duration}")
+        records = int(np.floor(duration * rate * (1.0 + 1e-12) + 1e-9)) + 1
+        smooth = robot.friction.coulomb == "tanh"
+        coarse = step if step is not None else (STEP if smooth else SIGN_STEP)
+        fine = fine_step if fine_step is not None else min(coarse, FINE_STEP)
+        slow = [NEAR_ZERO * value if smooth else 0.0 for value in robot.friction.smoothing]
+        try:
+            schedule = _core.Schedule(
+                robot.core,
+                reference.core,
+                rate=rate,
+                records=records,
+                period=controller.core.period,
+                coarse=float(coarse),
+                fine=float(fine),
+                slow=slow,
+            )
+        except ValueError as reason:
+            raise SimulationError(str(reason)) from None
+        begin = None
+        if start is not None:
+            q, dq = (
+                real_array(name, value, SimulationError)
+                for name, value in zip(("q", "dq"), start, strict=True)
+            )
+            if q.shape != (n,) or dq.shape != (n,) or not np.isfinite([q, dq]).all():
+                raise SimulationError(f"start needs {n} finite positions and velocities, got {start!r}")
+            begin = (q.tolist(), dq.tolist())
+        push = None
+        if external is not None:
+            values = real_array("external", external[1], SimulationError)
+            if values.ndim != 2 or values.shape[1] != n or not np.isfinite(values).all():
+                raise SimulationError(f"external needs finite torques of shape (n_samples, {n})")
+            push = (float(external[0]), values)
+        return cls(robot, reference, controller, rate, records, schedule, begin, push, float(divergence))
+
+    def run(
+        self, x: Array, *, gain_scale: Array | None = None, threads: int | None = None, divided: int = 1
+    ) -> tuple[list[Array], tuple[Outcome, ...]]:
+        """Trajectories ``q dq ddq tau`` of candidates, each (n_candidates, n_records, n_dof), and their outcomes.
+
+        Parameters
+        ----------
+        x : (n_candidates, n_parameters) array
+            Standard parameters.
+        gain_scale : (n_candidates, n_dof) array, optional
+            Factor of the controller's gains (gain updating).
+        threads : int, optional
+            All cores by default; the bits do not depend on it.
+        divided : int
+            Each step in so many.
+        """
+        scale = np.ones((len(x), self.model.n_dof)) if gain_scale is None else gain_scale
+        setting: ClosedLoop | _Divided = self if divided == 1 else _Divided(self, divided)
+        try:
+            arrays, endings = _core.simulate(setting, x, scale, threads)
+        except ValueError as reason:
+            raise SimulationError(str(reason)) from None
+        return list(arrays), _outcomes(endings)
+
+    def costs(
+        self,
+        x: Array,
+        q: Array,
+        tau: Array,
+        *,
+        weight_q: Array,
+        weight_tau: Array,
+        gain_scale: Array | None = None,
+        threads: int | None = None,
+    ) -> tuple[Array, tuple[Outcome, ...]]:
+        """Weighted sums of squared errors of candidates, (n_candidates,), infinite where a run ended early.
+
+        Parameters
+        ----------
+        x, gain_scale, threads
+            As for `run`.
+        q, tau : (n_records, n_dof) arrays
+            What the simulation is compared with.
+        weight_q, weight_tau : (n_dof,) arrays
+            Weights of squared position and torque errors.
+        """
+        scale = np.ones((len(x), self.model.n_dof)) if gain_scale is None else gain_scale
+        try:
+            costs, endings = _core.simulate_cost(
+                self, x, scale, q, tau, weight_q.tolist(), weight_tau.tolist(), threads
+            )
+        except ValueError as reason:
+            raise SimulationError(str(reason)) from None
+        return costs, _outcomes(endings)
+
+    def integration_error(
+        self, x: Array, q: Array, tau: Array, *, gain_scale: Array | None = None, threads: int | None = None
+    ) -> IntegrationError:
+        """Estimate of the error of a run that gave `q` and `tau`, (n_records, n_dof), by one with half the steps.
+
+        The method is of fourth order: the difference to half the step is 15/16 of the error.
+        """
+        (fine_q, _, _, fine_tau), _ = self.run(x[None], gain_scale=gain_scale, threads=threads, divided=2)
+        factor = 16.0 / 15.0
+        error_q = factor * np.abs(fine_q[0] - q).max(axis=0)
+        error = factor * np.sqrt(np.mean((fine_tau[0] - tau) ** 2, axis=0))
+        size = np.sqrt(np.mean(fine_tau[0] ** 2, axis=0))
+        share = np.divide(error, size, out=np.zeros_like(error), where=error > 0.0)
+        # A run with half the steps that ends early leaves NaN: then nothing is known about the error.
+        return IntegrationError(error_q, error, float(share.max()) if np.isfinite(share).all() else np.inf)
+
+
+@dataclass(frozen=True)
+class _Divided:
+    """The same closed loop with smaller steps."""
+
+    loop: ClosedLoop
+    parts: int
+
+    @property
+    def robot(self) -> _core.Robot:
+        return self.loop.robot
+
+    @property
+    def reference(self) -> _core.Reference:
+        return self.loop.reference
+
+    @property
+    def controller(self) -> _core.Controller:
+        return self.loop.controller
+
+    @property
+    def schedule(self) -> _core.Schedule:
+        return self.loop.schedule.divided(self.parts)
+
+    @property
+    def start(self) -> tuple[Sequence[float], Sequence[float]] | None:
+        return self.loop.start
+
+    @property
+    def external(self) -> tuple[float, Array] | None:
+        return self.loop.external
+
+    @property
+    def divergence(self) -> float:
+        return self.loop.divergence
+
+
+def simulate(
+    robot: Robot,
+    x: ArrayLike,
+    reference: Reference,
+    controller: Controller,
+    *,
+    step: float | None = None,
+    fine_step: float | None = None,
+    rate_hz: float | None = None,
+    duration_s: float | None = None,
+    gain_scale: ArrayLike | None = None,
+    start: tuple[ArrayLike, ArrayLike] | None = None,
+    external: tuple[float, ArrayLike] | None = None,
+    divergence: float = DIVERGENCE,
+    threads: int | None = None,
+    check: bool | None = None,
+) -> Simulation:
+    """Simulate the controlled robot, (4) with its controller, for one candidate or many.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; its friction should be smooth (``tanh``) where velocities pass through zero.
+    x : (n_parameters,) or (n_candidates, n_parameters) array
+        Standard parameters in the order of ``robot.parameter_names``.
+    reference : Reference
+        What it follows.
+    controller : Controller
+        What makes it follow.
+    step, fine_step : float, optional
+        Largest step (s), and largest step where a velocity of the reference is near zero. By default 0.5 ms and 0.1 ms with
+        smooth friction, 0.2 ms with ``sign``.
+    rate_hz : float, optional
+        Records per second; 1000 by default.
+    duration_s : float, optional
+        Length; that of the reference by default.
+    gain_scale : (n_dof,) or (n_candidates, n_dof) array, optional
+        Factor of the controller's gains.
+    start : (q, dq), optional
+        Positions and velocities at time 0; those of the reference by default.
+    external : (rate_hz, (n_samples, n_dof) array), optional
+        External torque on the joints (N.m or N), straight lines between samples.
+    divergence : float
+        Tracking error (rad or m) that ends a run.
+    threads : int, optional
+        All cores by default; the result has the same bits for any number.
+    check : bool, optional
+        Estimate the integration error by a second run with half the steps and warn (`StepWarning`) when it is large.
+        By default for a single candidate.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    ShapeError
+        For wrong parameters.
+    SimulationError
+        When the parts do not fit together, such as a reference shorter than the run.
+    """
+    loop = ClosedLoop.of(
+        robot,
+        reference,
+        controller,
+        rate_hz=rate_hz,
+        duration_s=duration_s,
+        step=step,
+        fine_step=fine_step,
+        start=start,
+        external=external,
+        divergence=divergence,
+    )
+    candidates, single = candidate_matrix(robot, x)
+    scale = _scale(gain_scale, len(candidates), robot.n_dof)
+    (q, dq, ddq, tau), outcomes = loop.run(candidates, gain_scale=scale, threads=threads)
+    error = None
+    if (single if check is None else check) and outcomes[0].completed:
+        first = None if scale is None else scale[:1]
+        error = loop.integration_error(candidates[0], q[0], tau[0], gain_scale=first, threads=threads)
+        if error.large:
+            warnings.warn(too_large(error), StepWarning, stacklevel=2)
+    if single:
+        q, dq, ddq, tau = q[0], dq[0], ddq[0], tau[0]
+    return Simulation(loop.t, q, dq, ddq, tau, outcomes, error, loop.schedule.steps)
+
+
+def too_large(error: IntegrationError) -> str:
+    """Sentence on a step that is too large."""
+    if not np.isfinite(error.tau_relative):
+        return "the step is too large: with half of it the run ends differently"
+    joint = int(np.argmax(error.tau)) + 1
+    return (
+        f"the step is too large: halving it changes the torque by {100.0 * error.tau_relative:.2g} % "
+        f"(joint {joint}: {error.tau[joint - 1]:.2g} rms); reduce step and fine_step"
+    )
+
+
+def candidate_matrix(robot: Robot, x: ArrayLike) -> tuple[Array, bool]:
+    """Return standard parameters as rows, and whether it was a single vector."""
+    array = real_array("x", x, ShapeError)
+    if array.ndim == 2:
+        return np.ascontiguousarray([standard_vector(robot, row) for row in array]).reshape(
+            len(array), len(robot.parameter_names)
+        ), False
+    return standard_vector(robot, array)[None], True
+
+
+def _scale(gain_scale: ArrayLike | None, m: int, n: int) -> Array | None:
+    if gain_scale is None:
+        return None
+    scale = real_array("gain_scale", gain_scale, SimulationError)
+    if scale.shape not in ((n,), (m, n)) or not np.isfinite(scale).all():
+        raise SimulationError(f"gain_scale must have shape ({n},) or ({m}, {n}) and be finite")
+    return np.broadcast_to(scale, (m, n)).copy()
+
+
+def _outcomes(endings: Sequence[tuple[int, float, int]]) -> tuple[Outcome, ...]:
+    kinds = (SimulationStatus.COMPLETED, SimulationStatus.DIVERGED, SimulationStatus.INDEFINITE)
+    return tuple(
+        Outcome(kinds[0]) if kind == 0 else Outcome(kinds[kind], time, joint + 1)
+        for kind, time, joint in endings
+    )
