@@ -49,12 +49,27 @@ def test_variance_by_r_minus_1() -> None:
     np.testing.assert_allclose(by_1 * 199, by_b * 197, rtol=1e-12)
 
 
-def test_the_share_of_the_band_enlarges_the_variance_only_when_asked() -> None:
+def test_the_correlation_changes_the_covariance_only_when_asked() -> None:
     one = system()
-    plain = solve(one, PLAIN, band=0.8)
-    corrected = solve(one, replace(PLAIN, decimation_corrected=True), band=0.8)
+    correlation = np.array([1.0, 0.5, 0.1])
+    plain = solve(one, PLAIN, correlation=correlation)
+    np.testing.assert_array_equal(plain.covariance, solve(one, PLAIN).covariance)
+    corrected = solve(one, replace(PLAIN, decimation_corrected=True), correlation=correlation)
     np.testing.assert_array_equal(corrected.solution, plain.solution)
-    np.testing.assert_allclose(corrected.covariance * 0.8, plain.covariance, rtol=1e-12)
+    # By the definition, with the whole matrices; two windows do not see each other.
+    for windows in ((), (120, 80)):
+        two = replace(one, windows=windows)
+        t = np.zeros((200, 200))
+        for start, stop in ((0, 200),) if not windows else ((0, 120), (120, 200)):
+            for lag, value in enumerate(correlation):
+                block = np.eye(stop - start, k=lag) + np.eye(stop - start, k=-lag)
+                t[start:stop, start:stop] += value * (block if lag else np.eye(stop - start))
+        p = np.linalg.inv(one.w.T @ one.w)
+        left = np.eye(200) - one.w @ p @ one.w.T
+        variance = plain.residual @ plain.residual / np.trace(left @ t @ left)
+        expected = variance * p @ one.w.T @ t @ one.w @ p
+        found = solve(two, replace(PLAIN, decimation_corrected=True), correlation=correlation).covariance
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_weights_are_the_inverse_residuals_of_each_joint() -> None:
@@ -142,7 +157,7 @@ def coverage(settings: LeastSquaresSettings, decimated: bool, seeds: int = 400) 
         fit = solve(
             LinearSystem(w=np.ascontiguousarray(w), y=y, joints=joints, names=NAMES),
             settings,
-            band=signals.retained_band(signal),
+            correlation=signals.noise_correlation(signal),
         )
         errors.append((fit.solution - BETA) / np.sqrt(np.diag(fit.covariance)))
     return float(np.sqrt(np.mean(np.square(errors))))
@@ -154,10 +169,8 @@ def test_errors_are_as_large_as_sigma_says() -> None:
 
 def test_errors_after_decimation_are_as_large_as_the_corrected_sigma_says() -> None:
     corrected = coverage(LeastSquaresSettings(), decimated=True)
-    # The skirt of the filter lets a little more than 0.8 pass: the correction overdoes it by 3 %.
-    assert corrected == pytest.approx(0.97, abs=0.06)
-    uncorrected = coverage(LeastSquaresSettings(decimation_corrected=False), decimated=True)
-    assert uncorrected == pytest.approx(corrected / np.sqrt(0.8), rel=1e-12)
+    assert corrected == pytest.approx(1.0, abs=0.06)
+    assert coverage(LeastSquaresSettings(decimation_corrected=False), decimated=True) > 1.05 * corrected
 
 
 def test_dependent_columns_are_named() -> None:

@@ -162,16 +162,20 @@ def test_no_decimation_is_a_copy() -> None:
     kept = signals.decimate(x, signals.decimation_stages(5, SignalProcessing()))
     np.testing.assert_array_equal(kept, x)
     assert kept is not x
-    assert signals.retained_band(SignalProcessing()) == 1.0
-    assert signals.retained_band(SignalProcessing(decimation=(10, 10))) == 0.8
+    assert signals.noise_correlation(SignalProcessing()) is None
 
 
-def test_variance_that_decimated_noise_keeps() -> None:
-    # The new band is a tenth of the old one, and of white noise in it the filter keeps a share of 0.8.
-    x = np.random.default_rng(3).standard_normal((200_000, 1))
-    signal = SignalProcessing(decimation=(10,))
+@pytest.mark.parametrize("factors", [(10,), (5, 4)])
+def test_correlation_that_decimated_noise_has(factors: tuple[int, ...]) -> None:
+    x = np.random.default_rng(3).standard_normal((400_000, 4))
+    signal = SignalProcessing(decimation=factors)
     kept = signals.decimate(x, signals.decimation_stages(x.shape[0], signal))
-    assert float(np.var(kept)) == pytest.approx(signals.retained_band(signal) / 10, rel=0.05)
+    correlation = signals.noise_correlation(signal)
+    assert correlation is not None
+    for lag in range(6):
+        found = np.mean(kept[: len(kept) - lag] * kept[lag:]) / np.mean(kept**2)
+        assert found == pytest.approx(correlation[lag], abs=0.012)
+    assert correlation[1] > 0.15
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,13 @@ The torques of a shoulder and of a wrist have errors of different sizes. With ``
 of joint j are divided by the root mean square of its residuals, found by a first solution without weights,
 and (7) to (10) are written for the divided rows. A factor common to all weights changes neither beta nor C.
 
-Decimated noise is correlated: the filter lets pass only a share p of the band that is left
-(``signals.retained_band``), so that r rows carry the information of p r independent ones.
-``decimation_corrected`` divides sigma^2 by p.
+Decimated noise is correlated: the filter lets pass only part of the band that is left, so that r rows tell less than
+r independent ones. With ``decimation_corrected`` the covariance says so: for torque noise of size sigma_j that was white
+before decimation, with the correlation T of its kept samples (``signals.noise_correlation``),
+
+    C = P (sum_j sigma_j^2 W_j^T T W_j) P,   P = (W^T W)^-1,   sigma_j^2 = |rho_j|^2 / E_j
+
+where E_j is the expectation of ``|rho_j|^2`` for unit noise, which takes the place of the rows less parameters of (9).
 """
 
 from __future__ import annotations
@@ -34,6 +38,9 @@ Variance = Literal["r-b", "r-1"]
 # its torque.
 SMALLEST_RELATIVE_RESIDUAL = 1e-9
 
+# A joint with fewer expected squares than this share of its rows takes the variance of all joints.
+SMALLEST_SHARE = 0.05
+
 # A dependence is told without the coefficients that are rounding noise.
 NEGLIGIBLE_COEFFICIENT = 1e-6
 
@@ -51,7 +58,8 @@ class LeastSquaresSettings:
     variance : {"r-b", "r-1"}
         Divisor of (9): unbiased, or that of the published EMPS results.
     decimation_corrected : bool
-        Divide the variance by the share of the band that the decimation filter lets pass.
+        Covariance for noise that decimation has correlated, with a variance per joint where the weights are; `variance` is
+        then only that of the printed standard deviation of the error.
 
     Raises
     ------
@@ -100,6 +108,8 @@ class LinearSystem:
         Names of the columns.
     known : ndarray, shape (r,), optional
         Torques of the parameters that are fixed, already taken out of ``y``.
+    windows : tuple of int
+        Rows of each window within a joint's; one window by default.
     """
 
     w: Array
@@ -107,6 +117,7 @@ class LinearSystem:
     joints: tuple[slice, ...]
     names: tuple[str, ...]
     known: Array | None = None
+    windows: tuple[int, ...] = ()
 
     @property
     def measured(self) -> Array:
@@ -150,7 +161,7 @@ def solve(
     system: LinearSystem,
     settings: LeastSquaresSettings,
     *,
-    band: float = 1.0,
+    correlation: Array | None = None,
     progress: Callable[[int, Array, Array], bool] | None = None,
 ) -> WeightedFit:
     """Solve (7) by QR, with weights per joint estimated from the residuals, and its covariance (8) to (10).
@@ -161,8 +172,8 @@ def solve(
         Rows joint by joint.
     settings : LeastSquaresSettings
         Weights and variance.
-    band : float
-        Share of the band that decimation left (1 without decimation).
+    correlation : ndarray, shape (n_lags,), optional
+        Of decimated white noise, from lag 0 on (`signals.noise_correlation`); None for white noise.
     progress : callable, optional
         Called with the number of the solution, beta and the residual after each one; True stops.
 
@@ -217,12 +228,15 @@ def solve(
         stopped = progress is not None and progress(number, beta, residual) and number < settings.solutions
         if stopped:
             break
-    variance = float(np.sum((residual * scale) ** 2)) / _divisor(system, settings)
-    if settings.decimation_corrected:
-        variance /= band
     inverse_r = np.asarray(scaled.inverse_r)
     with np.errstate(over="ignore", invalid="ignore"):  # told below
-        covariance = variance * (inverse_r @ inverse_r.T)
+        inverse = inverse_r @ inverse_r.T
+        if settings.decimation_corrected and correlation is not None:
+            covariance = _correlated_covariance(
+                system, settings, scale, residual * scale, inverse, correlation
+            )
+        else:
+            covariance = float(np.sum((residual * scale) ** 2)) / _divisor(system, settings) * inverse
     bad = np.flatnonzero(~(np.isfinite(beta) & np.isfinite(np.diag(covariance))))
     if bad.size:
         raise FitError(
@@ -237,6 +251,52 @@ def solve(
         condition_number=condition_number,
         stopped=stopped,
     )
+
+
+def _correlated_covariance(
+    system: LinearSystem,
+    settings: LeastSquaresSettings,
+    scale: Array,
+    residual: Array,
+    inverse: Array,
+    correlation: Array,
+) -> Array:
+    """Covariance for noise with a correlation in each window of each joint; rows and residual are divided by the weights."""
+    b = inverse.shape[0]
+    colored, plain = np.empty((len(system.joints), b, b)), np.empty((len(system.joints), b, b))
+    for joint, rows in enumerate(system.joints):
+        w = system.w[rows] * scale[rows, None]
+        plain[joint] = w.T @ w
+        colored[joint] = w.T @ _apply_correlation(w, system.windows or (len(w),), correlation)
+    squares = np.array([residual[rows] @ residual[rows] for rows in system.joints])
+    sizes = np.array([rows.stop - rows.start for rows in system.joints], dtype=np.float64)
+    # What is left of unit noise: the trace of (1 - H) T (1 - H) within the rows of the joint, H = W P W^T.
+    middle = inverse @ colored.sum(axis=0) @ inverse
+    expected = sizes - 2.0 * np.einsum("jab,ab->j", colored, inverse) + np.einsum("jab,ab->j", plain, middle)
+    if settings.weights == "none":
+        variances = np.full(len(squares), squares.sum() / expected.sum())
+    else:
+        # A joint whose rows hardly outnumber its own parameters cannot tell its noise: all joints together can.
+        pooled = squares.sum() / expected.sum()
+        told_by_itself = expected > SMALLEST_SHARE * sizes
+        variances = np.where(told_by_itself, squares / np.where(told_by_itself, expected, 1.0), pooled)
+    return np.asarray(inverse @ np.einsum("j,jab->ab", variances, colored) @ inverse)
+
+
+def _apply_correlation(w: Array, windows: Sequence[int], correlation: Array) -> Array:
+    """``T w`` with a symmetric Toeplitz matrix in each window of rows."""
+    out = np.empty_like(w)
+    start = 0
+    for length in windows:
+        lags = np.zeros(length)
+        known = min(length, correlation.size)
+        lags[:known] = correlation[:known]
+        # The matrix is a corner of a circulant one, which the Fourier transform makes diagonal.
+        circle = np.concatenate([lags, [0.0], lags[:0:-1]])
+        spectrum = np.fft.rfft(circle)[:, None] * np.fft.rfft(w[start : start + length], circle.size, axis=0)
+        out[start : start + length] = np.fft.irfft(spectrum, circle.size, axis=0)[:length]
+        start += length
+    return out
 
 
 def check_size(system: LinearSystem) -> None:

@@ -176,6 +176,7 @@ def linear_system(
         joints=tuple(slice(joint * rows, (joint + 1) * rows) for joint in range(n_dof)),
         names=tuple(robot.base_parameters.names[index] for index in estimated),
         known=known,
+        windows=tuple(y.shape[1] for y in y_parts),
     )
 
 

@@ -32,6 +32,9 @@ DECIMATION_ORDER = 8
 DECIMATION_RIPPLE_DB = 0.05
 DECIMATION_BAND = 0.8
 
+_CIRCLE = 2048
+"""Points of a spectrum at the last rate; half as many lags of a correlation."""
+
 LARGEST_ORDER = 10
 """Of the Butterworth filter: above it nothing is gained but ringing and rounding."""
 
@@ -332,11 +335,8 @@ def decimate(x: Array, stages: Sequence[Stage]) -> Array:
     return _told(lambda: _core.decimate(x, list(stages))) if stages else x.copy()
 
 
-def retained_band(signal: SignalProcessing) -> float:
-    """Tell the share of the band up to the last Nyquist frequency that the decimation filter lets pass.
-
-    White noise that went through it is correlated, and the variance (9) of its samples is too small by this
-    share.
+def noise_correlation(signal: SignalProcessing) -> Array | None:
+    """Autocorrelation of white noise after the decimation, at the lags of the kept samples.
 
     Parameters
     ----------
@@ -345,10 +345,29 @@ def retained_band(signal: SignalProcessing) -> float:
 
     Returns
     -------
-    float
-        0.8 with decimation (earlier stages pass more than the last one leaves), 1.0 without.
+    ndarray, shape (n_lags,), or None
+        From lag 0, where it is 1; None without decimation, which leaves white noise white.
+
+    Notes
+    -----
+    The filters act forward and backward, so that the power of the noise is shaped by the fourth power of their
+    gain, and each decimation folds what lies beyond the new band. ``test_signals.py`` compares with filtered noise.
     """
-    return DECIMATION_BAND if signal.decimation else 1.0
+    from scipy.signal import cheby1, sosfreqz
+
+    if not signal.decimation:
+        return None
+    power = np.ones(1)
+    for factor in reversed(signal.decimation):
+        # Spectra at the rate before this stage, on the circle; the later stages see it folded, and act alike on each fold.
+        power = np.tile(power, factor) if power.size > 1 else np.ones(_CIRCLE * factor)
+        sos = cheby1(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, DECIMATION_BAND / factor, output="sos")
+        angles = 2.0 * np.pi * np.arange(power.size) / power.size
+        power = power * np.abs(sosfreqz(sos, worN=angles)[1]) ** 4
+    total = int(np.prod(signal.decimation))
+    folded = power.reshape(total, -1).sum(axis=0)
+    correlation = np.fft.ifft(folded).real[: folded.size // 2]
+    return np.asarray(correlation / correlation[0])
 
 
 def _padding(order: int, convention: Convention) -> int:
