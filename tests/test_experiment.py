@@ -300,6 +300,7 @@ def test_emps_example(project: Path, shared: Path) -> None:
         trim_start=49,
         decimation=(10,),
         decimation_convention="matlab",
+        edge_rows=0,
     )
     assert experiment.least_squares.variance == "r-1"
     assert not experiment.least_squares.decimation_corrected
@@ -354,6 +355,7 @@ def test_tx40_examples(project: Path, shared: Path, file: str) -> None:
             trim_start=100,
             trim_end=100,
             decimation=(10, 10),
+            edge_rows=0,
         )
         assert experiment.signal == expected
         assert experiment.least_squares == LeastSquaresSettings()

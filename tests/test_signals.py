@@ -165,6 +165,17 @@ def test_no_decimation_is_a_copy() -> None:
     assert signals.noise_correlation(SignalProcessing()) is None
 
 
+def test_the_ends_of_decimated_noise_are_left_out_for_a_reason() -> None:
+    signal = SignalProcessing(decimation=(5, 10))
+    stages = signals.decimation_stages(5000, signal)
+    rng = np.random.default_rng(0)
+    kept = np.stack([signals.decimate(rng.standard_normal((5000, 6)), stages) for _ in range(100)])
+    variance = np.mean(kept**2, axis=(0, 2))
+    middle = np.median(variance)
+    assert variance[0] > 30.0 * middle
+    assert variance[signal.kept_rows].max() < 1.6 * middle
+
+
 @pytest.mark.parametrize("factors", [(10,), (5, 4)])
 def test_correlation_that_decimated_noise_has(factors: tuple[int, ...]) -> None:
     x = np.random.default_rng(3).standard_normal((400_000, 4))

@@ -6,6 +6,7 @@ parameters (3), observation matrix (6), base parameters (7), least squares and c
 
 from .base import BaseParameters
 from .control import Controller, Digital
+from .didim_method import DIDIM
 from .errors import (
     DidimError,
     ExperimentError,
@@ -33,6 +34,7 @@ from .status import Status
 __version__ = "0.1.0"
 
 __all__ = [
+    "DIDIM",
     "IDIMLS",
     "BaseParameters",
     "Controller",

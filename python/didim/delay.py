@@ -240,5 +240,5 @@ def _shifted(parts: Sequence[Segment], signal: SignalProcessing, reach: int, shi
     for part in parts:
         n_inner = part.q.shape[0] - 2 * reach
         tau = np.ascontiguousarray(part.tau[reach + shift : reach + shift + n_inner])
-        found.append(signals.decimate(tau, signals.decimation_stages(n_inner, signal)).T)
+        found.append(signals.decimate(tau, signals.decimation_stages(n_inner, signal))[signal.kept_rows].T)
     return np.concatenate(found, axis=1).reshape(-1)

@@ -239,6 +239,7 @@ def _signal_keys(table: Table) -> dict[str, Any]:
         trim_start=table.integer("trim_start", None, minimum=0),
         trim_end=table.integer("trim_end", None, minimum=0),
         decimation=tuple(factors),
+        edge_rows=table.integer("edge_rows", None, minimum=0),
         decimation_convention=table.text("decimation_convention", None, choices=["scipy", "matlab"]),
     )
     return {"cutoff_hz": table.number("cutoff_hz", None, above=0.0), **found}

@@ -168,7 +168,7 @@ class Job:
         q: Array,
         beta: Array | None = None,
         settings: Mapping[str, Any] | None = None,
-        warnings: Sequence[str] = (),
+        remarks: Sequence[str] = (),
         n_simulations: int = 0,
     ) -> Identification:
         """Put together the result of a fit of `system`; `q` has positions at which physics is checked, (n_samples, n_dof).
@@ -200,7 +200,8 @@ class Job:
             n_simulations=n_simulations,
             history=tuple(history),
             held_out=tuple(self.held_out(beta, delay[0])),
-            warnings=(*physical_flags(robot, beta, np.sqrt(np.diag(covariance)), q), *warnings),
+            warnings=physical_flags(robot, beta, np.sqrt(np.diag(covariance)), q),
+            remarks=tuple(remarks),
             delay=delay_record(*delay),
             settings=self.record(**(settings or {})),
             digests=digests(self.experiment),

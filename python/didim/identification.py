@@ -100,6 +100,9 @@ class Identification:
         Of the observation matrix W, without weights.
     n_rows : int
         Rows of W.
+    output_error : (float, float) or None
+        Norm of measured less simulated torque over that of measured torque, (12): with the initial parameters and with
+        these; None for IDIM-LS, which simulates nothing.
     n_simulations : int
         Simulations of the direct dynamic model; none for IDIM-LS.
     elapsed : float
@@ -110,6 +113,8 @@ class Identification:
         Recordings that were kept out of the fit.
     warnings : tuple of str
         Sentences on what physics forbids.
+    remarks : tuple of str
+        Sentences on what a reader should know: a log that looks wrong, a step that is too large.
     delay : mapping of str to float
         "compensated_samples", and "estimated_samples" and "estimated_seconds" if the delay was estimated.
     settings, digests : mapping
@@ -137,11 +142,13 @@ class Identification:
     error_std: float
     condition_number: float
     n_rows: int
+    output_error: tuple[float, float] | None = None
     n_simulations: int = 0
     elapsed: float = 0.0
     history: tuple[Iteration, ...] = ()
     held_out: tuple[HeldOut, ...] = ()
     warnings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     delay: Mapping[str, float] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     digests: Mapping[str, str] = field(default_factory=dict)
@@ -208,6 +215,7 @@ class Identification:
             "converged": self.converged,
             "n_iterations": self.n_iterations,
             "n_simulations": self.n_simulations,
+            "output_error": None if self.output_error is None else [_finite(e) for e in self.output_error],
             "elapsed_s": self.elapsed,
             "condition_number": _finite(self.condition_number),
             "relative_error": [_finite(value) for value in self.relative_error],
@@ -227,6 +235,7 @@ class Identification:
                 for name, unit, value, std, percent, role in values
             ],
             "warnings": list(self.warnings),
+            "remarks": list(self.remarks),
             "held_out": [
                 {
                     "name": item.name,
@@ -240,7 +249,7 @@ class Identification:
                     "iteration": item.iteration,
                     "relative_error": _finite(item.relative_error),
                     "step": _finite(item.step),
-                    **item.more,
+                    **{key: _finite(value) for key, value in item.more.items()},
                 }
                 for item in self.history
             ],
@@ -321,7 +330,7 @@ class Identification:
                     iteration=item["iteration"],
                     relative_error=_number(item["relative_error"]),
                     step=_number(item["step"]),
-                    more={key: value for key, value in item.items() if key not in known},
+                    more={key: _number(value) for key, value in item.items() if key not in known},
                 )
                 for item in data["history"]
             ),
@@ -334,6 +343,8 @@ class Identification:
                 for item in data["held_out"]
             ),
             warnings=tuple(data["warnings"]),
+            remarks=tuple(data.get("remarks", ())),
+            output_error=_pair(data.get("output_error")),
             delay=data["delay"],
             settings=data["settings"],
             digests=data["digests"],
@@ -342,6 +353,10 @@ class Identification:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
+
+
+def _pair(values: list[float | None] | None) -> tuple[float, float] | None:
+    return None if values is None else (_number(values[0]), _number(values[1]))
 
 
 def _number(value: float | None, missing: float = math.nan) -> float:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
+from .didim_method import DIDIM
 from .idim_ls import IDIMLS
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ class Method(Protocol):
         """Identify, telling every iteration to ``progress`` (True stops) and what goes on to ``say``."""
 
 
-METHODS: dict[str, Callable[[], Method]] = {"idim-ls": IDIMLS}
+METHODS: dict[str, Callable[[], Method]] = {"idim-ls": IDIMLS, "didim": DIDIM}
 """Methods by name, with the settings of the experiment file."""
 
 

@@ -14,6 +14,7 @@ from .fitting import FitSettings, ratio, solved_status
 from .identification import Identification, Iteration
 from .least_squares import solve
 from .observations import linear_system
+from .suspicions import suspicions
 
 if TYPE_CHECKING:
     from .experiment import Experiment
@@ -93,4 +94,5 @@ class IDIMLS(FitSettings):
             history=history,
             delay=delay,
             q=np.concatenate([part.q for part in parts]),
+            remarks=suspicions(system),
         )

@@ -154,8 +154,11 @@ def linear_system(
         with told(part.place):
             stages = signals.decimation_stages(part.q.shape[0], signal)
             w = _observation(robot, part, columns, stages)
-            y_parts.append(signals.decimate(part.tau, stages).T)
-        w_parts.append(w.reshape(n_dof, -1, len(columns)))
+            y = signals.decimate(part.tau, stages)[signal.kept_rows].T
+        if y.shape[1] == 0:
+            raise FitError(f"{part.place}: decimation leaves nothing of {counted(part.q.shape[0], 'sample')}")
+        y_parts.append(y)
+        w_parts.append(w.reshape(n_dof, -1, len(columns))[:, signal.kept_rows])
     rows = sum(y.shape[1] for y in y_parts)
     w_all = np.concatenate(w_parts, axis=1).reshape(n_dof * rows, len(columns))
     y_all = np.concatenate(y_parts, axis=1).reshape(n_dof * rows)

@@ -13,9 +13,14 @@ class Status(Enum):
         "Not solved well: the observation matrix is so badly conditioned that few digits of the estimate are "
         "right; use a more exciting motion, or drop or fix parameters."
     )
+    CONVERGED = "Converged: another iteration would change neither the residual nor the parameters."
+    NOT_CONVERGED = (
+        "Not converged: the iterations were used up, or ended, before the parameters came to rest; look at the history, "
+        "at the controller and at the log."
+    )
     STOPPED = "Stopped by the callback: the estimate is that of the last iteration made."
 
     @property
     def converged(self) -> bool:
         """Whether the estimate is the one that the method aims at (exit code 0 of the command line)."""
-        return self is Status.SOLVED
+        return self in (Status.SOLVED, Status.CONVERGED)

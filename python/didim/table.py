@@ -44,6 +44,13 @@ def render(fit: Identification) -> str:
         f"standard deviation of the error {fit.error_std:.5g}, {fit.n_rows} rows"
     )
     lines += _delay_lines(fit)
+    if fit.output_error is not None:
+        before, after = (_percent(100.0 * error) for error in fit.output_error)
+        lines.append(
+            f"simulated torques off by {after} % (initial parameters: {before} %), after {counted(fit.n_simulations, 'simulation')}"
+        )
+    if fit.remarks:
+        lines += ["", "To know:", *(f"  {text}" for text in fit.remarks)]
     verdict = fit.status.value
     if fit.warnings:
         lines += ["", "Not physical as it stands:", *(f"  {text}" for text in fit.warnings)]

@@ -1,0 +1,416 @@
+"""DIDIM: closed-loop output error on the torques, by linear least squares per iteration (section IV of the paper).
+
+The closed loop is simulated with the current parameters; the regressor along the simulated motion, filtered and decimated
+in parallel with the measured torques, gives the next ones by least squares. Only torques are needed: no positions, no
+velocities, no band-pass filter. Tested in ``tests/test_didim.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core, signals
+from .closed_loop import closed_loop
+from .delay import align
+from .errors import FitError
+from .fitting import FitSettings, Job, ratio
+from .identification import Identification, Iteration
+from .idim_ls import IDIMLS
+from .least_squares import LinearSystem, solve
+from .model import inertia_matrix
+from .observations import Segment, linear_system
+from .robot import Robot
+from .simulation import ClosedLoop, Outcome
+from .starts import Start, standard_start
+from .status import Status
+from .suspicions import suspicions
+
+if TYPE_CHECKING:
+    from .experiment import Experiment
+
+Array = NDArray[np.float64]
+GainUpdating = Literal["first", "always", "never"]
+
+CHECKED_POSITIONS = 500
+"""Positions along a simulated motion at which M(q) is kept positive definite."""
+POSITIVE = 1e-3
+"""Share of M(q) that a full step must keep. The inertia of a start such as (17) may be a hundred times the real one."""
+MOST_HALVINGS = 20
+"""How often a step is halved when the simulation after it does not reach its end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DIDIM(FitSettings):
+    """Settings of DIDIM, beside those of `FitSettings`.
+
+    Parameters
+    ----------
+    start : str, mapping, array or Identification
+        Initial parameters (`didim.starts.standard_start`): "unit" for (17), "idim-ls", a parameter set of the robot file, ...
+    tolerance : float
+        Stop when the norm of the residual changes by less than this share (absolute value of the change; the paper takes
+        2.5 %).
+    sigma_fraction : float
+        Or when no parameter changes by more than this fraction of its standard deviation.
+    max_iterations : int
+        Least-squares solutions at most.
+    gain_updating : {"first", "always", "never"}
+        Scale the gains of the simulated controller by ``J(x) / J``, joint by joint, in the first iteration, in all, or in
+        none; ``J`` is the mean of ``diag M(q)`` along the motion, once for the current parameters and once for the IDIM-LS
+        estimate. A start far from the truth then tracks like the real robot. The result does not depend on it.
+    margin : float
+        A step that must be shortened keeps at least this share of M(q), at every position of the motion (between 0 and 1).
+    stop : bool
+        False to make all iterations, whatever the rule says.
+
+    Raises
+    ------
+    FitError
+        For a value out of its range.
+    """
+
+    name: ClassVar[str] = "didim"
+
+    start: Start = "unit"
+    tolerance: float = 1e-3
+    sigma_fraction: float = 0.3
+    max_iterations: int = 20
+    gain_updating: GainUpdating = "first"
+    margin: float = 0.1
+    stop: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key, low, high in (("tolerance", 0.0, 0.025), ("sigma_fraction", 0.0, 1.0), ("margin", 0.0, 1.0)):
+            value = getattr(self, key)
+            if not low <= value <= high or (key == "margin" and not 0.0 < value < 1.0):
+                raise FitError(f"{key} must be between {low:g} and {high:g}, got {value!r}")
+        if (
+            isinstance(self.max_iterations, bool)
+            or not isinstance(self.max_iterations, int)
+            or self.max_iterations < 1
+        ):
+            raise FitError(
+                f"max_iterations must be a whole number of at least 1, got {self.max_iterations!r}"
+            )
+        if self.gain_updating not in ("first", "always", "never"):
+            raise FitError(f"gain_updating must be 'first', 'always' or 'never', got {self.gain_updating!r}")
+
+    def run(
+        self,
+        experiment: Experiment,
+        progress: Callable[[Iteration], bool],
+        say: Callable[[str], None],
+    ) -> Identification:
+        """Identify the parameters of an experiment's robot; parameters as for `IDIMLS.run`.
+
+        Raises
+        ------
+        DidimError
+            One of its kinds: without a reference or a controller, for a start with which the robot cannot be simulated,
+            for a log that allows no estimate.
+        """
+        job = self.job(experiment, experiment.simulation.robot(experiment.robot))
+        return _Run(self, job, progress, say).result()
+
+
+@dataclass(frozen=True)
+class _Window:
+    """A window of the log: its closed loop, and the torques to explain."""
+
+    loop: ClosedLoop
+    name: str
+    place: str
+    tau: Array
+    """Measured torques, aligned and trimmed, (n_kept, n_dof)."""
+    kept: slice
+    """Samples of the window that the torques stand beside."""
+
+
+@dataclass(frozen=True)
+class _Simulated:
+    """The motion of every window with some parameters."""
+
+    motions: list[tuple[Array, Array, Array, Array]]
+    error: float
+    """Norm of measured less simulated torque over that of measured torque, (12)."""
+
+
+class _Run:
+    """One identification."""
+
+    def __init__(
+        self, method: DIDIM, job: Job, progress: Callable[[Iteration], bool], say: Callable[[str], None]
+    ) -> None:
+        self.method, self.job, self.progress, self.say = method, job, progress, say
+        self.robot: Robot = job.robot
+        self.delay = job.delay()
+        self.windows = _windows(job, self.delay[0])
+        self.n_simulations = 0
+        self.correlation = (
+            signals.noise_correlation(job.signal) if job.settings.decimation_corrected else None
+        )
+        self.direct: Identification | None = None
+        """IDIM-LS estimate, where a start or the gains need it."""
+
+    def result(self) -> Identification:
+        method, job = self.method, self.job
+        x = self._start()
+        scaling = method.gain_updating != "never"
+        simulated = self._simulate(x, self._scale(x) if scaling else None)
+        if isinstance(simulated, Outcome):
+            raise FitError(f"DIDIM cannot start from these parameters: the simulation {simulated}")
+        first_error = simulated.error
+        history: list[Iteration] = []
+        status = Status.NOT_CONVERGED
+        system: LinearSystem
+        last_norm, last_sigma = np.nan, None
+        for number in range(1, method.max_iterations + 1):
+            system = self._system(simulated)
+            fit = solve(system, job.settings, correlation=self.correlation)
+            target = job.robot.base_parameters.lift(job.selection.expand(fit.solution))
+            largest = self._safe_step(simulated, x, target)
+            norm = float(np.linalg.norm(fit.residual))
+            std = np.sqrt(np.diag(job.selection.expand_covariance(fit.covariance)))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                change = np.abs(job.robot.base_parameters.project(target - x)) / std
+            moved = float(np.nanmax(np.where(std > 0.0, change, 0.0)))
+            # The scale of the gains is that of the next simulation; with "first" it has served its turn.
+            keep_scaling = method.gain_updating == "always"
+            step, x_next, next_simulated = self._advance(x, target, largest, keep_scaling)
+            relative_change = (
+                abs(norm - last_norm) / last_norm if number > 1 and last_sigma is not None else np.nan
+            )
+            error = ratio(np.linalg.norm(fit.residual), np.linalg.norm(system.measured))
+            more = {
+                "step_length": step,
+                "largest_safe_step": largest,
+                "largest_change_in_sigma": moved,
+                "residual_change": float(relative_change),
+                "output_error_before": simulated.error,
+                "output_error_after": next_simulated.error,
+                "condition_number": fit.condition_number,
+            }
+            history.append(
+                Iteration(
+                    iteration=number,
+                    relative_error=error,
+                    step=ratio(np.linalg.norm(x_next - x), np.linalg.norm(x_next)),
+                    more=more,
+                )
+            )
+            x, simulated, last_norm, last_sigma = x_next, next_simulated, norm, std
+            if self.progress(history[-1]):
+                status = Status.STOPPED
+                break
+            full = step == 1.0
+            if full and (moved <= method.sigma_fraction or relative_change <= method.tolerance):
+                status = Status.CONVERGED
+                if method.stop:
+                    break
+            else:
+                status = Status.NOT_CONVERGED
+        self.say(f"{self.n_simulations} simulations")
+        findings = self._findings(system, simulated, x)
+        q = np.concatenate([motion[0] for motion in simulated.motions])
+        return replace(
+            job.result(
+                system,
+                fit,
+                method=method.name,
+                status=status,
+                history=history,
+                delay=self.delay,
+                q=q[:: max(1, len(q) // 2000)],
+                beta=job.robot.base_parameters.project(x),
+                settings=self._settings(),
+                remarks=findings,
+                n_simulations=self.n_simulations,
+            ),
+            output_error=(first_error, simulated.error),
+        )
+
+    def _start(self) -> Array:
+        base = self.robot.base_parameters
+        if isinstance(self.method.start, str) and self.method.start == "idim-ls":
+            x = self._idim_ls().parameters
+        else:
+            x = standard_start(self.robot, self.method.start)
+        beta = base.project(x)
+        beta[[role != "estimated" for role in self.job.selection.roles]] = 0.0
+        x = base.lift(beta + self.job.selection.values)
+        q = np.concatenate([window.loop.motion.at(window.loop.t)[0] for window in self.windows])
+        smallest = _core.smallest_eigenvalue(self.robot.core, _thinned(q), x)
+        if smallest is not None and not smallest[1] > 0.0:
+            raise FitError(
+                "DIDIM cannot start from these parameters: M(q) is not positive definite on the reference (smallest "
+                f"eigenvalue {smallest[1]:.3g})"
+            )
+        return x
+
+    def _idim_ls(self) -> Identification:
+        if self.direct is None:
+            method = self.method
+            idim = IDIMLS(
+                weights=method.weights,
+                signal=method.signal,
+                compensate_samples=self.delay[0],
+                fixed=method.fixed,
+                dropped=method.dropped,
+            )
+            self.direct = idim.run(self.job.experiment, lambda iteration: False, self.say)
+        return self.direct
+
+    def _scale(self, x: Array) -> Array:
+        """Factor of the gains of each joint: J(x) over the J of the IDIM-LS estimate."""
+        q = _thinned(np.concatenate([window.loop.motion.at(window.loop.t)[0] for window in self.windows]))
+        here, real = (
+            np.diagonal(inertia_matrix(self.robot, q, parameters), axis1=1, axis2=2).mean(axis=0)
+            for parameters in (x, self._idim_ls().parameters)
+        )
+        return np.where((real > 0.0) & (here > 0.0), here / np.where(real > 0.0, real, 1.0), 1.0)
+
+    def _simulate(self, x: Array, scale: Array | None) -> _Simulated | Outcome:
+        motions, squares, size = [], 0.0, 0.0
+        for window in self.windows:
+            arrays, outcomes = window.loop.run(x[None], gain_scale=None if scale is None else scale[None])
+            self.n_simulations += 1
+            if not outcomes[0].completed:
+                return outcomes[0]
+            q, dq, ddq, tau = (values[0][window.kept] for values in arrays)
+            motions.append((q, dq, ddq, tau))
+            squares += float(np.sum((window.tau - tau) ** 2))
+            size += float(np.sum(window.tau**2))
+        return _Simulated(motions, ratio(np.sqrt(squares), np.sqrt(size)))
+
+    def _system(self, simulated: _Simulated) -> LinearSystem:
+        parts = [
+            Segment(
+                name=window.name,
+                place=window.place,
+                rate_hz=window.loop.rate_hz,
+                q=np.ascontiguousarray(q),
+                dq=np.ascontiguousarray(dq),
+                ddq=np.ascontiguousarray(ddq),
+                tau=window.tau,
+            )
+            for window, (q, dq, ddq, _) in zip(self.windows, simulated.motions, strict=True)
+        ]
+        return linear_system(self.robot, parts, self.job.signal, self.job.selection)
+
+    def _safe_step(self, simulated: _Simulated, x: Array, target: Array) -> float:
+        """Return the largest step towards the least-squares solution that keeps M(q) positive definite along the motion."""
+        q = _thinned(np.concatenate([motion[0] for motion in simulated.motions]))
+        core = self.robot.core
+        if _core.largest_safe_step(core, q, x, target, POSITIVE) == 1.0:
+            return 1.0
+        return float(_core.largest_safe_step(core, q, x, target, self.method.margin))
+
+    def _advance(
+        self, x: Array, target: Array, largest: float, scaling: bool
+    ) -> tuple[float, Array, _Simulated]:
+        """Go towards the target as far as it is safe and the simulation reaches its end."""
+        step = largest
+        for _ in range(MOST_HALVINGS):
+            x_next = x + step * (target - x) if step < 1.0 else target
+            found = self._simulate(x_next, self._scale(x_next) if scaling else None)
+            if not isinstance(found, Outcome):
+                return step, x_next, found
+            self.say(f"with a step of {step:.3g} the simulation {found}; half of it")
+            step *= 0.5
+        raise FitError(
+            f"DIDIM came to parameters from which no step can be simulated: the simulation {found}; check the controller, "
+            "and the sign and the unit of the torques"
+        )
+
+    def _findings(self, system: LinearSystem, simulated: _Simulated, x: Array) -> list[str]:
+        """Sentences on what a reader must know: suspicions, the step of the integration, the reference."""
+        found = suspicions(system)
+        window, motion = self.windows[0], simulated.motions[0]
+        scale = self._scale(x)[None] if self.method.gain_updating == "always" else None
+        arrays, _ = window.loop.run(x[None], gain_scale=scale, divided=2)
+        fine = arrays[3][0][window.kept]
+        error = np.sqrt(np.mean((fine - motion[3]) ** 2, axis=0))
+        size = np.sqrt(np.mean(fine**2, axis=0))
+        if not np.all(error <= 0.01 * size):
+            found.append(_step_sentence(error, size))
+        if getattr(self.job.experiment.reference, "kind", "") == "measured":
+            found.append(
+                "the reference is the measured position: what the controller did to follow the real one is not in it, and "
+                "the simulated robot follows the measured motion with an error of its own"
+            )
+        return found
+
+    def _settings(self) -> dict[str, Any]:
+        method = self.method
+        experiment = self.job.experiment
+        start = method.start if isinstance(method.start, str) else "given"
+        return {
+            "didim": {
+                "start": start,
+                "tolerance": method.tolerance,
+                "sigma_fraction": method.sigma_fraction,
+                "max_iterations": method.max_iterations,
+                "gain_updating": method.gain_updating,
+                "margin": method.margin,
+            },
+            "closed_loop": {
+                "reference": getattr(experiment.reference, "settings", None),
+                "controller": getattr(experiment.controller, "settings", None),
+                "laws": self.windows[0].loop.law.laws.tolist(),
+                "steps": self.windows[0].loop.schedule.steps,
+            },
+        }
+
+
+def _step_sentence(error: Array, size: Array) -> str:
+    joint = int(np.argmax(np.divide(error, size, out=np.full_like(error, np.inf), where=size > 0.0)))
+    return (
+        f"the integration step is too large: halving it changes the torque of joint {joint + 1} by {error[joint]:.2g} rms of "
+        f"{size[joint]:.2g}; reduce step_s and fine_step_s in [simulation]"
+    )
+
+
+def _windows(job: Job, delay: float) -> list[_Window]:
+    experiment = job.experiment
+    recordings = [item for item in experiment.recordings if item.role == "fit"]
+    if not recordings:
+        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
+    found = []
+    for recording in recordings:
+        if recording.tau is None:
+            raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
+        for start, stop in recording.windows:
+            loop = closed_loop(experiment, recording, (start, stop))
+            n = stop - start
+            # The torque is moved back against the motion as for IDIM-LS; the motion is simulated later.
+            (index,), tau = align([np.arange(n, dtype=np.float64)[:, None]], recording.tau[start:stop], delay)
+            kept = slice(job.signal.trim_start, len(tau) - job.signal.trim_end)
+            if kept.stop <= kept.start:
+                raise FitError(
+                    f"recording '{recording.name}': trimming {job.signal.trim_start} and {job.signal.trim_end} samples "
+                    "leaves nothing"
+                )
+            first = int(index[0, 0])
+            place = f"recording '{recording.name}'"
+            if (start, stop) != (0, len(recording.q)):
+                place += f", window of samples {start} to {stop}"
+            found.append(
+                _Window(
+                    loop=loop,
+                    name=recording.name,
+                    place=place,
+                    tau=np.ascontiguousarray(tau[kept]),
+                    kept=slice(first + kept.start, first + kept.stop),
+                )
+            )
+    return found
+
+
+def _thinned(q: Array) -> Array:
+    return np.ascontiguousarray(q[:: max(1, len(q) // CHECKED_POSITIONS)])
