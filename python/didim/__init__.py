@@ -5,6 +5,7 @@ parameters (3), observation matrix (6), base parameters (7), least squares and c
 """
 
 from .base import BaseParameters
+from .compare import Comparison, compare
 from .control import Controller, Digital
 from .didim_method import DIDIM
 from .errors import (
@@ -30,6 +31,7 @@ from .robot import Friction, Robot, load_robot
 from .signals import SignalProcessing
 from .simulation import Simulation, SimulationStatus, StepWarning, simulate
 from .status import Status
+from .validate import Validation, validate
 
 __version__ = "0.1.0"
 
@@ -37,6 +39,7 @@ __all__ = [
     "DIDIM",
     "IDIMLS",
     "BaseParameters",
+    "Comparison",
     "Controller",
     "DidimError",
     "Digital",
@@ -60,6 +63,8 @@ __all__ = [
     "SimulationStatus",
     "Status",
     "StepWarning",
+    "Validation",
+    "compare",
     "direct_dynamics",
     "identify",
     "inertia_matrix",
@@ -68,4 +73,5 @@ __all__ = [
     "load_robot",
     "regressor",
     "simulate",
+    "validate",
 ]

@@ -126,6 +126,79 @@ def _identify(options: argparse.Namespace) -> int:
     return CONVERGED if fit.converged else NOT_CONVERGED
 
 
+def _add_compare(commands: Commands) -> None:
+    parser = _command(
+        commands,
+        "compare",
+        _compare,
+        "the paper's experiment: all methods on a simulated log, beside the truth",
+    )
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
+        "--robot", default="tx40", help="robot whose experiment comes with the package (default: %(default)s)"
+    )
+    what.add_argument(
+        "--experiment",
+        metavar="EXPERIMENT.toml",
+        type=Path,
+        help="experiment of your own instead, with a [reference]",
+    )
+    parser.add_argument(
+        "--parameters",
+        metavar="NAME",
+        default="didim",
+        help="parameter set of the robot: the truth (default: %(default)s)",
+    )
+    parser.add_argument("--seed", type=int, help="seed of the noise")
+    parser.add_argument("--no-noise", action="store_true", help="a log without noise")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
+    parser.add_argument("--quiet", action="store_true", help="tell nothing on stderr")
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from .compare import compare
+    from .experiment import load_experiment
+
+    experiment = options.robot if options.experiment is None else load_experiment(options.experiment)
+    comparison = compare(
+        experiment,
+        parameters=options.parameters,
+        noise=not options.no_noise,
+        seed=options.seed,
+        verbose=not options.quiet,
+    )
+    if options.json is not None:
+        comparison.save(options.json)
+    print(comparison)
+    converged = comparison.fits["didim"].converged
+    return CONVERGED if converged else NOT_CONVERGED
+
+
+def _add_validate(commands: Commands) -> None:
+    parser = _command(
+        commands, "validate", _validate, "errors of a result on another log, predicted and simulated"
+    )
+    parser.add_argument("fit", metavar="FIT.json", type=Path, help="result of an identification")
+    _add_experiment(parser)
+    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the errors as JSON")
+
+
+def _validate(options: argparse.Namespace) -> int:
+    import json
+
+    from .experiment import load_experiment
+    from .files import write_atomically
+    from .identification import Identification
+    from .validate import validate
+
+    fit = Identification.load(options.fit)
+    found = validate(fit, load_experiment(options.experiment, data=options.data))
+    if options.json is not None:
+        write_atomically(options.json, json.dumps(found.to_dict(), indent=1) + "\n")
+    print(found)
+    return CONVERGED
+
+
 def _add_base(commands: Commands) -> None:
     parser = _command(commands, "base", _base, "list the base parameters of a robot and their groupings")
     parser.add_argument("robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file")
@@ -180,4 +253,10 @@ def _simulate(options: argparse.Namespace) -> int:
     return CONVERGED if report.outcome.completed else NOT_CONVERGED
 
 
-COMMANDS: tuple[Callable[[Commands], None], ...] = (_add_identify, _add_simulate, _add_base)
+COMMANDS: tuple[Callable[[Commands], None], ...] = (
+    _add_compare,
+    _add_identify,
+    _add_validate,
+    _add_simulate,
+    _add_base,
+)

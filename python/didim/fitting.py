@@ -27,6 +27,7 @@ from .least_squares import (
 )
 from .observations import Segment, linear_system, segments, told
 from .physics import physical_flags
+from .recording import Recording
 from .robot import Robot
 from .selection import Selection, dropped_names, select
 from .signals import SignalProcessing
@@ -135,18 +136,22 @@ class Job:
 
         return estimate_delay(self.parts("fit", 0.0), self.signal, observe)
 
-    def held_out(self, beta: Array, delay_samples: float) -> list[HeldOut]:
-        """Errors of the torques predicted for the recordings kept out, all windows of one together."""
+    def predicted(self, recording: Recording, beta: Array, delay_samples: float) -> tuple[Array, Array]:
+        """Norms of the errors and of the torques of each joint, predicted with `beta` along a recording, all windows together."""
         everything = select(self.robot, {}, ())
+        parts = segments(recording, self.signal, delay_samples)
+        system = linear_system(self.robot, parts, self.signal, everything)
+        with told(f"recording '{recording.name}'"):
+            check_size(system)
+        return system.norms(prediction_error(system, beta)), system.norms(system.y)
+
+    def held_out(self, beta: Array, delay_samples: float) -> list[HeldOut]:
+        """Errors of the torques predicted for the recordings kept out."""
         found = []
         for recording in self.experiment.recordings:
             if recording.role != "held-out":
                 continue
-            parts = segments(recording, self.signal, delay_samples)
-            system = linear_system(self.robot, parts, self.signal, everything)
-            with told(f"recording '{recording.name}'"):
-                check_size(system)
-            errors, torques = system.norms(prediction_error(system, beta)), system.norms(system.y)
+            errors, torques = self.predicted(recording, beta, delay_samples)
             found.append(
                 HeldOut(
                     name=recording.name,

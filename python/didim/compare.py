@@ -1,0 +1,189 @@
+"""The paper's experiment: a simulated log of a robot whose parameters are known, identified by every method.
+
+Tested in ``tests/test_compare.py``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .closed_loop import closed_loop
+from .errors import ExperimentError
+from .experiment import Experiment, load_experiment
+from .files import write_atomically
+from .identification import Identification, Iteration
+from .identify import METHODS, Method, identify
+from .recording import Recording
+
+Array = NDArray[np.float64]
+
+PACKAGED = Path(__file__).parent / "experiments"
+"""Folder of the experiments that come with the package, by robot."""
+LOG_REFINEMENT = 4
+"""The log is simulated with steps so many times finer than those of the identification."""
+
+
+def packaged_experiment(robot: str) -> Experiment:
+    """Load the experiment of a robot that comes with the package.
+
+    Raises
+    ------
+    ExperimentError
+        When there is none.
+    """
+    known = {path.stem: path for path in sorted(PACKAGED.glob("*.toml"))}
+    if robot not in known:
+        raise ExperimentError(
+            f"there is no packaged experiment for robot {robot!r} (there are: {', '.join(known)}); give an experiment file "
+            "with a [reference], a [controller] and a [measurement]"
+        )
+    return load_experiment(known[robot])
+
+
+def simulated_log(
+    experiment: Experiment,
+    x: Array,
+    *,
+    noise: bool = True,
+    seed: int | None = None,
+    refinement: int = LOG_REFINEMENT,
+) -> Experiment:
+    """Simulate the log of an experiment with known parameters.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With a reference of its own, a controller and, for noise, a measurement.
+    x : (n_parameters,) array
+        Standard parameters: the truth.
+    noise : bool
+        Add what the measurement adds.
+    seed : int, optional
+        Of the noise; that of the measurement by default.
+    refinement : int
+        Steps so many times finer than those of the experiment's simulation.
+
+    Returns
+    -------
+    Experiment
+        The same with one recording, joint side.
+
+    Raises
+    ------
+    ExperimentError
+        When the closed loop is not complete, or the run does not reach its end.
+    """
+    loop = closed_loop(experiment)
+    arrays, outcomes = loop.run(x[None], divided=refinement)
+    if not outcomes[0].completed:
+        raise ExperimentError(f"{experiment.name}: the log cannot be simulated: the run {outcomes[0]}")
+    q, tau = arrays[0][0], arrays[3][0]
+    measurement = experiment.measurement
+    if noise and measurement is not None:
+        q, tau = (measurement if seed is None else replace(measurement, seed=seed)).measure(q, tau)
+    recording = Recording.from_arrays(q, tau, rate_hz=loop.rate_hz, name="simulated log")
+    # The friction of the simulation is that of the log; the regressors of all methods are built with it.
+    robot = experiment.simulation.robot(experiment.robot)
+    return replace(experiment, robot=robot, recordings=(recording,))
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Results of several methods on one simulated log, beside the truth.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        With the simulated log.
+    truth : (b,) array
+        Base parameters of the log.
+    fits : dict of Identification
+        By method.
+    """
+
+    experiment: Experiment
+    truth: Array
+    fits: dict[str, Identification]
+
+    def deviations(self, method: str) -> Array:
+        """Estimate less truth in standard deviations, (b,)."""
+        fit = self.fits[method]
+        return np.asarray((fit.beta - self.truth) / np.where(fit.std > 0.0, fit.std, np.nan))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``compare --json`` writes it."""
+        names = self.experiment.robot.base_parameters.names
+        return {
+            "robot": self.experiment.robot.name,
+            "truth": dict(zip(names, self.truth.tolist(), strict=True)),
+            "methods": {method: fit.to_dict() for method, fit in self.fits.items()},
+        }
+
+    def save(self, path: Path) -> None:
+        """Write as JSON."""
+        write_atomically(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+
+    def __str__(self) -> str:
+        from .compare_table import render
+
+        return render(self)
+
+
+def compare(
+    experiment: Experiment | str = "tx40",
+    *,
+    parameters: str = "didim",
+    methods: Sequence[Method] | None = None,
+    noise: bool = True,
+    seed: int | None = None,
+    callback: Callable[[str, Iteration], None] | None = None,
+    verbose: bool = False,
+) -> Comparison:
+    """Simulate a log with known parameters and identify it back by several methods.
+
+    Parameters
+    ----------
+    experiment : Experiment or str
+        What is simulated, or the name of a robot whose experiment comes with the package.
+    parameters : str
+        Parameter set of the robot: the truth.
+    methods : sequence of methods, optional
+        All by default, with their default settings.
+    noise : bool
+        False for a log without noise; it is then simulated with the steps of the identification, so that the truth is met.
+    seed : int, optional
+        Of the noise.
+    callback : callable, optional
+        Told the method and every iteration.
+    verbose : bool
+        Tell on stderr what goes on.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    DidimError
+        One of its kinds.
+    """
+    if isinstance(experiment, str):
+        experiment = packaged_experiment(experiment)
+    x = experiment.robot.parameter_set(parameters)
+    log = simulated_log(experiment, x, noise=noise, seed=seed, refinement=LOG_REFINEMENT if noise else 1)
+    fits: dict[str, Identification] = {}
+    for method in methods or [make() for make in METHODS.values()]:
+
+        def told(iteration: Iteration, name: str = method.name) -> None:
+            if callback is not None:
+                callback(name, iteration)
+
+        fits[method.name] = identify(log, method, callback=told, verbose=verbose)
+    return Comparison(log, log.robot.base_parameters.project(x), fits)

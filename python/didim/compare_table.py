@@ -1,0 +1,96 @@
+"""The text of a comparison, in the form of Table II: truth, and per method the estimate, its sigma, and how far off it is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .schema import counted
+
+if TYPE_CHECKING:
+    from .compare import Comparison
+
+TITLES = {
+    "idim-ls": "IDIM-LS",
+    "didim": "DIDIM",
+    "cloe-nelder-mead": "CLOE, Nelder-Mead",
+    "cloe-levenberg-marquardt": "CLOE, Levenberg-Marquardt",
+}
+WELL_IDENTIFIED_PERCENT = 20.0
+
+
+def render(comparison: Comparison) -> str:
+    """Table of parameters, errors per joint, effort, and a sentence to quote."""
+    base = comparison.experiment.robot.base_parameters
+    recording = comparison.experiment.recordings[0]
+    lines = [
+        f"{comparison.experiment.name}: {recording.t[-1]:g} s at {recording.rate_hz:g} Hz, "
+        f"{counted(len(base.names), 'base parameter')}",
+        "off: estimate less truth, in standard deviations",
+        "",
+    ]
+    methods = list(comparison.fits)
+    groups = [TITLES.get(method, method) for method in methods]
+    width_name, width_unit = max(map(len, base.names)), max(map(len, base.units))
+    head = f"{'':{width_name}}  {'':{width_unit}}  {'truth':>9}"
+    sub = " " * len(head)
+    for group in groups:
+        head += f"   {group:^24}"
+        sub += f"   {'estimate':>9} {'sigma %':>8} {'off':>5}"
+    lines += [head.rstrip(), sub.rstrip(), "-" * len(sub)]
+    for index, (name, unit) in enumerate(zip(base.names, base.units, strict=True)):
+        line = f"{name:{width_name}}  {unit:{width_unit}}  {comparison.truth[index]:9.4g}"
+        for method in methods:
+            fit = comparison.fits[method]
+            percent, off = fit.relative_std_percent[index], comparison.deviations(method)[index]
+            shown = "-" if not np.isfinite(percent) else (">999" if percent > 999 else f"{percent:.3g}")
+            line += f"   {fit.beta[index]:9.4g} {shown:>8} {_off(off):>5}"
+        lines.append(line)
+    lines += ["", *_effort(comparison, methods, groups), "", sentence(comparison)]
+    return "\n".join(lines)
+
+
+def _off(value: float) -> str:
+    return "-" if not np.isfinite(value) else f"{value:.1f}"
+
+
+def _effort(comparison: Comparison, methods: list[str], groups: list[str]) -> list[str]:
+    n = comparison.experiment.robot.n_dof
+    width = max(len("relative error %"), *map(len, groups))
+    lines = [f"{'relative error %':{width}}" + "".join(f"{f'joint {joint + 1}':>9}" for joint in range(n))]
+    for method, group in zip(methods, groups, strict=True):
+        errors = comparison.fits[method].relative_error
+        lines.append(f"{group:{width}}" + "".join(f"{100.0 * error:9.3f}" for error in errors))
+    lines += ["", f"{'':{width}}{'iterations':>11}{'simulations':>12}{'seconds':>9}{'off, rms':>9}  status"]
+    for method, group in zip(methods, groups, strict=True):
+        fit = comparison.fits[method]
+        off = comparison.deviations(method)
+        rms = float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else float("nan")
+        lines.append(
+            f"{group:{width}}{fit.n_iterations:>11}{fit.n_simulations:>12}{fit.elapsed:>9.2f}{_off(rms):>9}  "
+            f"{fit.status.value.partition(':')[0].rstrip('.')}"
+        )
+    return lines
+
+
+def sentence(comparison: Comparison) -> str:
+    """Return one sentence on what was found, to quote."""
+    if "didim" not in comparison.fits:
+        return "DIDIM was not run."
+    fit = comparison.fits["didim"]
+    well = fit.relative_std_percent < WELL_IDENTIFIED_PERCENT
+    worst = float(np.nanmax(np.abs(comparison.deviations("didim")[well]))) if well.any() else float("nan")
+    text = (
+        f"DIDIM found {counted(len(fit.names), 'base parameter')} in {counted(fit.n_iterations, 'iteration')}, "
+        f"{counted(fit.n_simulations, 'simulation')} and {fit.elapsed:.2g} s; the {int(well.sum())} with a sigma below "
+        f"{WELL_IDENTIFIED_PERCENT:.0f} % are within {worst:.1f} sigma of the truth"
+    )
+    others = [method for method in comparison.fits if method.startswith("cloe")]
+    for method in others:
+        other = comparison.fits[method]
+        text += (
+            f"; {TITLES[method]} took {counted(other.n_simulations, 'simulation')} and {other.elapsed:.2g} s, "
+            f"{other.elapsed / max(fit.elapsed, 1e-9):.0f} times as long"
+        )
+    return text + "."
