@@ -40,6 +40,8 @@ CHECKED_POSITIONS = 500
 """Positions along a simulated motion at which M(q) is kept positive definite."""
 POSITIVE = 1e-3
 """Share of M(q) that a full step must keep. The inertia of a start such as (17) may be a hundred times the real one."""
+ROUNDING = 1e-10
+"""Share of the torques below which a residual is rounding."""
 MOST_HALVINGS = 20
 """How often a step is halved when the simulation after it does not reach its end."""
 
@@ -209,7 +211,9 @@ class _Run:
                 status = Status.STOPPED
                 break
             full = step == 1.0
-            if full and (moved <= method.sigma_fraction or relative_change <= method.tolerance):
+            # Without noise the residual, and the sigmas made of it, end as rounding.
+            exact = error <= ROUNDING
+            if full and (exact or moved <= method.sigma_fraction or relative_change <= method.tolerance):
                 status = Status.CONVERGED
                 if method.stop:
                     break
