@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 from hypothesis import given, settings
@@ -89,6 +91,15 @@ def check_direct(robot: Robot, rng: np.random.Generator) -> None:
 @given(robot=robots(coupled=False), seed=st.integers(0, 2**32 - 1))
 def test_direct_model_of_random_chains(robot: Robot, seed: int) -> None:
     check_direct(robot, np.random.default_rng(seed))
+
+
+def test_direct_model_with_the_kinematics_of_the_tx40() -> None:
+    """Coupling off: Pinocchio's armature is one rotor per joint."""
+    robot = didim.load_robot("tx40")
+    identity = tuple(tuple(row) for row in np.eye(6).tolist())
+    uncoupled = replace(robot, geometry=replace(robot.geometry, coupling=identity))
+    for seed in range(20):
+        check_direct(uncoupled, np.random.default_rng(seed))
 
 
 def test_a_coupled_wrist_adds_the_rotor_block() -> None:
