@@ -8,7 +8,7 @@
 //! the base parameters of a link are the other seven, and torques do not change (identity tested in `bodies/tests.rs`).
 //! After that, only sliding links and those that carry them have a mass.
 
-use crate::geometry::{Frames, Geometry, Step, by_twist};
+use crate::geometry::{DISPLACED, Frames, Geometry, MOMENTS, Step, by_twist};
 use crate::kinematics::Angular;
 use crate::lanes::Lanes;
 use crate::parameters::{FRICTION, IA, Layout, M, MX, XX};
@@ -285,19 +285,37 @@ impl<const L: usize, const F: bool> Wrench<L, F> {
         cosine: Lanes<L, F>,
         t: &Vector<L, F>,
     ) -> Self {
-        let force = self.force.unstepped::<T>(step, sine, cosine);
+        self.inwards::<T, DISPLACED>(step, sine, cosine, t)
+    }
+
+    /// The same where it is known what of it matters ([`Geometry::carries`]).
+    #[inline(always)]
+    #[must_use]
+    pub fn inwards<const T: u8, const C: u8>(
+        &self,
+        step: &Step,
+        sine: Lanes<L, F>,
+        cosine: Lanes<L, F>,
+        t: &Vector<L, F>,
+    ) -> Self {
         let mut moment = self.moment.unstepped::<T>(step, sine, cosine);
-        if step.shifted[0] {
-            moment.y = t.x.neg_mul_add(force.z, moment.y);
-            moment.z = t.x.mul_add(force.y, moment.z);
+        if C == MOMENTS {
+            return Self { force: self.force, moment };
         }
-        if step.shifted[1] {
-            moment.x = t.y.mul_add(force.z, moment.x);
-            moment.z = t.y.neg_mul_add(force.x, moment.z);
-        }
-        if step.shifted[2] {
-            moment.x = t.z.neg_mul_add(force.y, moment.x);
-            moment.y = t.z.mul_add(force.x, moment.y);
+        let force = self.force.unstepped::<T>(step, sine, cosine);
+        if C == DISPLACED {
+            if step.shifted[0] {
+                moment.y = t.x.neg_mul_add(force.z, moment.y);
+                moment.z = t.x.mul_add(force.y, moment.z);
+            }
+            if step.shifted[1] {
+                moment.x = t.y.mul_add(force.z, moment.x);
+                moment.z = t.y.neg_mul_add(force.x, moment.z);
+            }
+            if step.shifted[2] {
+                moment.x = t.z.neg_mul_add(force.y, moment.x);
+                moment.y = t.z.mul_add(force.x, moment.y);
+            }
         }
         Self { force, moment }
     }

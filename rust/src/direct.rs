@@ -8,12 +8,23 @@
 use crate::bodies::{Body, Links, Lower, Wrench};
 use crate::error::ShapeError;
 use crate::friction::Drives;
-use crate::geometry::{Frames, Geometry, by_twist};
+use crate::geometry::{DISPLACED, Frames, Geometry, MOMENTS, Step, TURNED, by_twist};
 use crate::inverse::{check_length, link_wrenches};
 use crate::kinematics::State;
 use crate::lanes::{Kernel, Lanes, dispatch};
 use crate::parameters::Layout;
 use crate::robot::{MAX_DOF, Robot};
+use crate::spatial::Vector;
+
+/// The same statement for several constants.
+macro_rules! unrolled {
+    ($k:ident in $($value:literal)* => $body:expr) => {
+        $({
+            const $k: usize = $value;
+            $body
+        })*
+    };
+}
 
 /// Memory of the direct model, and its result: nothing is cleared or copied per call.
 #[derive(Debug, Clone, Copy)]
@@ -26,6 +37,8 @@ pub struct Direct<const L: usize, const F: bool> {
     columns: [Wrench<L, F>; MAX_DOF],
     /// `L`, unit diagonal not stored.
     factor: Lower<L, F>,
+    /// Column of `D L` at hand.
+    scaled: [Lanes<L, F>; MAX_DOF],
     inverse_pivots: [Lanes<L, F>; MAX_DOF],
     /// Joint accelerations (rad/s^2 or m/s^2).
     pub ddq: [Lanes<L, F>; MAX_DOF],
@@ -43,6 +56,7 @@ impl<const L: usize, const F: bool> Direct<L, F> {
             wrenches: [Wrench::none(); MAX_DOF],
             columns: [Wrench::none(); MAX_DOF],
             factor: [zero; MAX_DOF],
+            scaled: zero,
             inverse_pivots: zero,
             ddq: zero,
             pivots: zero,
@@ -79,6 +93,80 @@ impl<const L: usize, const F: bool> Direct<L, F> {
         let turns = geometry.steps[0].turns;
         self.columns[0] = body.unit_wrench(turns);
         self.eliminate(n, 0, turns, &links.rotors);
+        self.substitute(n);
+    }
+
+    /// Column `j` of `L' D L` and of `L' y = right`, from the wrenches in frame `j`. Without loops for the usual arms.
+    #[inline(always)]
+    fn eliminate(&mut self, n: usize, j: usize, turns: bool, rotors: &Lower<L, F>) {
+        if turns {
+            for k in j..n {
+                self.scaled[k] = rotors[k][j] + self.columns[k].moment.z;
+            }
+        } else {
+            for k in j..n {
+                self.scaled[k] = rotors[k][j] + self.columns[k].force.z;
+            }
+        }
+        self.ddq[j] -= self.wrenches[j].felt(turns);
+        match (n, j) {
+            (6, 0) => self.eliminate_among_six::<0>(),
+            (6, 1) => self.eliminate_among_six::<1>(),
+            (6, 2) => self.eliminate_among_six::<2>(),
+            (6, 3) => self.eliminate_among_six::<3>(),
+            (6, 4) => self.eliminate_among_six::<4>(),
+            (6, 5) => self.eliminate_among_six::<5>(),
+            _ => self.eliminate_among(n, j),
+        }
+        self.pivots[j] = self.scaled[j];
+        self.inverse_pivots[j] = Lanes::splat(1.0) / self.scaled[j];
+    }
+
+    #[inline(always)]
+    fn eliminate_among_six<const J: usize>(&mut self) {
+        unrolled!(K in 5 4 3 2 1 0 => if K >= J {
+            let mut entry = self.scaled[K];
+            unrolled!(P in 5 4 3 2 1 => if P > K {
+                entry = self.factor[P][K].neg_mul_add(self.scaled[P], entry);
+            });
+            self.scale_entry(K, J, entry);
+        });
+    }
+
+    #[inline(always)]
+    fn eliminate_among(&mut self, n: usize, j: usize) {
+        for k in (j..n).rev() {
+            let mut entry = self.scaled[k];
+            for p in (k + 1..n).rev() {
+                entry = self.factor[p][k].neg_mul_add(self.scaled[p], entry);
+            }
+            self.scale_entry(k, j, entry);
+        }
+    }
+
+    #[inline(always)]
+    fn scale_entry(&mut self, k: usize, j: usize, entry: Lanes<L, F>) {
+        self.scaled[k] = entry;
+        if k > j {
+            let factor = entry * self.inverse_pivots[k];
+            self.factor[k][j] = factor;
+            self.ddq[j] = factor.neg_mul_add(self.ddq[k], self.ddq[j]);
+        }
+    }
+
+    /// `ddq` from `L ddq = y / D`.
+    #[inline(always)]
+    fn substitute(&mut self, n: usize) {
+        if n == 6 {
+            unrolled!(J in 0 1 2 3 4 5 => {
+                let mut ddq = self.ddq[J] * self.inverse_pivots[J];
+                unrolled!(I in 0 1 2 3 4 => if I < J {
+                    ddq = self.factor[J][I].neg_mul_add(self.ddq[I], ddq);
+                });
+                self.ddq[J] = ddq;
+            });
+            return;
+        }
         for j in 0..n {
             let mut ddq = self.ddq[j] * self.inverse_pivots[j];
             for i in 0..j {
@@ -86,29 +174,6 @@ impl<const L: usize, const F: bool> Direct<L, F> {
             }
             self.ddq[j] = ddq;
         }
-    }
-
-    /// Column `j` of `L' D L` and of `L' y = right`, from the wrenches in frame `j`.
-    #[inline(always)]
-    fn eliminate(&mut self, n: usize, j: usize, turns: bool, rotors: &Lower<L, F>) {
-        // D L, column j.
-        let mut scaled = [Lanes::zero(); MAX_DOF];
-        let mut right = self.ddq[j] - self.wrenches[j].felt(turns);
-        for k in (j..n).rev() {
-            let mut entry = rotors[k][j] + self.columns[k].felt(turns);
-            for l in k + 1..n {
-                entry = self.factor[l][k].neg_mul_add(scaled[l], entry);
-            }
-            scaled[k] = entry;
-            if k > j {
-                let factor = entry * self.inverse_pivots[k];
-                self.factor[k][j] = factor;
-                right = factor.neg_mul_add(self.ddq[k], right);
-            }
-        }
-        self.pivots[j] = scaled[j];
-        self.inverse_pivots[j] = Lanes::splat(1.0) / scaled[j];
-        self.ddq[j] = right;
     }
 
     /// Everything from frame `j` to frame `j-1`, where a link more is carried.
@@ -122,13 +187,32 @@ impl<const L: usize, const F: bool> Direct<L, F> {
     ) -> Body<L, F> {
         let step = &geometry.steps[j];
         let (s, c, t) = (self.frames.sine[j], self.frames.cosine[j], &self.frames.shift[j]);
-        for column in &mut self.columns[j..geometry.n()] {
-            *column = column.unstepped::<T>(step, s, c, t);
+        let (before, columns) = (&mut self.wrenches[..=j], &mut self.columns[j..geometry.n()]);
+        match geometry.carries[j] {
+            MOMENTS => columns_inwards::<T, MOMENTS, L, F>(step, s, c, t, before, columns),
+            TURNED => columns_inwards::<T, TURNED, L, F>(step, s, c, t, before, columns),
+            _ => columns_inwards::<T, DISPLACED, L, F>(step, s, c, t, before, columns),
         }
-        let carried = self.wrenches[j].unstepped::<T>(step, s, c, t);
-        self.wrenches[j - 1] = self.wrenches[j - 1].with(&carried);
         let body = body.unstepped::<T>(step, s, c, t, j < geometry.heavy);
         if geometry.steps[j - 1].turns { link.regrouped_with(&body) } else { link.with(&body) }
+    }
+}
+
+/// The wrenches of columns, and that of `N` at the end of `wrenches`, one frame inwards; only moments where forces no longer matter.
+#[inline(always)]
+fn columns_inwards<const T: u8, const C: u8, const L: usize, const F: bool>(
+    step: &Step,
+    s: Lanes<L, F>,
+    c: Lanes<L, F>,
+    t: &Vector<L, F>,
+    wrenches: &mut [Wrench<L, F>],
+    columns: &mut [Wrench<L, F>],
+) {
+    for column in columns {
+        *column = column.inwards::<T, C>(step, s, c, t);
+    }
+    if let [.., before, last] = wrenches {
+        *before = before.with(&last.inwards::<T, C>(step, s, c, t));
     }
 }
 

@@ -17,6 +17,13 @@ pub const MINUS: u8 = 2;
 /// Any other `alpha`.
 pub const GENERAL: u8 = 3;
 
+/// Of a wrench seen from the frame before only the moment is ever felt.
+pub const MOMENTS: u8 = 0;
+/// It turns with the frame; the origins are the same.
+pub const TURNED: u8 = 1;
+/// It turns, and the origin moves.
+pub const DISPLACED: u8 = 2;
+
 /// Runs `$body` with the constant `$t` for the twist of `$step`: each kind is compiled by itself.
 macro_rules! by_twist {
     ($step:expr, $t:ident => $body:expr) => {
@@ -104,6 +111,8 @@ pub struct Geometry {
     pub steps: [Step; MAX_DOF],
     /// Acceleration of gravity in frame 0 (m/s^2).
     pub gravity: [f64; 3],
+    /// What becomes of a wrench from frame `j` to frame `j-1`: [`MOMENTS`], [`TURNED`] or [`DISPLACED`].
+    pub carries: [u8; MAX_DOF],
     /// Joints up to which something slides further out (or there): only their links carry a mass after regrouping.
     pub heavy: usize,
 }
@@ -117,7 +126,18 @@ impl Geometry {
             *step = Step::of(robot, j);
         }
         let heavy = steps[..n].iter().rposition(|step| !step.turns).map_or(0, |j| j + 1);
-        Self { n, steps, gravity: robot.gravity(), heavy }
+        let displaced = |step: &Step| step.shifted.contains(&true);
+        // A force matters where it has a lever arm further in, or slides a joint.
+        let force_matters = |j: usize| !steps[0].turns || steps[1..j].iter().any(|s| displaced(s) || !s.turns);
+        let mut carries = [MOMENTS; MAX_DOF];
+        for (j, carries) in carries.iter_mut().enumerate().take(n).skip(1) {
+            if displaced(&steps[j]) {
+                *carries = DISPLACED;
+            } else if force_matters(j) {
+                *carries = TURNED;
+            }
+        }
+        Self { n, steps, gravity: robot.gravity(), carries, heavy }
     }
 
     /// Number of joints. The compiler sees that it is within the arrays.

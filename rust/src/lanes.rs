@@ -251,9 +251,14 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
         sum
     }
 
+    /// The same with plain coefficients.
     #[inline(always)]
     fn polynomial<const N: usize>(self, coefficients: [f64; N]) -> Self {
-        self.horner(coefficients.map(Self::splat))
+        let mut sum = Self::splat(coefficients[0]);
+        for &coefficient in &coefficients[1..] {
+            sum = sum.mul_add(self, Self::splat(coefficient));
+        }
+        sum
     }
 
     /// Sine and cosine without branches: three-part reduction by pi/2 and the minimax polynomials of

@@ -287,6 +287,8 @@ struct Loop<'a, const L: usize, const F: bool> {
     piece: usize,
     feedforward: [f64; MAX_DOF],
     external: [f64; MAX_DOF],
+    /// Positions, velocities, accelerations and torques for the observer.
+    buffers: [[f64; MAX_DOF * MOST_LANES]; 4],
 }
 
 impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
@@ -320,6 +322,7 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
             piece: 0,
             feedforward: [0.0; MAX_DOF],
             external: [0.0; MAX_DOF],
+            buffers: [[0.0; MAX_DOF * MOST_LANES]; 4],
         };
         this.aim(0.0);
         for j in 0..n {
@@ -383,16 +386,15 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
 
     /// Gives the observer where the run stands, with the torques and accelerations evaluated there.
     #[inline(always)]
-    fn hand_over(&self, k: usize, observer: &mut dyn Observer) {
+    fn hand_over(&mut self, k: usize, observer: &mut dyn Observer) {
         let n = self.simulation.robot.n_dof();
-        let mut buffers = [[0.0; MAX_DOF * MOST_LANES]; 4];
         let all = [&self.stages.here.q, &self.stages.here.dq, &self.direct.ddq, &self.tau];
-        for (buffer, values) in buffers.iter_mut().zip(all) {
+        for (buffer, values) in self.buffers.iter_mut().zip(all) {
             for j in 0..n {
                 buffer[j * L..(j + 1) * L].copy_from_slice(&values[j].0);
             }
         }
-        let [q, dq, ddq, tau] = &buffers;
+        let [q, dq, ddq, tau] = &self.buffers;
         let (q, dq, ddq, tau) = (&q[..n * L], &dq[..n * L], &ddq[..n * L], &tau[..n * L]);
         observer.record(k, &Record { lanes: L, q, dq, ddq, tau });
     }
