@@ -174,11 +174,50 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
         self.0
     }
 
+    /// The first `L` numbers of a slice.
+    #[inline(always)]
+    pub(crate) fn from_slice(values: &[f64]) -> Self {
+        let mut lanes = Self::zero();
+        lanes.0.copy_from_slice(&values[..L]);
+        lanes
+    }
+
     /// Entry `column` of rows `row`, `row + 1`, ... of a row-major array; the last row stands in past the end.
     #[inline(always)]
     pub(crate) fn gather(rows: &[f64], width: usize, row: usize, column: usize) -> Self {
         let last = rows.len() / width - 1;
         Self(std::array::from_fn(|l| rows[(row + l).min(last) * width + column]))
+    }
+
+    /// Entry `k` of row `l` of a row-major array of `values.len()` columns is lane `l` of `values[k]`, as far as there are rows.
+    #[inline(always)]
+    pub(crate) fn scatter(values: &[Self], rows: &mut [f64], width: usize) {
+        for (l, row) in rows.chunks_mut(width).enumerate().take(L) {
+            for (out, value) in row.iter_mut().zip(values) {
+                *out = value.0[l];
+            }
+        }
+    }
+
+    /// Is every lane above `bound`? NaN is not.
+    #[inline(always)]
+    pub fn all_above(self, bound: f64) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        if F && L % 4 == 0 {
+            let mut all = 15;
+            for k in (0..L).step_by(4) {
+                // SAFETY: as in `lane_wise`.
+                all &= unsafe {
+                    let a = x86::_mm256_loadu_pd(self.0.as_ptr().add(k));
+                    x86::_mm256_movemask_pd(x86::_mm256_cmp_pd::<{ x86::_CMP_GT_OQ }>(
+                        a,
+                        x86::_mm256_set1_pd(bound),
+                    ))
+                };
+            }
+            return all == 15;
+        }
+        self.0.iter().all(|&a| a > bound)
     }
 
     /// `f` of each lane.
@@ -202,7 +241,17 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
         self * Self::splat(factor)
     }
 
-    /// Horner's rule, from the highest coefficient to the lowest.
+    /// The polynomial in `self` of these coefficients, from the highest to the lowest, by Horner's rule.
+    #[inline(always)]
+    pub(crate) fn horner<const N: usize>(self, coefficients: [Self; N]) -> Self {
+        let mut sum = coefficients[0];
+        for &coefficient in &coefficients[1..] {
+            sum = sum.mul_add(self, coefficient);
+        }
+        sum
+    }
+
+    /// The same with plain coefficients.
     #[inline(always)]
     fn polynomial<const N: usize>(self, coefficients: [f64; N]) -> Self {
         let mut sum = Self::splat(coefficients[0]);
@@ -256,6 +305,9 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
     pub fn tanh(self) -> Self {
         const LN_2_A: f64 = 6.931_471_803_691_238e-1; // its last bits are zero: times k it is exact
         const LN_2_B: f64 = 1.908_214_929_270_587_7e-10;
+        if self.abs().all_above(20.0) {
+            return Self::splat(1.0).copysign(self); // what the rest would give, to the bit
+        }
         // tanh is 1 to the last bit beyond 19.1. On the positive side, so that both sides have the same digits.
         let y = self.abs().min(Self::splat(20.0)).scale(2.0);
         let rounded = y.mul_add(Self::splat(std::f64::consts::LOG2_E), Self::splat(ROUND));
