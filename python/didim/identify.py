@@ -33,7 +33,7 @@ class Method(Protocol):
         """Identify, telling every iteration to ``progress`` (True stops) and what goes on to ``say``."""
 
 
-METHODS: dict[str, Callable[[], Method]] = {"idim-ls": IDIMLS, "didim": DIDIM, "cloe": CLOE}
+METHODS: dict[str, Callable[..., Method]] = {"idim-ls": IDIMLS, "didim": DIDIM, "cloe": CLOE}
 """Methods by name, with the settings of the experiment file."""
 
 
