@@ -462,7 +462,6 @@ def test_unstable_gains_diverge_with_joint_and_time() -> None:
         assert run.status is status
 
 
-@pytest.mark.xfail(strict=True, reason="the core reads a pivot at angles beyond the range of its sine")
 def test_a_robot_that_exists_diverges_and_is_not_called_indefinite() -> None:
     """Within one step of a violent divergence angles of 1e20 rad are met."""
     robot, x, reference, controller = planar()

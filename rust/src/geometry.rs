@@ -128,7 +128,8 @@ impl Geometry {
         let heavy = steps[..n].iter().rposition(|step| !step.turns).map_or(0, |j| j + 1);
         let displaced = |step: &Step| step.shifted.contains(&true);
         // A force matters where it has a lever arm further in, or slides a joint.
-        let force_matters = |j: usize| !steps[0].turns || steps[1..j].iter().any(|s| displaced(s) || !s.turns);
+        let force_matters =
+            |j: usize| !steps[0].turns || steps[1..j].iter().any(|s| displaced(s) || !s.turns);
         let mut carries = [MOMENTS; MAX_DOF];
         for (j, carries) in carries.iter_mut().enumerate().take(n).skip(1) {
             if displaced(&steps[j]) {

@@ -4,9 +4,9 @@
 //! the bits do not depend on either number. Tested in `simulate/tests.rs`: order four,
 //! energy, power balance, a pendulum against its elliptic functions; and against the EMPS in the Python tests.
 
+use crate::bodies::Links;
 use crate::cancel::Cancel;
 use crate::control::{Controller, Instant, Sampled, Signal, Timing, check_signal, law};
-use crate::bodies::Links;
 use crate::direct::Direct;
 use crate::error::SimulationError;
 use crate::friction::Drives;
@@ -21,6 +21,8 @@ use crate::schedule::{Schedule, Segment};
 
 /// How often, in segments, a run asks whether it shall stop.
 const PATIENCE: usize = 256;
+/// Angle (rad) beyond which the sines of `lanes.rs` lose digits.
+const FARTHEST: f64 = 1e5;
 /// Most lanes of a group.
 pub const MOST_LANES: usize = 8;
 
@@ -457,9 +459,17 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
 
     #[cold]
     fn find_indefinite(&mut self, time: f64) {
+        let n = self.geometry.n();
         for l in 0..L {
-            let joint = (0..self.simulation.robot.n_dof()).find(|&j| self.direct.pivots[j].0[l] <= 0.0);
-            if let Some(joint) = joint {
+            // Within one step a run can diverge so far that sines mean nothing, nor do the pivots made of them.
+            let lost = (0..n).find(|&j| {
+                let q = self.stages.here.q[j].0[l].abs();
+                q.is_nan() || q > FARTHEST
+            });
+            let joint = (0..n).find(|&j| self.direct.pivots[j].0[l] <= 0.0);
+            if let (Some(joint), Some(_)) = (lost, joint) {
+                self.end(l, Outcome::Diverged { time, joint });
+            } else if let Some(joint) = joint {
                 self.end(l, Outcome::Indefinite { time, joint });
             }
         }
