@@ -160,7 +160,8 @@ impl<const L: usize, const F: bool> Body<L, F> {
         let before = self.h;
         if heavy {
             let m = self.m;
-            self.h = Vector::new(t.x.mul_add(m, before.x), t.y.mul_add(m, before.y), t.z.mul_add(m, before.z));
+            self.h =
+                Vector::new(t.x.mul_add(m, before.x), t.y.mul_add(m, before.y), t.z.mul_add(m, before.z));
         }
         let after = self.h;
         if step.shifted[0] {
@@ -191,10 +192,7 @@ impl<const L: usize, const F: bool> Body<L, F> {
                 moment: Vector::new(-self.xz, -self.yz, self.xx + self.yy),
             }
         } else {
-            Wrench {
-                force: Vector::new(zero, zero, self.m),
-                moment: Vector::new(self.h.y, -self.h.x, zero),
-            }
+            Wrench { force: Vector::new(zero, zero, self.m), moment: Vector::new(self.h.y, -self.h.x, zero) }
         }
     }
 

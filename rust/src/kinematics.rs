@@ -174,11 +174,7 @@ impl<const L: usize, const F: bool> Angular<L, F> {
     pub fn about_z(w: Lanes<L, F>, dw: Lanes<L, F>) -> Self {
         let (zero, square) = (Lanes::zero(), w * w);
         Self {
-            columns: [
-                Vector::new(-square, dw, zero),
-                Vector::new(-dw, -square, zero),
-                Vector::zero(),
-            ],
+            columns: [Vector::new(-square, dw, zero), Vector::new(-dw, -square, zero), Vector::zero()],
             products: [zero, zero, square, zero, zero, zero],
         }
     }
