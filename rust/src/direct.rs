@@ -129,6 +129,7 @@ impl<const L: usize, const F: bool> Direct<L, F> {
     }
 
     #[inline(always)]
+    #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
     fn eliminate_among_six<const J: usize>(&mut self) {
         unrolled!(K in 5 4 3 2 1 0 => if K >= J {
             let mut entry = self.scaled[K];
@@ -162,6 +163,7 @@ impl<const L: usize, const F: bool> Direct<L, F> {
 
     /// `ddq` from `L ddq = y / D`.
     #[inline(always)]
+    #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
     fn substitute(&mut self, n: usize) {
         if n == 6 {
             unrolled!(J in 0 1 2 3 4 5 => {

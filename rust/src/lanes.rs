@@ -210,7 +210,7 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
     pub(crate) fn turned(values: [Self; 4]) -> [[f64; 4]; L] {
         let mut out = [[0.0; 4]; L];
         #[cfg(target_arch = "x86_64")]
-        if F && L % 4 == 0 {
+        if F && L.is_multiple_of(4) {
             let [a, b, c, d] = values;
             for k in (0..L).step_by(4) {
                 // SAFETY: as in `lane_wise`; k + 4 <= L rows of four.
@@ -241,7 +241,7 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
     #[inline(always)]
     pub fn all_above(self, bound: f64) -> bool {
         #[cfg(target_arch = "x86_64")]
-        if F && L % 4 == 0 {
+        if F && L.is_multiple_of(4) {
             let mut all = 15;
             for k in (0..L).step_by(4) {
                 // SAFETY: as in `lane_wise`.
