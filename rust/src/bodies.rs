@@ -5,7 +5,8 @@
 //! `t` adds `t h' + h t' + m t t'`.
 //!
 //! Particles on the axis of a revolute joint move with the link before, so `Szz`, `MZ` and `M` regroup into that link:
-//! the base parameters of a link are the other seven, and torques do not change (identity tested in `bodies/tests.rs`).
+//! the base parameters of a link are the other seven, and torques do not change (tested below against the
+//! regressor, which knows nothing of it).
 //! After that, only sliding links and those that carry them have a mass.
 
 use crate::geometry::{DISPLACED, Frames, Geometry, MOMENTS, Step, by_twist};
@@ -386,6 +387,83 @@ impl<const L: usize, const F: bool> Links<L, F> {
                 let (s, c, t) = (Lanes::zero(), Lanes::splat(1.0), &frames.shift[j]);
                 let moved = by_twist!(step, T => axis.unstepped::<T>(step, s, c, t, true));
                 self.bodies[j - 1] = self.bodies[j - 1].with(&moved);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::direct::direct_dynamics;
+    use crate::inverse::inverse_dynamics;
+    use crate::parameters::Layout;
+    use crate::regressor::regressor;
+    use crate::robot::{Friction, Joint, JointKind, Robot};
+    use std::f64::consts::FRAC_PI_2;
+
+    /// Every kind of step; `slides` says which joints are prismatic.
+    fn robot(slides: &[bool]) -> Robot {
+        let n = slides.len();
+        let alphas = [0.2, FRAC_PI_2, 0.0, -FRAC_PI_2, 0.7, 2.0 * FRAC_PI_2];
+        let joint = |j: usize| Joint {
+            kind: if slides[j] { JointKind::Prismatic } else { JointKind::Revolute },
+            alpha: alphas[(j + usize::from(slides[0])) % 6],
+            d: [0.0, 0.3, -0.2][j % 3],
+            theta: 0.1 * j as f64,
+            r: [0.4, 0.0][j % 2],
+        };
+        let coupling: Vec<Vec<f64>> = (0..n)
+            .map(|m| {
+                (0..n)
+                    .map(|j| {
+                        if m == j {
+                            1.0
+                        } else if m == n - 1 && j + 2 >= n {
+                            0.5
+                        } else {
+                            0.0
+                        }
+                    })
+                    .collect()
+            })
+            .collect();
+        let friction = Friction { smoothing: vec![0.3; n], ..Friction::sign(n) };
+        Robot::new((0..n).map(joint).collect(), [1.0, 2.0, -9.81], &coupling, friction).unwrap()
+    }
+
+    #[test]
+    fn regrouping_changes_no_torque_and_the_direct_model_is_the_inverse() {
+        let (o, i) = (false, true);
+        for slides in [
+            vec![o],
+            vec![i],
+            vec![i, o],
+            vec![o, i, o],
+            vec![i, i, i],
+            vec![o; 6],
+            vec![i, o, o, i, o, o],
+            vec![o; 7],
+            vec![o, o, i, o, o, i, o, o],
+        ] {
+            let robot = robot(&slides);
+            let (n, p, samples) = (slides.len(), Layout::of(&robot).count(), 6);
+            let motion =
+                |a: f64| (0..samples * n).map(|k| (a * k as f64 + a).sin() * 2.0).collect::<Vec<_>>();
+            let (q, dq, ddq) = (motion(1.1), motion(0.7), motion(1.7));
+            // Each link a body that exists, seen from a distance.
+            let link = [0.5, 0.05, -0.03, 0.6, 0.04, 0.4, 0.3, -0.2, 0.1, 2.0, 0.2, 0.4, 0.3, 0.1];
+            let x: Vec<f64> = (0..p).map(|k| if k < 14 * n { link[k % 14] } else { 0.1 }).collect();
+            let (mut tau, mut w) = (vec![0.0; samples * n], vec![0.0; samples * n * p]);
+            inverse_dynamics(&robot, &q, &dq, &ddq, &x, &mut tau).unwrap();
+            regressor(&robot, &q, &dq, &ddq, &mut w).unwrap();
+            for (tau, row) in tau.iter().zip(w.chunks_exact(p)) {
+                let want: f64 = row.iter().zip(&x).map(|(w, x)| w * x).sum();
+                assert!((tau - want).abs() < 1e-11 * (1.0 + want.abs()), "{slides:?}: {tau} {want}");
+            }
+            let mut back = vec![0.0; samples * n];
+            assert_eq!(direct_dynamics(&robot, &q, &dq, &tau, &x, &mut back).unwrap(), None);
+            for (back, want) in back.iter().zip(&ddq) {
+                assert!((back - want).abs() < 1e-9, "{slides:?}: {back} {want}");
             }
         }
     }

@@ -63,7 +63,8 @@ impl<const L: usize, const F: bool> Direct<L, F> {
         }
     }
 
-    /// Accelerations of `L` states under torques `tau` of the drives and `external` ones.
+    /// Accelerations of `L` states under torques `tau` of the drives and `external` ones. `near`: the positions lie near those of
+    /// the last call that was not, as those of the later stages of a step do; only the time depends on how near.
     #[inline(always)]
     #[allow(clippy::too_many_arguments)] // the robot in three parts, and the state
     pub fn solve(
@@ -75,9 +76,14 @@ impl<const L: usize, const F: bool> Direct<L, F> {
         dq: &[Lanes<L, F>; MAX_DOF],
         tau: &[Lanes<L, F>; MAX_DOF],
         external: &[f64; MAX_DOF],
+        near: bool,
     ) {
         let n = geometry.n();
-        self.frames.place(geometry, q);
+        if near {
+            self.frames.follow(geometry, q);
+        } else {
+            self.frames.anchor(geometry, q);
+        }
         drives.friction(links, dq, &mut self.ddq);
         for j in 0..n {
             self.ddq[j] = (tau[j] + Lanes::splat(external[j])) - self.ddq[j];
@@ -123,6 +129,7 @@ impl<const L: usize, const F: bool> Direct<L, F> {
     }
 
     #[inline(always)]
+    #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
     fn eliminate_among_six<const J: usize>(&mut self) {
         unrolled!(K in 5 4 3 2 1 0 => if K >= J {
             let mut entry = self.scaled[K];
@@ -156,6 +163,7 @@ impl<const L: usize, const F: bool> Direct<L, F> {
 
     /// `ddq` from `L ddq = y / D`.
     #[inline(always)]
+    #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
     fn substitute(&mut self, n: usize) {
         if n == 6 {
             unrolled!(J in 0 1 2 3 4 5 => {
@@ -246,7 +254,7 @@ impl Kernel for Batch<'_> {
         for (block, out) in self.ddq.chunks_mut(n * L).enumerate() {
             // The torques travel in the place of the accelerations, which are what is asked for.
             state.load(n, block * L, self.q, self.dq, self.tau);
-            result.solve(&geometry, &drives, &links, &state.q, &state.dq, &state.ddq, &[0.0; MAX_DOF]);
+            result.solve(&geometry, &drives, &links, &state.q, &state.dq, &state.ddq, &[0.0; MAX_DOF], false);
             for (l, row) in out.chunks_mut(n).enumerate() {
                 for j in 0..n {
                     let pivot = result.pivots[j].0[l];

@@ -116,27 +116,33 @@ impl<const L: usize, const F: bool> Shaft<L, F> {
 /// The drives as the kernels use them: divisions done, once per run.
 #[derive(Debug, Clone)]
 pub struct Drives<'a> {
-    robot: &'a Robot,
+    coupled: &'a [CoupledMotor],
+    coupling: Coupling,
+    asymmetric: bool,
     n: usize,
-    /// Reciprocal of the smoothing velocity; 0 for a plain sign.
-    steepness: [f64; MAX_DOF],
+    /// Reciprocal of the smoothing velocity, 0 for a plain sign; dead zone.
+    signs: [(f64, f64); MAX_DOF],
 }
 
 impl<'a> Drives<'a> {
     /// Of a robot.
     pub fn of(robot: &'a Robot) -> Self {
-        let mut steepness = [0.0; MAX_DOF];
-        for (steepness, &velocity) in steepness.iter_mut().zip(&robot.friction().smoothing) {
-            *steepness = if velocity > 0.0 { 1.0 / velocity } else { 0.0 };
+        let friction = robot.friction();
+        let mut signs = [(0.0, 0.0); MAX_DOF];
+        for (sign, (&velocity, &dead_zone)) in
+            signs.iter_mut().zip(friction.smoothing.iter().zip(&friction.dead_zone))
+        {
+            *sign = (if velocity > 0.0 { 1.0 / velocity } else { 0.0 }, dead_zone);
         }
-        Self { robot, n: robot.n_dof().min(MAX_DOF), steepness }
+        let (coupling, asymmetric) = (friction.coupling, friction.asymmetric);
+        Self { coupled: robot.coupled(), coupling, asymmetric, n: robot.n_dof(), signs }
     }
 
     /// [`sign`] without its division.
     #[inline(always)]
     fn sign<const L: usize, const F: bool>(&self, j: usize, dq: Lanes<L, F>) -> Lanes<L, F> {
-        let dead_zone = self.robot.friction().dead_zone[j];
-        smooth_sign(self.steepness[j], dead_zone, dq)
+        let (steepness, dead_zone) = self.signs[j];
+        smooth_sign(steepness, dead_zone, dq)
     }
 
     /// Friction torques at speeds `dq`, into `tau`.
@@ -147,19 +153,18 @@ impl<'a> Drives<'a> {
         dq: &[Lanes<L, F>; MAX_DOF],
         tau: &mut [Lanes<L, F>; MAX_DOF],
     ) {
-        let asymmetric = self.robot.friction().asymmetric;
         let zero = Lanes::zero();
-        for j in 0..self.n {
+        for j in 0..self.n.min(MAX_DOF) {
             let s = self.sign(j, dq[j]);
             let [a, b, c, d] = links.friction[j];
-            tau[j] = if asymmetric {
+            tau[j] = if self.asymmetric {
                 let forward = dq[j].max(zero).mul_add(a, s.max(zero) * b);
                 dq[j].min(zero).mul_add(c, s.min(zero).mul_add(d, forward))
             } else {
                 dq[j].mul_add(a, s.mul_add(b, c))
             };
         }
-        for (coupled, &[fvm, fcm]) in self.robot.coupled().iter().zip(&links.coupled) {
+        for (coupled, &[fvm, fcm]) in self.coupled.iter().zip(&links.coupled) {
             let m = coupled.motor;
             let mut speed = dq[m];
             for &(i, c) in &coupled.others {
@@ -167,7 +172,7 @@ impl<'a> Drives<'a> {
             }
             let (turning, joint_turning) = (self.sign(m, speed), self.sign(m, dq[m]));
             tau[m] = (speed - dq[m]).mul_add(fvm, (turning - joint_turning).mul_add(fcm, tau[m]));
-            let sign = match self.robot.friction().coupling {
+            let sign = match self.coupling {
                 Coupling::Shaft => turning,
                 Coupling::Printed => joint_turning,
             };
@@ -186,10 +191,10 @@ impl<'a> Drives<'a> {
         ddq: &[Lanes<L, F>; MAX_DOF],
         tau: &mut [Lanes<L, F>; MAX_DOF],
     ) {
-        for j in 0..self.n {
+        for j in 0..self.n.min(MAX_DOF) {
             tau[j] = links.rotors[j][j].mul_add(ddq[j], tau[j]);
         }
-        for coupled in self.robot.coupled() {
+        for coupled in self.coupled {
             let m = coupled.motor;
             let ia = links.rotors[m][m];
             let mut others = Lanes::zero();

@@ -4,7 +4,7 @@
 //! `t = (d, -r sin alpha, r cos alpha)`, seen in frame `j-1`. Most components of `t` are zero and most twists right angles; a
 //! kernel asks once per joint ([`by_twist`]) and then runs through code that has no multiplication by them.
 
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, SMALL_ANGLE};
 use crate::robot::{JointKind, MAX_DOF, Robot, Twist};
 use crate::spatial::Vector;
 
@@ -157,6 +157,8 @@ pub struct Frames<const L: usize, const F: bool> {
     pub cosine: [Lanes<L, F>; MAX_DOF],
     /// `t`, of which only [`Step::shifted`] components are used.
     pub shift: [Vector<L, F>; MAX_DOF],
+    /// Positions, sines and cosines that [`Self::follow`] starts from.
+    anchor: [[Lanes<L, F>; MAX_DOF]; 3],
 }
 
 impl<const L: usize, const F: bool> Frames<L, F> {
@@ -164,7 +166,8 @@ impl<const L: usize, const F: bool> Frames<L, F> {
     #[inline(always)]
     pub fn new(geometry: &Geometry) -> Self {
         let zero = [Lanes::zero(); MAX_DOF];
-        let mut frames = Self { sine: zero, cosine: zero, shift: [Vector::zero(); MAX_DOF] };
+        let mut frames =
+            Self { sine: zero, cosine: zero, shift: [Vector::zero(); MAX_DOF], anchor: [zero; 3] };
         for j in 0..geometry.n() {
             let step = &geometry.steps[j];
             (frames.sine[j], frames.cosine[j]) = Lanes::splat(step.theta).sin_cos();
@@ -181,11 +184,52 @@ impl<const L: usize, const F: bool> Frames<L, F> {
             if step.turns {
                 (self.sine[j], self.cosine[j]) = (q[j] + Lanes::splat(step.theta)).sin_cos();
             } else {
-                let [x, y, z] = step.shift;
-                let along = |c: f64, at: f64| q[j].mul_add(Lanes::splat(c), Lanes::splat(at));
-                self.shift[j] = Vector::new(Lanes::splat(x), along(-step.sine, y), along(step.cosine, z));
+                self.slide(step, j, q[j]);
             }
         }
+    }
+
+    /// The same, and remembers it for [`Self::follow`].
+    #[inline(always)]
+    pub fn anchor(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+        self.place(geometry, q);
+        for j in 0..geometry.n() {
+            (self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]) = (q[j], self.sine[j], self.cosine[j]);
+        }
+    }
+
+    /// Moves the joints to `q`, near the anchor: sums of angles are cheaper than new sines.
+    #[inline(always)]
+    pub fn follow(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+        for j in 0..geometry.n() {
+            let step = &geometry.steps[j];
+            if !step.turns {
+                self.slide(step, j, q[j]);
+                continue;
+            }
+            let [from, s, c] = [self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]];
+            let way = q[j] - from;
+            let (sine, cosine_less_one) = way.small_sin_cos();
+            let near_s = c.mul_add(sine, s.mul_add(cosine_less_one, s));
+            let near_c = s.neg_mul_add(sine, c.mul_add(cosine_less_one, c));
+            let room = Lanes::splat(SMALL_ANGLE) - way.abs();
+            if room.all_above(0.0) {
+                (self.sine[j], self.cosine[j]) = (near_s, near_c);
+            } else {
+                // Lane by lane, so that none sees its neighbours.
+                let (far_s, far_c) = (q[j] + Lanes::splat(step.theta)).sin_cos();
+                self.sine[j] = near_s.or_where_not_above(far_s, room);
+                self.cosine[j] = near_c.or_where_not_above(far_c, room);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn slide(&mut self, step: &Step, j: usize, q: Lanes<L, F>) {
+        let [x, y, z] = step.shift;
+        let y = q.mul_add(Lanes::splat(-step.sine), Lanes::splat(y));
+        let z = q.mul_add(Lanes::splat(step.cosine), Lanes::splat(z));
+        self.shift[j] = Vector::new(Lanes::splat(x), y, z);
     }
 }
 

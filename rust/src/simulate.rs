@@ -178,11 +178,11 @@ impl Observer for Cost<'_> {
     fn record(&mut self, k: usize, record: &Record<'_>) {
         let Measured { q, tau, weight_q, weight_tau } = self.measured;
         for j in 0..self.n {
-            let (at, of_joint) = (k * self.n + j, j * record.lanes);
-            for l in 0..record.lanes {
-                let e = record.q[of_joint + l] - q[at];
-                let f = record.tau[of_joint + l] - tau[at];
-                self.sums[l] += weight_q[j] * e * e + weight_tau[j] * f * f;
+            let (at, lanes) = (k * self.n + j, j * record.lanes..(j + 1) * record.lanes);
+            let rows = record.q[lanes.clone()].iter().zip(&record.tau[lanes]);
+            for (sum, (of_q, of_tau)) in self.sums.iter_mut().zip(rows) {
+                let (e, f) = (of_q - q[at], of_tau - tau[at]);
+                *sum += weight_q[j] * e * e + weight_tau[j] * f * f;
             }
         }
     }
@@ -371,7 +371,7 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
             for step in 0..segment.steps {
                 let t = segment.start + step as f64 * segment.step;
                 for stage in 0..4 {
-                    self.evaluate(Stages::<L, F>::time(stage, t, segment.step));
+                    self.evaluate(Stages::<L, F>::time(stage, t, segment.step), stage > 0);
                     if stage == 0 && step == 0 && segment.record {
                         self.hand_over(records, observer);
                         records += 1;
@@ -401,9 +401,9 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
         observer.record(k, &Record { lanes: L, q, dq, ddq, tau });
     }
 
-    /// Torques and accelerations at one time.
+    /// Torques and accelerations at one time; `near` the positions of the evaluation that started the step, or at them.
     #[inline(always)]
-    fn evaluate(&mut self, t: f64) {
+    fn evaluate(&mut self, t: f64, near: bool) {
         let Simulation { controller, external, .. } = self.simulation;
         let n = self.geometry.n();
         if let Timing::Continuous = controller.timing() {
@@ -422,7 +422,7 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
             external.at(t, &mut self.external);
         }
         let Self { geometry, drives, links, stages, direct, tau, .. } = self;
-        direct.solve(geometry, drives, links, &stages.here.q, &stages.here.dq, tau, &self.external);
+        direct.solve(geometry, drives, links, &stages.here.q, &stages.here.dq, tau, &self.external, near);
         let mut smallest = self.direct.pivots[0];
         for j in 1..n {
             smallest = self.direct.pivots[j].min(smallest);
