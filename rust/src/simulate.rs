@@ -83,7 +83,9 @@ pub enum Outcome {
 /// One record of a group of lanes: entry `j * lanes + l` is joint `j` of lane `l`.
 #[derive(Debug, Clone, Copy)]
 pub struct Record<'a> {
-    /// Lanes of the group.
+    /// Lane of the group that these begin with.
+    pub first: usize,
+    /// Lanes recorded together.
     pub lanes: usize,
     /// Positions.
     pub q: &'a [f64],
@@ -132,7 +134,7 @@ impl Trajectories {
 
 impl Observer for Trajectories {
     fn record(&mut self, _k: usize, record: &Record<'_>) {
-        for (l, lane) in self.lanes.iter_mut().enumerate() {
+        for (l, lane) in self.lanes.iter_mut().skip(record.first).take(record.lanes).enumerate() {
             for (out, values) in [
                 (&mut lane.q, record.q),
                 (&mut lane.dq, record.dq),
@@ -180,7 +182,7 @@ impl Observer for Cost<'_> {
         for j in 0..self.n {
             let (at, lanes) = (k * self.n + j, j * record.lanes..(j + 1) * record.lanes);
             let rows = record.q[lanes.clone()].iter().zip(&record.tau[lanes]);
-            for (sum, (of_q, of_tau)) in self.sums.iter_mut().zip(rows) {
+            for (sum, (of_q, of_tau)) in self.sums.iter_mut().skip(record.first).zip(rows) {
                 let (e, f) = (of_q - q[at], of_tau - tau[at]);
                 *sum += weight_q[j] * e * e + weight_tau[j] * f * f;
             }
@@ -265,8 +267,26 @@ impl Kernel for Run<'_> {
         if candidates.is_empty() {
             return Vec::new();
         }
-        Loop::<L, F>::new(simulation, candidates).run(cancel, observer)[..candidates.len()].to_vec()
+        if !F {
+            return portable(simulation, candidates, cancel, observer);
+        }
+        Loop::<L, F>::new(simulation, candidates, 0).run(cancel, observer)[..candidates.len()].to_vec()
     }
+}
+
+/// One candidate after the other: without vector registers lanes gain nothing, and would take long to compile.
+fn portable(
+    simulation: Simulation<'_>,
+    candidates: &[Candidate<'_>],
+    cancel: &Cancel<'_>,
+    observer: &mut dyn Observer,
+) -> Vec<Outcome> {
+    let mut outcomes = Vec::with_capacity(candidates.len());
+    for (lane, one) in candidates.iter().enumerate() {
+        let one = Loop::<1, false>::new(simulation, std::slice::from_ref(one), lane);
+        outcomes.extend(one.run(cancel, observer));
+    }
+    outcomes
 }
 
 /// The state of a run, and its memory: nothing is allocated once it runs.
@@ -276,6 +296,8 @@ struct Loop<'a, const L: usize, const F: bool> {
     drives: Drives<'a>,
     links: Links<L, F>,
     scale: PerJoint<L, F>,
+    /// Lane of the group that this one is, where it is one of several.
+    first: usize,
     outcomes: [Outcome; L],
     running: usize,
     stages: Stages<L, F>,
@@ -295,7 +317,7 @@ struct Loop<'a, const L: usize, const F: bool> {
 
 impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
     #[inline(always)]
-    fn new(simulation: Simulation<'a>, candidates: &[Candidate<'_>]) -> Self {
+    fn new(simulation: Simulation<'a>, candidates: &[Candidate<'_>], first: usize) -> Self {
         let n = simulation.robot.n_dof();
         let last = candidates.len().saturating_sub(1);
         // Lanes without a candidate of their own repeat the last one.
@@ -313,6 +335,7 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
             drives: Drives::of(simulation.robot),
             links: Links::of(simulation.robot, &geometry, &x),
             scale: nothing,
+            first,
             outcomes: [Outcome::Completed; L],
             running: L,
             stages: Stages::new(n, integrates),
@@ -398,7 +421,7 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
         }
         let [q, dq, ddq, tau] = &self.buffers;
         let (q, dq, ddq, tau) = (&q[..n * L], &dq[..n * L], &ddq[..n * L], &tau[..n * L]);
-        observer.record(k, &Record { lanes: L, q, dq, ddq, tau });
+        observer.record(k, &Record { first: self.first, lanes: L, q, dq, ddq, tau });
     }
 
     /// Torques and accelerations at one time; `near` the positions of the evaluation that started the step, or at them.
