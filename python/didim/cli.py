@@ -90,6 +90,10 @@ def _command(
 def _add_experiment(parser: argparse.ArgumentParser) -> None:
     """Arguments of every command that reads an experiment."""
     parser.add_argument("experiment", metavar="EXPERIMENT.toml", type=Path, help="experiment file")
+    _add_data(parser)
+
+
+def _add_data(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data",
         metavar="DIR",
@@ -143,6 +147,7 @@ def _add_compare(commands: Commands) -> None:
         type=Path,
         help="experiment of your own instead, with a [reference]",
     )
+    _add_data(parser)
     parser.add_argument(
         "--parameters",
         metavar="NAME",
@@ -159,7 +164,11 @@ def _compare(options: argparse.Namespace) -> int:
     from .compare import compare
     from .experiment import load_experiment
 
-    experiment = options.robot if options.experiment is None else load_experiment(options.experiment)
+    experiment = (
+        options.robot
+        if options.experiment is None
+        else load_experiment(options.experiment, data=options.data)
+    )
     comparison = compare(
         experiment,
         parameters=options.parameters,
@@ -194,9 +203,9 @@ def _validate(options: argparse.Namespace) -> int:
     fit = Identification.load(options.fit)
     found = validate(fit, load_experiment(options.experiment, data=options.data))
     if options.json is not None:
-        write_atomically(options.json, json.dumps(found.to_dict(), indent=1) + "\n")
+        write_atomically(options.json, json.dumps(found.to_dict(), indent=1, allow_nan=False) + "\n")
     print(found)
-    return CONVERGED
+    return CONVERGED if found.completed else NOT_CONVERGED
 
 
 def _add_base(commands: Commands) -> None:
