@@ -19,7 +19,7 @@ help:
 	@echo "make demo    identify the TX40 from a simulated log, and compare with the truth"
 	@echo "make test    the Python tests (the Rust tests are: cargo test --release)"
 	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
-	@echo "make bench   speed of the core"
+	@echo "make bench   speed of the core, and beside Pinocchio"
 	@echo "make docs    the documentation, in site/"
 	@echo "make wheel   a wheel for this machine, in dist/"
 	@echo "make clean   remove everything that the targets above made"
@@ -54,8 +54,9 @@ lint: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-lint
 	$(BIN)/mypy --strict
 	$(BIN)/python -m mypy.stubtest didim._core
 
-bench:
+bench: $(VENV)/.built $(VENV)/.extra-peers
 	cargo bench
+	$(BIN)/python benches/peers.py
 
 docs: $(VENV)/.built $(VENV)/.extra-docs
 	$(BIN)/mkdocs build --strict

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from didim.robot import Friction, Geometry, JointLimits, Robot
 
 Array = NDArray[np.float64]
-INERTIAL = 10
 
 
 def make_robot(geometry: Geometry, **friction: Any) -> Robot:

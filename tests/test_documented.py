@@ -1,4 +1,4 @@
-"""The numbers in docs/tx40.md and docs/emps.md are those of a run.
+"""The numbers in docs/tx40.md, docs/emps.md and docs/simulation.md are those of a run, and their examples print what they say.
 
 What rounding decides (the friction of joints 2 and 3 in the plain recipe, docs/tx40.md) may differ a little
 from machine to machine and is given that much room; everything else is met to the digits written.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import re
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -17,12 +18,17 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from didim.cli import main
 from didim.experiment import Experiment, load_experiment
 from didim.identification import Identification
 from didim.identify import identify
 from didim.idim_ls import IDIMLS
-from didim.signals import Convention, Form
+from didim.recording import Recording
+from didim.signals import Convention, Form, differentiate
+from didim.simulate_command import SimulationReport, simulate_experiment
+from didim.simulation import simulate
 from test_published import DECIDED_BY_ROUNDING, deviations
+from test_simulation import tx40
 
 Row = list[str]
 
@@ -243,3 +249,87 @@ def test_emps(project: Path, shared: Path) -> None:
         f"M {m} kg; forward {fv_plus} N.s/m and {fc_plus} N; backward {fv_minus} N.s/m and {fc_minus} N; "
         f"relative error {100.0 * both.relative_error[0]:.4f} %" in text
     )
+
+
+def simulated_emps(project: Path, shared: Path, file: str) -> tuple[Recording, SimulationReport]:
+    experiment = load_experiment(project / "examples" / file, data=shared / "data" / "emps")
+    return experiment.recordings[0], simulate_experiment(experiment, "published")
+
+
+def test_emps_simulation(project: Path, shared: Path) -> None:
+    page = project / "docs" / "emps.md"
+    recording, late = simulated_emps(project, shared, "emps_delay.toml")
+    _, prompt = simulated_emps(project, shared, "emps.toml")
+    rows = {row[0]: row[2:] for row in tables(page)["relative error published one sample of delay"]}
+    keys = {"force": "torque", "velocity": "velocity", "position": "position", "acceleration": "acceleration"}
+    assert list(rows) == list(keys)
+    for name, key in keys.items():
+        assert rows[name] == [f"{100.0 * report.errors[key][0]:.4g} %" for report in (late, prompt)], name
+    # Three ways to take the simulated acceleration.
+    signal = late.experiment.signal
+    measured = differentiate(recording.q, recording.rate_hz, signal)[2][49:]
+    q, dq, ddq, _ = late.arrays
+    forward = np.diff(dq, axis=0, append=dq[-1:]) * recording.rate_hz
+    ways = (ddq, forward, differentiate(q, recording.rate_hz, signal)[2])
+    a, b, c = (100.0 * np.linalg.norm(way[49:] - measured) / np.linalg.norm(measured) for way in ways)
+    text = words(page)
+    assert f"{a:.3f} % as it is integrated, {b:.3f} % by forward differences" in text
+    assert f"{c:.3f} % from the simulated positions through the filter" in text
+    # The law against the logged output, at the same sample and at the next.
+    assert recording.tau is not None
+    assert recording.q_ref is not None
+    qf = 0.5 * (recording.q[1:] + recording.q[:-1])
+    error = (recording.q_ref - recording.q)[2:]
+    law = 35.150651882485469 * 243.45 * (160.18 * error - np.diff(qf, axis=0) * 1000.0)
+    force = recording.tau[2:]
+    same, following = (
+        100.0 * np.linalg.norm(u - f) / np.linalg.norm(f) for u, f in ((law, force), (law[:-1], force[1:]))
+    )
+    assert f"at the same sample to {same:.2f} %, and at the next one to {following:.1f} % only" in text
+
+
+def indented(text: str, after: str) -> str:
+    """Return the first indented block behind a line."""
+    lines = text[text.index(after) + len(after) :].splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith("    "))
+    block = lines[first:]
+    end = next((k for k, line in enumerate(block) if not line.startswith("    ")), len(block))
+    return "\n".join(line[4:] for line in block[:end]) + "\n"
+
+
+def test_simulation_examples_print_what_the_page_says(
+    project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (project / "docs" / "simulation.md").read_text(encoding="utf-8")
+    command = indented(text, "in one file:").split()
+    assert command[:2] == ["didim", "simulate"]
+    monkeypatch.chdir(tmp_path)
+    assert main([command[1], str(project / command[2]), *command[3:]]) == 0
+    assert capsys.readouterr().out == indented(text, "\nprints\n")
+    assert (tmp_path / "run.csv").is_file()
+    (code,) = re.findall(r"^```python\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
+    exec(compile(code, "simulation.md", "exec"), {})
+    assert capsys.readouterr().out == indented(text, "```\n\nprints\n")
+
+
+def test_simulation_steps(project: Path) -> None:
+    robot, x, reference, controller = tx40()
+    rows = tables(project / "docs" / "simulation.md")["step_s fine_step_s steps"]
+    assert len(rows) == 5
+    for step, fine, steps, torque, share in rows:
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            run = simulate(
+                robot,
+                x,
+                reference,
+                controller,
+                step=1e-3 * float(step.removesuffix(" ms")),
+                fine_step=1e-3 * float(fine.removesuffix(" ms")),
+            )
+        assert run.n_steps == int(steps.replace(" ", ""))
+        assert run.error is not None
+        # Two digits are written; the stiff part magnifies rounding.
+        assert float(torque) == pytest.approx(run.error.tau.max(), rel=0.1)
+        assert float(share.split(" %")[0]) == pytest.approx(100.0 * run.error.tau_relative, rel=0.1)
+        assert bool(told) is share.endswith("warned of")

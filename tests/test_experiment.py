@@ -333,7 +333,9 @@ def test_the_command_in_the_head_of_an_example_is_its_own(project: Path) -> None
     assert len(files) >= 4
     for file in files:
         head = file.read_text(encoding="utf-8").partition("schema = 1")[0]
-        assert set(re.findall(r"didim \w+ (examples/\S+)", head)) == {f"examples/{file.name}"}
+        named = re.findall(r"didim (?:identify|simulate) (\S+)", head)
+        assert named
+        assert set(named) == {f"examples/{file.name}"}
 
 
 @pytest.mark.parametrize("file", ["tx40_log.toml", "tx40_log_best.toml"])

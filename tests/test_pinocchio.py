@@ -2,39 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 import didim
 from didim.robot import Robot
-from robots import INERTIAL, random_motion, random_parameters, relative, robots
-
-Array = NDArray[np.float64]
-# Pinocchio's order m, mc, Ixx Ixy Iyy Ixz Iyz Izz, as places in XX XY XZ YY YZ ZZ MX MY MZ M.
-PINOCCHIO_ORDER = [9, 6, 7, 8, 0, 1, 3, 2, 4, 5]
-
-
-def pinocchio_model(robot: Robot, x: Array) -> pin.Model:
-    """Build the same links in Pinocchio; rotors and friction are left out."""
-    model = pin.Model()
-    model.gravity.linear = np.array(robot.geometry.gravity)
-    geometry = robot.geometry
-    per_joint = sum(name.endswith("1") or name.endswith(("1+", "1-")) for name in robot.parameter_names)
-    parent = 0
-    for j, kind in enumerate(geometry.kinds):
-        placement = pin.SE3(pin.utils.rotate("x", geometry.alpha[j]), np.array([geometry.d[j], 0.0, 0.0]))
-        placement *= pin.SE3(pin.utils.rotate("z", geometry.theta[j]), np.array([0.0, 0.0, geometry.r[j]]))
-        joint = pin.JointModelRZ() if kind == "revolute" else pin.JointModelPZ()
-        parent = model.addJoint(parent, joint, placement, f"joint{j + 1}")
-        xx, xy, xz, yy, yz, zz, mx, my, mz, m = x[j * per_joint : j * per_joint + INERTIAL]
-        c = np.array([mx, my, mz]) / m
-        about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        about_centre = about_origin - m * (c @ c * np.eye(3) - np.outer(c, c))
-        model.appendBodyToJoint(parent, pin.Inertia(m, c, about_centre), pin.SE3.Identity())
-    return model
+from robots import random_motion, random_parameters, relative, robots
+from twins import PINOCCHIO_ORDER, pinocchio_model
 
 
 def check(robot: Robot, rng: np.random.Generator) -> None:
@@ -89,6 +67,15 @@ def check_direct(robot: Robot, rng: np.random.Generator) -> None:
 @given(robot=robots(coupled=False), seed=st.integers(0, 2**32 - 1))
 def test_direct_model_of_random_chains(robot: Robot, seed: int) -> None:
     check_direct(robot, np.random.default_rng(seed))
+
+
+def test_direct_model_with_the_kinematics_of_the_tx40() -> None:
+    """Coupling off: Pinocchio's armature is one rotor per joint."""
+    robot = didim.load_robot("tx40")
+    identity = tuple(tuple(row) for row in np.eye(6).tolist())
+    uncoupled = replace(robot, geometry=replace(robot.geometry, coupling=identity))
+    for seed in range(20):
+        check_direct(uncoupled, np.random.default_rng(seed))
 
 
 def test_a_coupled_wrist_adds_the_rotor_block() -> None:

@@ -5,6 +5,7 @@ parameters (3), observation matrix (6), base parameters (7), least squares and c
 """
 
 from .base import BaseParameters
+from .cloe import CLOE
 from .compare import Comparison, compare
 from .control import Controller, Digital
 from .didim_method import DIDIM
@@ -36,6 +37,7 @@ from .validate import Validation, validate
 __version__ = "0.1.0"
 
 __all__ = [
+    "CLOE",
     "DIDIM",
     "IDIMLS",
     "BaseParameters",

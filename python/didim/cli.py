@@ -108,6 +108,19 @@ def _add_identify(commands: Commands) -> None:
     )
     _add_experiment(parser)
     parser.add_argument("--method", default="idim-ls", help="method of identification (default: %(default)s)")
+    parser.add_argument(
+        "--start",
+        metavar="NAME",
+        help="initial parameters of didim and cloe: unit, idim-ls, or a set of the robot file",
+    )
+    parser.add_argument(
+        "--optimizer",
+        choices=("levenberg-marquardt", "nelder-mead"),
+        help="of cloe (default: levenberg-marquardt)",
+    )
+    parser.add_argument(
+        "--output", choices=("position", "torque", "both"), help="what cloe compares (default: position)"
+    )
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the result as JSON")
     loudness = parser.add_mutually_exclusive_group()
     loudness.add_argument("--quiet", action="store_true", help="print no table")
@@ -121,7 +134,13 @@ def _identify(options: argparse.Namespace) -> int:
     if options.method not in METHODS:
         return _refuse(f"there is no method '{options.method}'; available: {', '.join(METHODS)}")
     experiment = load_experiment(options.experiment, data=options.data)
-    fit = identify(experiment, METHODS[options.method](), verbose=options.verbose)
+    settings = {key: getattr(options, key) for key in ("start", "optimizer", "output")}
+    settings = {key: value for key, value in settings.items() if value is not None}
+    method = METHODS[options.method]()
+    for key in settings:
+        if not hasattr(method, key):
+            return _refuse(f"--{key} is not for method '{options.method}'")
+    fit = identify(experiment, METHODS[options.method](**settings), verbose=options.verbose)
     # The file first: a reader of stdout that stops early must not cost the result.
     if options.json is not None:
         fit.save(options.json)
@@ -155,22 +174,48 @@ def _add_compare(commands: Commands) -> None:
         help="parameter set of the robot: the truth (default: %(default)s)",
     )
     parser.add_argument("--seed", type=int, help="seed of the noise")
+    parser.add_argument(
+        "--nelder-mead",
+        choices=("short", "full", "none"),
+        default="short",
+        help="the simplex of CLOE: some hundred iterations, as many as the paper's recipe allows (an hour), or not at all",
+    )
+    parser.add_argument(
+        "--variant",
+        choices=("adaptive", "scaled", "literal"),
+        default="adaptive",
+        help="of the simplex (default: %(default)s)",
+    )
     parser.add_argument("--no-noise", action="store_true", help="a log without noise")
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
     parser.add_argument("--quiet", action="store_true", help="tell nothing on stderr")
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from .compare import compare
+    from .cloe import CLOE
+    from .compare import SHORT_SIMPLEX, compare
+    from .didim_method import DIDIM
     from .experiment import load_experiment
+    from .identify import Method
+    from .idim_ls import IDIMLS
 
     experiment = (
         options.robot
         if options.experiment is None
         else load_experiment(options.experiment, data=options.data)
     )
+    methods: list[Method] | None = None
+    if options.nelder_mead != "short" or options.variant != "adaptive":
+        simplex = CLOE(
+            optimizer="nelder-mead",
+            variant=options.variant,
+            max_iterations=None if options.nelder_mead == "full" else SHORT_SIMPLEX,
+        )
+        chosen = [] if options.nelder_mead == "none" else [simplex]
+        methods = [IDIMLS(), DIDIM(), *chosen, CLOE()]
     comparison = compare(
         experiment,
+        methods=methods,
         parameters=options.parameters,
         noise=not options.no_noise,
         seed=options.seed,

@@ -104,9 +104,9 @@ class SimulationSettings:
     step_s, fine_step_s : float or None
         Largest step, and largest step where a velocity of the reference is near zero (s).
     rate_hz : float or None
-        Records per second; that of the recording by default, or 1000.
+        Records per second of a run without a recording, which has its own; 1000 by default.
     duration_s : float or None
-        Length; that of the recording or the reference by default.
+        Length of a run without a recording; that of the reference by default.
     smoothing : tuple of float or None
         Velocity of ``tanh`` friction per joint (rad/s or m/s) in simulations and in what is built on them; the friction of
         the robot by default.
@@ -124,6 +124,10 @@ class SimulationSettings:
     smoothing: tuple[float, ...] | None = None
     divergence: float = DIVERGENCE
     start: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.start not in (None, "measured", "reference"):
+            raise ExperimentError(f"start must be 'measured' or 'reference', got {self.start!r}")
 
     def robot(self, robot: Robot) -> Robot:
         """Return the robot as it is simulated: with smooth friction, where the settings say so."""
@@ -151,6 +155,10 @@ class Measurement:
 
     def measure(self, q: Array, tau: Array) -> tuple[Array, Array]:
         """Positions and torques as a log has them; `q` and `tau` are (n_samples, n_dof)."""
+        for name in ("encoder_resolution", "position_noise", "torque_noise"):
+            values = getattr(self, name)
+            if len(values) not in (0, q.shape[1]):
+                raise ExperimentError(f"{name} needs {q.shape[1]} numbers, one per joint, got {len(values)}")
         rng = np.random.default_rng(self.seed)
         # Both are drawn always: one setting must not change the noise of the other.
         noise_q, noise_tau = rng.standard_normal((2, *q.shape))
@@ -204,13 +212,18 @@ def closed_loop(
         if isinstance(controller, ControllerSpec):
             controller = controller.build(reference)
         rate, duration, state = settings.rate_hz, settings.duration_s, None
+        from_recording = isinstance(experiment.reference, ReferenceSpec) and experiment.reference.made is None
+        if recording is None and settings.start == "measured":
+            raise ExperimentError("[simulation] start = 'measured' needs a recording")
         if recording is not None:
             start, stop = window or (0, len(recording.q))
             rate = recording.rate_hz
             duration = (stop - start - 1) / rate
-            from_recording = (
-                isinstance(experiment.reference, ReferenceSpec) and experiment.reference.made is None
-            )
+            if start > 0 and not from_recording:
+                raise ExperimentError(
+                    f"the window of recording {recording.name!r} begins at {start / rate:g} s, and a reference that is "
+                    "a motion of its own begins with the recording: take a window from 0 s on"
+                )
             if settings.start == "measured" or (settings.start is None and from_recording):
                 q, dq, _ = differentiate(recording.q[start:stop], rate, experiment.signal)
                 state = (q[0], dq[0])
@@ -229,9 +242,9 @@ def closed_loop(
         raise ExperimentError(f"{experiment.name}: {error}") from None
 
 
-def outside_limits(robot: Robot, reference: Reference) -> list[str]:
-    """Sentences on joints whose reference leaves the limits of the robot file; empty if none does."""
-    t = np.linspace(0.0, reference.duration, 20_001)
+def outside_limits(robot: Robot, reference: Reference, duration_s: float) -> list[str]:
+    """Sentences on joints whose reference leaves the limits of the robot file in a run; empty if none does."""
+    t = np.linspace(0.0, duration_s, 20_001)
     q, dq, _ = reference.at(t)
     found = []
     for joint, limits in enumerate(robot.limits):
@@ -271,7 +284,7 @@ def _fourier(table: Table, robot: Robot) -> Callable[[], Reference]:
     period, duration = table.number("period_s", above=0.0), table.number("duration_s", None, above=0.0)
     offset = _joint_values(table, "offset", robot, default=0.0)
     if table.has("harmonics"):
-        harmonics, seed = table.integer("harmonics", minimum=4, maximum=1000), table.integer("seed", 0)
+        harmonics, seed = table.integer("harmonics", minimum=4, maximum=1000), table.integer("seed", 0, 0)
         limits = {key: _joint_values(table, key, robot, per) for key, per in _LIMITS.items()}
         return lambda: Reference.random_fourier(
             harmonics=harmonics,
@@ -325,6 +338,11 @@ def _joint_values(
         if numbers is None:
             continue
         kind = "revolute" if unit in ("rad", "deg") else "prismatic"
+        if kind not in robot.joint_kinds:
+            table.fail(f"{key}_{unit}{per} is for {kind} joints, and robot {robot.name!r} has none")
+        other = {"deg": "rad", "mm": "m"}.get(unit)
+        if other and table.has(f"{key}_{other}{per}"):
+            table.fail(f"give {key}_{other}{per} or {key}_{unit}{per}, not both")
         for joint, number in enumerate(numbers):
             if robot.joint_kinds[joint] == kind:
                 values[joint] = number * factor
@@ -356,7 +374,7 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
         options["saturation"] = table.spread(given[0], n)
     options["digital"] = _digital(table, robot)
     feedforward = _set_name(table, "feedforward_of", robot)
-    build: Callable[[Reference], Controller]
+    build: Callable[[Reference | None], Controller]
     if table.has("natural_frequency_hz"):
         if kind != "pd":
             table.fail("natural_frequency_hz is for kind 'pd'")
@@ -368,9 +386,11 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
                 "natural_frequency_hz needs inertia (kg.m^2 or kg, one per joint) or inertia_of (a parameter set)"
             )
 
-        def build(reference: Reference) -> Controller:
-            felt = inertia if of is None else mean_inertia(robot, robot.parameter_set(of), reference)
-            return Controller.tuned(frequency, damping, felt if felt is not None else [], **options)
+        def build(reference: Reference | None) -> Controller:
+            felt = inertia or [1.0] * n
+            if of is not None and reference is not None:
+                felt = mean_inertia(robot, robot.parameter_set(of), reference).tolist()
+            return Controller.tuned(frequency, damping, felt, **options)
     else:
         gains: dict[str, Any] = {key: table.spread(key, n) for key in ("kp", "kv")}
         if kind == "pid":
@@ -378,7 +398,7 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
         if kind == "cascade" and table.has("integral_time_s"):
             gains["integral_time_s"] = table.spread("integral_time_s", n)
 
-        def build(reference: Reference) -> Controller:
+        def build(reference: Reference | None) -> Controller:
             return getattr(Controller, kind)(**gains, **options)  # type: ignore[no-any-return]
 
     table.done()
@@ -391,15 +411,9 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
         tau = inverse_dynamics(robot, *reference.at(t), robot.parameter_set(feedforward))
         return controller.with_feedforward(tau, rate_hz=FEEDFORWARD_HZ)
 
-    if not table_needs_reference(settings):
-        still = Reference.sampled(np.zeros((5, n)), rate_hz=1.0)
-        _told(table, lambda: build(still))  # now, so that a wrong number is an error of loading
+    # Now, so that a wrong number is an error of loading; inertias that need the reference are 1 here.
+    _told(table, lambda: build(None))
     return ControllerSpec(complete, settings)
-
-
-def table_needs_reference(settings: Mapping[str, Any]) -> bool:
-    """Whether a controller can be made only once the reference is known."""
-    return "inertia_of" in settings or "feedforward_of" in settings
 
 
 def mean_inertia(robot: Robot, x: Array, reference: Reference) -> Array:
@@ -430,7 +444,10 @@ def _digital(table: Table, robot: Robot) -> Digital | None:
 def _set_name(table: Table, key: str, robot: Robot) -> str | None:
     name = table.text(key, None)
     if name is not None:
-        _told(table, lambda: robot.parameter_set(name))
+        try:
+            robot.parameter_set(name)
+        except DidimError as error:
+            table.fail(f"{key}: {error}")
     return name
 
 
@@ -464,6 +481,10 @@ def read_measurement(table: Table, robot: Robot) -> Measurement:
 
     noise: Sequence[float] = ()
     units = [unit for unit in ("n_m", "n") if table.has(f"torque_noise_{unit}")]
+    if len(units) > 1:
+        table.fail(
+            "give torque_noise_n_m or torque_noise_n, not both: one number per joint in the unit of each"
+        )
     if units:
         noise = _positive(table, "torque_noise", table.spread(f"torque_noise_{units[0]}", robot.n_dof))
     measurement = Measurement(

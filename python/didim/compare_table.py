@@ -44,10 +44,15 @@ def render(comparison: Comparison) -> str:
         for method in methods:
             fit = comparison.fits[method]
             percent, off = fit.relative_std_percent[index], comparison.deviations(method)[index]
-            shown = "-" if not np.isfinite(percent) else (">999" if percent > 999 else f"{percent:.3g}")
+            shown = (
+                "-"
+                if not (np.isfinite(percent) and fit.std.any())
+                else (">999" if percent > 999 else f"{percent:.3g}")
+            )
             line += f"   {fit.beta[index]:9.4g} {shown:>8} {_off(off):>5}"
         lines.append(line)
     lines += ["", *_effort(comparison, methods, groups), "", sentence(comparison)]
+    lines += comparison.notes
     return "\n".join(lines)
 
 

@@ -52,11 +52,14 @@ class Digital:
         if not (math.isfinite(self.sample_time_s) and self.sample_time_s > 0.0):
             raise ControllerError(f"sample_time_s must be positive, got {self.sample_time_s}")
         for name in ("smoothing", "resolution"):
-            object.__setattr__(self, name, tuple(float(value) for value in getattr(self, name)))
+            values = real_array(name, getattr(self, name), ControllerError)
+            if values.ndim != 1:
+                raise ControllerError(f"{name} must be a list of numbers, got {getattr(self, name)!r}")
+            object.__setattr__(self, name, tuple(values.tolist()))
         if not self.smoothing or not np.isfinite(self.smoothing).all():
             raise ControllerError("smoothing needs one or more finite weights")
         if any(not math.isfinite(step) or step < 0.0 for step in self.resolution):
-            raise ControllerError(f"resolution must not be negative, got {list(self.resolution)}")
+            raise ControllerError(f"resolution must be finite and not negative, got {list(self.resolution)}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -235,7 +238,9 @@ class Controller:
         for name, values in (("natural_frequency_hz", frequency), ("damping", ratio), ("inertia", j)):
             if not (values > 0.0).all():
                 raise ControllerError(f"{name} must be positive, got {values.tolist()}")
-        gain = real_array("gain", options.get("gain", 1.0), ControllerError)  # type: ignore[arg-type]
+        (gain,) = _columns(gain=options.get("gain", 1.0), n=len(j))  # type: ignore[arg-type]
+        if not gain.all():
+            raise ControllerError(f"gain must not be zero, got {gain.tolist()}")
         omega = 2.0 * np.pi * frequency
         return cls.pd(j * omega**2 / gain, 2.0 * ratio * omega * j / gain, **options)  # type: ignore[arg-type]
 
@@ -255,7 +260,7 @@ class Controller:
             For a wrong shape or rate, or a NaN.
         """
         values = real_array("tau", tau, ControllerError)
-        if values.ndim != 2 or values.shape[1] != self.n_dof:
+        if values.ndim != 2 or values.shape[1] != self.n_dof or not len(values):
             raise ControllerError(f"tau must have shape (n_samples, {self.n_dof}), got {values.shape}")
         made = replace(self, feedforward=(float(rate_hz), values))
         made.core  # noqa: B018 - now, so that a wrong one is an error here

@@ -189,8 +189,8 @@ class Identification:
 
     @property
     def n_iterations(self) -> int:
-        """Number of entries of the history."""
-        return len(self.history)
+        """Number of iterations, that of the last entry of the history."""
+        return self.history[-1].iteration if self.history else 0
 
     def __str__(self) -> str:
         return render(self)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
+from .cloe import CLOE
 from .didim_method import DIDIM
 from .idim_ls import IDIMLS
 
@@ -32,7 +33,7 @@ class Method(Protocol):
         """Identify, telling every iteration to ``progress`` (True stops) and what goes on to ``say``."""
 
 
-METHODS: dict[str, Callable[[], Method]] = {"idim-ls": IDIMLS, "didim": DIDIM}
+METHODS: dict[str, Callable[..., Method]] = {"idim-ls": IDIMLS, "didim": DIDIM, "cloe": CLOE}
 """Methods by name, with the settings of the experiment file."""
 
 

@@ -60,7 +60,10 @@ class Reference:
         q, dq, ddq : (n_times, n_dof) arrays
             Joint side, rad or m and per s, per s^2.
         """
-        return self.core.at(np.atleast_1d(real_array("t", t, ReferenceError)))
+        times = np.atleast_1d(real_array("t", t, ReferenceError))
+        if times.ndim != 1:
+            raise ReferenceError(f"t must have shape (n_times,), got {times.shape}")
+        return self.core.at(times)
 
     @classmethod
     def sampled(cls, q: ArrayLike, *, rate_hz: float) -> Reference:
@@ -119,12 +122,18 @@ class Reference:
         duration = period_s if duration_s is None else duration_s
         if not (period_s > 0.0 and duration > 0.0 and np.isfinite(period_s) and np.isfinite(duration)):
             raise ReferenceError(f"period and duration must be positive, got {period_s} and {duration} s")
-        knots = max(2, round(KNOTS_PER_PERIOD * len(s) * duration / period_s))
+        knots = KNOTS_PER_PERIOD * len(s) * (duration / period_s)
         if knots * s.shape[1] > 10_000_000:
             raise ReferenceError(f"{duration:g} s with {len(s)} harmonics in {period_s:g} s is too long")
-        mean = np.broadcast_to(real_array("offset", offset, ReferenceError), s.shape[1:]).tolist()
+        count = max(2, round(knots))
+        mean = real_array("offset", offset, ReferenceError)
+        if mean.shape not in ((), (1,), s.shape[1:]):
+            raise ReferenceError(
+                f"offset needs {s.shape[1]} numbers, one per joint, got an array of shape {mean.shape}"
+            )
+        places = np.broadcast_to(mean, s.shape[1:]).tolist()
         return cls(
-            _made(lambda: _core.Reference.fourier(float(period_s), mean, s, c, float(duration), knots)),
+            _made(lambda: _core.Reference.fourier(float(period_s), places, s, c, float(duration), count)),
             "fourier",
         )
 
@@ -182,6 +191,8 @@ class Reference:
                 raise ReferenceError(f"{name} must be positive, got {limit.tolist()}")
         if harmonics < 4:
             raise ReferenceError(f"a series that starts at rest needs at least 4 harmonics, got {harmonics}")
+        if seed < 0:
+            raise ReferenceError(f"seed must not be negative, got {seed}")
         rng = np.random.default_rng(seed)
         k = np.arange(1, harmonics + 1)[:, None]
         sine, cosine = rng.standard_normal((2, harmonics, n)) / k

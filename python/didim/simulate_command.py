@@ -133,7 +133,7 @@ def simulate_experiment(
     x = standard_parameters(loop.model, parameters)
     trajectories, outcomes = loop.run(x[None])
     q, dq, ddq, tau = (values[0] for values in trajectories)
-    sentences = outside_limits(loop.model, loop.motion)
+    sentences = outside_limits(loop.model, loop.motion, float(loop.t[-1]))
     errors: dict[str, Array] = {}
     if outcomes[0].completed:
         error = loop.integration_error(x, q, tau)

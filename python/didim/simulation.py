@@ -236,6 +236,8 @@ class ClosedLoop:
             raise SimulationError(f"rate_hz must be positive, got {rate_hz}")
         if not (np.isfinite(duration) and duration > 0.0 and duration * rate < 1e9):
             raise SimulationError(f"duration_s must be positive and below 1e9 records, got {duration}")
+        if not divergence > 0.0:
+            raise SimulationError(f"divergence must be positive, got {divergence}")
         records = int(np.floor(duration * rate * (1.0 + 1e-12) + 1e-9)) + 1
         smooth = robot.friction.coulomb == "tanh"
         coarse = step if step is not None else (STEP if smooth else SIGN_STEP)
@@ -256,25 +258,29 @@ class ClosedLoop:
             raise SimulationError(str(reason)) from None
         begin = None
         if start is not None:
-            q, dq = (
-                real_array(name, value, SimulationError)
-                for name, value in zip(("q", "dq"), start, strict=True)
-            )
-            if q.shape != (n,) or dq.shape != (n,) or not np.isfinite([q, dq]).all():
-                raise SimulationError(f"start needs {n} finite positions and velocities, got {start!r}")
-            begin = (q.tolist(), dq.tolist())
+            parts = [real_array("start", part, SimulationError) for part in start]
+            if [part.shape for part in parts] != [(n,), (n,)] or not np.isfinite(parts).all():
+                raise SimulationError(f"start needs {n} finite positions and {n} velocities, got {start!r}")
+            begin = (parts[0].tolist(), parts[1].tolist())
         push = None
         if external is not None:
-            values = real_array("external", external[1], SimulationError)
-            if values.ndim != 2 or values.shape[1] != n or not np.isfinite(values).all():
+            if len(external) != 2:
+                raise SimulationError("external must be a rate (Hz) and torques")
+            push_hz, torques = external
+            values = real_array("external", torques, SimulationError)
+            if values.ndim != 2 or values.shape[1] != n or not len(values) or not np.isfinite(values).all():
                 raise SimulationError(f"external needs finite torques of shape (n_samples, {n})")
-            push = (float(external[0]), values)
+            if not (np.isfinite(push_hz) and push_hz > 0.0):
+                raise SimulationError(f"the rate of external must be positive, got {push_hz}")
+            push = (float(push_hz), values)
         return cls(robot, reference, controller, rate, records, schedule, begin, push, float(divergence))
 
     def run(
         self, x: Array, *, gain_scale: Array | None = None, threads: int | None = None, divided: int = 1
     ) -> tuple[list[Array], tuple[Outcome, ...]]:
         """Trajectories ``q dq ddq tau`` of candidates, each (n_candidates, n_records, n_dof), and their outcomes.
+
+        They are NaN from an early end on.
 
         Parameters
         ----------
@@ -287,13 +293,20 @@ class ClosedLoop:
         divided : int
             Each step in so many.
         """
-        scale = np.ones((len(x), self.model.n_dof)) if gain_scale is None else gain_scale
+        scale = self._scale_of(x, gain_scale, threads)
         setting: ClosedLoop | _Divided = self if divided == 1 else _Divided(self, divided)
         try:
             arrays, endings = _core.simulate(setting, x, scale, threads)
         except ValueError as reason:
             raise SimulationError(str(reason)) from None
-        return list(arrays), _outcomes(endings)
+        outcomes = _outcomes(endings)
+        for candidate, outcome in enumerate(outcomes):
+            if outcome.time_s is not None:
+                # A run goes on with its neighbours in the lanes: what it gives after its end means nothing.
+                ended = self.t >= outcome.time_s - 1e-6 / self.rate_hz
+                for values in arrays:
+                    values[candidate, ended] = np.nan
+        return list(arrays), outcomes
 
     def costs(
         self,
@@ -317,7 +330,7 @@ class ClosedLoop:
         weight_q, weight_tau : (n_dof,) arrays
             Weights of squared position and torque errors.
         """
-        scale = np.ones((len(x), self.model.n_dof)) if gain_scale is None else gain_scale
+        scale = self._scale_of(x, gain_scale, threads)
         try:
             costs, endings = _core.simulate_cost(
                 self, x, scale, q, tau, weight_q.tolist(), weight_tau.tolist(), threads
@@ -325,6 +338,14 @@ class ClosedLoop:
         except ValueError as reason:
             raise SimulationError(str(reason)) from None
         return costs, _outcomes(endings)
+
+    def _scale_of(self, x: Array, gain_scale: Array | None, threads: int | None) -> Array:
+        """Return the scale of the gains, 1 by default, once the candidates are rows."""
+        if x.ndim != 2:
+            raise SimulationError(f"x must have shape (n_candidates, n_parameters), got {x.shape}")
+        if threads is not None and threads < 1:
+            raise SimulationError(f"threads must be at least 1, got {threads}")
+        return np.ones((len(x), self.model.n_dof)) if gain_scale is None else gain_scale
 
     def integration_error(
         self, x: Array, q: Array, tau: Array, *, gain_scale: Array | None = None, threads: int | None = None
@@ -481,9 +502,9 @@ def candidate_matrix(robot: Robot, x: ArrayLike) -> tuple[Array, bool]:
     """Return standard parameters as rows, and whether it was a single vector."""
     array = real_array("x", x, ShapeError)
     if array.ndim == 2:
-        return np.ascontiguousarray([standard_vector(robot, row) for row in array]).reshape(
-            len(array), len(robot.parameter_names)
-        ), False
+        if not len(array):
+            raise ShapeError("x holds no candidate")
+        return np.ascontiguousarray([standard_vector(robot, row) for row in array]), False
     return standard_vector(robot, array)[None], True
 
 
@@ -498,7 +519,8 @@ def _scale(gain_scale: ArrayLike | None, m: int, n: int) -> Array | None:
 
 def _outcomes(endings: Sequence[tuple[int, float, int]]) -> tuple[Outcome, ...]:
     kinds = (SimulationStatus.COMPLETED, SimulationStatus.DIVERGED, SimulationStatus.INDEFINITE)
+    # The core looks 1e-9 of a step inside of it, which is nothing to tell people.
     return tuple(
-        Outcome(kinds[0]) if kind == 0 else Outcome(kinds[kind], time, joint + 1)
+        Outcome(kinds[0]) if kind == 0 else Outcome(kinds[kind], round(time, 9), joint + 1)
         for kind, time, joint in endings
     )

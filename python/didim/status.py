@@ -22,6 +22,7 @@ class Status(Enum):
         "Not converged: the iterations were used up, or ended, before the parameters came to rest; look at the history, "
         "at the controller and at the log."
     )
+    INTERRUPTED = "Interrupted: the estimate is the best point found so far."
     STOPPED = "Stopped by the callback: the estimate is that of the last iteration made."
 
     @property

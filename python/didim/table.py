@@ -71,15 +71,17 @@ def _parameter_lines(fit: Identification) -> list[str]:
             rows.append((name, unit, f"{value:g}" if role == "fixed" else "0", "", "", role))
             continue
         places = _decimal_places(std)
-        uncertain = not percent <= WELL_IDENTIFIED_PERCENT
+        known = bool(fit.std.any())
+        uncertain = known and not percent <= WELL_IDENTIFIED_PERCENT
         marked += uncertain
         rows.append(
             (
                 name,
                 unit,
                 _number(value, places),
-                _number(std, places),
-                _sigma_percent(percent),
+                # A search that gives no covariance says nothing on sigma.
+                _number(std, places) if known else "-",
+                _sigma_percent(percent) if known else "-",
                 "*" if uncertain else "",
             )
         )

@@ -178,7 +178,7 @@ pub struct Instant<'a, const L: usize, const F: bool> {
     /// Reference.
     pub target: &'a Target,
     /// Torque fed forward.
-    pub feedforward: &'a [f64; MAX_DOF],
+    pub feedforward: Option<&'a [f64; MAX_DOF]>,
     /// Scale of the gains of each candidate.
     pub scale: &'a [Lanes<L, F>; MAX_DOF],
 }
@@ -205,7 +205,10 @@ pub fn law<const L: usize, const F: bool>(
         u = z.mul_add(Lanes::splat(law.integral), u);
         dz = e.mul_add(Lanes::splat(law.integrated_position), v.scale(law.integrated_velocity));
     }
-    u = u.mul_add(instant.scale[j], Lanes::splat(instant.feedforward[j] / law.gain));
+    u = u * instant.scale[j];
+    if let Some(feedforward) = instant.feedforward {
+        u += Lanes::splat(feedforward[j] / law.gain);
+    }
     if law.limit < f64::INFINITY {
         let limit = Lanes::splat(law.limit);
         let clipped = u.max(-limit).min(limit);

@@ -1,93 +1,226 @@
 //! Direct dynamic model (4): `M(q) ddq = tau - N(q, dq)`.
 //!
-//! `M` by composite bodies, `N` as the inverse model without acceleration, and an `L D L'` factorisation whose pivots tell
-//! whether `M` is positive definite. Identity that tests it: direct after inverse is the identity; independently, Pinocchio's `aba`.
+//! One pass outwards gives the wrenches of `N`, one inwards everything else, joint by joint from the last: the body that a joint
+//! carries, its column of `M`, and the elimination `M = L' D L` of that joint, which needs only what lies further out. So the
+//! divisions wait for nothing and nothing waits for them. The pivots `D` tell whether `M` is positive definite.
+//! Identity that tests it: direct after inverse is the identity; independently, Pinocchio's `aba`.
 
+use crate::bodies::{Body, Links, Lower, Wrench};
 use crate::error::ShapeError;
-use crate::inertia::{Lower, inertia_matrix_lanes, no_matrix};
-use crate::inverse::{Wrench, check_length, inverse_dynamics_at};
-use crate::kinematics::{Placement, State};
+use crate::friction::Drives;
+use crate::geometry::{DISPLACED, Frames, Geometry, MOMENTS, Step, TURNED, by_twist};
+use crate::inverse::{check_length, link_wrenches};
+use crate::kinematics::State;
 use crate::lanes::{Kernel, Lanes, dispatch};
 use crate::parameters::Layout;
 use crate::robot::{MAX_DOF, Robot};
+use crate::spatial::Vector;
+
+/// The same statement for several constants.
+macro_rules! unrolled {
+    ($k:ident in $($value:literal)* => $body:expr) => {
+        $({
+            const $k: usize = $value;
+            $body
+        })*
+    };
+}
 
 /// Memory of the direct model, and its result: nothing is cleared or copied per call.
 #[derive(Debug, Clone, Copy)]
 pub struct Direct<const L: usize, const F: bool> {
-    placements: [Placement<L, F>; MAX_DOF],
+    frames: Frames<L, F>,
+    /// Of the links; then, at each joint, of all that it carries.
     wrenches: [Wrench<L, F>; MAX_DOF],
-    matrix: Lower<L, F>,
-    bias: [Lanes<L, F>; MAX_DOF],
+    /// Column `k` of `M`: the wrench that the body carried by joint `k` needs for a unit acceleration, seen from the frame
+    /// at hand.
+    columns: [Wrench<L, F>; MAX_DOF],
+    /// `L`, unit diagonal not stored.
+    factor: Lower<L, F>,
+    /// Column of `D L` at hand.
+    scaled: [Lanes<L, F>; MAX_DOF],
+    inverse_pivots: [Lanes<L, F>; MAX_DOF],
     /// Joint accelerations (rad/s^2 or m/s^2).
     pub ddq: [Lanes<L, F>; MAX_DOF],
-    /// Pivots of `M = L D L'`, joint by joint: all positive exactly where `M` is positive definite.
+    /// Pivots `D`, joint by joint: all positive exactly where `M` is positive definite.
     pub pivots: [Lanes<L, F>; MAX_DOF],
-}
-
-impl<const L: usize, const F: bool> Default for Direct<L, F> {
-    #[inline(always)]
-    fn default() -> Self {
-        Self::new()
-    }
 }
 
 impl<const L: usize, const F: bool> Direct<L, F> {
     /// Nothing computed yet.
     #[inline(always)]
-    pub fn new() -> Self {
+    pub fn new(geometry: &Geometry) -> Self {
+        let zero = [Lanes::zero(); MAX_DOF];
         Self {
-            placements: Placement::nowhere(),
-            wrenches: Wrench::none(),
-            matrix: no_matrix(),
-            bias: [Lanes::zero(); MAX_DOF],
-            ddq: [Lanes::zero(); MAX_DOF],
-            pivots: [Lanes::splat(1.0); MAX_DOF],
+            frames: Frames::new(geometry),
+            wrenches: [Wrench::none(); MAX_DOF],
+            columns: [Wrench::none(); MAX_DOF],
+            factor: [zero; MAX_DOF],
+            scaled: zero,
+            inverse_pivots: zero,
+            ddq: zero,
+            pivots: zero,
         }
     }
 
-    /// Accelerations of `L` states under torques `tau`. `still` has no acceleration.
+    /// Accelerations of `L` states under torques `tau` of the drives and `external` ones. `near`: the positions lie near those of
+    /// the last call that was not, as those of the later stages of a step do; only the time depends on how near.
     #[inline(always)]
+    #[allow(clippy::too_many_arguments)] // the robot in three parts, and the state
     pub fn solve(
         &mut self,
-        robot: &Robot,
-        still: &State<L, F>,
+        geometry: &Geometry,
+        drives: &Drives<'_>,
+        links: &Links<L, F>,
+        q: &[Lanes<L, F>; MAX_DOF],
+        dq: &[Lanes<L, F>; MAX_DOF],
         tau: &[Lanes<L, F>; MAX_DOF],
-        x: &[Lanes<L, F>],
+        external: &[f64; MAX_DOF],
+        near: bool,
     ) {
-        Placement::all(robot, &still.q, &mut self.placements);
-        inverse_dynamics_at(robot, &self.placements, still, x, &mut self.wrenches, &mut self.bias);
-        inertia_matrix_lanes(robot, &self.placements, x, &mut self.matrix);
-        for j in 0..robot.n_dof() {
-            self.ddq[j] = tau[j] - self.bias[j];
+        let n = geometry.n();
+        if near {
+            self.frames.follow(geometry, q);
+        } else {
+            self.frames.anchor(geometry, q);
         }
-        self.factor_and_solve(robot.n_dof());
+        drives.friction(links, dq, &mut self.ddq);
+        for j in 0..n {
+            self.ddq[j] = (tau[j] + Lanes::splat(external[j])) - self.ddq[j];
+        }
+        link_wrenches::<L, F, false>(geometry, &links.bodies, &self.frames, dq, dq, &mut self.wrenches);
+        let mut body = links.bodies[n - 1];
+        for j in (1..n).rev() {
+            let step = &geometry.steps[j];
+            self.columns[j] = body.unit_wrench(step.turns);
+            self.eliminate(n, j, step.turns, &links.rotors);
+            body = by_twist!(step, T => self.inwards::<T>(geometry, j, &links.bodies[j - 1], &body));
+        }
+        let turns = geometry.steps[0].turns;
+        self.columns[0] = body.unit_wrench(turns);
+        self.eliminate(n, 0, turns, &links.rotors);
+        self.substitute(n);
     }
 
-    /// `M ddq = right` by `L D L'`, without square roots; `right` stands in `ddq`.
+    /// Column `j` of `L' D L` and of `L' y = right`, from the wrenches in frame `j`. Without loops for the usual arms.
     #[inline(always)]
-    fn factor_and_solve(&mut self, n: usize) {
-        let (m, right) = (&mut self.matrix, &mut self.ddq);
-        for k in 0..n {
-            let pivot = m[k][k];
-            self.pivots[k] = pivot;
-            let inverse = Lanes::splat(1.0) / pivot;
-            for i in k + 1..n {
-                let factor = m[i][k] * inverse;
-                for j in k + 1..=i {
-                    m[i][j] = factor.neg_mul_add(m[j][k], m[i][j]);
-                }
-                right[i] = factor.neg_mul_add(right[k], right[i]);
+    fn eliminate(&mut self, n: usize, j: usize, turns: bool, rotors: &Lower<L, F>) {
+        if turns {
+            for k in j..n {
+                self.scaled[k] = rotors[k][j] + self.columns[k].moment.z;
             }
-            for i in k + 1..n {
-                m[i][k] = m[i][k] * inverse;
-            }
-            right[k] = right[k] * inverse;
-        }
-        for k in (0..n).rev() {
-            for i in k + 1..n {
-                right[k] = m[i][k].neg_mul_add(right[i], right[k]);
+        } else {
+            for k in j..n {
+                self.scaled[k] = rotors[k][j] + self.columns[k].force.z;
             }
         }
+        self.ddq[j] -= self.wrenches[j].felt(turns);
+        match (n, j) {
+            (6, 0) => self.eliminate_among_six::<0>(),
+            (6, 1) => self.eliminate_among_six::<1>(),
+            (6, 2) => self.eliminate_among_six::<2>(),
+            (6, 3) => self.eliminate_among_six::<3>(),
+            (6, 4) => self.eliminate_among_six::<4>(),
+            (6, 5) => self.eliminate_among_six::<5>(),
+            _ => self.eliminate_among(n, j),
+        }
+        self.pivots[j] = self.scaled[j];
+        self.inverse_pivots[j] = Lanes::splat(1.0) / self.scaled[j];
+    }
+
+    #[inline(always)]
+    #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
+    fn eliminate_among_six<const J: usize>(&mut self) {
+        unrolled!(K in 5 4 3 2 1 0 => if K >= J {
+            let mut entry = self.scaled[K];
+            unrolled!(P in 5 4 3 2 1 => if P > K {
+                entry = self.factor[P][K].neg_mul_add(self.scaled[P], entry);
+            });
+            self.scale_entry(K, J, entry);
+        });
+    }
+
+    #[inline(always)]
+    fn eliminate_among(&mut self, n: usize, j: usize) {
+        for k in (j..n).rev() {
+            let mut entry = self.scaled[k];
+            for p in (k + 1..n).rev() {
+                entry = self.factor[p][k].neg_mul_add(self.scaled[p], entry);
+            }
+            self.scale_entry(k, j, entry);
+        }
+    }
+
+    #[inline(always)]
+    fn scale_entry(&mut self, k: usize, j: usize, entry: Lanes<L, F>) {
+        self.scaled[k] = entry;
+        if k > j {
+            let factor = entry * self.inverse_pivots[k];
+            self.factor[k][j] = factor;
+            self.ddq[j] = factor.neg_mul_add(self.ddq[k], self.ddq[j]);
+        }
+    }
+
+    /// `ddq` from `L ddq = y / D`.
+    #[inline(always)]
+    #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
+    fn substitute(&mut self, n: usize) {
+        if n == 6 {
+            unrolled!(J in 0 1 2 3 4 5 => {
+                let mut ddq = self.ddq[J] * self.inverse_pivots[J];
+                unrolled!(I in 0 1 2 3 4 => if I < J {
+                    ddq = self.factor[J][I].neg_mul_add(self.ddq[I], ddq);
+                });
+                self.ddq[J] = ddq;
+            });
+            return;
+        }
+        for j in 0..n {
+            let mut ddq = self.ddq[j] * self.inverse_pivots[j];
+            for i in 0..j {
+                ddq = self.factor[j][i].neg_mul_add(self.ddq[i], ddq);
+            }
+            self.ddq[j] = ddq;
+        }
+    }
+
+    /// Everything from frame `j` to frame `j-1`, where a link more is carried.
+    #[inline(always)]
+    fn inwards<const T: u8>(
+        &mut self,
+        geometry: &Geometry,
+        j: usize,
+        link: &Body<L, F>,
+        body: &Body<L, F>,
+    ) -> Body<L, F> {
+        let step = &geometry.steps[j];
+        let (s, c, t) = (self.frames.sine[j], self.frames.cosine[j], &self.frames.shift[j]);
+        let (before, columns) = (&mut self.wrenches[..=j], &mut self.columns[j..geometry.n()]);
+        match geometry.carries[j] {
+            MOMENTS => columns_inwards::<T, MOMENTS, L, F>(step, s, c, t, before, columns),
+            TURNED => columns_inwards::<T, TURNED, L, F>(step, s, c, t, before, columns),
+            _ => columns_inwards::<T, DISPLACED, L, F>(step, s, c, t, before, columns),
+        }
+        let body = body.unstepped::<T>(step, s, c, t, j < geometry.heavy);
+        if geometry.steps[j - 1].turns { link.regrouped_with(&body) } else { link.with(&body) }
+    }
+}
+
+/// The wrenches of columns, and that of `N` at the end of `wrenches`, one frame inwards; only moments where forces no longer matter.
+#[inline(always)]
+fn columns_inwards<const T: u8, const C: u8, const L: usize, const F: bool>(
+    step: &Step,
+    s: Lanes<L, F>,
+    c: Lanes<L, F>,
+    t: &Vector<L, F>,
+    wrenches: &mut [Wrench<L, F>],
+    columns: &mut [Wrench<L, F>],
+) {
+    for column in columns {
+        *column = column.inwards::<T, C>(step, s, c, t);
+    }
+    if let [.., before, last] = wrenches {
+        *before = before.with(&last.inwards::<T, C>(step, s, c, t));
     }
 }
 
@@ -113,14 +246,15 @@ impl Kernel for Batch<'_> {
     type Output = Option<Indefinite>;
     #[inline(always)]
     fn run<const L: usize, const F: bool>(self) -> Option<Indefinite> {
-        let n = self.robot.n_dof();
-        let x: Vec<Lanes<L, F>> = self.x.iter().map(|&value| Lanes::splat(value)).collect();
-        let mut result = Direct::<L, F>::new();
+        let geometry = Geometry::of(self.robot);
+        let n = geometry.n();
+        let drives = Drives::of(self.robot);
+        let links = Links::<L, F>::of_one(self.robot, &geometry, self.x);
+        let (mut result, mut state) = (Direct::new(&geometry), State::zero());
         for (block, out) in self.ddq.chunks_mut(n * L).enumerate() {
             // The torques travel in the place of the accelerations, which are what is asked for.
-            let mut state = State::<L, F>::gather(n, block * L, self.q, self.dq, self.tau);
-            let tau = std::mem::replace(&mut state.ddq, [Lanes::zero(); MAX_DOF]);
-            result.solve(self.robot, &state, &tau, &x);
+            state.load(n, block * L, self.q, self.dq, self.tau);
+            result.solve(&geometry, &drives, &links, &state.q, &state.dq, &state.ddq, &[0.0; MAX_DOF], false);
             for (l, row) in out.chunks_mut(n).enumerate() {
                 for j in 0..n {
                     let pivot = result.pivots[j].0[l];

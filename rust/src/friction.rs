@@ -9,20 +9,31 @@
 //! | `Fvm_m` | `s - dq_m` | `c_mi s - c_mi^2 dq_i` |
 //! | `Fcm_m` | `sign(s) - sign(dq_m)` | `c_mi sign(s)`; as printed in (23): `c_mi sign(dq_m)` |
 
+use crate::bodies::Links;
 use crate::kinematics::State;
 use crate::lanes::Lanes;
-use crate::robot::{CoupledMotor, Coupling, Robot};
+use crate::robot::{CoupledMotor, Coupling, MAX_DOF, Robot};
 
 /// `sign`, `sign` with a dead zone, or `tanh(dq / v)`, as joint `j` has it. Between -1 and 1.
 #[inline(always)]
 pub fn sign<const L: usize, const F: bool>(robot: &Robot, j: usize, dq: Lanes<L, F>) -> Lanes<L, F> {
-    let smoothing = robot.friction().smoothing[j];
-    let dead_zone = Lanes::splat(robot.friction().dead_zone[j]);
-    if smoothing > 0.0 {
-        let s = dq.scale(1.0 / smoothing).tanh();
-        if robot.friction().dead_zone[j] > 0.0 { s.where_above(dq.abs(), dead_zone) } else { s }
+    let friction = robot.friction();
+    let steepness = if friction.smoothing[j] > 0.0 { 1.0 / friction.smoothing[j] } else { 0.0 };
+    smooth_sign(steepness, friction.dead_zone[j], dq)
+}
+
+/// The same from the slope of `tanh` (0 for a plain sign) and the dead zone.
+#[inline(always)]
+fn smooth_sign<const L: usize, const F: bool>(
+    steepness: f64,
+    dead_zone: f64,
+    dq: Lanes<L, F>,
+) -> Lanes<L, F> {
+    if steepness > 0.0 {
+        let s = dq.scale(steepness).tanh();
+        if dead_zone > 0.0 { s.where_above(dq.abs(), Lanes::splat(dead_zone)) } else { s }
     } else {
-        Lanes::splat(1.0).copysign(dq).where_above(dq.abs(), dead_zone)
+        Lanes::splat(1.0).copysign(dq).where_above(dq.abs(), Lanes::splat(dead_zone))
     }
 }
 
@@ -51,14 +62,6 @@ pub struct CoupledColumns<const L: usize, const F: bool> {
     pub viscous: Lanes<L, F>,
     /// Column of `Fcm_m`.
     pub coulomb: Lanes<L, F>,
-}
-
-impl<const L: usize, const F: bool> CoupledColumns<L, F> {
-    /// Torque of the parameters `Ia_m`, `Fvm_m` and `Fcm_m`.
-    #[inline(always)]
-    pub fn torque(&self, ia: Lanes<L, F>, fvm: Lanes<L, F>, fcm: Lanes<L, F>) -> Lanes<L, F> {
-        self.rotor.mul_add(ia, self.viscous.mul_add(fvm, self.coulomb * fcm))
-    }
 }
 
 /// Speed and acceleration of a coupled motor.
@@ -106,6 +109,103 @@ impl<const L: usize, const F: bool> Shaft<L, F> {
             rotor: (self.ddq - state.ddq[i].scale(c)).scale(c),
             viscous: (self.dq - state.dq[i].scale(c)).scale(c),
             coulomb: sign.scale(c),
+        }
+    }
+}
+
+/// The drives as the kernels use them: divisions done, once per run.
+#[derive(Debug, Clone)]
+pub struct Drives<'a> {
+    coupled: &'a [CoupledMotor],
+    coupling: Coupling,
+    asymmetric: bool,
+    n: usize,
+    /// Reciprocal of the smoothing velocity, 0 for a plain sign; dead zone.
+    signs: [(f64, f64); MAX_DOF],
+}
+
+impl<'a> Drives<'a> {
+    /// Of a robot.
+    pub fn of(robot: &'a Robot) -> Self {
+        let friction = robot.friction();
+        let mut signs = [(0.0, 0.0); MAX_DOF];
+        for (sign, (&velocity, &dead_zone)) in
+            signs.iter_mut().zip(friction.smoothing.iter().zip(&friction.dead_zone))
+        {
+            *sign = (if velocity > 0.0 { 1.0 / velocity } else { 0.0 }, dead_zone);
+        }
+        let (coupling, asymmetric) = (friction.coupling, friction.asymmetric);
+        Self { coupled: robot.coupled(), coupling, asymmetric, n: robot.n_dof(), signs }
+    }
+
+    /// [`sign`] without its division.
+    #[inline(always)]
+    fn sign<const L: usize, const F: bool>(&self, j: usize, dq: Lanes<L, F>) -> Lanes<L, F> {
+        let (steepness, dead_zone) = self.signs[j];
+        smooth_sign(steepness, dead_zone, dq)
+    }
+
+    /// Friction torques at speeds `dq`, into `tau`.
+    #[inline(always)]
+    pub fn friction<const L: usize, const F: bool>(
+        &self,
+        links: &Links<L, F>,
+        dq: &[Lanes<L, F>; MAX_DOF],
+        tau: &mut [Lanes<L, F>; MAX_DOF],
+    ) {
+        let zero = Lanes::zero();
+        for j in 0..self.n.min(MAX_DOF) {
+            let s = self.sign(j, dq[j]);
+            let [a, b, c, d] = links.friction[j];
+            tau[j] = if self.asymmetric {
+                let forward = dq[j].max(zero).mul_add(a, s.max(zero) * b);
+                dq[j].min(zero).mul_add(c, s.min(zero).mul_add(d, forward))
+            } else {
+                dq[j].mul_add(a, s.mul_add(b, c))
+            };
+        }
+        for (coupled, &[fvm, fcm]) in self.coupled.iter().zip(&links.coupled) {
+            let m = coupled.motor;
+            let mut speed = dq[m];
+            for &(i, c) in &coupled.others {
+                speed = dq[i].mul_add(Lanes::splat(c), speed);
+            }
+            let (turning, joint_turning) = (self.sign(m, speed), self.sign(m, dq[m]));
+            tau[m] = (speed - dq[m]).mul_add(fvm, (turning - joint_turning).mul_add(fcm, tau[m]));
+            let sign = match self.coupling {
+                Coupling::Shaft => turning,
+                Coupling::Printed => joint_turning,
+            };
+            for &(i, c) in &coupled.others {
+                let torque = (speed - dq[i].scale(c)).mul_add(fvm, sign * fcm);
+                tau[i] = torque.mul_add(Lanes::splat(c), tau[i]);
+            }
+        }
+    }
+
+    /// Adds what the rotors need for accelerations `ddq`.
+    #[inline(always)]
+    pub fn rotors<const L: usize, const F: bool>(
+        &self,
+        links: &Links<L, F>,
+        ddq: &[Lanes<L, F>; MAX_DOF],
+        tau: &mut [Lanes<L, F>; MAX_DOF],
+    ) {
+        for j in 0..self.n.min(MAX_DOF) {
+            tau[j] = links.rotors[j][j].mul_add(ddq[j], tau[j]);
+        }
+        for coupled in self.coupled {
+            let m = coupled.motor;
+            let ia = links.rotors[m][m];
+            let mut others = Lanes::zero();
+            for &(i, c) in &coupled.others {
+                others = ddq[i].mul_add(Lanes::splat(c), others);
+            }
+            tau[m] = ia.mul_add(others, tau[m]);
+            let all = ddq[m] + others;
+            for &(i, c) in &coupled.others {
+                tau[i] = ia.scale(c).mul_add(all - ddq[i].scale(c), tau[i]);
+            }
         }
     }
 }

@@ -7,148 +7,39 @@
 //! `x -> M(q, x)` is linear, so the parameters with `M > 0` at given positions are a convex cone: between a vector
 //! inside and any other there is a [`largest_safe_step`].
 
+use crate::bodies::{Links, Lower};
 use crate::error::ShapeError;
+use crate::geometry::{Frames, Geometry, by_twist};
 use crate::inverse::check_length;
-use crate::kinematics::Placement;
 use crate::lanes::{Kernel, Lanes, dispatch};
-use crate::parameters::{IA, Layout, M, MX, XX};
-use crate::robot::{JointKind, MAX_DOF, Robot};
-use crate::spatial::Vector;
+use crate::parameters::Layout;
+use crate::robot::{MAX_DOF, Robot};
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// A symmetric matrix on lanes; only entries with `row >= column` are used.
-pub type Lower<const L: usize, const F: bool> = [[Lanes<L, F>; MAX_DOF]; MAX_DOF];
-
-/// Inertia of a body about the origin of its frame: `XX XY XZ YY YZ ZZ`, first moments, mass.
-#[derive(Debug, Clone, Copy)]
-struct Body<const L: usize, const F: bool> {
-    j: [Lanes<L, F>; 6],
-    ms: Vector<L, F>,
-    m: Lanes<L, F>,
-}
-
-impl<const L: usize, const F: bool> Body<L, F> {
-    #[inline(always)]
-    fn of_link(x: &[Lanes<L, F>]) -> Self {
-        Self {
-            j: [x[XX], x[XX + 1], x[XX + 2], x[XX + 3], x[XX + 4], x[XX + 5]],
-            ms: Vector::new(x[MX], x[MX + 1], x[MX + 2]),
-            m: x[M],
-        }
-    }
-
-    #[inline(always)]
-    fn add(&mut self, other: &Self) {
-        for k in 0..6 {
-            self.j[k] += other.j[k];
-        }
-        self.ms = self.ms + other.ms;
-        self.m += other.m;
-    }
-
-    /// The same body about the origin of the frame before, in that frame.
-    #[inline(always)]
-    fn carried(&self, robot: &Robot, k: usize, at: &Placement<L, F>) -> Self {
-        let joint = &robot.joints()[k];
-        // Rot(z, theta): double angles of the part in the plane, a turn of (XZ, YZ).
-        let [xx, xy, xz, yy, yz, zz] = self.j;
-        let (s, c) = (at.sine, at.cosine);
-        let (cc, ss, cs) = (c * c, s * s, c * s);
-        let (two_xy_cs, difference) = ((xy + xy) * cs, xx - yy);
-        let (xx, yy) =
-            (xx.mul_add(cc, yy.mul_add(ss, -two_xy_cs)), xx.mul_add(ss, yy.mul_add(cc, two_xy_cs)));
-        let xy = difference.mul_add(cs, xy * (cc - ss));
-        let (xz, yz) = (xz.mul_add(c, -(yz * s)), xz.mul_add(s, yz * c));
-        let ms = self.ms.out_of_turned(s, c);
-        // About the origin at (-d, 0, -r): J + 2 (p.ms) 1 - (p ms' + ms p') + m (p.p 1 - p p').
-        let (d, r) = (Lanes::splat(joint.d), at.r);
-        let moved = Vector::new(d.mul_add(self.m, ms.x), ms.y, r.mul_add(self.m, ms.z));
-        // With a = ms + moved, the terms are p.a 1 - (p a' + a p')/2.
-        let a = ms + moved;
-        let (da, ra) = (d * a.x, r * a.z);
-        let (xx, yy, zz) = (xx + ra, yy + da + ra, zz + da);
-        let (xy, xz, yz) =
-            (xy - (d * a.y).scale(0.5), xz - d.mul_add(a.z, r * a.x).scale(0.5), yz - (r * a.y).scale(0.5));
-        let ms = moved.out_of_twisted(robot.twists()[k]);
-        let (ca, sa) = robot.twists()[k].cos_sin();
-        let (ca, sa) = (Lanes::splat(ca), Lanes::splat(sa));
-        let (cc, ss, cs) = (ca * ca, sa * sa, ca * sa);
-        let two_yz_cs = (yz + yz) * cs;
-        let j = [
-            xx,
-            xy * ca - xz * sa,
-            xy * sa + xz * ca,
-            yy * cc + zz * ss - two_yz_cs,
-            (yy - zz) * cs + yz * (cc - ss),
-            yy * ss + zz * cc + two_yz_cs,
-        ];
-        Self { j, ms, m: self.m }
-    }
-}
-
-/// `M(q)` of `L` positions or candidates, with standard parameters `x` of their own in each lane, into `matrix`.
+/// `M(q)` of `L` positions or candidates into `matrix`.
 #[inline(always)]
-pub fn inertia_matrix_lanes<const L: usize, const F: bool>(
-    robot: &Robot,
-    placements: &[Placement<L, F>; MAX_DOF],
-    x: &[Lanes<L, F>],
+fn inertia_matrix_lanes<const L: usize, const F: bool>(
+    geometry: &Geometry,
+    links: &Links<L, F>,
+    frames: &Frames<L, F>,
     matrix: &mut Lower<L, F>,
 ) {
-    let n = robot.n_dof();
-    let layout = Layout::of(robot);
-    let mut body = Body::of_link(&x[layout.joint(n - 1)..]);
+    let n = geometry.n();
+    let mut body = links.bodies[n - 1];
     for j in (0..n).rev() {
-        let (mut force, mut moment) = match robot.joints()[j].kind {
-            JointKind::Revolute => (
-                Vector::new(-body.ms.y, body.ms.x, Lanes::zero()),
-                Vector::new(body.j[2], body.j[4], body.j[5]),
-            ),
-            JointKind::Prismatic => (
-                Vector::new(Lanes::zero(), Lanes::zero(), body.m),
-                Vector::new(body.ms.y, -body.ms.x, Lanes::zero()),
-            ),
-        };
+        let mut wrench = body.unit_wrench(geometry.steps[j].turns);
         for i in (0..=j).rev() {
-            matrix[j][i] = match robot.joints()[i].kind {
-                JointKind::Revolute => moment.z,
-                JointKind::Prismatic => force.z,
-            };
+            let step = &geometry.steps[i];
+            matrix[j][i] = links.rotors[j][i] + wrench.felt(step.turns);
             if i > 0 {
-                (force, moment) = placements[i].wrench_before(robot, i, force, moment);
+                let (s, c, t) = (frames.sine[i], frames.cosine[i], &frames.shift[i]);
+                wrench = by_twist!(step, T => wrench.unstepped::<T>(step, s, c, t));
             }
         }
-        matrix[j][j] += x[layout.joint(j) + IA];
         if j > 0 {
-            let carried = body.carried(robot, j, &placements[j]);
-            body = Body::of_link(&x[layout.joint(j - 1)..]);
-            body.add(&carried);
-        }
-    }
-    add_coupled_rotors(robot, x, matrix);
-}
-
-/// Memory for [`inertia_matrix_lanes`].
-#[inline(always)]
-pub fn no_matrix<const L: usize, const F: bool>() -> Lower<L, F> {
-    [[Lanes::zero(); MAX_DOF]; MAX_DOF]
-}
-
-/// What coupled rotors put off the diagonal; on it, `Ia` already has them (24).
-#[inline(always)]
-fn add_coupled_rotors<const L: usize, const F: bool>(
-    robot: &Robot,
-    x: &[Lanes<L, F>],
-    matrix: &mut Lower<L, F>,
-) {
-    let layout = Layout::of(robot);
-    for coupled in robot.coupled() {
-        let m = coupled.motor;
-        let ia = x[layout.joint(m) + IA];
-        for (k, &(i, c)) in coupled.others.iter().enumerate() {
-            matrix[m.max(i)][m.min(i)] += ia.scale(c);
-            for &(other, factor) in &coupled.others[..k] {
-                matrix[other.max(i)][other.min(i)] += ia.scale(c * factor);
-            }
+            let (step, s, c, t) = (&geometry.steps[j], frames.sine[j], frames.cosine[j], &frames.shift[j]);
+            body = by_twist!(step, T => body.unstepped::<T>(step, s, c, t, j < geometry.heavy))
+                .with(&links.bodies[j - 1]);
         }
     }
 }
@@ -164,15 +55,17 @@ impl Kernel for Batch<'_> {
     type Output = ();
     #[inline(always)]
     fn run<const L: usize, const F: bool>(self) {
-        let n = self.robot.n_dof();
-        let x: Vec<Lanes<L, F>> = self.x.iter().map(|&value| Lanes::splat(value)).collect();
-        let (mut placements, mut matrix) = (Placement::<L, F>::nowhere(), no_matrix());
+        let geometry = Geometry::of(self.robot);
+        let n = geometry.n();
+        let links = Links::<L, F>::of_one(self.robot, &geometry, self.x);
+        let (mut frames, mut q) = (Frames::new(&geometry), [Lanes::zero(); MAX_DOF]);
+        let mut matrix = [[Lanes::zero(); MAX_DOF]; MAX_DOF];
         for (block, out) in self.matrices.chunks_mut(n * n * L).enumerate() {
-            let q = std::array::from_fn(|j| {
-                if j < n { Lanes::gather(self.q, n, block * L, j) } else { Lanes::zero() }
-            });
-            Placement::all(self.robot, &q, &mut placements);
-            inertia_matrix_lanes(self.robot, &placements, &x, &mut matrix);
+            for j in 0..n {
+                q[j] = Lanes::gather(self.q, n, block * L, j);
+            }
+            frames.place(&geometry, &q);
+            inertia_matrix_lanes(&geometry, &links, &frames, &mut matrix);
             for (l, sample) in out.chunks_mut(n * n).enumerate() {
                 for i in 0..n {
                     for j in 0..n {

@@ -3,116 +3,138 @@
 //! `tau = M(q) ddq + N(q, dq)`, rotors and friction included. Identity that tests it: `tau = W x` with the
 //! columns of [`crate::regressor`]; independently, Pinocchio's `rnea` in the Python tests.
 
+use crate::bodies::{Body, Links, Wrench};
 use crate::error::ShapeError;
-use crate::friction::{Shaft, own_columns};
-use crate::kinematics::{Angular, Motion, Placement, State};
+use crate::friction::Drives;
+use crate::geometry::{Frames, Geometry, by_twist};
+use crate::kinematics::{Angular, State};
 use crate::lanes::{Kernel, Lanes, dispatch};
-use crate::parameters::{FRICTION, IA, INERTIAL, Layout, M, MX, XX};
-use crate::robot::{JointKind, MAX_DOF, Robot};
+use crate::parameters::Layout;
+use crate::robot::{MAX_DOF, Robot};
 use crate::spatial::Vector;
 
-/// Force and moment on a link at its origin, in its frame.
-#[derive(Debug, Clone, Copy)]
-pub struct Wrench<const L: usize, const F: bool> {
-    force: Vector<L, F>,
-    moment: Vector<L, F>,
-}
-
-impl<const L: usize, const F: bool> Wrench<L, F> {
-    /// No wrench on any link: memory for [`inverse_dynamics_at`].
-    #[inline(always)]
-    pub fn none() -> [Self; MAX_DOF] {
-        [Self { force: Vector::zero(), moment: Vector::zero() }; MAX_DOF]
+/// What moves each link, at its origin and in its frame; of the first one only what its joint feels. Rotors are not in it.
+///
+/// Link `j` moves with the accelerations `a + U p` of its points: `a` is carried outwards, `U` follows from the angular velocity
+/// and acceleration. Gravity enters as an acceleration of the base. Without `MOVING`, joint accelerations are zero.
+#[inline(always)]
+pub fn link_wrenches<const L: usize, const F: bool, const MOVING: bool>(
+    geometry: &Geometry,
+    bodies: &[Body<L, F>; MAX_DOF],
+    frames: &Frames<L, F>,
+    dq: &[Lanes<L, F>; MAX_DOF],
+    ddq: &[Lanes<L, F>; MAX_DOF],
+    wrenches: &mut [Wrench<L, F>; MAX_DOF],
+) {
+    let n = geometry.n();
+    let [x, y, z] = geometry.gravity;
+    let (mut omega, mut domega, mut a) = (Vector::zero(), Vector::zero(), Vector::splat([-x, -y, -z]));
+    for j in 0..n {
+        let (step, body) = (&geometry.steps[j], &bodies[j]);
+        let (s, c) = (frames.sine[j], frames.cosine[j]);
+        let u;
+        if j == 0 {
+            // The base does not turn.
+            a = by_twist!(step, T => a.stepped::<T>(step, s, c));
+            if step.turns {
+                omega.z = dq[0];
+                if MOVING {
+                    domega.z = ddq[0];
+                }
+                u = Angular::about_z(omega.z, domega.z);
+                let moment = body.h.x.mul_sub(a.y, body.h.y * a.x);
+                wrenches[0].moment.z =
+                    if MOVING { (body.xx + body.yy).mul_add(ddq[0], moment) } else { moment };
+            } else {
+                if MOVING {
+                    a.z += ddq[0];
+                }
+                u = Angular::none();
+                wrenches[0].force.z = body.m * a.z;
+            }
+        } else {
+            (omega, domega, a) = by_twist!(step, T =>
+                (omega.stepped::<T>(step, s, c), domega.stepped::<T>(step, s, c), a.stepped::<T>(step, s, c)));
+            if step.turns {
+                domega.x = omega.y.mul_add(dq[j], domega.x);
+                domega.y = omega.x.neg_mul_add(dq[j], domega.y);
+                omega.z += dq[j];
+                if MOVING {
+                    domega.z += ddq[j];
+                }
+                u = Angular::of(omega, domega);
+                wrenches[j] = body.regrouped_wrench(&u, a);
+            } else {
+                let twice = dq[j] + dq[j];
+                a.x = omega.y.mul_add(twice, a.x);
+                a.y = omega.x.neg_mul_add(twice, a.y);
+                if MOVING {
+                    a.z += ddq[j];
+                }
+                u = Angular::of(omega, domega);
+                wrenches[j] = body.wrench(&u, a);
+            }
+        }
+        if j + 1 < n {
+            a = u.displaced(a, &geometry.steps[j + 1].shifted, &frames.shift[j + 1]);
+        }
     }
 }
 
-/// What moves a link: `M a + U MS` and `J domega + omega x J omega + MS x a`, for the ten parameters `x` of the link.
+/// Carries the wrenches in `wrenches` inwards and adds what each joint feels to `tau`.
 #[inline(always)]
-fn wrench<const L: usize, const F: bool>(motion: &Motion<L, F>, x: &[Lanes<L, F>]) -> Wrench<L, F> {
-    let Motion { omega, domega, a } = *motion;
-    let angular = Angular::of(omega, domega);
-    let ms = Vector::new(x[MX], x[MX + 1], x[MX + 2]);
-    let m = x[M];
-    let u = [angular.column(0), angular.column(1), angular.column(2)];
-    let force = Vector::new(
-        a.x.mul_add(m, u[2].x.mul_add(ms.z, u[1].x.mul_add(ms.y, u[0].x * ms.x))),
-        a.y.mul_add(m, u[2].y.mul_add(ms.z, u[1].y.mul_add(ms.y, u[0].y * ms.x))),
-        a.z.mul_add(m, u[2].z.mul_add(ms.z, u[1].z.mul_add(ms.y, u[0].z * ms.x))),
-    );
-    let moment = turn(x, domega) + omega.cross(turn(x, omega)) + ms.cross(a);
-    Wrench { force, moment }
-}
-
-/// `J v` of the inertia in `x`.
-#[inline(always)]
-fn turn<const L: usize, const F: bool>(x: &[Lanes<L, F>], v: Vector<L, F>) -> Vector<L, F> {
-    let [xx, xy, xz, yy, yz, zz] = [x[XX], x[XX + 1], x[XX + 2], x[XX + 3], x[XX + 4], x[XX + 5]];
-    Vector::new(
-        v.z.mul_add(xz, v.y.mul_add(xy, v.x * xx)),
-        v.z.mul_add(yz, v.y.mul_add(yy, v.x * xy)),
-        v.z.mul_add(zz, v.y.mul_add(yz, v.x * xz)),
-    )
-}
-
-/// Torques of `L` states, with standard parameters `x` of their own in each lane.
-#[inline(always)]
-pub fn inverse_dynamics_lanes<const L: usize, const F: bool>(
-    robot: &Robot,
-    state: &State<L, F>,
-    x: &[Lanes<L, F>],
-) -> [Lanes<L, F>; MAX_DOF] {
-    let mut placements = Placement::nowhere();
-    Placement::all(robot, &state.q, &mut placements);
-    let mut tau = [Lanes::zero(); MAX_DOF];
-    inverse_dynamics_at(robot, &placements, state, x, &mut Wrench::none(), &mut tau);
-    tau
-}
-
-/// The same with the frames already placed, and with memory for the wrenches of the links: nothing is cleared or copied per call.
-#[inline(always)]
-pub fn inverse_dynamics_at<const L: usize, const F: bool>(
-    robot: &Robot,
-    placements: &[Placement<L, F>; MAX_DOF],
-    state: &State<L, F>,
-    x: &[Lanes<L, F>],
-    wrenches: &mut [Wrench<L, F>; MAX_DOF],
+fn carry<const L: usize, const F: bool>(
+    geometry: &Geometry,
+    frames: &Frames<L, F>,
+    wrenches: &[Wrench<L, F>; MAX_DOF],
     tau: &mut [Lanes<L, F>; MAX_DOF],
 ) {
-    let n = robot.n_dof();
-    let layout = Layout::of(robot);
-    let mut motion = Motion::base(robot);
-    for j in 0..n {
-        motion = motion.next(robot, j, &placements[j], state.dq[j], state.ddq[j]);
-        wrenches[j] = wrench(&motion, &x[layout.joint(j)..layout.joint(j) + INERTIAL]);
+    let n = geometry.n();
+    let mut carried = wrenches[n - 1];
+    for j in (1..n).rev() {
+        let step = &geometry.steps[j];
+        let (s, c, t) = (frames.sine[j], frames.cosine[j], &frames.shift[j]);
+        tau[j] += carried.felt(step.turns);
+        carried = by_twist!(step, T => carried.unstepped::<T>(step, s, c, t)).with(&wrenches[j - 1]);
     }
-    for j in (0..n).rev() {
-        let joint = &robot.joints()[j];
-        let Wrench { force, moment } = wrenches[j];
-        let block = &x[layout.joint(j)..layout.joint(j) + layout.per_joint()];
-        tau[j] = match joint.kind {
-            JointKind::Revolute => moment.z,
-            JointKind::Prismatic => force.z,
-        };
-        tau[j] = state.ddq[j].mul_add(block[IA], tau[j]);
-        let columns = own_columns(robot, j, state.dq[j]);
-        for (k, &value) in block[FRICTION..].iter().enumerate() {
-            tau[j] = columns[k].mul_add(value, tau[j]);
-        }
-        if j > 0 {
-            let (force, moment) = placements[j].wrench_before(robot, j, force, moment);
-            wrenches[j - 1].force = wrenches[j - 1].force + force;
-            wrenches[j - 1].moment = wrenches[j - 1].moment + moment;
+    tau[0] += carried.felt(geometry.steps[0].turns);
+}
+
+/// Memory of the inverse model, and its result: nothing is cleared or copied per call.
+#[derive(Debug, Clone, Copy)]
+pub struct Inverse<const L: usize, const F: bool> {
+    frames: Frames<L, F>,
+    wrenches: [Wrench<L, F>; MAX_DOF],
+    /// Joint torques (N.m or N).
+    pub tau: [Lanes<L, F>; MAX_DOF],
+}
+
+impl<const L: usize, const F: bool> Inverse<L, F> {
+    /// Nothing computed yet.
+    #[inline(always)]
+    pub fn new(geometry: &Geometry) -> Self {
+        Self {
+            frames: Frames::new(geometry),
+            wrenches: [Wrench::none(); MAX_DOF],
+            tau: [Lanes::zero(); MAX_DOF],
         }
     }
-    for (index, coupled) in robot.coupled().iter().enumerate() {
-        let m = coupled.motor;
-        let ia = x[layout.joint(m) + IA];
-        let (fvm, fcm) = (x[layout.coupled(index)], x[layout.coupled(index) + 1]);
-        let shaft = Shaft::of(robot, coupled, state);
-        tau[m] += shaft.own_row(m, state).torque(ia, fvm, fcm);
-        for &(i, c) in &coupled.others {
-            tau[i] += shaft.other_row(robot, i, c, state).torque(ia, fvm, fcm);
-        }
+
+    /// Torques of `L` states.
+    #[inline(always)]
+    pub fn solve(
+        &mut self,
+        geometry: &Geometry,
+        drives: &Drives<'_>,
+        links: &Links<L, F>,
+        state: &State<L, F>,
+    ) {
+        let Self { frames, wrenches, tau } = self;
+        frames.place(geometry, &state.q);
+        drives.friction(links, &state.dq, tau);
+        drives.rotors(links, &state.ddq, tau);
+        link_wrenches::<L, F, true>(geometry, &links.bodies, frames, &state.dq, &state.ddq, wrenches);
+        carry(geometry, frames, wrenches, tau);
     }
 }
 
@@ -129,16 +151,15 @@ impl Kernel for Batch<'_> {
     type Output = ();
     #[inline(always)]
     fn run<const L: usize, const F: bool>(self) {
-        let n = self.robot.n_dof();
-        let x: Vec<Lanes<L, F>> = self.x.iter().map(|&value| Lanes::splat(value)).collect();
+        let geometry = Geometry::of(self.robot);
+        let n = geometry.n();
+        let drives = Drives::of(self.robot);
+        let links = Links::<L, F>::of_one(self.robot, &geometry, self.x);
+        let (mut result, mut state) = (Inverse::new(&geometry), State::zero());
         for (block, out) in self.tau.chunks_mut(n * L).enumerate() {
-            let state = State::<L, F>::gather(n, block * L, self.q, self.dq, self.ddq);
-            let tau = inverse_dynamics_lanes(self.robot, &state, &x);
-            for (l, row) in out.chunks_mut(n).enumerate() {
-                for j in 0..n {
-                    row[j] = tau[j].0[l];
-                }
-            }
+            state.load(n, block * L, self.q, self.dq, self.ddq);
+            result.solve(&geometry, &drives, &links, &state);
+            Lanes::scatter(&result.tau[..n], out, n);
         }
     }
 }

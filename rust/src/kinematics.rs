@@ -18,16 +18,28 @@ pub struct State<const L: usize, const F: bool> {
 }
 
 impl<const L: usize, const F: bool> State<L, F> {
-    /// Rows `row` to `row + L - 1` of row-major `(n_samples, n_dof)` arrays.
+    /// At rest at zero.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        let zero = [Lanes::zero(); MAX_DOF];
+        Self { q: zero, dq: zero, ddq: zero }
+    }
+
+    /// Takes rows `row` to `row + L - 1` of row-major `(n_samples, n_dof)` arrays.
+    #[inline(always)]
+    pub fn load(&mut self, n: usize, row: usize, q: &[f64], dq: &[f64], ddq: &[f64]) {
+        for j in 0..n {
+            self.q[j] = Lanes::gather(q, n, row, j);
+            self.dq[j] = Lanes::gather(dq, n, row, j);
+            self.ddq[j] = Lanes::gather(ddq, n, row, j);
+        }
+    }
+
+    /// The same as a state of its own.
     #[inline(always)]
     pub fn gather(n: usize, row: usize, q: &[f64], dq: &[f64], ddq: &[f64]) -> Self {
-        let mut state =
-            Self { q: [Lanes::zero(); MAX_DOF], dq: [Lanes::zero(); MAX_DOF], ddq: [Lanes::zero(); MAX_DOF] };
-        for j in 0..n {
-            state.q[j] = Lanes::gather(q, n, row, j);
-            state.dq[j] = Lanes::gather(dq, n, row, j);
-            state.ddq[j] = Lanes::gather(ddq, n, row, j);
-        }
+        let mut state = Self::zero();
+        state.load(n, row, q, dq, ddq);
         state
     }
 }
@@ -58,48 +70,6 @@ impl<const L: usize, const F: bool> Placement<L, F> {
                 Self { sine, cosine, r: q + Lanes::splat(joint.r) }
             }
         }
-    }
-}
-
-impl<const L: usize, const F: bool> Placement<L, F> {
-    /// Every frame at rest in the one before: memory for [`Self::all`].
-    #[inline(always)]
-    pub fn nowhere() -> [Self; MAX_DOF] {
-        [Self { sine: Lanes::zero(), cosine: Lanes::splat(1.0), r: Lanes::zero() }; MAX_DOF]
-    }
-
-    /// Of every joint.
-    #[inline(always)]
-    pub fn all(robot: &Robot, q: &[Lanes<L, F>; MAX_DOF], placements: &mut [Self; MAX_DOF]) {
-        for j in 0..robot.n_dof() {
-            placements[j] = Self::of(robot, j, q[j]);
-        }
-    }
-
-    /// A force and a moment at the origin of frame `j`, seen at the origin of frame `j-1` and in that frame.
-    #[inline(always)]
-    pub fn wrench_before(
-        &self,
-        robot: &Robot,
-        j: usize,
-        force: Vector<L, F>,
-        moment: Vector<L, F>,
-    ) -> (Vector<L, F>, Vector<L, F>) {
-        let joint = &robot.joints()[j];
-        let twist = robot.twists()[j];
-        let force = force.out_of_turned(self.sine, self.cosine);
-        let mut moment = moment.out_of_turned(self.sine, self.cosine);
-        // moment + (d, 0, r) x force
-        if joint.r != 0.0 || joint.kind == JointKind::Prismatic {
-            moment.x = self.r.neg_mul_add(force.y, moment.x);
-            moment.y = self.r.mul_add(force.x, moment.y);
-        }
-        if joint.d != 0.0 {
-            let d = Lanes::splat(joint.d);
-            moment.y = d.neg_mul_add(force.z, moment.y);
-            moment.z = d.mul_add(force.y, moment.z);
-        }
-        (force.out_of_twisted(twist), moment.out_of_twisted(twist))
     }
 }
 
@@ -191,6 +161,38 @@ impl<const L: usize, const F: bool> Angular<L, F> {
             ],
             products: [xx, yy, zz, xy, xz, yz],
         }
+    }
+
+    /// Of a link that does not turn.
+    #[inline(always)]
+    pub fn none() -> Self {
+        Self { columns: [Vector::zero(); 3], products: [Lanes::zero(); 6] }
+    }
+
+    /// Of a link that turns about z only.
+    #[inline(always)]
+    pub fn about_z(w: Lanes<L, F>, dw: Lanes<L, F>) -> Self {
+        let (zero, square) = (Lanes::zero(), w * w);
+        Self {
+            columns: [Vector::new(-square, dw, zero), Vector::new(-dw, -square, zero), Vector::zero()],
+            products: [zero, zero, square, zero, zero, zero],
+        }
+    }
+
+    /// Acceleration of the point at `t`, of whose components only some can be other than zero.
+    #[inline(always)]
+    pub fn displaced(&self, mut a: Vector<L, F>, nonzero: &[bool; 3], t: &Vector<L, F>) -> Vector<L, F> {
+        let [u1, u2, u3] = self.columns;
+        if nonzero[0] {
+            a = Vector::new(u1.x.mul_add(t.x, a.x), u1.y.mul_add(t.x, a.y), u1.z.mul_add(t.x, a.z));
+        }
+        if nonzero[1] {
+            a = Vector::new(u2.x.mul_add(t.y, a.x), u2.y.mul_add(t.y, a.y), u2.z.mul_add(t.y, a.z));
+        }
+        if nonzero[2] {
+            a = Vector::new(u3.x.mul_add(t.z, a.x), u3.y.mul_add(t.z, a.y), u3.z.mul_add(t.z, a.z));
+        }
+        a
     }
 
     /// Acceleration that a unit step along axis `k` adds.

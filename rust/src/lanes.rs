@@ -92,6 +92,8 @@ macro_rules! lane_wise {
 
 /// The bit of the sign.
 const SIGN: u64 = 1 << 63;
+/// Angles (rad) up to which [`Lanes::small_sin_cos`] has all digits.
+pub(crate) const SMALL_ANGLE: f64 = 0.0625;
 /// 1.5 * 2^52: adding it leaves the nearest integer in the low bits.
 const ROUND: f64 = 6_755_399_441_055_744.0;
 
@@ -141,6 +143,10 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
         pub fn where_above(self as a, b, c) if b > c { a } else { 0.0 };
         x86::_mm256_and_pd(a, x86::_mm256_cmp_pd::<{ x86::_CMP_GT_OQ }>(b, c)));
     lane_wise!(
+        /// `a` where `c > 0`, otherwise `b`.
+        pub fn or_where_not_above(self as a, b, c) if c > 0.0 { a } else { b };
+        x86::_mm256_blendv_pd(b, a, x86::_mm256_cmp_pd::<{ x86::_CMP_GT_OQ }>(c, x86::_mm256_setzero_pd())));
+    lane_wise!(
         /// `a` with its sign turned where the lowest bit but one of `bits` is set.
         fn turned_by(self as a, bits) f64::from_bits(a.to_bits() ^ ((bits.to_bits() << 62) & SIGN));
         x86::_mm256_xor_pd(a, x86::_mm256_and_pd(shifted::<62>(bits), sign_bits())));
@@ -174,11 +180,82 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
         self.0
     }
 
+    /// The first `L` numbers of a slice.
+    #[inline(always)]
+    pub(crate) fn from_slice(values: &[f64]) -> Self {
+        let mut lanes = Self::zero();
+        lanes.0.copy_from_slice(&values[..L]);
+        lanes
+    }
+
     /// Entry `column` of rows `row`, `row + 1`, ... of a row-major array; the last row stands in past the end.
     #[inline(always)]
     pub(crate) fn gather(rows: &[f64], width: usize, row: usize, column: usize) -> Self {
         let last = rows.len() / width - 1;
         Self(std::array::from_fn(|l| rows[(row + l).min(last) * width + column]))
+    }
+
+    /// Entry `k` of row `l` of a row-major array of `values.len()` columns is lane `l` of `values[k]`, as far as there are rows.
+    #[inline(always)]
+    pub(crate) fn scatter(values: &[Self], rows: &mut [f64], width: usize) {
+        for (l, row) in rows.chunks_mut(width).enumerate().take(L) {
+            for (out, value) in row.iter_mut().zip(values) {
+                *out = value.0[l];
+            }
+        }
+    }
+
+    /// Four values lane by lane.
+    #[inline(always)]
+    pub(crate) fn turned(values: [Self; 4]) -> [[f64; 4]; L] {
+        let mut out = [[0.0; 4]; L];
+        #[cfg(target_arch = "x86_64")]
+        if F && L.is_multiple_of(4) {
+            let [a, b, c, d] = values;
+            for k in (0..L).step_by(4) {
+                // SAFETY: as in `lane_wise`; k + 4 <= L rows of four.
+                unsafe {
+                    let a = x86::_mm256_loadu_pd(a.0.as_ptr().add(k));
+                    let b = x86::_mm256_loadu_pd(b.0.as_ptr().add(k));
+                    let c = x86::_mm256_loadu_pd(c.0.as_ptr().add(k));
+                    let d = x86::_mm256_loadu_pd(d.0.as_ptr().add(k));
+                    // Pairs of a and b, of c and d; then halves put together.
+                    let (ab, ab_odd) = (x86::_mm256_unpacklo_pd(a, b), x86::_mm256_unpackhi_pd(a, b));
+                    let (cd, cd_odd) = (x86::_mm256_unpacklo_pd(c, d), x86::_mm256_unpackhi_pd(c, d));
+                    let rows = out.as_mut_ptr().add(k).cast::<f64>();
+                    x86::_mm256_storeu_pd(rows, x86::_mm256_permute2f128_pd::<0x20>(ab, cd));
+                    x86::_mm256_storeu_pd(rows.add(4), x86::_mm256_permute2f128_pd::<0x20>(ab_odd, cd_odd));
+                    x86::_mm256_storeu_pd(rows.add(8), x86::_mm256_permute2f128_pd::<0x31>(ab, cd));
+                    x86::_mm256_storeu_pd(rows.add(12), x86::_mm256_permute2f128_pd::<0x31>(ab_odd, cd_odd));
+                }
+            }
+            return out;
+        }
+        for l in 0..L {
+            out[l] = [values[0].0[l], values[1].0[l], values[2].0[l], values[3].0[l]];
+        }
+        out
+    }
+
+    /// Is every lane above `bound`? NaN is not.
+    #[inline(always)]
+    pub fn all_above(self, bound: f64) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        if F && L.is_multiple_of(4) {
+            let mut all = 15;
+            for k in (0..L).step_by(4) {
+                // SAFETY: as in `lane_wise`.
+                all &= unsafe {
+                    let a = x86::_mm256_loadu_pd(self.0.as_ptr().add(k));
+                    x86::_mm256_movemask_pd(x86::_mm256_cmp_pd::<{ x86::_CMP_GT_OQ }>(
+                        a,
+                        x86::_mm256_set1_pd(bound),
+                    ))
+                };
+            }
+            return all == 15;
+        }
+        self.0.iter().all(|&a| a > bound)
     }
 
     /// `f` of each lane.
@@ -202,7 +279,17 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
         self * Self::splat(factor)
     }
 
-    /// Horner's rule, from the highest coefficient to the lowest.
+    /// The polynomial in `self` of these coefficients, from the highest to the lowest, by Horner's rule.
+    #[inline(always)]
+    pub(crate) fn horner<const N: usize>(self, coefficients: [Self; N]) -> Self {
+        let mut sum = coefficients[0];
+        for &coefficient in &coefficients[1..] {
+            sum = sum.mul_add(self, coefficient);
+        }
+        sum
+    }
+
+    /// The same with plain coefficients.
     #[inline(always)]
     fn polynomial<const N: usize>(self, coefficients: [f64; N]) -> Self {
         let mut sum = Self::splat(coefficients[0]);
@@ -251,11 +338,23 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
         (s.chosen_by(c, quadrant).turned_by(quadrant), c.chosen_by(s, quadrant).turned_by(next))
     }
 
+    /// Sine, and cosine less one, of angles below [`SMALL_ANGLE`]; errors below 1e-16.
+    #[inline(always)]
+    pub(crate) fn small_sin_cos(self) -> (Self, Self) {
+        let z = self * self;
+        let s = z.polynomial([-1.0 / 5_040.0, 1.0 / 120.0, -1.0 / 6.0]);
+        let c = z.polynomial([1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0, -0.5]);
+        ((self * z).mul_add(s, self), z * c)
+    }
+
     /// Hyperbolic tangent, within 3 units of the last place: `E / (E + 2)` with `E = exp(2 x) - 1`, which keeps its digits near zero.
     #[inline(always)]
     pub fn tanh(self) -> Self {
         const LN_2_A: f64 = 6.931_471_803_691_238e-1; // its last bits are zero: times k it is exact
         const LN_2_B: f64 = 1.908_214_929_270_587_7e-10;
+        if self.abs().all_above(20.0) {
+            return Self::splat(1.0).copysign(self); // what the rest would give, to the bit
+        }
         // tanh is 1 to the last bit beyond 19.1. On the positive side, so that both sides have the same digits.
         let y = self.abs().min(Self::splat(20.0)).scale(2.0);
         let rounded = y.mul_add(Self::splat(std::f64::consts::LOG2_E), Self::splat(ROUND));
@@ -344,12 +443,41 @@ mod tests {
     }
 
     #[test]
+    fn small_angles_have_all_digits() {
+        for k in -1000..=1000_i32 {
+            let x = SMALL_ANGLE * f64::from(k) / 1000.0;
+            let (s, c) = Lanes::<1, false>([x]).small_sin_cos();
+            assert!((s.0[0] - x.sin()).abs() < 1e-16, "{x}");
+            assert!((c.0[0] + 2.0 * (x / 2.0).sin().powi(2)).abs() < 1e-16, "{x}");
+        }
+    }
+
+    #[test]
     fn lanes_do_not_see_each_other() {
         let x = Lanes::<4, false>([0.1, -2.0, 3.0, 40.0]);
         let (s, c) = x.sin_cos();
         for l in 0..4 {
             let (sl, cl) = Lanes::<1, false>([x.0[l]]).sin_cos();
             assert_eq!((s.0[l].to_bits(), c.0[l].to_bits()), (sl.0[0].to_bits(), cl.0[0].to_bits()));
+        }
+    }
+
+    struct Turned;
+    impl Kernel for Turned {
+        type Output = [[f64; 4]; 4];
+        #[inline(always)]
+        fn run<const L: usize, const F: bool>(self) -> Self::Output {
+            let value = |k: f64| Lanes::<L, F>(std::array::from_fn(|l| 10.0 * k + l as f64));
+            let turned = Lanes::turned([value(0.0), value(1.0), value(2.0), value(3.0)]);
+            std::array::from_fn(|l| turned[l])
+        }
+    }
+
+    #[test]
+    fn turning_is_a_transposition() {
+        let turned = dispatch(Turned);
+        for l in 0..4 {
+            assert_eq!(turned[l], std::array::from_fn(|k| 10.0 * k as f64 + l as f64));
         }
     }
 

@@ -30,12 +30,14 @@
 //! one sample. *Observation matrix*: the regressors of a whole log, filtered. *Lanes*: samples or candidates side by side in a register.
 
 pub mod base;
+pub mod bodies;
 pub mod cancel;
 pub mod control;
 pub mod direct;
 pub mod error;
 pub mod filter;
 pub mod friction;
+pub mod geometry;
 pub mod inertia;
 pub mod inverse;
 pub mod kinematics;
@@ -49,6 +51,7 @@ pub mod python;
 pub mod reference;
 pub mod regressor;
 pub mod robot;
+pub mod runge_kutta;
 pub mod schedule;
 pub mod simulate;
 pub mod spatial;

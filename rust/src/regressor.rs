@@ -95,6 +95,14 @@ impl<const L: usize, const F: bool> UnitWrenches<L, F> {
 pub(crate) trait Entries<const L: usize, const F: bool> {
     /// Takes the entry of `L` samples. Implementations are `#[inline(always)]`.
     fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>);
+
+    /// Takes neighbouring entries of the inertial parameters of a link.
+    #[inline(always)]
+    fn put_link(&mut self, row: usize, first: usize, values: &[Lanes<L, F>; INERTIAL]) {
+        for (k, &value) in values.iter().enumerate() {
+            self.put(row, first + k, value);
+        }
+    }
 }
 
 /// Hands over every entry of the regressor that is not zero by structure.
@@ -111,9 +119,7 @@ fn regressor_lanes<const L: usize, const F: bool>(
         let unit = walk.unit_wrenches();
         let first = layout.joint(j);
         for i in 0..=j {
-            for (k, value) in walk.row(i, &unit).into_iter().enumerate() {
-                entries.put(i, first + k, value);
-            }
+            entries.put_link(i, first, &walk.row(i, &unit));
         }
     }
     drive_lanes(robot, state, entries);
@@ -165,6 +171,20 @@ impl<const L: usize, const F: bool> Entries<L, F> for Rows<'_> {
     fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>) {
         for l in 0..self.samples {
             self.out[(l * self.n + row) * self.p + column] = value.0[l];
+        }
+    }
+
+    /// In three vectors per sample; the last begins before the second has ended.
+    #[inline(always)]
+    fn put_link(&mut self, row: usize, first: usize, v: &[Lanes<L, F>; INERTIAL]) {
+        let parts = [[v[0], v[1], v[2], v[3]], [v[4], v[5], v[6], v[7]], [v[6], v[7], v[8], v[9]]];
+        let [a, b, c] = [Lanes::turned(parts[0]), Lanes::turned(parts[1]), Lanes::turned(parts[2])];
+        for l in 0..self.samples.min(L) {
+            let start = (l * self.n + row) * self.p + first;
+            let out = &mut self.out[start..start + INERTIAL];
+            out[..4].copy_from_slice(&a[l]);
+            out[4..8].copy_from_slice(&b[l]);
+            out[6..].copy_from_slice(&c[l]);
         }
     }
 }

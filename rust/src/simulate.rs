@@ -1,27 +1,28 @@
 //! The closed loop, (4) with its controller and reference, by the classical Runge-Kutta method: one candidate or thousands.
 //!
 //! Candidates run side by side in the lanes of a register, and groups of lanes on several threads; none sees another, so
-//! the bits do not depend on either number. With `a1 .. a4` the accelerations at the four stages of a step `h`,
-//!
-//! `q <- q + h dq + h^2/6 (a1 + a2 + a3)`, `dq <- dq + h/6 (a1 + 2 a2 + 2 a3 + a4)`,
-//!
-//! which is the classical method for `(q, dq)` with the sums of velocities written out. Tested in `simulate/tests.rs`: order four,
+//! the bits do not depend on either number. Tested in `simulate/tests.rs`: order four,
 //! energy, power balance, a pendulum against its elliptic functions; and against the EMPS in the Python tests.
 
+use crate::bodies::Links;
 use crate::cancel::Cancel;
 use crate::control::{Controller, Instant, Sampled, Signal, Timing, check_signal, law};
 use crate::direct::Direct;
 use crate::error::SimulationError;
-use crate::kinematics::State;
+use crate::friction::Drives;
+use crate::geometry::Geometry;
 use crate::lanes::{Kernel, Lanes, WIDTH, dispatch_on};
 use crate::parallel;
 use crate::parameters::Layout;
 use crate::reference::{Reference, Target};
 use crate::robot::{MAX_DOF, Robot};
+use crate::runge_kutta::{PerJoint, Point, Stages};
 use crate::schedule::{Schedule, Segment};
 
 /// How often, in segments, a run asks whether it shall stop.
 const PATIENCE: usize = 256;
+/// Angle (rad) beyond which the sines of `lanes.rs` lose digits.
+const FARTHEST: f64 = 1e5;
 /// Most lanes of a group.
 pub const MOST_LANES: usize = 8;
 
@@ -177,11 +178,11 @@ impl Observer for Cost<'_> {
     fn record(&mut self, k: usize, record: &Record<'_>) {
         let Measured { q, tau, weight_q, weight_tau } = self.measured;
         for j in 0..self.n {
-            let (at, of_joint) = (k * self.n + j, j * record.lanes);
-            for l in 0..record.lanes {
-                let e = record.q[of_joint + l] - q[at];
-                let f = record.tau[of_joint + l] - tau[at];
-                self.sums[l] += weight_q[j] * e * e + weight_tau[j] * f * f;
+            let (at, lanes) = (k * self.n + j, j * record.lanes..(j + 1) * record.lanes);
+            let rows = record.q[lanes.clone()].iter().zip(&record.tau[lanes]);
+            for (sum, (of_q, of_tau)) in self.sums.iter_mut().zip(rows) {
+                let (e, f) = (of_q - q[at], of_tau - tau[at]);
+                *sum += weight_q[j] * e * e + weight_tau[j] * f * f;
             }
         }
     }
@@ -261,6 +262,9 @@ impl Kernel for Run<'_> {
     #[inline(always)]
     fn run<const L: usize, const F: bool>(self) -> Vec<Outcome> {
         let Self { simulation, candidates, cancel, observer } = self;
+        if candidates.is_empty() {
+            return Vec::new();
+        }
         Loop::<L, F>::new(simulation, candidates).run(cancel, observer)[..candidates.len()].to_vec()
     }
 }
@@ -268,21 +272,25 @@ impl Kernel for Run<'_> {
 /// The state of a run, and its memory: nothing is allocated once it runs.
 struct Loop<'a, const L: usize, const F: bool> {
     simulation: Simulation<'a>,
-    x: Vec<Lanes<L, F>>,
-    scale: [Lanes<L, F>; MAX_DOF],
+    geometry: Geometry,
+    drives: Drives<'a>,
+    links: Links<L, F>,
+    scale: PerJoint<L, F>,
     outcomes: [Outcome; L],
     running: usize,
-    /// Positions, velocities; the accelerations stay zero, as the direct model wants them.
-    state: State<L, F>,
-    z: [Lanes<L, F>; MAX_DOF],
-    held: [Lanes<L, F>; MAX_DOF],
+    stages: Stages<L, F>,
     direct: Direct<L, F>,
-    tau: [Lanes<L, F>; MAX_DOF],
-    dz: [Lanes<L, F>; MAX_DOF],
+    /// Torques of the drives; those of a digital controller hold between its samples.
+    tau: PerJoint<L, F>,
+    dz: PerJoint<L, F>,
+    /// The reference, and the time it was evaluated for.
     target: Target,
+    aimed: f64,
     piece: usize,
     feedforward: [f64; MAX_DOF],
     external: [f64; MAX_DOF],
+    /// Positions, velocities, accelerations and torques for the observer.
+    buffers: [[f64; MAX_DOF * MOST_LANES]; 4],
 }
 
 impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
@@ -295,34 +303,36 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
             Lanes(std::array::from_fn(|l| pick(&candidates[l.min(last)], k)))
         };
         let nothing = [Lanes::zero(); MAX_DOF];
-        let count = if candidates.is_empty() { 0 } else { Layout::of(simulation.robot).count() };
-        let mut scale = nothing;
-        for (j, scale) in scale.iter_mut().enumerate().take(if count == 0 { 0 } else { n }) {
-            *scale = lane(|candidate, j| candidate.scale[j], j);
-        }
+        let geometry = Geometry::of(simulation.robot);
+        let x: Vec<Lanes<L, F>> =
+            (0..candidates[0].x.len()).map(|k| lane(|candidate, k| candidate.x[k], k)).collect();
+        let integrates = simulation.controller.laws().iter().any(|law| law.integral != 0.0);
         let mut this = Self {
             simulation,
-            x: (0..count).map(|k| lane(|candidate, k| candidate.x[k], k)).collect(),
-            scale,
+            geometry,
+            drives: Drives::of(simulation.robot),
+            links: Links::of(simulation.robot, &geometry, &x),
+            scale: nothing,
             outcomes: [Outcome::Completed; L],
             running: L,
-            state: State { q: nothing, dq: nothing, ddq: nothing },
-            z: nothing,
-            held: nothing,
-            direct: Direct::new(),
+            stages: Stages::new(n, integrates),
+            direct: Direct::new(&geometry),
             tau: nothing,
             dz: nothing,
             target: Target::zero(),
+            aimed: f64::NAN,
             piece: 0,
             feedforward: [0.0; MAX_DOF],
             external: [0.0; MAX_DOF],
+            buffers: [[0.0; MAX_DOF * MOST_LANES]; 4],
         };
-        simulation.reference.at(0.0, &mut this.piece, &mut this.target);
+        this.aim(0.0);
         for j in 0..n {
             let (q, dq) =
                 simulation.start.map_or((this.target.q[j], this.target.dq[j]), |(q, dq)| (q[j], dq[j]));
-            this.state.q[j] = Lanes::splat(q);
-            this.state.dq[j] = Lanes::splat(dq);
+            this.stages.here.q[j] = Lanes::splat(q);
+            this.stages.here.dq[j] = Lanes::splat(dq);
+            this.scale[j] = lane(|candidate, j| candidate.scale[j], j);
         }
         this
     }
@@ -335,7 +345,7 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
         let mut sampled = match self.simulation.controller.timing() {
             Timing::Continuous => None,
             Timing::Digital(digital) => {
-                Some((digital, Sampled::start(digital, &self.state.q, &self.state.dq)))
+                Some((digital, Sampled::start(digital, &self.stages.here.q, &self.stages.here.dq)))
             }
         };
         // The last record needs one more evaluation: a segment without length, whose step ends after its first stage.
@@ -360,9 +370,8 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
             }
             for step in 0..segment.steps {
                 let t = segment.start + step as f64 * segment.step;
-                let mut stages = Stages::start(&self.state, &self.z);
                 for stage in 0..4 {
-                    self.evaluate(Stages::<L, F>::time(stage, t, segment.step), &stages.state, &stages.z);
+                    self.evaluate(Stages::<L, F>::time(stage, t, segment.step), stage > 0);
                     if stage == 0 && step == 0 && segment.record {
                         self.hand_over(records, observer);
                         records += 1;
@@ -370,10 +379,8 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
                     if segment.step == 0.0 {
                         break;
                     }
-                    let n = self.simulation.robot.n_dof();
-                    stages.advance(stage, n, segment.step, &self.state, &self.z, &self.direct.ddq, &self.dz);
+                    self.stages.advance(stage, segment.step, &self.direct.ddq, &self.dz);
                 }
-                (self.state, self.z) = (stages.state, stages.z);
             }
         }
         self.outcomes
@@ -381,51 +388,46 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
 
     /// Gives the observer where the run stands, with the torques and accelerations evaluated there.
     #[inline(always)]
-    fn hand_over(&self, k: usize, observer: &mut dyn Observer) {
+    fn hand_over(&mut self, k: usize, observer: &mut dyn Observer) {
         let n = self.simulation.robot.n_dof();
-        let mut buffers = [[0.0; MAX_DOF * MOST_LANES]; 4];
-        let all = [&self.state.q, &self.state.dq, &self.direct.ddq, &self.tau];
-        for (buffer, values) in buffers.iter_mut().zip(all) {
+        let all = [&self.stages.here.q, &self.stages.here.dq, &self.direct.ddq, &self.tau];
+        for (buffer, values) in self.buffers.iter_mut().zip(all) {
             for j in 0..n {
                 buffer[j * L..(j + 1) * L].copy_from_slice(&values[j].0);
             }
         }
-        let [q, dq, ddq, tau] = &buffers;
+        let [q, dq, ddq, tau] = &self.buffers;
         let (q, dq, ddq, tau) = (&q[..n * L], &dq[..n * L], &ddq[..n * L], &tau[..n * L]);
         observer.record(k, &Record { lanes: L, q, dq, ddq, tau });
     }
 
-    /// Torques and accelerations at one time.
+    /// Torques and accelerations at one time; `near` the positions of the evaluation that started the step, or at them.
     #[inline(always)]
-    fn evaluate(&mut self, t: f64, state: &State<L, F>, z: &[Lanes<L, F>; MAX_DOF]) {
-        let Simulation { robot, controller, .. } = self.simulation;
-        let n = robot.n_dof();
+    fn evaluate(&mut self, t: f64, near: bool) {
+        let Simulation { controller, external, .. } = self.simulation;
+        let n = self.geometry.n();
         if let Timing::Continuous = controller.timing() {
             self.aim(t);
-            let instant =
-                Instant { target: &self.target, feedforward: &self.feedforward, scale: &self.scale };
-            for (j, one) in controller.laws().iter().enumerate() {
-                (self.tau[j], self.dz[j]) = law(one, &instant, j, state.q[j], state.dq[j], z[j]);
-            }
-        } else {
-            self.tau = self.held;
-        }
-        match self.simulation.external {
-            None => self.direct.solve(robot, state, &self.tau, &self.x),
-            Some(external) => {
-                external.at(t, &mut self.external);
-                let mut sum = self.tau;
-                for j in 0..n {
-                    sum[j] += Lanes::splat(self.external[j]);
-                }
-                self.direct.solve(robot, state, &sum, &self.x);
+            let Point { q, dq, z } = &self.stages.here;
+            let instant = Instant {
+                target: &self.target,
+                feedforward: controller.feedforward().map(|_| &self.feedforward),
+                scale: &self.scale,
+            };
+            for (j, one) in controller.laws()[..n].iter().enumerate() {
+                (self.tau[j], self.dz[j]) = law(one, &instant, j, q[j], dq[j], z[j]);
             }
         }
+        if let Some(external) = external {
+            external.at(t, &mut self.external);
+        }
+        let Self { geometry, drives, links, stages, direct, tau, .. } = self;
+        direct.solve(geometry, drives, links, &stages.here.q, &stages.here.dq, tau, &self.external, near);
         let mut smallest = self.direct.pivots[0];
         for j in 1..n {
             smallest = self.direct.pivots[j].min(smallest);
         }
-        if smallest.0.iter().any(|&pivot| pivot <= 0.0) {
+        if !smallest.all_above(0.0) {
             self.find_indefinite(t);
         }
     }
@@ -433,7 +435,11 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
     /// Reference and feed-forward at one time.
     #[inline(always)]
     fn aim(&mut self, t: f64) {
-        self.simulation.reference.at(t, &mut self.piece, &mut self.target);
+        if t == self.aimed {
+            return; // the stages in the middle of a step
+        }
+        self.aimed = t;
+        self.simulation.reference.at_on::<F>(t, &mut self.piece, &mut self.target);
         if let Some(signal) = self.simulation.controller.feedforward() {
             signal.at(t, &mut self.feedforward);
         }
@@ -442,15 +448,28 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
     #[inline(always)]
     fn sample(&mut self, digital: &crate::control::Digital, sampled: &mut Sampled<L, F>, t: f64) {
         self.aim(t);
-        let instant = Instant { target: &self.target, feedforward: &self.feedforward, scale: &self.scale };
-        self.held = sampled.step(self.simulation.controller.laws(), digital, &instant, &self.state.q);
+        let controller = self.simulation.controller;
+        let instant = Instant {
+            target: &self.target,
+            feedforward: controller.feedforward().map(|_| &self.feedforward),
+            scale: &self.scale,
+        };
+        self.tau = sampled.step(controller.laws(), digital, &instant, &self.stages.here.q);
     }
 
     #[cold]
     fn find_indefinite(&mut self, time: f64) {
+        let n = self.geometry.n();
         for l in 0..L {
-            let joint = (0..self.simulation.robot.n_dof()).find(|&j| self.direct.pivots[j].0[l] <= 0.0);
-            if let Some(joint) = joint {
+            // Within one step a run can diverge so far that sines mean nothing, nor do the pivots made of them.
+            let lost = (0..n).find(|&j| {
+                let q = self.stages.here.q[j].0[l].abs();
+                q.is_nan() || q > FARTHEST
+            });
+            let joint = (0..n).find(|&j| self.direct.pivots[j].0[l] <= 0.0);
+            if let (Some(joint), Some(_)) = (lost, joint) {
+                self.end(l, Outcome::Diverged { time, joint });
+            } else if let Some(joint) = joint {
                 self.end(l, Outcome::Indefinite { time, joint });
             }
         }
@@ -459,10 +478,24 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
     /// Ends the runs whose tracking error has left the bounds. NaN is beyond any bound.
     #[inline(always)]
     fn check_tracking(&mut self, time: f64) {
-        self.simulation.reference.at(time, &mut self.piece, &mut self.target);
-        for j in 0..self.simulation.robot.n_dof() {
+        self.aim(time);
+        let bound = Lanes::splat(self.simulation.divergence);
+        // By how much the joints are out of bounds; what is no number stays so in a sum.
+        let mut beyond = Lanes::zero();
+        for j in 0..self.geometry.n() {
+            let error = (self.stages.here.q[j] - Lanes::splat(self.target.q[j])).abs();
+            beyond += Lanes::zero().max(error - bound);
+        }
+        if !(-beyond).all_above(-f64::MIN_POSITIVE) {
+            self.find_diverged(time);
+        }
+    }
+
+    #[cold]
+    fn find_diverged(&mut self, time: f64) {
+        for j in 0..self.geometry.n() {
             for l in 0..L {
-                let error = (self.state.q[j].0[l] - self.target.q[j]).abs();
+                let error = (self.stages.here.q[j].0[l] - self.target.q[j]).abs();
                 if error.is_nan() || error > self.simulation.divergence {
                     self.end(l, Outcome::Diverged { time, joint: j });
                 }
@@ -482,68 +515,6 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
             self.end(lane, Outcome::Cancelled { time });
         }
         self.outcomes
-    }
-}
-
-/// The stages of one step: where the next evaluation is due, and the sums so far.
-struct Stages<const L: usize, const F: bool> {
-    state: State<L, F>,
-    z: [Lanes<L, F>; MAX_DOF],
-    /// Sum of the first three accelerations.
-    first_three: [Lanes<L, F>; MAX_DOF],
-    /// Sums weighted 1 2 2 1.
-    weighted: [Lanes<L, F>; MAX_DOF],
-    weighted_z: [Lanes<L, F>; MAX_DOF],
-}
-
-impl<const L: usize, const F: bool> Stages<L, F> {
-    #[inline(always)]
-    fn start(state: &State<L, F>, z: &[Lanes<L, F>; MAX_DOF]) -> Self {
-        let nothing = [Lanes::zero(); MAX_DOF];
-        Self { state: *state, z: *z, first_three: nothing, weighted: nothing, weighted_z: nothing }
-    }
-
-    /// Time of a stage; those at the ends lie just inside the step, so that a jump of the reference's acceleration there is seen
-    /// from within.
-    #[inline(always)]
-    fn time(stage: usize, t: f64, h: f64) -> f64 {
-        t + h * [1e-9, 0.5, 0.5, 1.0 - 1e-9][stage]
-    }
-
-    /// Takes the derivatives of a stage and moves on to the next, or to the end of the step.
-    #[inline(always)]
-    #[allow(clippy::too_many_arguments)] // the state of the loop, field by field
-    fn advance(
-        &mut self,
-        stage: usize,
-        n: usize,
-        h: f64,
-        start: &State<L, F>,
-        z: &[Lanes<L, F>; MAX_DOF],
-        ddq: &[Lanes<L, F>; MAX_DOF],
-        dz: &[Lanes<L, F>; MAX_DOF],
-    ) {
-        let weight = Lanes::splat([1.0, 2.0, 2.0, 1.0][stage]);
-        if stage < 3 {
-            let way = Lanes::splat(h * [0.5, 0.5, 1.0][stage]);
-            for j in 0..n {
-                self.first_three[j] += ddq[j];
-                self.weighted[j] = weight.mul_add(ddq[j], self.weighted[j]);
-                self.weighted_z[j] = weight.mul_add(dz[j], self.weighted_z[j]);
-                // The velocity of this stage carries the position to the next.
-                self.state.q[j] = way.mul_add(self.state.dq[j], start.q[j]);
-                self.state.dq[j] = way.mul_add(ddq[j], start.dq[j]);
-                self.z[j] = way.mul_add(dz[j], z[j]);
-            }
-        } else {
-            let (whole, sixth, square) = (Lanes::splat(h), Lanes::splat(h / 6.0), Lanes::splat(h * h / 6.0));
-            for j in 0..n {
-                let way = whole.mul_add(start.dq[j], start.q[j]);
-                self.state.q[j] = square.mul_add(self.first_three[j], way);
-                self.state.dq[j] = sixth.mul_add(self.weighted[j] + ddq[j], start.dq[j]);
-                self.z[j] = sixth.mul_add(self.weighted_z[j] + dz[j], z[j]);
-            }
-        }
     }
 }
 

@@ -1,0 +1,276 @@
+//! The geometry as the kernels walk it: what is constant, and what is zero, decided once per run.
+//!
+//! The step from frame `j-1` to frame `j` is a turn `Rot(x, alpha) Rot(z, theta)` about an origin displaced by
+//! `t = (d, -r sin alpha, r cos alpha)`, seen in frame `j-1`. Most components of `t` are zero and most twists right angles; a
+//! kernel asks once per joint ([`by_twist`]) and then runs through code that has no multiplication by them.
+
+use crate::lanes::{Lanes, SMALL_ANGLE};
+use crate::robot::{JointKind, MAX_DOF, Robot, Twist};
+use crate::spatial::Vector;
+
+/// `alpha = 0`.
+pub const ZERO: u8 = 0;
+/// `alpha = pi/2`.
+pub const PLUS: u8 = 1;
+/// `alpha = -pi/2`.
+pub const MINUS: u8 = 2;
+/// Any other `alpha`.
+pub const GENERAL: u8 = 3;
+
+/// Of a wrench seen from the frame before only the moment is ever felt.
+pub const MOMENTS: u8 = 0;
+/// It turns with the frame; the origins are the same.
+pub const TURNED: u8 = 1;
+/// It turns, and the origin moves.
+pub const DISPLACED: u8 = 2;
+
+/// Runs `$body` with the constant `$t` for the twist of `$step`: each kind is compiled by itself.
+macro_rules! by_twist {
+    ($step:expr, $t:ident => $body:expr) => {
+        match $step.twist {
+            $crate::geometry::ZERO => {
+                const $t: u8 = $crate::geometry::ZERO;
+                $body
+            }
+            $crate::geometry::PLUS => {
+                const $t: u8 = $crate::geometry::PLUS;
+                $body
+            }
+            $crate::geometry::MINUS => {
+                const $t: u8 = $crate::geometry::MINUS;
+                $body
+            }
+            _ => {
+                const $t: u8 = $crate::geometry::GENERAL;
+                $body
+            }
+        }
+    };
+}
+pub(crate) use by_twist;
+
+/// The step to one frame from the one before.
+#[derive(Debug, Clone, Copy)]
+pub struct Step {
+    /// Does the joint turn (or slide)?
+    pub turns: bool,
+    /// [`ZERO`], [`PLUS`], [`MINUS`] or [`GENERAL`].
+    pub twist: u8,
+    /// Cosine of alpha.
+    pub cosine: f64,
+    /// Its sine.
+    pub sine: f64,
+    /// Angle about z at `q = 0`.
+    theta: f64,
+    /// `t` at `q = 0`.
+    shift: [f64; 3],
+    /// Which components of `t` can be other than zero.
+    pub shifted: [bool; 3],
+}
+
+impl Step {
+    /// None at all.
+    const STILL: Self = Self {
+        turns: true,
+        twist: ZERO,
+        cosine: 1.0,
+        sine: 0.0,
+        theta: 0.0,
+        shift: [0.0; 3],
+        shifted: [false; 3],
+    };
+
+    fn of(robot: &Robot, j: usize) -> Self {
+        let joint = &robot.joints()[j];
+        let (cosine, sine) = robot.twists()[j].cos_sin();
+        let twist = match robot.twists()[j] {
+            Twist::Zero => ZERO,
+            Twist::Plus => PLUS,
+            Twist::Minus => MINUS,
+            Twist::Half | Twist::General(..) => GENERAL,
+        };
+        let turns = joint.kind == JointKind::Revolute;
+        let along = !turns || joint.r != 0.0;
+        Self {
+            turns,
+            twist,
+            cosine,
+            sine,
+            theta: joint.theta,
+            shift: [joint.d, -joint.r * sine, joint.r * cosine],
+            shifted: [joint.d != 0.0, along && sine != 0.0, along && cosine != 0.0],
+        }
+    }
+}
+
+/// The steps of a robot, and what else its kernels ask for.
+#[derive(Debug, Clone, Copy)]
+pub struct Geometry {
+    n: usize,
+    /// Joint by joint.
+    pub steps: [Step; MAX_DOF],
+    /// Acceleration of gravity in frame 0 (m/s^2).
+    pub gravity: [f64; 3],
+    /// What becomes of a wrench from frame `j` to frame `j-1`: [`MOMENTS`], [`TURNED`] or [`DISPLACED`].
+    pub carries: [u8; MAX_DOF],
+    /// Joints up to which something slides further out (or there): only their links carry a mass after regrouping.
+    pub heavy: usize,
+}
+
+impl Geometry {
+    /// Of a robot.
+    pub fn of(robot: &Robot) -> Self {
+        let n = robot.n_dof();
+        let mut steps = [Step::STILL; MAX_DOF];
+        for (j, step) in steps.iter_mut().enumerate().take(n) {
+            *step = Step::of(robot, j);
+        }
+        let heavy = steps[..n].iter().rposition(|step| !step.turns).map_or(0, |j| j + 1);
+        let displaced = |step: &Step| step.shifted.contains(&true);
+        // A force matters where it has a lever arm further in, or slides a joint.
+        let force_matters =
+            |j: usize| !steps[0].turns || steps[1..j].iter().any(|s| displaced(s) || !s.turns);
+        let mut carries = [MOMENTS; MAX_DOF];
+        for (j, carries) in carries.iter_mut().enumerate().take(n).skip(1) {
+            if displaced(&steps[j]) {
+                *carries = DISPLACED;
+            } else if force_matters(j) {
+                *carries = TURNED;
+            }
+        }
+        Self { n, steps, gravity: robot.gravity(), carries, heavy }
+    }
+
+    /// Number of joints. The compiler sees that it is within the arrays.
+    #[inline(always)]
+    pub fn n(&self) -> usize {
+        self.n.min(MAX_DOF)
+    }
+}
+
+/// Where each frame is seen from the one before, on lanes.
+#[derive(Debug, Clone, Copy)]
+pub struct Frames<const L: usize, const F: bool> {
+    /// Sine of the angle about z.
+    pub sine: [Lanes<L, F>; MAX_DOF],
+    /// Its cosine.
+    pub cosine: [Lanes<L, F>; MAX_DOF],
+    /// `t`, of which only [`Step::shifted`] components are used.
+    pub shift: [Vector<L, F>; MAX_DOF],
+    /// Positions, sines and cosines that [`Self::follow`] starts from.
+    anchor: [[Lanes<L, F>; MAX_DOF]; 3],
+}
+
+impl<const L: usize, const F: bool> Frames<L, F> {
+    /// At `q = 0`.
+    #[inline(always)]
+    pub fn new(geometry: &Geometry) -> Self {
+        let zero = [Lanes::zero(); MAX_DOF];
+        let mut frames =
+            Self { sine: zero, cosine: zero, shift: [Vector::zero(); MAX_DOF], anchor: [zero; 3] };
+        for j in 0..geometry.n() {
+            let step = &geometry.steps[j];
+            (frames.sine[j], frames.cosine[j]) = Lanes::splat(step.theta).sin_cos();
+            frames.shift[j] = Vector::splat(step.shift);
+        }
+        frames
+    }
+
+    /// Moves the joints to `q`.
+    #[inline(always)]
+    pub fn place(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+        for j in 0..geometry.n() {
+            let step = &geometry.steps[j];
+            if step.turns {
+                (self.sine[j], self.cosine[j]) = (q[j] + Lanes::splat(step.theta)).sin_cos();
+            } else {
+                self.slide(step, j, q[j]);
+            }
+        }
+    }
+
+    /// The same, and remembers it for [`Self::follow`].
+    #[inline(always)]
+    pub fn anchor(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+        self.place(geometry, q);
+        for j in 0..geometry.n() {
+            (self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]) = (q[j], self.sine[j], self.cosine[j]);
+        }
+    }
+
+    /// Moves the joints to `q`, near the anchor: sums of angles are cheaper than new sines.
+    #[inline(always)]
+    pub fn follow(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+        for j in 0..geometry.n() {
+            let step = &geometry.steps[j];
+            if !step.turns {
+                self.slide(step, j, q[j]);
+                continue;
+            }
+            let [from, s, c] = [self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]];
+            let way = q[j] - from;
+            let (sine, cosine_less_one) = way.small_sin_cos();
+            let near_s = c.mul_add(sine, s.mul_add(cosine_less_one, s));
+            let near_c = s.neg_mul_add(sine, c.mul_add(cosine_less_one, c));
+            let room = Lanes::splat(SMALL_ANGLE) - way.abs();
+            if room.all_above(0.0) {
+                (self.sine[j], self.cosine[j]) = (near_s, near_c);
+            } else {
+                // Lane by lane, so that none sees its neighbours.
+                let (far_s, far_c) = (q[j] + Lanes::splat(step.theta)).sin_cos();
+                self.sine[j] = near_s.or_where_not_above(far_s, room);
+                self.cosine[j] = near_c.or_where_not_above(far_c, room);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn slide(&mut self, step: &Step, j: usize, q: Lanes<L, F>) {
+        let [x, y, z] = step.shift;
+        let y = q.mul_add(Lanes::splat(-step.sine), Lanes::splat(y));
+        let z = q.mul_add(Lanes::splat(step.cosine), Lanes::splat(z));
+        self.shift[j] = Vector::new(Lanes::splat(x), y, z);
+    }
+}
+
+impl<const L: usize, const F: bool> Vector<L, F> {
+    /// Components after the step's twist: `Rot(x, alpha)^T v`.
+    #[inline(always)]
+    fn twisted<const T: u8>(self, step: &Step) -> Self {
+        match T {
+            ZERO => self,
+            PLUS => Self::new(self.x, self.z, -self.y),
+            MINUS => Self::new(self.x, -self.z, self.y),
+            _ => {
+                let (c, s) = (Lanes::splat(step.cosine), Lanes::splat(step.sine));
+                Self::new(self.x, self.y.mul_add(c, self.z * s), self.z.mul_sub(c, self.y * s))
+            }
+        }
+    }
+
+    /// Back: `Rot(x, alpha) v`.
+    #[inline(always)]
+    pub fn untwisted<const T: u8>(self, step: &Step) -> Self {
+        match T {
+            ZERO => self,
+            PLUS => Self::new(self.x, -self.z, self.y),
+            MINUS => Self::new(self.x, self.z, -self.y),
+            _ => {
+                let (c, s) = (Lanes::splat(step.cosine), Lanes::splat(step.sine));
+                Self::new(self.x, self.y.mul_sub(c, self.z * s), self.z.mul_add(c, self.y * s))
+            }
+        }
+    }
+
+    /// A direction of frame `j-1` in frame `j`.
+    #[inline(always)]
+    pub fn stepped<const T: u8>(self, step: &Step, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
+        self.twisted::<T>(step).into_turned(sine, cosine)
+    }
+
+    /// A direction of frame `j` in frame `j-1`.
+    #[inline(always)]
+    pub fn unstepped<const T: u8>(self, step: &Step, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
+        self.out_of_turned(sine, cosine).untwisted::<T>(step)
+    }
+}

@@ -1,0 +1,71 @@
+"""The simplex in batches: iterates of SciPy's sequential algorithm, restarts from where a search ended."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from didim import nelder_mead
+
+Array = NDArray[np.float64]
+
+
+def valley(points: Array) -> Array:
+    """Rosenbrock's function, forbidden where the first coordinate is above 1.3."""
+    x, y = points[:, :-1], points[:, 1:]
+    values = np.sum(100.0 * (y - x**2) ** 2 + (1.0 - x) ** 2, axis=1)
+    return np.where(points[:, 0] > 1.3, np.inf, values)
+
+
+@pytest.mark.parametrize("adaptive", [False, True])
+@pytest.mark.parametrize("n", [2, 5, 12])
+def test_the_iterates_are_those_of_scipy(n: int, adaptive: bool) -> None:
+    start = np.linspace(-1.2, 1.1, n)
+    start[n // 2] = 0.0
+    path: list[Array] = []
+    # SciPy ends in the middle of an iteration when evaluations run out; iterations end both alike.
+    options = {"adaptive": adaptive, "xatol": 1e-4, "fatol": 1e-4, "maxiter": 500, "maxfev": 10**6}
+    expected = minimize(
+        lambda x: float(valley(x[None])[0]),
+        start,
+        method="Nelder-Mead",
+        callback=lambda x: path.append(x.copy()),
+        options=options,
+    )
+    found: list[Array] = []
+
+    def told(simplex: nelder_mead.Simplex) -> bool:
+        found.append(simplex.points[0].copy())
+        return False
+
+    simplex, converged = nelder_mead.minimise(
+        valley,
+        nelder_mead.start(valley, nelder_mead.literal_simplex(start)),
+        adaptive=adaptive,
+        max_iterations=500,
+        max_evaluations=10**6,
+        progress=told,
+    )
+    assert converged == expected.success
+    np.testing.assert_array_equal(simplex.points[0], expected.x)
+    assert simplex.values[0] == expected.fun
+    assert simplex.evaluations == expected.nfev
+    assert simplex.iterations == expected.nit
+    for ours, scipys in zip(found, path, strict=False):
+        np.testing.assert_array_equal(ours, scipys)
+
+
+def test_a_search_goes_on_where_it_was_left() -> None:
+    start = nelder_mead.start(valley, nelder_mead.edged_simplex(np.array([-1.2, 1.0]), np.array([0.1, 0.2])))
+    whole, _ = nelder_mead.minimise(valley, start, max_iterations=80, max_evaluations=10_000)
+    half, converged = nelder_mead.minimise(valley, start, max_iterations=40, max_evaluations=10_000)
+    assert not converged
+    again, _ = nelder_mead.minimise(valley, half, max_iterations=80, max_evaluations=10_000)
+    np.testing.assert_array_equal(again.points, whole.points)
+    assert again.evaluations == whole.evaluations
+    stopped, _ = nelder_mead.minimise(
+        valley, start, max_iterations=80, max_evaluations=10_000, progress=lambda simplex: True
+    )
+    assert stopped.iterations == start.iterations + 1
