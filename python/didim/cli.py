@@ -90,6 +90,10 @@ def _command(
 def _add_experiment(parser: argparse.ArgumentParser) -> None:
     """Arguments of every command that reads an experiment."""
     parser.add_argument("experiment", metavar="EXPERIMENT.toml", type=Path, help="experiment file")
+    _add_data(parser)
+
+
+def _add_data(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data",
         metavar="DIR",
@@ -162,6 +166,7 @@ def _add_compare(commands: Commands) -> None:
         type=Path,
         help="experiment of your own instead, with a [reference]",
     )
+    _add_data(parser)
     parser.add_argument(
         "--parameters",
         metavar="NAME",
@@ -194,7 +199,11 @@ def _compare(options: argparse.Namespace) -> int:
     from .identify import Method
     from .idim_ls import IDIMLS
 
-    experiment = options.robot if options.experiment is None else load_experiment(options.experiment)
+    experiment = (
+        options.robot
+        if options.experiment is None
+        else load_experiment(options.experiment, data=options.data)
+    )
     methods: list[Method] | None = None
     if options.nelder_mead != "short" or options.variant != "adaptive":
         simplex = CLOE(
@@ -239,9 +248,9 @@ def _validate(options: argparse.Namespace) -> int:
     fit = Identification.load(options.fit)
     found = validate(fit, load_experiment(options.experiment, data=options.data))
     if options.json is not None:
-        write_atomically(options.json, json.dumps(found.to_dict(), indent=1) + "\n")
+        write_atomically(options.json, json.dumps(found.to_dict(), indent=1, allow_nan=False) + "\n")
     print(found)
-    return CONVERGED
+    return CONVERGED if found.completed else NOT_CONVERGED
 
 
 def _add_base(commands: Commands) -> None:

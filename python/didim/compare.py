@@ -91,14 +91,36 @@ def simulated_log(
     arrays, outcomes = loop.run(x[None], divided=refinement)
     if not outcomes[0].completed:
         raise ExperimentError(f"{experiment.name}: the log cannot be simulated: the run {outcomes[0]}")
-    q, tau = arrays[0][0], arrays[3][0]
-    measurement = experiment.measurement
-    if noise and measurement is not None:
-        q, tau = (measurement if seed is None else replace(measurement, seed=seed)).measure(q, tau)
-    recording = Recording.from_arrays(q, tau, rate_hz=loop.rate_hz, name="simulated log")
+    recording = Recording.from_arrays(arrays[0][0], arrays[3][0], rate_hz=loop.rate_hz, name="simulated log")
     # The friction of the simulation is that of the log; the regressors of all methods are built with it.
     robot = experiment.simulation.robot(experiment.robot)
-    return replace(experiment, robot=robot, recordings=(recording,))
+    log = replace(experiment, robot=robot, recordings=(recording,))
+    return measured(log, seed) if noise else log
+
+
+def measured(log: Experiment, seed: int | None = None) -> Experiment:
+    """Add to a simulated log what its measurement adds.
+
+    Parameters
+    ----------
+    log : Experiment
+        From `simulated_log` without noise.
+    seed : int, optional
+        Of the noise; that of the measurement by default.
+
+    Returns
+    -------
+    Experiment
+        The same log where the experiment has no measurement.
+    """
+    measurement = log.measurement
+    (recording,) = log.recordings
+    if measurement is None or recording.tau is None:
+        return log
+    q, tau = (measurement if seed is None else replace(measurement, seed=seed)).measure(
+        recording.q, recording.tau
+    )
+    return replace(log, recordings=(replace(recording, q=q, tau=tau),))
 
 
 @dataclass(frozen=True, eq=False)

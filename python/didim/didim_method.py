@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
@@ -17,15 +18,16 @@ from numpy.typing import NDArray
 from . import _core, signals
 from .closed_loop import closed_loop
 from .delay import align
-from .errors import FitError
+from .errors import DidimError, FitError
 from .fitting import FitSettings, Job, ratio
 from .identification import Identification, Iteration
 from .idim_ls import IDIMLS
-from .least_squares import LinearSystem, solve
+from .least_squares import LinearSystem, WeightedFit, solve
 from .model import inertia_matrix
 from .observations import Segment, linear_system
 from .robot import Robot
-from .simulation import ClosedLoop, Outcome
+from .schema import counted
+from .simulation import LARGE_ERROR, ClosedLoop, Outcome
 from .starts import Start, standard_start
 from .status import Status
 from .suspicions import suspicions
@@ -62,9 +64,10 @@ class DIDIM(FitSettings):
     max_iterations : int
         Least-squares solutions at most.
     gain_updating : {"first", "always", "never"}
-        Scale the gains of the simulated controller by ``J(x) / J``, joint by joint, in the first iteration, in all, or in
-        none; ``J`` is the mean of ``diag M(q)`` along the motion, once for the current parameters and once for the IDIM-LS
-        estimate. A start far from the truth then tracks like the real robot. The result does not depend on it.
+        Scale the gains of the simulated controller by ``J(x) / J``, joint by joint, in the first simulation, in all, or in
+        none; ``J`` is the mean of ``diag M(q)`` along the reference, once for the parameters simulated and once for the best
+        estimate of the real ones: that of IDIM-LS at first, then the last least-squares solution. A start far from the truth
+        then tracks like the real robot. After a full step the scale is 1, so that the result does not depend on it.
     margin : float
         A step that must be shortened keeps at least this share of M(q), at every position of the motion (between 0 and 1).
     stop : bool
@@ -90,7 +93,8 @@ class DIDIM(FitSettings):
         super().__post_init__()
         for key, low, high in (("tolerance", 0.0, 0.025), ("sigma_fraction", 0.0, 1.0), ("margin", 0.0, 1.0)):
             value = getattr(self, key)
-            if not low <= value <= high or (key == "margin" and not 0.0 < value < 1.0):
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            if not number or not low <= value <= high or (key == "margin" and not 0.0 < value < 1.0):
                 raise FitError(f"{key} must be between {low:g} and {high:g}, got {value!r}")
         if (
             isinstance(self.max_iterations, bool)
@@ -102,6 +106,8 @@ class DIDIM(FitSettings):
             )
         if self.gain_updating not in ("first", "always", "never"):
             raise FitError(f"gain_updating must be 'first', 'always' or 'never', got {self.gain_updating!r}")
+        if not isinstance(self.stop, bool):
+            raise FitError(f"stop must be True or False, got {self.stop!r}")
 
     def run(
         self,
@@ -139,6 +145,8 @@ class _Simulated:
     """The motion of every window with some parameters."""
 
     motions: list[tuple[Array, Array, Array, Array]]
+    scale: Array | None
+    """Factors of the gains."""
     error: float
     """Norm of measured less simulated torque over that of measured torque, (12)."""
 
@@ -154,6 +162,7 @@ class _Run:
         self.delay = job.delay()
         self.windows = _windows(job, self.delay[0])
         self.n_simulations = 0
+        self.remarks: list[str] = []
         self.correlation = (
             signals.noise_correlation(job.signal) if job.settings.decimation_corrected else None
         )
@@ -163,15 +172,15 @@ class _Run:
     def result(self) -> Identification:
         method, job = self.method, self.job
         x = self._start()
-        scaling = method.gain_updating != "never"
-        simulated = self._simulate(x, self._scale(x) if scaling else None)
+        updating = method.gain_updating != "never"
+        simulated = self._simulate(x, self._scale(x, self._idim_ls().parameters) if updating else None)
         if isinstance(simulated, Outcome):
-            raise FitError(f"DIDIM cannot start from these parameters: the simulation {simulated}")
+            raise self._no_start(f"the simulation {simulated}")
         first_error = simulated.error
         history: list[Iteration] = []
         status = Status.NOT_CONVERGED
         system: LinearSystem
-        last_norm, last_sigma = np.nan, None
+        last_norm = np.nan
         for number in range(1, method.max_iterations + 1):
             system = self._system(simulated)
             fit = solve(system, job.settings, correlation=self.correlation)
@@ -182,20 +191,16 @@ class _Run:
             with np.errstate(divide="ignore", invalid="ignore"):
                 change = np.abs(job.robot.base_parameters.project(target - x)) / std
             moved = float(np.nanmax(np.where(std > 0.0, change, 0.0)))
-            # The scale of the gains is that of the next simulation; with "first" it has served its turn.
-            keep_scaling = method.gain_updating == "always"
-            step, x_next, next_simulated = self._advance(x, target, largest, keep_scaling)
-            relative_change = (
-                abs(norm - last_norm) / last_norm if number > 1 and last_sigma is not None else np.nan
-            )
+            step, x_next, next_simulated = self._advance(x, target, largest)
+            relative_change = ratio(abs(norm - last_norm), last_norm)
             error = ratio(np.linalg.norm(fit.residual), np.linalg.norm(system.measured))
             more = {
                 "step_length": step,
                 "largest_safe_step": largest,
                 "largest_change_in_sigma": moved,
-                "residual_change": float(relative_change),
+                "residual_change": relative_change,
                 "output_error_before": simulated.error,
-                "output_error_after": next_simulated.error,
+                "output_error_after": np.nan if isinstance(next_simulated, Outcome) else next_simulated.error,
                 "condition_number": fit.condition_number,
             }
             history.append(
@@ -206,21 +211,30 @@ class _Run:
                     more=more,
                 )
             )
-            x, simulated, last_norm, last_sigma = x_next, next_simulated, norm, std
-            if self.progress(history[-1]):
+            stopped = self.progress(history[-1])
+            if isinstance(next_simulated, Outcome):
+                status = Status.NO_STEP
+                self.remarks.append(f"after the shortest step tried the simulation {next_simulated}")
+                break
+            x, simulated, last_norm = x_next, next_simulated, norm
+            if stopped:
                 status = Status.STOPPED
                 break
-            full = step == 1.0
+            # A robot that flounders may have steady residuals; it is further from the log than no torque at all.
+            sound = step == 1.0 and simulated.error < 1.0
             # Without noise the residual, and the sigmas made of it, end as rounding.
             exact = error <= ROUNDING
-            if full and (exact or moved <= method.sigma_fraction or relative_change <= method.tolerance):
+            if sound and (exact or moved <= method.sigma_fraction or relative_change <= method.tolerance):
                 status = Status.CONVERGED
                 if method.stop:
                     break
             else:
                 status = Status.NOT_CONVERGED
-        self.say(f"{self.n_simulations} simulations")
-        findings = self._findings(system, simulated, x)
+        self.say(counted(self.n_simulations, "simulation"))
+        beta = job.robot.base_parameters.project(x)
+        # Of a shortened step the parameters are not those of the solution: neither are their errors.
+        fit = replace(fit, residual=system.y - system.w @ beta[job.selection.estimated])
+        findings = self._findings(system, fit, simulated, x, status)
         q = np.concatenate([motion[0] for motion in simulated.motions])
         return replace(
             job.result(
@@ -231,7 +245,7 @@ class _Run:
                 history=history,
                 delay=self.delay,
                 q=q[:: max(1, len(q) // 2000)],
-                beta=job.robot.base_parameters.project(x),
+                beta=beta,
                 settings=self._settings(),
                 remarks=findings,
                 n_simulations=self.n_simulations,
@@ -251,11 +265,15 @@ class _Run:
         q = np.concatenate([window.loop.motion.at(window.loop.t)[0] for window in self.windows])
         smallest = _core.smallest_eigenvalue(self.robot.core, _thinned(q), x)
         if smallest is not None and not smallest[1] > 0.0:
-            raise FitError(
-                "DIDIM cannot start from these parameters: M(q) is not positive definite on the reference (smallest "
-                f"eigenvalue {smallest[1]:.3g})"
+            raise self._no_start(
+                f"M(q) is not positive definite on the reference (smallest eigenvalue {smallest[1]:.3g})"
             )
         return x
+
+    def _no_start(self, reason: str) -> FitError:
+        # A log that is wrong makes IDIM-LS wrong, which may be the start and scales the gains.
+        why = "".join(f"; {sentence}" for sentence in self._suspicions())
+        return FitError(f"DIDIM cannot start from these parameters: {reason}{why}")
 
     def _idim_ls(self) -> Identification:
         if self.direct is None:
@@ -270,12 +288,12 @@ class _Run:
             self.direct = idim.run(self.job.experiment, lambda iteration: False, self.say)
         return self.direct
 
-    def _scale(self, x: Array) -> Array:
-        """Factor of the gains of each joint: J(x) over the J of the IDIM-LS estimate."""
+    def _scale(self, x: Array, estimate: Array) -> Array:
+        """Factor of the gains of each joint: J(x) over the J of the best estimate of the real robot."""
         q = _thinned(np.concatenate([window.loop.motion.at(window.loop.t)[0] for window in self.windows]))
         here, real = (
             np.diagonal(inertia_matrix(self.robot, q, parameters), axis1=1, axis2=2).mean(axis=0)
-            for parameters in (x, self._idim_ls().parameters)
+            for parameters in (x, estimate)
         )
         return np.where((real > 0.0) & (here > 0.0), here / np.where(real > 0.0, real, 1.0), 1.0)
 
@@ -290,7 +308,7 @@ class _Run:
             motions.append((q, dq, ddq, tau))
             squares += float(np.sum((window.tau - tau) ** 2))
             size += float(np.sum(window.tau**2))
-        return _Simulated(motions, ratio(np.sqrt(squares), np.sqrt(size)))
+        return _Simulated(motions, scale, ratio(np.sqrt(squares), np.sqrt(size)))
 
     def _system(self, simulated: _Simulated) -> LinearSystem:
         parts = [
@@ -315,33 +333,47 @@ class _Run:
             return 1.0
         return float(_core.largest_safe_step(core, q, x, target, self.method.margin))
 
-    def _advance(
-        self, x: Array, target: Array, largest: float, scaling: bool
-    ) -> tuple[float, Array, _Simulated]:
-        """Go towards the target as far as it is safe and the simulation reaches its end."""
+    def _advance(self, x: Array, target: Array, largest: float) -> tuple[float, Array, _Simulated | Outcome]:
+        """Go towards the target as far as it is safe and the simulation reaches its end; stay where no step does."""
         step = largest
         for _ in range(MOST_HALVINGS):
             x_next = x + step * (target - x) if step < 1.0 else target
-            found = self._simulate(x_next, self._scale(x_next) if scaling else None)
+            # With "first" the scale has served its turn.
+            updating = self.method.gain_updating == "always" and step < 1.0
+            found = self._simulate(x_next, self._scale(x_next, target) if updating else None)
             if not isinstance(found, Outcome):
                 return step, x_next, found
             self.say(f"with a step of {step:.3g} the simulation {found}; half of it")
             step *= 0.5
-        raise FitError(
-            f"DIDIM came to parameters from which no step can be simulated: the simulation {found}; check the controller, "
-            "and the sign and the unit of the torques"
-        )
+        return 0.0, x, found
 
-    def _findings(self, system: LinearSystem, simulated: _Simulated, x: Array) -> list[str]:
+    def _suspicions(self) -> list[str]:
+        """Return what looks wrong along the measured motion, which no wrong parameter spoils."""
+        try:
+            return list(self._idim_ls().remarks)
+        except DidimError:
+            return []
+
+    def _findings(
+        self, system: LinearSystem, fit: WeightedFit, simulated: _Simulated, x: Array, status: Status
+    ) -> list[str]:
         """Sentences on what a reader must know: suspicions, the step of the integration, the reference."""
-        found = suspicions(system)
+        found = suspicions(system, fit) if status.converged else self._suspicions()
+        found += self.remarks
+        if simulated.error >= 1.0:
+            hint = ", or let gain_updating be 'first'" if self.method.gain_updating == "never" else ""
+            found.append(
+                f"with these parameters the robot does not follow: its torques are off by {100.0 * simulated.error:.3g} %; check "
+                f"the controller, start elsewhere{hint}"
+            )
         window, motion = self.windows[0], simulated.motions[0]
-        scale = self._scale(x)[None] if self.method.gain_updating == "always" else None
-        arrays, _ = window.loop.run(x[None], gain_scale=scale, divided=2)
+        scale = simulated.scale
+        arrays, _ = window.loop.run(x[None], gain_scale=None if scale is None else scale[None], divided=2)
         fine = arrays[3][0][window.kept]
         error = np.sqrt(np.mean((fine - motion[3]) ** 2, axis=0))
         size = np.sqrt(np.mean(fine**2, axis=0))
-        if not np.all(error <= 0.01 * size):
+        # A wrong log leads to robots that no step is small enough for.
+        if not found and not np.all(error <= LARGE_ERROR * size):
             found.append(_step_sentence(error, size))
         if getattr(self.job.experiment.reference, "kind", "") == "measured":
             found.append(
@@ -373,6 +405,8 @@ class _Run:
 
 
 def _step_sentence(error: Array, size: Array) -> str:
+    if not np.isfinite(error).all():
+        return "the integration step is too large: with half of it the simulation ends early; reduce step_s and fine_step_s"
     joint = int(np.argmax(np.divide(error, size, out=np.full_like(error, np.inf), where=size > 0.0)))
     return (
         f"the integration step is too large: halving it changes the torque of joint {joint + 1} by {error[joint]:.2g} rms of "

@@ -14,6 +14,7 @@ from .fitting import FitSettings, ratio, solved_status
 from .identification import Identification, Iteration
 from .least_squares import solve
 from .observations import linear_system
+from .schema import counted
 from .suspicions import suspicions
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class IDIMLS(FitSettings):
         if delay[1] is not None:
             say(f"torque {delay[1].samples:+.2f} samples ({1e3 * delay[1].seconds:+.3f} ms) after the motion")
         parts = job.parts("fit", delay[0])
-        say(f"{len(parts)} windows of {sum(part.q.shape[0] for part in parts)} samples")
+        say(f"{counted(len(parts), 'window')} of {sum(part.q.shape[0] for part in parts)} samples")
         system = linear_system(job.robot, parts, job.signal, job.selection)
         say(f"observation matrix of {system.w.shape[0]} rows and {system.w.shape[1]} columns")
 
@@ -94,5 +95,5 @@ class IDIMLS(FitSettings):
             history=history,
             delay=delay,
             q=np.concatenate([part.q for part in parts]),
-            remarks=suspicions(system),
+            remarks=suspicions(system, fit),
         )

@@ -63,14 +63,12 @@ def standard_start(robot: Robot, start: Start) -> Array:
         return start.parameters
     if isinstance(start, Mapping):
         beta = np.zeros(len(base.names))
-        for name, value in start.items():
+        for name, value in zip(start, _finite(list(start.values())), strict=True):
             if name not in base.names:
                 raise FitError(f"the start has no base parameter {name!r}{did_you_mean(name, base.names)}")
             beta[base.names.index(name)] = value
         return base.lift(beta)
-    vector = real_array("start", start, FitError)
-    if not np.isfinite(vector).all():
-        raise FitError("the start has a value that is not finite")
+    vector = _finite(start)
     if vector.shape == (len(robot.parameter_names),):
         return vector
     if vector.shape == (len(base.names),):
@@ -79,3 +77,10 @@ def standard_start(robot: Robot, start: Start) -> Array:
         f"the start needs {len(robot.parameter_names)} standard or {len(base.names)} base parameters, got "
         f"{vector.shape}"
     )
+
+
+def _finite(values: ArrayLike) -> Array:
+    vector = real_array("start", values, FitError)
+    if not np.isfinite(vector).all():
+        raise FitError("the start has a value that is not finite")
+    return vector

@@ -14,6 +14,10 @@ class Status(Enum):
         "right; use a more exciting motion, or drop or fix parameters."
     )
     CONVERGED = "Converged: another iteration would change neither the residual nor the parameters."
+    NO_STEP = (
+        "Not converged: no step, however short, led to parameters with which the simulation reaches its end; check the "
+        "controller, and the sign and the unit of the torques."
+    )
     NOT_CONVERGED = (
         "Not converged: the iterations were used up, or ended, before the parameters came to rest; look at the history, "
         "at the controller and at the log."

@@ -38,10 +38,10 @@ class RecordingValidation:
     direct_overall : float
         Of all joints together.
     simulated : dict of (n_dof,) arrays
-        Relative errors of the simulated closed loop (`position`, `velocity`, `acceleration`, `torque`), raw; empty without a
-        controller or where the simulation ended early.
+        Relative errors of the simulated closed loop (`position`, `velocity`, `acceleration`, `torque`) over the first window,
+        raw; empty without a reference and a controller, or where the simulation ended early.
     outcome : Outcome or None
-        How the simulation ended; None without a controller.
+        How the simulation ended; None without a reference and a controller.
     """
 
     name: str
@@ -59,8 +59,13 @@ class Validation:
     experiment: str
     recordings: tuple[RecordingValidation, ...]
 
+    @property
+    def completed(self) -> bool:
+        """Whether every simulation that was made reached its end."""
+        return all(item.outcome is None or item.outcome.completed for item in self.recordings)
+
     def to_dict(self) -> dict[str, object]:
-        """Everything, as plain lists and numbers."""
+        """Everything, as plain lists and numbers; NaN and infinity become None."""
         return {
             "robot": self.fit.robot,
             "method": self.fit.method,
@@ -69,9 +74,9 @@ class Validation:
             "recordings": [
                 {
                     "name": item.name,
-                    "direct": None if item.direct is None else item.direct.tolist(),
+                    "direct": None if item.direct is None else _plain(item.direct),
                     "direct_overall": item.direct_overall if np.isfinite(item.direct_overall) else None,
-                    "simulated": {key: values.tolist() for key, values in item.simulated.items()},
+                    "simulated": {key: _plain(values) for key, values in item.simulated.items()},
                     "outcome": None if item.outcome is None else str(item.outcome),
                 }
                 for item in self.recordings
@@ -99,6 +104,10 @@ class Validation:
             if item.outcome is None:
                 lines.append("not simulated: the experiment has no [controller] and [reference]")
         return "\n".join(lines)
+
+
+def _plain(values: Array) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]
 
 
 def validate(fit: Identification, experiment: Experiment) -> Validation:
@@ -131,7 +140,6 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     if not experiment.recordings:
         raise FitError(f"experiment '{experiment.name}' has no recording to validate on")
     job = FitSettings().job(experiment)
-    # As the delay was taken back for the fit, unless the experiment estimates its own.
     delay = job.delay()[0]
     beta = experiment.robot.base_parameters.project(fit.parameters)
     closed = experiment.reference is not None and experiment.controller is not None
