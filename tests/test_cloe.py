@@ -129,7 +129,7 @@ def test_a_start_that_cannot_be_simulated_is_named() -> None:
     wrong = -arm.robot.base_parameters.project(arm.robot.parameter_set("reference"))
     for optimizer in ("levenberg-marquardt", "nelder-mead"):
         with pytest.raises(FitError, match=r"^CLOE cannot start from these parameters: the robot cannot be"):
-            didim.identify(arm, didim.CLOE(optimizer=optimizer, start=wrong))  # type: ignore[arg-type]
+            didim.identify(arm, didim.CLOE(optimizer=optimizer, start=wrong))
 
 
 def test_stopping_keeps_the_best_point() -> None:

@@ -300,4 +300,4 @@ def test_an_ill_conditioned_log_is_no_success(robot: Robot, x: Array) -> None:
 
 def test_methods_by_name() -> None:
     for name, make in METHODS.items():
-        assert make().name == name
+        assert make().name.startswith(name)

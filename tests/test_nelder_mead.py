@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -26,8 +28,9 @@ def test_the_iterates_are_those_of_scipy(n: int, adaptive: bool) -> None:
     start[n // 2] = 0.0
     path: list[Array] = []
     # SciPy ends in the middle of an iteration when evaluations run out; iterations end both alike.
-    options = {"adaptive": adaptive, "xatol": 1e-4, "fatol": 1e-4, "maxiter": 500, "maxfev": 10**6}
-    expected = minimize(
+    options: Any = {"adaptive": adaptive, "xatol": 1e-4, "fatol": 1e-4, "maxiter": 500, "maxfev": 10**6}
+    scipys_minimize: Any = minimize
+    expected = scipys_minimize(
         lambda x: float(valley(x[None])[0]),
         start,
         method="Nelder-Mead",
