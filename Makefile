@@ -16,7 +16,7 @@ export NO_MKDOCS_2_WARNING := 1
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo    identify the TX40 from a simulated log, and compare with the truth"
+	@echo "make demo    the paper's experiment: all methods on a simulated TX40, beside the truth"
 	@echo "make test    the Python tests (the Rust tests are: cargo test --release)"
 	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
 	@echo "make bench   speed of the core, and beside Pinocchio"
@@ -40,7 +40,7 @@ $(VENV)/.extra-%: pyproject.toml | $(VENV)/.built
 	@touch $@
 
 demo: $(VENV)/.built
-	$(BIN)/python examples/simulated_log.py
+	$(BIN)/didim compare
 
 test: $(VENV)/.built $(VENV)/.extra-test
 	$(BIN)/python -m pytest

@@ -1,11 +1,8 @@
-"""The README: its commands exist, its files exist, and its Python example runs on what the demo writes."""
+"""The README: its commands exist, its files exist, and its Python example runs."""
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -23,20 +20,9 @@ def python_block() -> str:
     return str(block)
 
 
-def test_the_example_runs_on_what_the_demo_writes(
+def test_the_example_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    demo = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / "simulated_log.py")],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONWARNINGS": "error"},
-    )
-    assert demo.returncode == 0, demo.stdout + demo.stderr
-    assert "of 60 parameters" in demo.stdout
-
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     exec(compile(python_block(), "README.md", "exec"), names)
@@ -48,7 +34,7 @@ def test_the_example_runs_on_what_the_demo_writes(
     assert "ZZ1R = ZZ1 + " in printed
 
     truth = didim.load_robot("tx40").set_base("didim")
-    assert np.mean(np.abs(fit.beta - truth) <= 3.0 * fit.std) >= 0.95
+    assert np.mean(np.abs(fit.beta - truth) <= 3.0 * fit.std) >= 0.97
     saved = didim.Identification.load("fit.json")
     np.testing.assert_array_equal(saved.beta, fit.beta)
 
