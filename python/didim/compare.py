@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 PACKAGED = Path(__file__).parent / "experiments"
 """Folder of the experiments that come with the package, by robot."""
-SHORT_SIMPLEX = 100
+SHORT_SIMPLEX = 60
 """Iterations of the simplex in a comparison that nobody waits hours for."""
 SIMPLEX_STEPS = (1e-3, 2e-4)
 """Largest steps of its simulations (s)."""
