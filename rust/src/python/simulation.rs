@@ -290,6 +290,8 @@ pub(super) fn simulate_cost<'py>(
     Ok((PyArray1::from_vec(py, costs), endings))
 }
 
+// `Python::check_signals` has the lifetime of one token and is no function of any.
+#[allow(clippy::redundant_closure_for_method_calls)]
 fn run<O: core::Observer>(
     py: Python<'_>,
     setting: Setting<'_>,
