@@ -64,10 +64,10 @@ class DIDIM(FitSettings):
     max_iterations : int
         Least-squares solutions at most.
     gain_updating : {"first", "always", "never"}
-        Scale the gains of the simulated controller by ``J(x) / J``, joint by joint, in the first simulation, in all, or in
-        none; ``J`` is the mean of ``diag M(q)`` along the reference, once for the parameters simulated and once for the best
-        estimate of the real ones: that of IDIM-LS at first, then the last least-squares solution. A start far from the truth
-        then tracks like the real robot. After a full step the scale is 1, so that the result does not depend on it.
+        Scale the gains of the simulated controller by ``J(x) / J``, joint by joint, in the first simulation, also after every
+        step that had to be shortened, or never; ``J`` is the mean of ``diag M(q)`` along the reference, once for the parameters
+        simulated and once for the IDIM-LS estimate. A robot far from the real one then tracks like it. After a full step
+        the gains are those of the controller, so that the result does not depend on it.
     margin : float
         A step that must be shortened keeps at least this share of M(q), at every position of the motion (between 0 and 1).
     stop : bool
@@ -173,7 +173,7 @@ class _Run:
         method, job = self.method, self.job
         x = self._start()
         updating = method.gain_updating != "never"
-        simulated = self._simulate(x, self._scale(x, self._idim_ls().parameters) if updating else None)
+        simulated = self._simulate(x, self._scale(x) if updating else None)
         if isinstance(simulated, Outcome):
             raise self._no_start(f"the simulation {simulated}")
         first_error = simulated.error
@@ -288,12 +288,12 @@ class _Run:
             self.direct = idim.run(self.job.experiment, lambda iteration: False, self.say)
         return self.direct
 
-    def _scale(self, x: Array, estimate: Array) -> Array:
-        """Factor of the gains of each joint: J(x) over the J of the best estimate of the real robot."""
+    def _scale(self, x: Array) -> Array:
+        """Factor of the gains of each joint: J(x) over the J of the IDIM-LS estimate."""
         q = _thinned(np.concatenate([window.loop.motion.at(window.loop.t)[0] for window in self.windows]))
         here, real = (
             np.diagonal(inertia_matrix(self.robot, q, parameters), axis1=1, axis2=2).mean(axis=0)
-            for parameters in (x, estimate)
+            for parameters in (x, self._idim_ls().parameters)
         )
         return np.where((real > 0.0) & (here > 0.0), here / np.where(real > 0.0, real, 1.0), 1.0)
 
@@ -338,9 +338,9 @@ class _Run:
         step = largest
         for _ in range(MOST_HALVINGS):
             x_next = x + step * (target - x) if step < 1.0 else target
-            # With "first" the scale has served its turn.
+            # With "first" the scale has served its turn; after a full step it would only spoil known gains.
             updating = self.method.gain_updating == "always" and step < 1.0
-            found = self._simulate(x_next, self._scale(x_next, target) if updating else None)
+            found = self._simulate(x_next, self._scale(x_next) if updating else None)
             if not isinstance(found, Outcome):
                 return step, x_next, found
             self.say(f"with a step of {step:.3g} the simulation {found}; half of it")
@@ -359,6 +359,7 @@ class _Run:
     ) -> list[str]:
         """Sentences on what a reader must know: suspicions, the step of the integration, the reference."""
         found = suspicions(system, fit) if status.converged else self._suspicions()
+        suspected = bool(found)
         found += self.remarks
         if simulated.error >= 1.0:
             hint = ", or let gain_updating be 'first'" if self.method.gain_updating == "never" else ""
@@ -373,7 +374,7 @@ class _Run:
         error = np.sqrt(np.mean((fine - motion[3]) ** 2, axis=0))
         size = np.sqrt(np.mean(fine**2, axis=0))
         # A wrong log leads to robots that no step is small enough for.
-        if not found and not np.all(error <= LARGE_ERROR * size):
+        if not suspected and not np.all(error <= LARGE_ERROR * size):
             found.append(_step_sentence(error, size))
         if getattr(self.job.experiment.reference, "kind", "") == "measured":
             found.append(

@@ -16,7 +16,7 @@ class Status(Enum):
     CONVERGED = "Converged: another iteration would change neither the residual nor the parameters."
     NO_STEP = (
         "Not converged: no step, however short, led to parameters with which the simulation reaches its end; check the "
-        "controller, and the sign and the unit of the torques."
+        "controller, the step of the integration, and the sign and the unit of the torques."
     )
     NOT_CONVERGED = (
         "Not converged: the iterations were used up, or ended, before the parameters came to rest; look at the history, "
