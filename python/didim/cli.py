@@ -192,30 +192,18 @@ def _add_compare(commands: Commands) -> None:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from .cloe import CLOE
-    from .compare import SHORT_SIMPLEX, compare
-    from .didim_method import DIDIM
+    from .compare import SHORT_SIMPLEX, all_methods, compare, packaged_experiment
     from .experiment import load_experiment
-    from .identify import Method
-    from .idim_ls import IDIMLS
 
     experiment = (
-        options.robot
+        packaged_experiment(options.robot)
         if options.experiment is None
         else load_experiment(options.experiment, data=options.data)
     )
-    methods: list[Method] | None = None
-    if options.nelder_mead != "short" or options.variant != "adaptive":
-        simplex = CLOE(
-            optimizer="nelder-mead",
-            variant=options.variant,
-            max_iterations=None if options.nelder_mead == "full" else SHORT_SIMPLEX,
-        )
-        chosen = [] if options.nelder_mead == "none" else [simplex]
-        methods = [IDIMLS(), DIDIM(), *chosen, CLOE()]
+    iterations = {"short": SHORT_SIMPLEX, "full": None, "none": 0}[options.nelder_mead]
     comparison = compare(
         experiment,
-        methods=methods,
+        methods=all_methods(experiment, simplex_iterations=iterations, variant=options.variant),
         parameters=options.parameters,
         noise=not options.no_noise,
         seed=options.seed,

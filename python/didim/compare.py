@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .cloe import CLOE
+from .cloe import CLOE, Variant
 from .closed_loop import closed_loop
 from .didim_method import DIDIM
 from .errors import ExperimentError
@@ -52,6 +52,31 @@ def packaged_experiment(robot: str) -> Experiment:
             "with a [reference], a [controller] and a [measurement]"
         )
     return load_experiment(known[robot])
+
+
+def all_methods(
+    experiment: Experiment,
+    *,
+    simplex_iterations: int | None = SHORT_SIMPLEX,
+    variant: Variant = "adaptive",
+) -> list[Method]:
+    """Return the methods of a comparison.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        CLOE starts from the set ``apriori`` of its robot, (21), or where there is none from unit rotors, (17).
+    simplex_iterations : int, optional
+        Of Nelder and Mead; None for as many as the paper's recipe allows, 0 to leave the simplex out.
+    variant : str
+        Of the simplex.
+    """
+    start = "apriori" if "apriori" in experiment.robot.sets else "unit"
+    simplex = CLOE(
+        optimizer="nelder-mead", variant=variant, max_iterations=simplex_iterations or None, start=start
+    )
+    least_squares = CLOE(optimizer="levenberg-marquardt", start=start)
+    return [IDIMLS(), DIDIM(), *([] if simplex_iterations == 0 else [simplex]), least_squares]
 
 
 def simulated_log(
@@ -112,7 +137,14 @@ def measured(log: Experiment, seed: int | None = None) -> Experiment:
     -------
     Experiment
         The same log where the experiment has no measurement.
+
+    Raises
+    ------
+    ExperimentError
+        For a negative seed.
     """
+    if seed is not None and seed < 0:
+        raise ExperimentError(f"the seed of the noise must not be negative, got {seed}")
     measurement = log.measurement
     (recording,) = log.recordings
     if measurement is None or recording.tau is None:
@@ -211,18 +243,9 @@ def compare(
     x = experiment.robot.parameter_set(parameters)
     log = simulated_log(experiment, x, noise=noise, seed=seed, refinement=LOG_REFINEMENT if noise else 1)
     fits: dict[str, Identification] = {}
-    notes: tuple[str, ...] = ()
+    notes: list[str] = []
     if methods is None:
-        methods = [
-            IDIMLS(),
-            DIDIM(),
-            CLOE(optimizer="nelder-mead", max_iterations=SHORT_SIMPLEX),
-            CLOE(optimizer="levenberg-marquardt"),
-        ]
-        notes = (
-            f"Shortened: Nelder-Mead ends after {SHORT_SIMPLEX} iterations, where fminsearch would go on to 200 per parameter; "
-            "--nelder-mead full lets it.",
-        )
+        methods = all_methods(experiment)
     for method in methods:
 
         def told(iteration: Iteration, name: str = method.name) -> None:
@@ -238,5 +261,10 @@ def compare(
             if simplex
             else log
         )
-        fits[method.name] = identify(seen, method, callback=told, verbose=verbose)
-    return Comparison(log, log.robot.base_parameters.project(x), fits, notes)
+        fit = fits[method.name] = identify(seen, method, callback=told, verbose=verbose)
+        if simplex and fit.n_iterations == SHORT_SIMPLEX:
+            notes.append(
+                f"Shortened: Nelder-Mead ends after {SHORT_SIMPLEX} iterations, where fminsearch would go on to 200 per "
+                "parameter; --nelder-mead full lets it."
+            )
+    return Comparison(log, log.robot.base_parameters.project(x), fits, tuple(notes))

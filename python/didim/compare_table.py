@@ -86,6 +86,8 @@ def sentence(comparison: Comparison) -> str:
     fit = comparison.fits["didim"]
     well = fit.relative_std_percent < WELL_IDENTIFIED_PERCENT
     worst = float(np.nanmax(np.abs(comparison.deviations("didim")[well]))) if well.any() else float("nan")
+    if not fit.converged:
+        return f"DIDIM did not converge: {fit.status.value}"
     text = (
         f"DIDIM found {counted(len(fit.names), 'base parameter')} in {counted(fit.n_iterations, 'iteration')}, "
         f"{counted(fit.n_simulations, 'simulation')} and {fit.elapsed:.2g} s; the {int(well.sum())} with a sigma below "
