@@ -33,8 +33,8 @@ class RecordingValidation:
     name : str
         Recording.
     direct : (n_dof,) array or None
-        Relative error of the torques predicted along the filtered measured motion, filtered and decimated as for a fit; None
-        without torques.
+        Relative error of the torques predicted along the filtered measured motion with the friction of the experiment,
+        filtered and decimated as for a fit; None without torques.
     direct_overall : float
         Of all joints together.
     simulated : dict of (n_dof,) arrays
