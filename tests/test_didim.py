@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import importlib.util
+import json
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -15,7 +16,8 @@ from numpy.typing import NDArray
 
 import didim
 from didim import DIDIM, IDIMLS, Experiment, Identification, Status, identify
-from didim.closed_loop import ReferenceSpec, SimulationSettings, mean_inertia
+from didim.cli import main
+from didim.closed_loop import ReferenceSpec, SimulationSettings, closed_loop, mean_inertia
 from didim.compare import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
 from didim.control import Controller
 from didim.didim_method import GainUpdating
@@ -553,3 +555,100 @@ def test_tx40_log_agrees_with_table_2(project: Path, shared: Path) -> None:
         assert abs(value - expected) < 2.0 * both, name
         checked += 1
     assert checked == 12
+
+
+# The command.
+
+EXPERIMENT = """\
+schema = 1
+name = "arm"
+robot = "planar2"
+[[recording]]
+name = "log"
+rate_hz = 500
+position = { file = "log.npz", variable = "q", unit = "rad", side = "joint" }
+torque = { file = "log.npz", variable = "tau", unit = "N.m", side = "joint" }
+reference = { file = "log.npz", variable = "q_ref", unit = "rad", side = "joint" }
+[reference]
+kind = "recorded"
+[controller]
+kind = "pd"
+kp = KP
+kv = KV
+[simulation]
+smoothing_rad_s = 0.02
+step_s = 0.001
+fine_step_s = 0.0005
+start = "reference"
+[signal]
+cutoff_hz = 50
+trim_start = 25
+trim_end = 25
+decimation = [10]
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path, arm: Experiment) -> Path:
+    """Experiment file with its log beside it."""
+    (recording,) = arm.recordings
+    assert recording.tau is not None
+    assert recording.q_ref is not None
+    np.savez(tmp_path / "log.npz", q=recording.q, tau=recording.tau, q_ref=recording.q_ref)
+    laws = closed_loop(arm, recording).law.laws
+    text = EXPERIMENT.replace("KP", str(laws[:, 0].tolist())).replace("KV", str(laws[:, 1].tolist()))
+    path = tmp_path / "arm.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_command(file: Path, arm_truth: Array, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["identify", str(file), "--method", "didim"]
+    assert main([*command, "--json", str(tmp_path / "fit.json")]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    found = Identification.load(tmp_path / "fit.json")
+    assert out == f"{found}\n"
+    assert out.startswith("arm: 13 base parameters of robot planar2 by didim\n")
+    assert "simulated torques off by" in out
+    np.testing.assert_allclose(found.beta, arm_truth, atol=MET)
+    data = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))
+    assert (data["method"], data["converged"]) == ("didim", True)
+    assert data["n_simulations"] == data["n_iterations"] + 1
+    assert data["output_error"][0] > 0.5
+    assert data["history"][0]["step_length"] == 1.0
+    assert data["settings"]["didim"]["gain_updating"] == "first"
+    assert data["settings"]["closed_loop"]["reference"] == {"kind": "recorded"}
+    assert set(data["digests"]) == {"experiment arm.toml", "robot planar2.toml", "data log.npz"}
+    # From the estimate of IDIM-LS there is less to do.
+    assert main([*command, "--start", "idim-ls", "--json", str(tmp_path / "near.json"), "--quiet"]) == 0
+    near = Identification.load(tmp_path / "near.json")
+    assert near.settings["didim"]["start"] == "idim-ls"
+    assert near.history[0].more["output_error_before"] < 0.1
+
+
+def test_command_that_does_not_converge_is_exit_1(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with np.load(file.with_name("log.npz")) as arrays:
+        log = dict(arrays)
+    np.savez(file.with_name("log.npz"), **{**log, "tau": -log["tau"]})
+    assert main(["identify", str(file), "--method", "didim"]) == 1
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert (
+        "\nTo know:\n  the torques of joints 1 and 2 look as if their signs were wrong: friction would drive"
+        in out
+    )
+    assert out.splitlines()[-1].startswith(Status.NO_STEP.value)
+
+
+def test_command_with_a_start_that_cannot_be_simulated_is_one_line_and_exit_2(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = file.read_text(encoding="utf-8").replace('kind = "recorded"', 'kind = "measured"')
+    # Gains of the wrong sign hold no robot.
+    file.write_text(text.replace("kp = [", "kp = [-"), encoding="utf-8")
+    assert main(["identify", str(file), "--method", "didim"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.startswith("didim: DIDIM cannot start from these parameters: the simulation diverged at ")

@@ -301,3 +301,41 @@ def test_an_ill_conditioned_log_is_no_success(robot: Robot, x: Array) -> None:
 def test_methods_by_name() -> None:
     for name, make in METHODS.items():
         assert make().name.startswith(name)
+
+
+def test_rows_at_the_ends_of_each_decimated_window_are_left_out(robot: Robot, x: Array, truth: Array) -> None:
+    """There the torque noise of a single sample counts as that of forty (``test_signals.py``)."""
+    log = simulated.log(robot, x)
+    windows = replace(log, windows=((0, 1500), (1500, 3000)))
+    assert simulated.SIGNAL.edge_rows == 2
+    # 25 samples are trimmed at each end, every fifth of the others is kept, and two rows less at each end.
+    for recording, rows in ((log, 590 - 4), (windows, 2 * (290 - 4))):
+        fit = identify(simulated.experiment(robot, recording))
+        assert fit.n_rows == robot.n_dof * rows
+        assert fit.settings["signal"]["edge_rows"] == 2
+        # The torques of a window are the model's only inside it.
+        np.testing.assert_allclose(fit.beta, truth, atol=1e-9 if recording is log else 1e-3)
+    signal = replace(simulated.SIGNAL, edge_rows=0)
+    assert identify(simulated.experiment(robot, windows, signal=signal)).n_rows == robot.n_dof * 2 * 290
+    raw = replace(simulated.SIGNAL, decimation=())
+    assert identify(simulated.experiment(robot, log, signal=raw)).n_rows == robot.n_dof * 2950
+
+
+def test_a_spike_at_the_first_kept_sample_does_not_count(robot: Robot, x: Array) -> None:
+    log = simulated.log(robot, x, noise=0.1)
+    assert log.tau is not None
+    tau = log.tau.copy()
+    tau[simulated.SIGNAL.trim_start] += 1.0
+    spoilt = replace(log, tau=tau)
+    moved = {}
+    for edge_rows in (0, 2):
+        signal = replace(simulated.SIGNAL, edge_rows=edge_rows)
+        fits = [identify(simulated.experiment(robot, one, signal=signal)) for one in (log, spoilt)]
+        moved[edge_rows] = np.max(np.abs(fits[1].beta - fits[0].beta) / fits[0].std)
+    assert moved[2] < 0.1 * moved[0]
+
+
+def test_windows_that_the_edges_use_up(robot: Robot, x: Array) -> None:
+    signal = replace(simulated.SIGNAL, edge_rows=300)
+    with pytest.raises(FitError, match="recording 'log': decimation leaves nothing of 2950 samples"):
+        identify(simulated.experiment(robot, simulated.log(robot, x), signal=signal))

@@ -260,6 +260,8 @@ def test_strides_and_precision_do_not_matter() -> None:
         ({"decimation": 10}, "decimation must be a tuple of whole numbers, got 10"),
         ({"decimation": "10"}, "decimation must be a tuple of whole numbers, got '10'"),
         ({"trim_end": -1}, "trim_end must not be negative, got -1"),
+        ({"edge_rows": -1}, "edge_rows must not be negative, got -1"),
+        ({"edge_rows": 1.0}, "edge_rows must be a whole number, got 1.0"),
         ({"decimation": (10, 1)}, "each decimation factor must be at least 2, got 1"),
         ({"padding": "octave"}, "padding must be 'scipy' or 'matlab', got 'octave'"),
         ({"decimation_convention": "R"}, "decimation_convention must be 'scipy' or 'matlab', got 'R'"),
