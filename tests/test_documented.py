@@ -19,6 +19,8 @@ import numpy as np
 import pytest
 
 from didim.cli import main
+from didim.compare import compare
+from didim.didim_method import DIDIM
 from didim.experiment import Experiment, load_experiment
 from didim.identification import Identification
 from didim.identify import identify
@@ -27,10 +29,13 @@ from didim.recording import Recording
 from didim.signals import Convention, Form, differentiate
 from didim.simulate_command import SimulationReport, simulate_experiment
 from didim.simulation import simulate
+from didim.validate import validate
 from test_published import DECIDED_BY_ROUNDING, deviations
 from test_simulation import tx40
 
 Row = list[str]
+
+MORE = "fit.history[k].more meaning"
 
 ROUNDING_SIGMA = 0.3
 """Room, in standard deviations, for what rounding decides."""
@@ -333,3 +338,75 @@ def test_simulation_steps(project: Path) -> None:
         assert float(torque) == pytest.approx(run.error.tau.max(), rel=0.1)
         assert float(share.split(" %")[0]) == pytest.approx(100.0 * run.error.tau_relative, rel=0.1)
         assert bool(told) is share.endswith("warned of")
+
+
+def test_emps_by_didim(project: Path, shared: Path) -> None:
+    page, data = project / "docs" / "emps.md", shared / "data" / "emps"
+    experiment = load_experiment(project / "examples" / "emps.toml", data=data)
+    direct, found = identify(experiment), identify(experiment, DIDIM())
+    rows = tables(page)["parameter IDIM-LS DIDIM"]
+    expected = []
+    for index, (name, unit, places) in enumerate(zip(found.names, found.units, (3, 2, 3, 3), strict=True)):
+        cells = [f"{fit.beta[index]:.{places}f} +- {fit.std[index]:.{places}f}" for fit in (direct, found)]
+        change = 100.0 * (found.beta[index] / direct.beta[index] - 1.0)
+        expected.append([f"{name}` ({unit})", *cells, f"{change:.2f} %"])
+    errors = [[f"{100.0 * fit.relative_error[0]:.3f} %" for fit in (direct, found)]]
+    checks = [validate(fit, experiment).recordings[0] for fit in (direct, found)]
+    assert all(check.direct is not None for check in checks)
+    errors.append([f"{100.0 * check.direct[0]:.3f} %" for check in checks if check.direct is not None])
+    errors.append([f"{100.0 * check.simulated['torque'][0]:.3f} %" for check in checks])
+    assert rows[:4] == expected
+    assert [row[1:3] for row in rows[4:]] == errors
+    apart = np.max(np.abs(found.beta - direct.beta) / direct.std)
+    assert 1.3 < apart < 1.4
+    assert "The two agree within 1.4 standard deviations" in words(page)
+    text = words(project / "docs" / "didim.md")
+    assert (
+        f"with its digital controller: {found.n_iterations} iterations, each parameter within 0.7 %" in text
+    )
+    assert np.max(np.abs(found.beta / direct.beta - 1.0)) < 0.007
+    assert f"relative error {100.0 * found.relative_error[0]:.2f} %" in text
+
+
+def test_tx40_by_didim(
+    project: Path,
+    shared: Path,
+    page: Path,
+    fits: dict[str, Identification],
+    table2: dict[str, dict[str, str]],
+) -> None:
+    experiment = load_experiment(project / "examples" / "tx40_didim.toml", data=shared / "data" / "tx40")
+    found, zone = identify(experiment, DIDIM()), fits["dead zone"]
+    rows = tables(page)["name unit DIDIM, this log"]
+    assert len(rows) == 13
+    apart = {}
+    for name, _, value, percent, by_idim, by_idim_percent, target, target_percent, off in rows:
+        index = found.names.index(name)
+        assert float(value) == pytest.approx(found.beta[index], rel=6e-4)
+        assert float(by_idim) == pytest.approx(zone.beta[index], rel=6e-4)
+        assert float(percent) == pytest.approx(found.relative_std_percent[index], rel=0.06)
+        assert float(by_idim_percent) == pytest.approx(zone.relative_std_percent[index], rel=0.06)
+        row = table2[name]
+        mark = " *" if row["didim_printed"] != row["didim_corrected"] else ""
+        assert (target, target_percent) == (row["didim_corrected"] + mark, row["didim_sigma_percent"])
+        expected = float(row["didim_corrected"])
+        both = np.hypot(found.std[index], expected * float(target_percent) / 100.0)
+        apart[name] = abs(found.beta[index] - expected) / both
+        assert float(off) == pytest.approx(apart[name], abs=0.06)
+    assert max(value for name, value in apart.items() if name != "ZZ2R") < 1.8
+    direct = identify(experiment)
+    told = f"The relative error is {100.0 * found.overall_relative_error:.1f} %, that of IDIM-LS with the same friction"
+    assert f"{told} {100.0 * direct.overall_relative_error:.1f} %" in words(page)
+    assert f"it converges in {found.n_iterations} iterations" in words(page)
+
+
+def test_didim_on_the_simulated_tx40(project: Path) -> None:
+    page = project / "docs" / "didim.md"
+    comparison = compare(methods=[DIDIM()])
+    history = comparison.fits["didim"].history
+    (row,) = tables(page)["iteration 1 2"]
+    assert len(row) == 1 + len(history)
+    for cell, item in zip(row[1:], history, strict=True):
+        assert float(cell) == pytest.approx(item.more["largest_change_in_sigma"], rel=0.05)
+    named = [name for row in tables(page)[MORE] for name in re.findall(r"\w+", row[0])]
+    assert set(history[0].more) == set(named)
