@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import didim
-from didim.cloe import position_noise
+from didim.cloe import white_noise
 from didim.compare import packaged_experiment, simulated_log
 from didim.errors import FitError
 from didim.experiment import Experiment
@@ -52,7 +52,7 @@ def test_levenberg_marquardt_arrives_from_21(
 
 
 def test_the_noise_of_the_encoders_is_seen(tx40: Experiment) -> None:
-    noise = position_noise(tx40.recordings[0].q)
+    noise = white_noise(tx40.recordings[0].q)
     np.testing.assert_allclose(noise, [1e-6, 1e-6, 2e-6, 2e-6, 2e-6, 3e-6], rtol=0.06)
 
 

@@ -144,8 +144,9 @@ class Schedule:
         records: int,
         period: float | None,
         coarse: float,
-        fine: float,
+        fine: Sequence[float],
         slow: Sequence[float],
+        motion: Reference | None = None,
     ) -> Schedule: ...
     @property
     def steps(self) -> int: ...

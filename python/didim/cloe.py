@@ -24,6 +24,7 @@ from .identification import Identification, Iteration
 from .idim_ls import IDIMLS
 from .model import regressor
 from .physics import physical_flags
+from .signals import white_noise
 from .simulation import ClosedLoop
 from .starts import Start, standard_start
 from .status import Status
@@ -321,14 +322,6 @@ def _windows(job: Job, output: Output) -> list[_Window]:
     return found
 
 
-def position_noise(q: Array) -> Array:
-    """Estimate the noise of measured positions from fifth differences, (n_dof,): motion hardly shows in them, white noise does."""
-    differences = np.diff(q, 5, axis=0)
-    # The median does not see reversals, where friction jumps; 252 is the sum of the squared binomials.
-    spread = np.median(np.abs(differences), axis=0) / 0.6745 / math.sqrt(252.0)
-    return np.asarray(np.maximum(spread, 1e-9 * np.maximum(np.ptp(q, axis=0), 1e-3)))
-
-
 def _simplex(problem: _Problem, progress: Callable[[Iteration], bool]) -> Identification:
     method = problem.method
     n = problem.start.size
@@ -529,7 +522,7 @@ def _weigh_by_noise(problem: _Problem) -> None:
     method = problem.method
     q = np.concatenate([window.q for window in problem.windows])
     if method.output in ("position", "both"):
-        noise = position_noise(q) if method.noise is None else np.asarray(method.noise, dtype=np.float64)
+        noise = white_noise(q) if method.noise is None else np.asarray(method.noise, dtype=np.float64)
         if noise.shape != (problem.robot.n_dof,) or not (noise > 0.0).all():
             raise FitError(
                 f"noise needs {problem.robot.n_dof} positive numbers, one per joint, got {method.noise!r}"
@@ -537,7 +530,7 @@ def _weigh_by_noise(problem: _Problem) -> None:
         problem.weight_q = 1.0 / noise**2
     if method.output in ("torque", "both"):
         tau = np.concatenate([window.tau for window in problem.windows])
-        problem.weight_tau = 1.0 / position_noise(tau) ** 2
+        problem.weight_tau = 1.0 / white_noise(tau) ** 2
 
 
 def _derivatives(problem: _Problem, point: Array, errors: Array) -> Array:

@@ -21,7 +21,7 @@ from .recording import Recording
 from .reference import Reference
 from .robot import Robot
 from .schema import Table
-from .signals import SignalProcessing, differentiate
+from .signals import SignalProcessing, differentiate, white_noise
 from .simulation import DIVERGENCE, ClosedLoop
 
 if TYPE_CHECKING:
@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 _Made = TypeVar("_Made")
 
+LEAST_SAMPLES = 50
+"""Shorter windows say too little about their noise."""
 FEEDFORWARD_HZ = 1000.0
 """Rate at which a model's torque is fed forward."""
 
@@ -101,8 +103,11 @@ class SimulationSettings:
 
     Attributes
     ----------
-    step_s, fine_step_s : float or None
-        Largest step, and largest step where a velocity of the reference is near zero (s).
+    step_s : float or None
+        Largest step (s).
+    fine_step_s : tuple of float or None
+        Largest step where the velocity of a joint is near zero (s), one for all joints or one per joint. What is near zero is
+        read off the measured motion where there is one and it is filtered, off the reference otherwise.
     rate_hz : float or None
         Records per second of a run without a recording, which has its own; 1000 by default.
     duration_s : float or None
@@ -118,7 +123,7 @@ class SimulationSettings:
     """
 
     step_s: float | None = None
-    fine_step_s: float | None = None
+    fine_step_s: float | Sequence[float] | None = None
     rate_hz: float | None = None
     duration_s: float | None = None
     smoothing: tuple[float, ...] | None = None
@@ -227,7 +232,7 @@ def closed_loop(
             if settings.start == "measured" or (settings.start is None and from_recording):
                 q, dq, _ = differentiate(recording.q[start:stop], rate, experiment.signal)
                 state = (q[0], dq[0])
-        return ClosedLoop.of(
+        loop = ClosedLoop.of(
             settings.robot(experiment.robot),
             reference,
             controller,
@@ -238,8 +243,27 @@ def closed_loop(
             start=state,
             divergence=settings.divergence,
         )
+        if recording is not None:
+            motion = measured_motion(recording, (start, stop), experiment.signal, loop.model)
+            loop = loop if motion is None else loop.along(motion)
+        return loop
     except DidimError as error:
         raise ExperimentError(f"{experiment.name}: {error}") from None
+
+
+def measured_motion(
+    recording: Recording, window: tuple[int, int], signal: SignalProcessing, robot: Robot
+) -> Reference | None:
+    """Return the measured motion of a window, as it is or filtered; None where it cannot tell where velocities are near zero."""
+    q = recording.q[slice(*window)]
+    if len(q) < LEAST_SAMPLES or robot.friction.coulomb != "tanh":
+        return None
+    # A filter smears reversals over milliseconds: as measured is better where the noise of the velocity lets it.
+    if np.all(white_noise(q) * recording.rate_hz <= np.asarray(robot.friction.smoothing)):
+        return Reference.sampled(q, rate_hz=recording.rate_hz)
+    if signal.cutoff_hz is None:
+        return None
+    return Reference.through(*differentiate(q, recording.rate_hz, signal), rate_hz=recording.rate_hz)
 
 
 def outside_limits(robot: Robot, reference: Reference, duration_s: float) -> list[str]:
@@ -460,7 +484,7 @@ def read_simulation(table: Table, robot: Robot) -> SimulationSettings:
             table.fail(f"smoothing must be above 0 for every joint, got {list(smoothing)}")
     settings = SimulationSettings(
         step_s=table.number("step_s", None, above=0.0),
-        fine_step_s=table.number("fine_step_s", None, above=0.0),
+        fine_step_s=_fine_step(table, robot),
         rate_hz=table.number("rate_hz", None, above=0.0),
         duration_s=table.number("duration_s", None, above=0.0),
         divergence=table.number("divergence", DIVERGENCE, above=0.0),
@@ -469,6 +493,15 @@ def read_simulation(table: Table, robot: Robot) -> SimulationSettings:
     )
     table.done()
     return settings
+
+
+def _fine_step(table: Table, robot: Robot) -> float | tuple[float, ...] | None:
+    if not isinstance(table.raw("fine_step_s", None), list):
+        return table.number("fine_step_s", None, above=0.0)
+    steps = tuple(table.spread("fine_step_s", robot.n_dof))
+    if min(steps) <= 0.0:
+        table.fail(f"fine_step_s must be above 0 for every joint, got {list(steps)}")
+    return steps
 
 
 def read_measurement(table: Table, robot: Robot) -> Measurement:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cloe import CLOE, Variant
-from .closed_loop import closed_loop
+from .closed_loop import closed_loop, measured_motion
 from .didim_method import DIDIM
 from .errors import ExperimentError
 from .experiment import Experiment, load_experiment
@@ -33,6 +33,8 @@ SHORT_SIMPLEX = 60
 """Iterations of the simplex in a comparison that nobody waits hours for."""
 SIMPLEX_STEPS = (1e-3, 2e-4)
 """Largest steps of its simulations (s)."""
+MOST_PILOTS = 6
+"""Runs of a log: its steps are fine where the velocities of the run before were near zero."""
 LOG_REFINEMENT = 4
 """The log is simulated with steps so many times finer than those of the identification."""
 
@@ -113,10 +115,23 @@ def simulated_log(
         When the closed loop is not complete, or the run does not reach its end.
     """
     loop = closed_loop(experiment)
-    arrays, outcomes = loop.run(x[None], divided=refinement)
-    if not outcomes[0].completed:
-        raise ExperimentError(f"{experiment.name}: the log cannot be simulated: the run {outcomes[0]}")
-    recording = Recording.from_arrays(arrays[0][0], arrays[3][0], rate_hz=loop.rate_hz, name="simulated log")
+    recording: Recording | None = None
+    for _ in range(MOST_PILOTS):
+        arrays, outcomes = loop.run(x[None], divided=refinement)
+        if not outcomes[0].completed:
+            raise ExperimentError(f"{experiment.name}: the log cannot be simulated: the run {outcomes[0]}")
+        before = recording
+        recording = Recording.from_arrays(
+            arrays[0][0], arrays[3][0], rate_hz=loop.rate_hz, name="simulated log"
+        )
+        # An identification has the steps that follow from this log: the log must have them too.
+        if before is not None and np.array_equal(before.q, recording.q):
+            break
+        motion = measured_motion(recording, (0, len(recording.q)), experiment.signal, loop.model)
+        if motion is None:
+            break
+        loop = loop.along(motion)
+    assert recording is not None
     # The friction of the simulation is that of the log; the regressors of all methods are built with it.
     robot = experiment.simulation.robot(experiment.robot)
     log = replace(experiment, robot=robot, recordings=(recording,))

@@ -87,6 +87,28 @@ class Reference:
         return cls(_made(lambda: _core.Reference.sampled(float(rate_hz), positions)), "sampled")
 
     @classmethod
+    def through(cls, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, rate_hz: float) -> Reference:
+        """Through samples of positions, velocities and accelerations at a constant rate, by quintics.
+
+        Parameters
+        ----------
+        q, dq, ddq : (n_samples, n_dof) arrays
+            Motion (rad or m, and per s, s^2), the first sample at time 0. At least two.
+        rate_hz : float
+            Samples per second.
+
+        Raises
+        ------
+        ReferenceError
+            For too few samples, different shapes, a NaN, or a rate that is not positive.
+        """
+        values = [_matrix(name, value) for name, value in (("q", q), ("dq", dq), ("ddq", ddq))]
+        if not (np.isfinite(rate_hz) and rate_hz > 0.0):
+            raise ReferenceError(f"rate_hz must be positive, got {rate_hz}")
+        times = np.arange(len(values[0])) / rate_hz
+        return cls(_made(lambda: _core.Reference.from_knots(times, *values)), "sampled")
+
+    @classmethod
     def fourier(
         cls,
         sine: ArrayLike,

@@ -9,6 +9,7 @@ published figures need the one they were made with.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -267,6 +268,28 @@ def differentiate(q: Array, rate_hz: float, signal: SignalProcessing) -> tuple[A
         q = zero_phase_butterworth(q, rate_hz, signal.cutoff_hz, signal.order, signal.padding, signal.form)
     dq = central_differences(q, 1.0 / rate_hz)
     return q, dq, central_differences(dq, 1.0 / rate_hz)
+
+
+def white_noise(values: Array) -> Array:
+    """Estimate the white noise of a log from its fifth differences: motion hardly shows in them.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n_samples, n_dof)
+        Positions or torques; more than five samples.
+
+    Returns
+    -------
+    ndarray, shape (n_dof,)
+        Standard deviations, in the unit of the values; never zero.
+
+    Notes
+    -----
+    ``test_cloe.py`` checks it on the noise of a simulated log.
+    """
+    # The median does not see reversals, where friction jumps; 252 is the sum of the squared binomials.
+    spread = np.median(np.abs(np.diff(values, 5, axis=0)), axis=0) / 0.6745 / math.sqrt(252.0)
+    return np.asarray(np.maximum(spread, 1e-9 * np.maximum(np.ptp(values, axis=0), 1e-3)))
 
 
 def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:

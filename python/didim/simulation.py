@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -31,7 +31,9 @@ FINE_STEP = 1e-4
 SIGN_STEP = 2e-4
 """Largest step with ``sign`` friction (s), unless told otherwise."""
 NEAR_ZERO = 10.0
-"""Near zero means this many times the smoothing velocity of the friction."""
+"""Near zero means this many times the smoothing velocity of the friction, where the reference says how fast the robot is."""
+NEAR_ZERO_MEASURED = 5.0
+"""The same where the velocities are those of the robot."""
 DIVERGENCE = 100.0
 """Tracking error (rad or m) that counts as divergence."""
 LARGE_ERROR = 0.01
@@ -172,6 +174,8 @@ class ClosedLoop:
         Number of records.
     schedule : core schedule
         Steps, decided once.
+    steps : (float, list of float)
+        Largest step, and largest step of each joint where its velocity is near zero (s).
     start : (q, dq) or None
         Positions and velocities at time 0; the reference's by default.
     external : (rate_hz, (n_samples, n_dof) array) or None
@@ -186,6 +190,7 @@ class ClosedLoop:
     rate_hz: float
     n_records: int
     schedule: _core.Schedule
+    steps: tuple[float, Sequence[float]]
     start: tuple[Sequence[float], Sequence[float]] | None = None
     external: tuple[float, Array] | None = None
     divergence: float = DIVERGENCE
@@ -220,7 +225,7 @@ class ClosedLoop:
         rate_hz: float | None = None,
         duration_s: float | None = None,
         step: float | None = None,
-        fine_step: float | None = None,
+        fine_step: float | Sequence[float] | None = None,
         start: tuple[ArrayLike, ArrayLike] | None = None,
         external: tuple[float, ArrayLike] | None = None,
         divergence: float = DIVERGENCE,
@@ -239,23 +244,11 @@ class ClosedLoop:
         if not divergence > 0.0:
             raise SimulationError(f"divergence must be positive, got {divergence}")
         records = int(np.floor(duration * rate * (1.0 + 1e-12) + 1e-9)) + 1
-        smooth = robot.friction.coulomb == "tanh"
-        coarse = step if step is not None else (STEP if smooth else SIGN_STEP)
-        fine = fine_step if fine_step is not None else min(coarse, FINE_STEP)
-        slow = [NEAR_ZERO * value if smooth else 0.0 for value in robot.friction.smoothing]
-        try:
-            schedule = _core.Schedule(
-                robot.core,
-                reference.core,
-                rate=rate,
-                records=records,
-                period=controller.core.period,
-                coarse=float(coarse),
-                fine=float(fine),
-                slow=slow,
-            )
-        except ValueError as reason:
-            raise SimulationError(str(reason)) from None
+        coarse = step if step is not None else (STEP if _smooth(robot) else SIGN_STEP)
+        fine = np.atleast_1d(fine_step if fine_step is not None else min(coarse, FINE_STEP))
+        if fine.shape not in ((1,), (n,)):
+            raise SimulationError(f"fine_step must be one number or {n}, one per joint, got {fine_step!r}")
+        steps = (float(coarse), np.broadcast_to(fine, n).astype(np.float64).tolist())
         begin = None
         if start is not None:
             parts = [real_array("start", part, SimulationError) for part in start]
@@ -273,7 +266,21 @@ class ClosedLoop:
             if not (np.isfinite(push_hz) and push_hz > 0.0):
                 raise SimulationError(f"the rate of external must be positive, got {push_hz}")
             push = (float(push_hz), values)
-        return cls(robot, reference, controller, rate, records, schedule, begin, push, float(divergence))
+        schedule = _schedule(robot, reference, controller, rate, records, steps, None)
+        return cls(
+            robot, reference, controller, rate, records, schedule, steps, begin, push, float(divergence)
+        )
+
+    def along(self, motion: Reference) -> ClosedLoop:
+        """Return the same loop with steps that are fine where a motion has velocities near zero.
+
+        The reference, which decides by default, is followed late: the measured motion, or that of an earlier run, says better
+        where a robot reverses.
+        """
+        schedule = _schedule(
+            self.model, self.motion, self.law, self.rate_hz, self.n_records, self.steps, motion
+        )
+        return replace(self, schedule=schedule)
 
     def run(
         self, x: Array, *, gain_scale: Array | None = None, threads: int | None = None, divided: int = 1
@@ -407,7 +414,7 @@ def simulate(
     controller: Controller,
     *,
     step: float | None = None,
-    fine_step: float | None = None,
+    fine_step: float | Sequence[float] | None = None,
     rate_hz: float | None = None,
     duration_s: float | None = None,
     gain_scale: ArrayLike | None = None,
@@ -430,8 +437,8 @@ def simulate(
     controller : Controller
         What makes it follow.
     step, fine_step : float, optional
-        Largest step (s), and largest step where a velocity of the reference is near zero. By default 0.5 ms and 0.1 ms with
-        smooth friction, 0.2 ms with ``sign``.
+        Largest step (s), and largest step where a velocity of the reference is near zero, which may differ between joints:
+        friction is the stiffer the smaller the inertia. By default 0.5 ms and 0.1 ms with smooth friction, 0.2 ms with ``sign``.
     rate_hz : float, optional
         Records per second; 1000 by default.
     duration_s : float, optional
@@ -515,6 +522,36 @@ def _scale(gain_scale: ArrayLike | None, m: int, n: int) -> Array | None:
     if scale.shape not in ((n,), (m, n)) or not np.isfinite(scale).all():
         raise SimulationError(f"gain_scale must have shape ({n},) or ({m}, {n}) and be finite")
     return np.broadcast_to(scale, (m, n)).copy()
+
+
+def _smooth(robot: Robot) -> bool:
+    return robot.friction.coulomb == "tanh"
+
+
+def _schedule(
+    robot: Robot,
+    reference: Reference,
+    controller: Controller,
+    rate: float,
+    records: int,
+    steps: tuple[float, Sequence[float]],
+    motion: Reference | None,
+) -> _core.Schedule:
+    near = (NEAR_ZERO if motion is None else NEAR_ZERO_MEASURED) if _smooth(robot) else 0.0
+    try:
+        return _core.Schedule(
+            robot.core,
+            reference.core,
+            rate=rate,
+            records=records,
+            period=controller.core.period,
+            coarse=steps[0],
+            fine=steps[1],
+            slow=[near * value for value in robot.friction.smoothing],
+            motion=None if motion is None else motion.core,
+        )
+    except ValueError as reason:
+        raise SimulationError(str(reason)) from None
 
 
 def _outcomes(endings: Sequence[tuple[int, float, int]]) -> tuple[Outcome, ...]:

@@ -1,7 +1,8 @@
 //! When the simulation steps, records and controls: decided before the run, so that all lanes share it.
 //!
-//! Friction makes the equation stiff where a velocity is near zero, at reversals and at rest: there the step is fine,
-//! elsewhere coarse. Where that is follows from the reference. Every instant at which something happens (a record, a
+//! Friction makes the equation stiff where a velocity is near zero, at reversals and at rest: there the step is as fine as
+//! the joint needs, elsewhere coarse. Where that is follows from the reference, or from a motion nearer to that of the robot,
+//! such as the measured one: a robot reverses later than its reference. Every instant at which something happens (a record, a
 //! sample of the controller, a jump of the reference's acceleration) is the end of a step.
 
 use crate::error::ScheduleError;
@@ -43,10 +44,12 @@ pub struct Plan<'a> {
     pub period: Option<f64>,
     /// Largest step (s).
     pub coarse: f64,
-    /// Largest step where a velocity is near zero (s).
-    pub fine: f64,
+    /// Largest step where the velocity of a joint, or of its coupled motor, is near zero (s), per joint.
+    pub fine: &'a [f64],
     /// What near zero is, per joint (rad/s or m/s): of the joint's speed, and of the speed of its coupled motor.
     pub slow: &'a [f64],
+    /// The motion whose velocities count; the reference if None.
+    pub motion: Option<&'a Reference>,
 }
 
 /// Instants closer than this share of the shortest interval are one.
@@ -57,8 +60,9 @@ const MOST_STEPS: f64 = 1e10;
 impl Schedule {
     /// Decides the steps.
     pub fn new(robot: &Robot, reference: &Reference, plan: Plan<'_>) -> Result<Self, ScheduleError> {
-        for (what, value) in [("rate", plan.rate), ("step", plan.coarse), ("fine step", plan.fine)]
+        for (what, value) in [("rate", plan.rate), ("step", plan.coarse)]
             .into_iter()
+            .chain(plan.fine.iter().map(|&fine| ("fine step", fine)))
             .chain(plan.period.map(|p| ("sample time", p)))
         {
             if !(value > 0.0 && value.is_finite()) {
@@ -68,20 +72,25 @@ impl Schedule {
         if plan.records < 2 {
             return Err(ScheduleError::TooShort { got: plan.records });
         }
-        if plan.slow.len() != robot.n_dof() || reference.n_dof() != robot.n_dof() {
-            return Err(ScheduleError::Joints { want: robot.n_dof(), got: reference.n_dof() });
+        let motion = plan.motion.unwrap_or(reference);
+        for got in [reference.n_dof(), motion.n_dof(), plan.slow.len(), plan.fine.len()] {
+            if got != robot.n_dof() {
+                return Err(ScheduleError::Joints { want: robot.n_dof(), got });
+            }
         }
         let end = (plan.records - 1) as f64 / plan.rate;
-        let most = end / plan.fine.min(plan.coarse).min(plan.period.unwrap_or(f64::INFINITY));
+        let finest = plan.fine.iter().copied().fold(plan.coarse, f64::min);
+        let most = end / finest.min(plan.period.unwrap_or(f64::INFINITY));
         if most.is_nan() || most + plan.records as f64 > MOST_STEPS {
             return Err(ScheduleError::TooManySteps { got: most });
         }
-        let (first, last) = reference.span();
         let slack = SAME / plan.rate;
-        if first > slack || last < end - slack {
-            return Err(ScheduleError::Reference { first, last, end });
+        for (first, last) in [reference.span(), motion.span()] {
+            if first > slack || last < end - slack {
+                return Err(ScheduleError::Reference { first, last, end });
+            }
         }
-        let mut speeds = Speeds { robot, reference, slow: plan.slow, piece: 0 };
+        let mut speeds = Speeds { robot, motion, plan, piece: 0 };
         let mut segments = Vec::new();
         let marks = marks(reference, plan, end);
         for pair in marks.windows(2) {
@@ -96,8 +105,7 @@ impl Schedule {
                 } else {
                     from.time + length * (part + 1) as f64 / parts as f64
                 };
-                let step = if speeds.near_zero(start, end) { plan.fine } else { plan.coarse };
-                let steps = count(end - start, step);
+                let steps = count(end - start, speeds.step(start, end));
                 segments.push(Segment {
                     start,
                     step: (end - start) / steps as f64,
@@ -187,32 +195,39 @@ fn marks(reference: &Reference, plan: Plan<'_>, end: f64) -> Vec<Mark> {
     merged
 }
 
-/// The speeds of joints and coupled motors in the reference.
+/// The speeds of joints and coupled motors in a motion.
 struct Speeds<'a> {
     robot: &'a Robot,
-    reference: &'a Reference,
-    slow: &'a [f64],
+    motion: &'a Reference,
+    plan: Plan<'a>,
     piece: usize,
 }
 
 impl Speeds<'_> {
-    /// Whether a speed is near zero, or passes through it, between two times.
-    fn near_zero(&mut self, start: f64, end: f64) -> bool {
+    /// Largest step between two times: that of the joint that needs the smallest, of those near zero or passing through it.
+    fn step(&mut self, start: f64, end: f64) -> f64 {
         let (mut a, mut b) = (Target::zero(), Target::zero());
-        self.reference.at(start, &mut self.piece, &mut a);
-        self.reference.at(end, &mut self.piece, &mut b);
-        let near = |before: f64, after: f64, slow: f64| {
-            slow > 0.0 && (before.abs().min(after.abs()) <= slow || (before > 0.0) != (after > 0.0))
+        self.motion.at(start, &mut self.piece, &mut a);
+        self.motion.at(end, &mut self.piece, &mut b);
+        let Plan { slow, fine, coarse, .. } = self.plan;
+        let mut step = coarse;
+        let mut look = |j: usize, before: f64, after: f64| {
+            let near = before.abs().min(after.abs()) <= slow[j] || (before > 0.0) != (after > 0.0);
+            if slow[j] > 0.0 && near {
+                step = step.min(fine[j]);
+            }
         };
-        let joints = (0..self.robot.n_dof()).any(|j| near(a.dq[j], b.dq[j], self.slow[j]));
-        joints
-            || self.robot.coupled().iter().any(|coupled| {
-                let m = coupled.motor;
-                let speed = |target: &Target| {
-                    coupled.others.iter().fold(target.dq[m], |sum, &(i, c)| c.mul_add(target.dq[i], sum))
-                };
-                near(speed(&a), speed(&b), self.slow[m])
-            })
+        for j in 0..self.robot.n_dof() {
+            look(j, a.dq[j], b.dq[j]);
+        }
+        for coupled in self.robot.coupled() {
+            let m = coupled.motor;
+            let speed = |target: &Target| {
+                coupled.others.iter().fold(target.dq[m], |sum, &(i, c)| c.mul_add(target.dq[i], sum))
+            };
+            look(m, speed(&a), speed(&b));
+        }
+        step
     }
 }
 
@@ -234,7 +249,7 @@ mod tests {
     }
 
     fn plan(slow: &[f64]) -> Plan<'_> {
-        Plan { rate: 100.0, records: 426, period: None, coarse: 5e-3, fine: 1e-3, slow }
+        Plan { rate: 100.0, records: 426, period: None, coarse: 5e-3, fine: &[1e-3], slow, motion: None }
     }
 
     #[test]
@@ -262,6 +277,36 @@ mod tests {
     }
 
     #[test]
+    fn the_motion_decides_where_steps_are_fine_and_the_joint_how_fine() {
+        // The same 2.25 s of motion, half a second later than the reference; two joints, of which only the first moves.
+        let joint = Joint { kind: JointKind::Prismatic, alpha: 0.0, d: 0.0, theta: 0.0, r: 0.0 };
+        let robot = Robot::new(
+            vec![joint, joint],
+            [0.0; 3],
+            &[vec![1.0, 0.0], vec![0.0, 1.0]],
+            Friction::sign(2),
+        )
+        .unwrap();
+        let moves = |dwell: f64| {
+            let points = [0.0, 0.0, 1.0, 1.0];
+            let moves =
+                PointToPoint { points: &points, velocity: &[0.5; 2], acceleration: &[2.0; 2], dwell };
+            Reference::point_to_point(2, moves).unwrap()
+        };
+        let (reference, motion) = (moves(1.0), moves(1.5));
+        let plan = |fine, slow| Plan { fine, slow, motion: Some(&motion), ..plan(&[]) };
+        let step_at = |schedule: &Schedule, t: f64| {
+            schedule.segments().iter().rfind(|s| s.start <= t).map(|s| s.step).unwrap()
+        };
+        let schedule = Schedule::new(&robot, &reference, plan(&[2e-3, 1e-3], &[0.05, 0.0])).unwrap();
+        assert!((step_at(&schedule, 1.4) - 2e-3).abs() < 1e-12); // the reference moves, the motion does not yet
+        assert!((step_at(&schedule, 2.0) - 5e-3).abs() < 1e-12);
+        let both = Schedule::new(&robot, &reference, plan(&[2e-3, 1e-3], &[0.05, 0.05])).unwrap();
+        assert!((step_at(&both, 1.4) - 1e-3).abs() < 1e-12);
+        assert!(Schedule::new(&robot, &reference, plan(&[1e-3], &[0.05, 0.05])).is_err());
+    }
+
+    #[test]
     fn records_and_controller_may_have_any_rates() {
         let plan = Plan { period: Some(0.003), ..plan(&[0.0]) };
         let schedule = Schedule::new(&robot(), &reference(), plan).unwrap();
@@ -281,7 +326,7 @@ mod tests {
                 .contains("ends at 4.25 s, before the run, at 5.99 s")
         );
         assert!(message(Plan { coarse: 0.0, ..plan(&[0.0]) }).contains("step must be positive, got 0"));
-        assert!(message(Plan { fine: 1e-15, ..plan(&[0.0]) }).contains("steps"));
+        assert!(message(Plan { fine: &[1e-15], ..plan(&[0.0]) }).contains("steps"));
         assert!(message(Plan { records: 1, ..plan(&[0.0]) }).contains("at least 2 records"));
     }
 }

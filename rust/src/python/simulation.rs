@@ -164,7 +164,7 @@ pub(super) struct Schedule(CoreSchedule);
 #[pymethods]
 impl Schedule {
     #[new]
-    #[pyo3(signature = (robot, reference, *, rate, records, period, coarse, fine, slow))]
+    #[pyo3(signature = (robot, reference, *, rate, records, period, coarse, fine, slow, motion=None))]
     #[allow(clippy::too_many_arguments)] // one keyword each, called from one place in simulation.py
     fn new(
         robot: &Robot,
@@ -173,10 +173,12 @@ impl Schedule {
         records: usize,
         period: Option<f64>,
         coarse: f64,
-        fine: f64,
+        fine: Vec<f64>,
         slow: Vec<f64>,
+        motion: Option<&Reference>,
     ) -> PyResult<Self> {
-        let plan = Plan { rate, records, period, coarse, fine, slow: &slow };
+        let motion = motion.map(|motion| &motion.0);
+        let plan = Plan { rate, records, period, coarse, fine: &fine, slow: &slow, motion };
         CoreSchedule::new(&robot.0, &reference.0, plan).map(Self).map_err(wrong)
     }
 
