@@ -106,7 +106,15 @@ fn closed_loop(criterion: &mut Criterion) {
         gain: 1.0,
     };
     let controller = Controller::new(vec![law; 6], Timing::Continuous, None).expect("a controller");
-    let plan = Plan { rate: 1000.0, records: 1001, period: None, coarse: 1e-3, fine: &[1e-3; 6], slow: &[0.0; 6], motion: None };
+    let plan = Plan {
+        rate: 1000.0,
+        records: 1001,
+        period: None,
+        coarse: 1e-3,
+        fine: &[1e-3; 6],
+        slow: &[0.0; 6],
+        motion: None,
+    };
     let schedule = Schedule::new(&robot, &reference, plan).expect("a schedule");
     let simulation = Simulation {
         robot: &robot,

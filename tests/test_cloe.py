@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import didim
-from didim.cloe import white_noise
 from didim.compare import packaged_experiment, simulated_log
 from didim.errors import FitError
 from didim.experiment import Experiment
 from didim.identification import Identification, Iteration
+from didim.signals import white_noise
 from didim.status import Status
 
 
@@ -129,7 +129,9 @@ def test_a_start_that_cannot_be_simulated_is_named() -> None:
     arm = short_arm()
     wrong = -arm.robot.base_parameters.project(arm.robot.parameter_set("reference"))
     for optimizer in ("levenberg-marquardt", "nelder-mead"):
-        with pytest.raises(FitError, match=r"^CLOE cannot start from these parameters: the robot cannot be"):
+        with pytest.raises(
+            FitError, match=r"^arm: CLOE cannot start from these parameters: .* joint 1 feels"
+        ):
             didim.identify(arm, didim.CLOE(optimizer=optimizer, start=wrong))
 
 

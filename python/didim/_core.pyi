@@ -24,6 +24,7 @@ __all__ = [
     "regressor",
     "simulate",
     "simulate_cost",
+    "simulate_sensitivities",
     "smallest_eigenvalue",
 ]
 
@@ -183,3 +184,10 @@ def simulate_cost(
     weight_tau: Sequence[float],
     threads: int | None = None,
 ) -> tuple[_Array, list[_Ending]]: ...
+def simulate_sensitivities(
+    setting: _Setting,
+    x: Sequence[float],
+    scale: Sequence[float],
+    directions: _Array,
+    threads: int | None = None,
+) -> tuple[list[_Array], _Ending]: ...

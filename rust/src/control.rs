@@ -250,6 +250,26 @@ impl<const L: usize, const F: bool> Sampled<L, F> {
         }
     }
 
+    /// Integrators of the joints.
+    pub fn integrators(&self) -> [Lanes<L, F>; MAX_DOF] {
+        self.z
+    }
+
+    /// Weights of the newest, the one before, ... position in the velocity.
+    pub fn differences(&self) -> &[f64] {
+        &self.differences
+    }
+
+    /// Position and velocity of joint `j` as the last sample saw them.
+    #[inline(always)]
+    pub fn measured(&self, j: usize) -> (Lanes<L, F>, Lanes<L, F>) {
+        let mut velocity = Lanes::zero();
+        for (difference, positions) in self.differences.iter().zip(&self.history) {
+            velocity = positions[j].mul_add(Lanes::splat(*difference), velocity);
+        }
+        (self.history[0][j], velocity)
+    }
+
     /// One sample: takes the positions, and returns the torques that act until the next.
     #[inline(always)]
     pub fn step(
@@ -269,10 +289,7 @@ impl<const L: usize, const F: bool> Sampled<L, F> {
                 q[j]
             };
             self.history[0][j] = measured;
-            let mut velocity = Lanes::zero();
-            for (difference, positions) in self.differences.iter().zip(&self.history) {
-                velocity = positions[j].mul_add(Lanes::splat(*difference), velocity);
-            }
+            let (_, velocity) = self.measured(j);
             let (torque, dz) = law(one, instant, j, measured, velocity, self.z[j]);
             self.z[j] = dz.mul_add(Lanes::splat(digital.period), self.z[j]);
             self.queue[0][j] = torque;

@@ -184,6 +184,23 @@ impl<const L: usize, const F: bool> Direct<L, F> {
         }
     }
 
+    /// Accelerations that torques cause by themselves, at the state solved last.
+    pub fn respond(&self, n: usize, tau: &[Lanes<L, F>; MAX_DOF]) -> [Lanes<L, F>; MAX_DOF] {
+        let mut ddq = *tau;
+        for j in (0..n).rev() {
+            for k in j + 1..n {
+                ddq[j] = self.factor[k][j].neg_mul_add(ddq[k], ddq[j]);
+            }
+        }
+        for j in 0..n {
+            ddq[j] = ddq[j] * self.inverse_pivots[j];
+            for i in 0..j {
+                ddq[j] = self.factor[j][i].neg_mul_add(ddq[i], ddq[j]);
+            }
+        }
+        ddq
+    }
+
     /// Everything from frame `j` to frame `j-1`, where a link more is carried.
     #[inline(always)]
     fn inwards<const T: u8>(

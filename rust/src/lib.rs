@@ -53,5 +53,6 @@ pub mod regressor;
 pub mod robot;
 pub mod runge_kutta;
 pub mod schedule;
+pub mod sensitivity;
 pub mod simulate;
 pub mod spatial;

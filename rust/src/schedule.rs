@@ -280,17 +280,12 @@ mod tests {
     fn the_motion_decides_where_steps_are_fine_and_the_joint_how_fine() {
         // The same 2.25 s of motion, half a second later than the reference; two joints, of which only the first moves.
         let joint = Joint { kind: JointKind::Prismatic, alpha: 0.0, d: 0.0, theta: 0.0, r: 0.0 };
-        let robot = Robot::new(
-            vec![joint, joint],
-            [0.0; 3],
-            &[vec![1.0, 0.0], vec![0.0, 1.0]],
-            Friction::sign(2),
-        )
-        .unwrap();
+        let robot =
+            Robot::new(vec![joint, joint], [0.0; 3], &[vec![1.0, 0.0], vec![0.0, 1.0]], Friction::sign(2))
+                .unwrap();
         let moves = |dwell: f64| {
             let points = [0.0, 0.0, 1.0, 1.0];
-            let moves =
-                PointToPoint { points: &points, velocity: &[0.5; 2], acceleration: &[2.0; 2], dwell };
+            let moves = PointToPoint { points: &points, velocity: &[0.5; 2], acceleration: &[2.0; 2], dwell };
             Reference::point_to_point(2, moves).unwrap()
         };
         let (reference, motion) = (moves(1.0), moves(1.5));

@@ -226,7 +226,11 @@ pub fn run_group<const L: usize>(
     dispatch_on::<L, _>(Run { simulation, candidates, cancel, observer })
 }
 
-fn check(simulation: &Simulation<'_>, candidates: &[Candidate<'_>]) -> Result<(), SimulationError> {
+/// Everything fits together.
+pub(crate) fn check(
+    simulation: &Simulation<'_>,
+    candidates: &[Candidate<'_>],
+) -> Result<(), SimulationError> {
     let n = simulation.robot.n_dof();
     let count = Layout::of(simulation.robot).count();
     let length = |what, want, got| {

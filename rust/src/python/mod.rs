@@ -356,7 +356,9 @@ fn least_squares(
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::simulation::{Controller, Reference, Schedule, simulate, simulate_cost};
+    use super::simulation::{
+        Controller, Reference, Schedule, simulate, simulate_cost, simulate_sensitivities,
+    };
     #[pymodule_export]
     use super::{
         LeastSquares, Robot, base_parameters, decimate, direct_dynamics, filtfilt, inertia_matrix,

@@ -4,10 +4,12 @@ use super::arrays::{Input, Shape, flat};
 use super::{Robot, wrong};
 use crate::cancel::Cancel;
 use crate::control::{Controller as CoreController, Digital, Law, Signal, Timing};
+use crate::error::SimulationError;
 use crate::parallel;
 use crate::parameters::Layout;
 use crate::reference::{Fourier, PointToPoint, Reference as CoreReference, Target};
 use crate::schedule::{Plan, Schedule as CoreSchedule};
+use crate::sensitivity::sensitivities;
 use crate::simulate::{
     self as core, Candidate, Cost, Measured, Outcome, Simulation, Trajectories, Trajectory,
 };
@@ -292,6 +294,40 @@ pub(super) fn simulate_cost<'py>(
     Ok((PyArray1::from_vec(py, costs), endings))
 }
 
+/// Exact derivatives of one candidate's run along directions `(m, n_parameters)`: `q dq ddq tau`, `(m, n_records, n_dof)` each.
+#[pyfunction]
+#[pyo3(signature = (setting, x, scale, directions, threads=None))]
+pub(super) fn simulate_sensitivities<'py>(
+    py: Python<'py>,
+    setting: Setting<'py>,
+    x: Vec<f64>,
+    scale: Vec<f64>,
+    directions: Input<'py>,
+    threads: Option<usize>,
+) -> PyResult<([Bound<'py, PyArray3<f64>>; 4], Ending)> {
+    let n = setting.robot.get().0.n_dof();
+    let records = setting.schedule.get().0.records();
+    let (m, width) = directions.as_array().dim();
+    let directions = flat("directions", &directions)?;
+    let rows: Vec<&[f64]> = directions.chunks_exact(width.max(1)).collect();
+    let threads = threads.unwrap_or_else(parallel::available_threads);
+    let (outcome, trajectories) = with_simulation(py, setting, |simulation, cancel| {
+        sensitivities(simulation, Candidate { x: &x, scale: &scale }, &rows, threads, cancel)
+    })?;
+    let mut out: [Vec<f64>; 4] = std::array::from_fn(|_| Vec::with_capacity(m * records * n));
+    for lane in trajectories {
+        let Trajectory { q, dq, ddq, tau } = lane;
+        for (out, values) in out.iter_mut().zip([q, dq, ddq, tau]) {
+            out.extend(values);
+        }
+    }
+    let [q, dq, ddq, tau] = out.map(|mut values| {
+        values.resize(m * records * n, f64::NAN);
+        PyArray1::from_vec(py, values).reshape([m, records, n])
+    });
+    Ok(([q?, dq?, ddq?, tau?], ending(outcome)))
+}
+
 // `Python::check_signals` has the lifetime of one token and is no function of any.
 #[allow(clippy::redundant_closure_for_method_calls)]
 fn run<O: core::Observer>(
@@ -302,8 +338,7 @@ fn run<O: core::Observer>(
     threads: Option<usize>,
     observer: impl Fn(usize) -> O + Sync + Send,
 ) -> PyResult<Vec<(Vec<Outcome>, O)>> {
-    let (robot, reference) = (&setting.robot.get().0, &setting.reference.get().0);
-    let (controller, schedule) = (&setting.controller.get().0, &setting.schedule.get().0);
+    let robot = &setting.robot.get().0;
     let (n, p) = (robot.n_dof(), Layout::of(robot).count());
     let m = x.as_array().nrows();
     if scale.as_array().nrows() != m {
@@ -316,20 +351,31 @@ fn run<O: core::Observer>(
     if scale.len() != m * n {
         return Err(PyValueError::new_err(format!("scale must have shape ({m}, {n})")));
     }
-    let external = signal("external", setting.external)?;
-    let start = setting.start.as_ref().map(|(q, dq)| (q.as_slice(), dq.as_slice()));
-    let simulation = Simulation {
-        robot,
-        reference,
-        controller,
-        schedule,
-        external: external.as_ref(),
-        start,
-        divergence: setting.divergence,
-    };
     let candidates: Vec<Candidate<'_>> =
         x.chunks_exact(p).zip(scale.chunks_exact(n)).map(|(x, scale)| Candidate { x, scale }).collect();
     let threads = threads.unwrap_or_else(parallel::available_threads);
+    with_simulation(py, setting, |simulation, cancel| {
+        core::simulate(simulation, &candidates, threads, cancel, observer)
+    })
+}
+
+/// Does work that needs a simulation and hears Ctrl-C, without holding Python's lock.
+#[allow(clippy::redundant_closure_for_method_calls)] // see `run`
+fn with_simulation<T: Send>(
+    py: Python<'_>,
+    setting: Setting<'_>,
+    work: impl FnOnce(Simulation<'_>, &Cancel<'_>) -> Result<T, SimulationError> + Send,
+) -> PyResult<T> {
+    let external = signal("external", setting.external)?;
+    let simulation = Simulation {
+        robot: &setting.robot.get().0,
+        reference: &setting.reference.get().0,
+        controller: &setting.controller.get().0,
+        schedule: &setting.schedule.get().0,
+        external: external.as_ref(),
+        start: setting.start.as_ref().map(|(q, dq)| (q.as_slice(), dq.as_slice())),
+        divergence: setting.divergence,
+    };
     // Only the thread that came from Python hears Ctrl-C; what it raises is kept for the way back.
     let caller = std::thread::current().id();
     let raised: Mutex<Option<PyErr>> = Mutex::new(None);
@@ -342,10 +388,9 @@ fn run<O: core::Observer>(
                 true
             })
     };
-    let groups =
-        py.detach(|| core::simulate(simulation, &candidates, threads, &Cancel::when(&interrupted), observer));
+    let found = py.detach(|| work(simulation, &Cancel::when(&interrupted)));
     if let Ok(Some(error)) = raised.into_inner() {
         return Err(error);
     }
-    groups.map_err(wrong)
+    found.map_err(wrong)
 }

@@ -52,7 +52,15 @@ fn pd(kp: f64, kv: f64) -> Controller {
 }
 
 fn schedule(robot: &Robot, reference: &Reference, step: f64) -> Schedule {
-    let plan = Plan { rate: 20.0, records: 21, period: None, coarse: step, fine: &[step; 3], slow: &[0.0; 3], motion: None };
+    let plan = Plan {
+        rate: 20.0,
+        records: 21,
+        period: None,
+        coarse: step,
+        fine: &[step; 3],
+        slow: &[0.0; 3],
+        motion: None,
+    };
     Schedule::new(robot, reference, plan).unwrap()
 }
 
@@ -206,8 +214,15 @@ fn rest(seconds: f64) -> Reference {
 
 fn slide(controller: &Controller, reference: &Reference, records: usize, start: f64) -> Trajectory {
     let (robot, x) = slider();
-    let plan =
-        Plan { rate: 100.0, records, period: controller.period(), coarse: 1e-3, fine: &[1e-3], slow: &[0.0], motion: None };
+    let plan = Plan {
+        rate: 100.0,
+        records,
+        period: controller.period(),
+        coarse: 1e-3,
+        fine: &[1e-3],
+        slow: &[0.0],
+        motion: None,
+    };
     let schedule = Schedule::new(&robot, reference, plan).unwrap();
     let simulation = Simulation {
         robot: &robot,
@@ -306,7 +321,15 @@ fn an_external_force_pushes() {
     let (robot, x) = slider();
     let reference = rest(1.0);
     let controller = Controller::new(vec![PD], Timing::Continuous, None).unwrap();
-    let plan = Plan { rate: 10.0, records: 11, period: None, coarse: 1e-2, fine: &[1e-2], slow: &[0.0], motion: None };
+    let plan = Plan {
+        rate: 10.0,
+        records: 11,
+        period: None,
+        coarse: 1e-2,
+        fine: &[1e-2],
+        slow: &[0.0],
+        motion: None,
+    };
     let schedule = Schedule::new(&robot, &reference, plan).unwrap();
     let external = Signal { rate: 1.0, n: 1, values: vec![0.0, 12.0] };
     let simulation =

@@ -1,0 +1,76 @@
+"""Where a long search stands, in a file: written as it goes on, read to go on from.
+
+Tested in ``tests/test_cloe.py``.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import FitError
+from .files import write_atomically
+from .identification import Iteration
+
+Array = NDArray[np.float64]
+
+
+def save(
+    path: Path,
+    problem: str,
+    arrays: Mapping[str, Array],
+    numbers: Mapping[str, Any],
+    history: Sequence[Iteration],
+) -> None:
+    """Write a checkpoint; the one before is replaced only once this one is whole.
+
+    Parameters
+    ----------
+    path : Path
+        An ``.npz`` file.
+    problem : str
+        Digest of the problem that it belongs to.
+    arrays, numbers : mapping
+        The state of the search.
+    history : sequence of Iteration
+        So far.
+    """
+    told = [{**asdict(item), "more": dict(item.more)} for item in history]
+    record = json.dumps({"problem": problem, "numbers": dict(numbers), "history": told})
+    buffer = io.BytesIO()
+    named: dict[str, Any] = {f"array_{name}": value for name, value in arrays.items()}
+    np.savez(buffer, record=np.array(record), **named)
+    write_atomically(path, buffer.getvalue())
+
+
+def load(path: Path, problem: str) -> tuple[dict[str, Array], dict[str, Any], list[Iteration]] | None:
+    """Read a checkpoint; None where there is none yet.
+
+    Raises
+    ------
+    FitError
+        For a file that is no checkpoint, or one of another problem.
+    """
+    if not path.exists():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            record = json.loads(str(data["record"]))
+            arrays = {key.removeprefix("array_"): data[key] for key in data.files if key != "record"}
+        owner, numbers, told = record["problem"], record["numbers"], record["history"]
+    except (ValueError, KeyError, TypeError, BadZipFile, EOFError, OSError) as reason:
+        raise FitError(f"{path}: this is no checkpoint of a search ({reason})") from None
+    if owner != problem:
+        raise FitError(
+            f"{path}: this checkpoint belongs to another search (log, robot, controller, start or settings differ); "
+            "take it away, or name another file"
+        )
+    return arrays, numbers, [Iteration(**item) for item in told]

@@ -1,0 +1,174 @@
+use super::*;
+use crate::control::Signal;
+use crate::reference::{Fourier, Reference};
+use crate::robot::{Friction, Joint, JointKind, Robot};
+use crate::schedule::{Plan, Schedule};
+use crate::simulate::{Trajectories, simulate};
+
+const LAW: Law = Law {
+    position: 300.0,
+    velocity: 30.0,
+    integral: 0.0,
+    acceleration: 0.0,
+    reference_velocity: 1.0,
+    integrated_position: 1.0,
+    integrated_velocity: 0.0,
+    limit: f64::INFINITY,
+    gain: 1.0,
+};
+
+/// Two bent revolute joints, whose motors are coupled, and a sliding one.
+fn robot() -> Robot {
+    let joint = |kind, alpha, d| Joint { kind, alpha, d, theta: 0.1, r: 0.2 };
+    let joints = vec![
+        joint(JointKind::Revolute, 0.3, 0.0),
+        joint(JointKind::Revolute, -1.1, 0.4),
+        joint(JointKind::Prismatic, 0.7, 0.3),
+    ];
+    let coupling = [vec![1.0, 0.0, 0.0], vec![1.0, 1.0, 0.0], vec![0.0, 0.0, 1.0]];
+    let friction = Friction { smoothing: vec![0.5; 3], ..Friction::sign(3) };
+    Robot::new(joints, [0.0, 0.0, -9.81], &coupling, friction).unwrap()
+}
+
+fn parameters(robot: &Robot) -> Vec<f64> {
+    let one = [0.5, 0.05, -0.03, 0.6, 0.04, 0.4, 0.3, -0.2, 0.1, 2.0, 0.2, 0.4, 0.3, 0.1];
+    let mut x: Vec<f64> = (0..3).flat_map(|_| one).collect();
+    x.resize(Layout::of(robot).count(), 0.1);
+    x
+}
+
+fn reference() -> Reference {
+    let series = Fourier {
+        period: 2.0,
+        offset: &[0.3, -0.2, 0.1],
+        sine: &[0.4, 0.3, 0.1, -0.1, 0.1, 0.05],
+        cosine: &[0.1, -0.2, 0.1, 0.1, 0.05, -0.05],
+    };
+    Reference::fourier(3, series, 1.0, 1000).unwrap()
+}
+
+/// Exact derivatives along every parameter against central differences of the simulation, relative to the norm of the column.
+fn worst(controller: &Controller, external: Option<&Signal>) -> f64 {
+    let (robot, reference) = (robot(), reference());
+    let plan = Plan {
+        rate: 50.0,
+        records: 51,
+        period: controller.period(),
+        coarse: 2e-3,
+        fine: &[2e-3; 3],
+        slow: &[0.0; 3],
+        motion: None,
+    };
+    let schedule = Schedule::new(&robot, &reference, plan).unwrap();
+    let start = ([0.35, -0.1, 0.1], [0.2, -0.1, 0.0]);
+    let simulation = Simulation {
+        robot: &robot,
+        reference: &reference,
+        controller,
+        schedule: &schedule,
+        external,
+        start: Some((&start.0, &start.1)),
+        divergence: 100.0,
+    };
+    let (x, scale) = (parameters(&robot), [1.1, 0.9, 1.0]);
+    let units: Vec<Vec<f64>> =
+        (0..x.len()).map(|k| (0..x.len()).map(|i| if i == k { 1.0 } else { 0.0 }).collect()).collect();
+    let directions: Vec<&[f64]> = units.iter().map(Vec::as_slice).collect();
+    let candidate = Candidate { x: &x, scale: &scale };
+    let run = |threads| sensitivities(simulation, candidate, &directions, threads, &Cancel::never()).unwrap();
+    let (outcome, exact) = run(1);
+    assert_eq!(outcome, Outcome::Completed);
+    assert_eq!(run(2).1, exact);
+    let at = |k: usize, by: f64| {
+        let mut moved = x.clone();
+        moved[k] += by;
+        let candidates = [Candidate { x: &moved, scale: &scale }];
+        let mut found =
+            simulate(simulation, &candidates, 1, &Cancel::never(), |lanes| Trajectories::new(lanes, 51, 3))
+                .unwrap();
+        found.remove(0).1.lanes.remove(0)
+    };
+    let h = 1e-4;
+    let mut worst: f64 = 0.0;
+    for (k, column) in exact.iter().enumerate() {
+        // Fourth order: the error of plain central differences would be as large as what is looked for.
+        let runs = [at(k, 2.0 * h), at(k, h), at(k, -h), at(k, -2.0 * h)];
+        let outputs: [fn(&Trajectory) -> &Vec<f64>; 4] = [|r| &r.q, |r| &r.dq, |r| &r.ddq, |r| &r.tau];
+        for output in outputs {
+            let (mut apart, mut size) = (0.0, 0.0);
+            for (i, value) in output(column).iter().enumerate() {
+                let [a, b, c, d] = [0, 1, 2, 3].map(|run: usize| output(&runs[run])[i]);
+                let difference = (8.0 * (b - c) - (a - d)) / (12.0 * h);
+                apart += (difference - value).powi(2);
+                size += value * value;
+            }
+            if size > 1e-18 {
+                worst = worst.max((apart / size).sqrt());
+            }
+        }
+    }
+    worst
+}
+
+#[test]
+fn continuous_control() {
+    let feedforward = Signal { rate: 10.0, n: 3, values: (0..33).map(|k| f64::from(k).sin()).collect() };
+    let pd = Controller::new(vec![LAW; 3], Timing::Continuous, Some(feedforward.clone())).unwrap();
+    assert!(worst(&pd, Some(&feedforward)) < 1e-6, "{}", worst(&pd, Some(&feedforward)));
+}
+
+#[test]
+fn integrators_and_saturation() {
+    let cascade = Law { integral: 200.0, integrated_position: 10.0, integrated_velocity: 1.0, ..LAW };
+    // The first joint is at its limit now and then.
+    let limited = Law { limit: 18.0, ..LAW };
+    let controller = Controller::new(vec![limited, cascade, LAW], Timing::Continuous, None).unwrap();
+    let found = worst(&controller, None);
+    assert!(found < 1e-3, "{found}"); // differences see the steps in which a limit is left
+    let free = Controller::new(vec![cascade; 3], Timing::Continuous, None).unwrap();
+    assert!(worst(&free, None) < 1e-6);
+}
+
+#[test]
+fn digital_control() {
+    let digital =
+        Digital { period: 4e-3, delay: 1, smoothing: vec![0.5, 0.3, 0.2], resolution: vec![0.0; 3] };
+    let law = Law { integral: 50.0, gain: 2.0, position: 150.0, velocity: 10.0, ..LAW };
+    let controller = Controller::new(vec![law; 3], Timing::Digital(digital), None).unwrap();
+    let found = worst(&controller, None);
+    assert!(found < 1e-6, "{found}");
+}
+
+#[test]
+fn a_run_that_ends_has_no_derivatives() {
+    let (robot, reference) = (robot(), reference());
+    let plan = Plan {
+        rate: 50.0,
+        records: 51,
+        period: None,
+        coarse: 2e-3,
+        fine: &[2e-3; 3],
+        slow: &[0.0; 3],
+        motion: None,
+    };
+    let schedule = Schedule::new(&robot, &reference, plan).unwrap();
+    let controller = Controller::new(vec![LAW; 3], Timing::Continuous, None).unwrap();
+    let simulation = Simulation {
+        robot: &robot,
+        reference: &reference,
+        controller: &controller,
+        schedule: &schedule,
+        external: None,
+        start: None,
+        divergence: 100.0,
+    };
+    let mut x = parameters(&robot);
+    x[Layout::of(&robot).joint(2) + crate::parameters::IA] = -10.0;
+    let direction = vec![1.0; x.len()];
+    let candidate = Candidate { x: &x, scale: &[1.0; 3] };
+    let (outcome, found) = sensitivities(simulation, candidate, &[&direction], 1, &Cancel::never()).unwrap();
+    assert!(matches!(outcome, Outcome::Indefinite { joint: 2, .. }), "{outcome:?}");
+    assert!(found.is_empty());
+    let short = sensitivities(simulation, candidate, &[&direction[1..]], 1, &Cancel::never());
+    assert!(short.unwrap_err().to_string().contains("a direction has 43 entries where 44 are needed"));
+}
