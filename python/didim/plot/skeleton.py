@@ -131,6 +131,9 @@ def _draw(robot: Robot, points: Array, axes_z: Array, origins: Array, way: Array
     for set_limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, strict=True):
         set_limits(centre - half, centre + half)
     axes.set_box_aspect((1, 1, 1))
+    # From the side of the arm, so that no link hides behind another.
+    reach = origins[-1] - points[0]
+    axes.view_init(elev=24.0, azim=float(np.degrees(np.arctan2(reach[1], reach[0]))) - 65.0)
     axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_pane_color("#fafbfc")

@@ -52,6 +52,8 @@ STYLE: dict[Any, Any] = {
     "legend.fontsize": 8.5,
     "lines.linewidth": 1.1,
     "figure.facecolor": "white",
+    # A name is a name, whatever dollar signs are in it.
+    "text.parse_math": False,
     "svg.hashsalt": "didim",
     "svg.fonttype": "path",
 }
@@ -142,5 +144,8 @@ def units(kind: str) -> tuple[str, str]:
 
 
 def percent(share: float) -> str:
-    """Write 0.0712 as "7.1 %"."""
-    return f"{100.0 * share:.2g} %" if np.isfinite(share) and share < 10.0 else f"{100.0 * share:.3g} %"
+    """Write 0.0712 as "7.1 %", and what is unknown as "-"."""
+    if not np.isfinite(share):
+        return "-"
+    value = 100.0 * share
+    return f"{value:.2g} %" if value < 99.5 else f"{value:.0f} %" if value < 1e4 else f"{value:.1e} %"

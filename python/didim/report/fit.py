@@ -137,6 +137,9 @@ def tiles(fit: Identification) -> list[tuple[str, str]]:
 
 def _predictions(fit: Identification, experiment: Experiment) -> tuple[list[Prediction], list[str]]:
     """Return the torques as the fit has them, or along the measured motion where a simulation ends early, which is then told."""
+    silent = [item.name for item in experiment.recordings if item.role == "fit" and item.tau is None]
+    if silent:
+        return [], [f"Recording '{silent[0]}' has no torques: there is nothing to compare the model's with."]
     try:
         return predict(fit, experiment), []
     except FitError as reason:
@@ -148,6 +151,8 @@ def _predictions(fit: Identification, experiment: Experiment) -> tuple[list[Pred
 
 def torque_section(fit: Identification, experiment: Experiment, predictions: Sequence[Prediction]) -> Html:
     """Show torques measured and predicted, and their errors per joint."""
+    if not predictions:
+        return Html("")
     rows = error_rows(fit)
     motion = {
         "measured": "predicted along the filtered measured motion",
@@ -234,6 +239,8 @@ def parameter_section(fit: Identification, experiment: Experiment) -> Html:
 
 def correlated_joints(predictions: Sequence[Prediction]) -> list[tuple[int, float]]:
     """Find the joints whose residual is clearly no white noise, and its autocorrelation at lag 1."""
+    if not predictions:
+        return []
     n_rows = sum(len(item.t) for item in predictions)
     n_lags = min(LAGS, min(len(item.t) for item in predictions) - 1)
     expected = predictions[0].noise_correlation
@@ -264,6 +271,8 @@ def _residual_finding(colored: Sequence[tuple[int, float]], experiment: Experime
 
 
 def _residual_section(fit: Identification, experiment: Experiment, predictions: Sequence[Prediction]) -> Html:
+    if not predictions:
+        return Html("")
     return section(
         "Residuals",
         paragraph(
