@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 ROWS_PER_COLUMN = 20
 ROW_IN = 0.19
 LOWEST_PERCENT, HIGHEST_PERCENT = 0.01, 1000.0
+SPREAD = 0.5
+"""Share of a row over which the points of several methods are spread."""
 MOST_SIGMAS = 8.0
 """Deviations beyond are drawn on the edge."""
 
@@ -255,7 +257,7 @@ def _deviations(several: Mapping[str, Identification], truth: Array | None) -> F
     """Estimates beside the truth or the first result, in standard deviations."""
     first = next(iter(several.values()))
     figure, columns = _columns(first.names, 1.2)
-    step = 0.66 / max(1, len(several) - 1) if len(several) > 1 else 0.0
+    step = SPREAD / max(1, len(several) - 1) if len(several) > 1 else 0.0
     largest = 3.0
     for number, ((name, fit), color, marker) in enumerate(zip(several.items(), CYCLE, MARKERS, strict=False)):
         sigma = fit.std if truth is not None else first.std
@@ -266,7 +268,7 @@ def _deviations(several: Mapping[str, Identification], truth: Array | None) -> F
             largest, float(np.nanmax(np.abs(off) + (0.0 if truth is not None else half), initial=0.0))
         )
         for ax, rows in columns:
-            places = np.arange(len(rows)) + (step * number - 0.33 if step else 0.0)
+            places = np.arange(len(rows)) + (step * number - SPREAD / 2.0 if step else 0.0)
             drawn = np.clip(off[rows], -MOST_SIGMAS, MOST_SIGMAS)
             if truth is None:
                 ax.hlines(places, drawn - half[rows], drawn + half[rows], color=color, linewidth=1.0)
@@ -276,7 +278,7 @@ def _deviations(several: Mapping[str, Identification], truth: Array | None) -> F
         if truth is not None:
             ax.axvspan(-CONFIDENCE, CONFIDENCE, color=FAINT, linewidth=0.0, zorder=0.5)
         for place in np.arange(len(rows))[1::2]:
-            ax.axhspan(place - 0.5, place + 0.5, color="#000000", alpha=0.035, linewidth=0.0, zorder=0.4)
+            ax.axhspan(place - 0.5, place + 0.5, color="#000000", alpha=0.035, linewidth=0.0, zorder=0.6)
         ax.axvline(0.0, color="#3a424d", linewidth=0.8)
         ax.set_xlim(-reach, reach)
         ax.grid(axis="y", visible=False)

@@ -157,8 +157,8 @@ def _compared(
     """Two lines per joint, and below them the difference on an axis of its own."""
     n = len(names)
     rows, columns = per_row(n, PANELS_PER_ROW)
-    figure = new_figure(0.4 + (3.6 if n == 1 else 2.5) * rows)
-    outer = figure.add_gridspec(rows, columns, hspace=0.14)
+    figure = new_figure(0.4 + (3.6 if n == 1 else 2.5) * rows, gap_in=0.04)
+    outer = figure.add_gridspec(rows, columns)
     handles: list[Any] = []
     for joint in range(n):
         inner = outer[divmod(joint, columns)].subgridspec(2, 1, height_ratios=(2.4, 1.0), hspace=0.0)
@@ -196,6 +196,8 @@ def _compared(
         lower.locator_params(axis="y", nbins=3)
         if joint >= n - columns:
             lower.set_xlabel("time (s), one recording after the other" if several else "time (s)")
+        else:
+            lower.tick_params(labelbottom=False)
         handles = [*upper.get_lines()[:2], lower.get_lines()[0]]
     figure.legend(handles=handles, loc="outside upper right", ncols=3)
     return figure
@@ -229,7 +231,7 @@ def residuals(
     rows, columns = per_row(n, SMALL_PANELS_PER_ROW)
     n_rows = sum(len(item.t) for item in found)
     n_lags = min(MOST_LAGS, min(len(item.t) for item in found) - 1)
-    figure = new_figure(0.4 + (3.0 if n == 1 else 4.2 * rows))
+    figure = new_figure(0.4 + (3.0 if n == 1 else 4.2 * rows), gap_in=0.07)
     outer = figure.add_gridspec(rows, columns)
     band = CONFIDENCE / np.sqrt(n_rows)
     handles: list[Any] = []

@@ -87,12 +87,12 @@ def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]
     return inner
 
 
-def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
-    """Return an empty figure that pyplot knows nothing of."""
+def new_figure(height_in: float, width_in: float = WIDTH_IN, gap_in: float = 0.02) -> Figure:
+    """Return an empty figure that pyplot knows nothing of; the gap is that above and below every panel."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    figure.set_layout_engine("constrained", h_pad=0.02)
+    figure.set_layout_engine("constrained", h_pad=gap_in)
     return figure
 
 

@@ -266,7 +266,7 @@ def _residual_finding(colored: Sequence[tuple[int, float]], experiment: Experime
     size = f"{low:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f} to {high:.2f}"
     return [
         f"What the model leaves of the torque is no white noise at {which} (autocorrelation {size} at lag 1): there is something "
-        "that the model does not have, and the real errors of the parameters are larger than sigma says."
+        "that the model does not have, and the real errors of the parameters are likely larger than sigma says."
     ]
 
 
@@ -358,10 +358,13 @@ def robot_section(experiment: Experiment) -> Html:
         paragraph(
             f"Its skeleton, by the rows of the robot file, where the log takes it farthest out.{described}"
         ),
-        picture(
-            plot.robot(robot, motion=motion), f"Skeleton of robot {robot.name} with the axes of its joints"
+        beside(
+            picture(
+                plot.robot(robot, motion=motion),
+                f"Skeleton of robot {robot.name} with the axes of its joints",
+            ),
+            table(head, rows, numbers=range(2, 6)),
         ),
-        table(head, rows, numbers=range(2, 6)),
     )
 
 
