@@ -4,6 +4,9 @@ The paper's equation numbers are used throughout: inverse dynamic model (1), reg
 parameters (3), observation matrix (6), base parameters (7), least squares and covariance (8) to (11).
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from .base import BaseParameters
 from .cloe import CLOE
 from .compare import Comparison, compare
@@ -33,6 +36,9 @@ from .signals import SignalProcessing
 from .simulation import Simulation, SimulationStatus, StepWarning, simulate
 from .status import Status
 from .validate import Validation, validate
+
+if TYPE_CHECKING:
+    from . import plot, report
 
 __version__ = "0.1.0"
 
@@ -73,7 +79,16 @@ __all__ = [
     "inverse_dynamics",
     "load_experiment",
     "load_robot",
+    "plot",
     "regressor",
+    "report",
     "simulate",
     "validate",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load `plot` and `report` when they are asked for, so that ``import didim`` stays fast."""
+    if name in ("plot", "report"):
+        return import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -102,6 +102,23 @@ def _add_data(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_report(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--report",
+        metavar="FILE.html",
+        type=Path,
+        help="also write a page with tables and pictures (needs didim[plot])",
+    )
+
+
+def _check_report(options: argparse.Namespace) -> None:
+    """Refuse a report that cannot be written before the work, not after it."""
+    if options.report is not None:
+        from .report import check
+
+        check(options.report)
+
+
 def _add_identify(commands: Commands) -> None:
     parser = _command(
         commands, "identify", _identify, "identify the parameters of a robot from an experiment"
@@ -122,6 +139,7 @@ def _add_identify(commands: Commands) -> None:
         "--output", choices=("position", "torque", "both"), help="what cloe compares (default: position)"
     )
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the result as JSON")
+    _add_report(parser)
     loudness = parser.add_mutually_exclusive_group()
     loudness.add_argument("--quiet", action="store_true", help="print no table")
     loudness.add_argument("--verbose", action="store_true", help="tell on stderr what goes on")
@@ -133,6 +151,7 @@ def _identify(options: argparse.Namespace) -> int:
 
     if options.method not in METHODS:
         return _refuse(f"there is no method '{options.method}'; available: {', '.join(METHODS)}")
+    _check_report(options)
     experiment = load_experiment(options.experiment, data=options.data)
     settings = {key: getattr(options, key) for key in ("start", "optimizer", "output")}
     settings = {key: value for key, value in settings.items() if value is not None}
@@ -144,6 +163,10 @@ def _identify(options: argparse.Namespace) -> int:
     # The file first: a reader of stdout that stops early must not cost the result.
     if options.json is not None:
         fit.save(options.json)
+    if options.report is not None:
+        from .report import write
+
+        write(options.report, fit, experiment)
     if not options.quiet:
         print(fit)
     return CONVERGED if fit.converged else NOT_CONVERGED
@@ -188,6 +211,7 @@ def _add_compare(commands: Commands) -> None:
     )
     parser.add_argument("--no-noise", action="store_true", help="a log without noise")
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
+    _add_report(parser)
     parser.add_argument("--quiet", action="store_true", help="tell nothing on stderr")
 
 
@@ -195,6 +219,7 @@ def _compare(options: argparse.Namespace) -> int:
     from .compare import SHORT_SIMPLEX, all_methods, compare, packaged_experiment
     from .experiment import load_experiment
 
+    _check_report(options)
     experiment = (
         packaged_experiment(options.robot)
         if options.experiment is None
@@ -211,6 +236,10 @@ def _compare(options: argparse.Namespace) -> int:
     )
     if options.json is not None:
         comparison.save(options.json)
+    if options.report is not None:
+        from .report import write
+
+        write(options.report, comparison)
     print(comparison)
     converged = comparison.fits["didim"].converged
     return CONVERGED if converged else NOT_CONVERGED
@@ -223,6 +252,7 @@ def _add_validate(commands: Commands) -> None:
     parser.add_argument("fit", metavar="FIT.json", type=Path, help="result of an identification")
     _add_experiment(parser)
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the errors as JSON")
+    _add_report(parser)
 
 
 def _validate(options: argparse.Namespace) -> int:
@@ -234,9 +264,15 @@ def _validate(options: argparse.Namespace) -> int:
     from .validate import validate
 
     fit = Identification.load(options.fit)
-    found = validate(fit, load_experiment(options.experiment, data=options.data))
+    _check_report(options)
+    experiment = load_experiment(options.experiment, data=options.data)
+    found = validate(fit, experiment)
     if options.json is not None:
         write_atomically(options.json, json.dumps(found.to_dict(), indent=1, allow_nan=False) + "\n")
+    if options.report is not None:
+        from .report import write
+
+        write(options.report, found, experiment)
     print(found)
     return CONVERGED if found.completed else NOT_CONVERGED
 

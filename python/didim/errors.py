@@ -49,3 +49,7 @@ class ControllerError(DidimError):
 
 class SimulationError(DidimError):
     """A simulation whose parts do not fit together."""
+
+
+class PlotError(DidimError):
+    """A picture that cannot be drawn: matplotlib is missing, or there is nothing to draw."""

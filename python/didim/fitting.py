@@ -215,7 +215,7 @@ class Job:
     def record(self, **more: Any) -> dict[str, Any]:
         """Return settings and recordings of this run, as JSON has them (lists, no tuples)."""
         asked = {
-            **{package: metadata.version(package) for package in ("didim", "numpy", "scipy")},
+            "versions": {package: metadata.version(package) for package in ("didim", "numpy", "scipy")},
             "experiment": self.experiment.name,
             # With the friction of the experiment, which the digest of the robot file does not tell.
             "robot": {

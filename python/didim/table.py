@@ -62,9 +62,9 @@ def render(fit: Identification) -> str:
     return "\n".join(lines)
 
 
-def _parameter_lines(fit: Identification) -> list[str]:
-    rows = [("parameter", "unit", "estimate", "sigma", "sigma %", "")]
-    marked = 0
+def parameter_rows(fit: Identification) -> list[tuple[str, ...]]:
+    """Heading, and per parameter its name, unit, estimate, sigma, sigma % and a remark: ``*`` where it is not well identified."""
+    rows: list[tuple[str, ...]] = [("parameter", "unit", "estimate", "sigma", "sigma %", "")]
     values = zip(fit.names, fit.units, fit.roles, fit.beta, fit.std, fit.relative_std_percent, strict=True)
     for name, unit, role, value, std, percent in values:
         if role != "estimated":
@@ -73,7 +73,6 @@ def _parameter_lines(fit: Identification) -> list[str]:
         places = _decimal_places(std)
         known = bool(fit.std.any())
         uncertain = known and not percent <= WELL_IDENTIFIED_PERCENT
-        marked += uncertain
         rows.append(
             (
                 name,
@@ -85,11 +84,17 @@ def _parameter_lines(fit: Identification) -> list[str]:
                 "*" if uncertain else "",
             )
         )
+    return rows
+
+
+def _parameter_lines(fit: Identification) -> list[str]:
+    rows = parameter_rows(fit)
+    marked = sum(row[-1] == "*" for row in rows)
     columns = list(zip(*rows, strict=True))
     cells = [
         _left(columns[0]),
         _left(columns[1]),
-        *(_decimal(column) for column in columns[2:5]),
+        *(aligned(column) for column in columns[2:5]),
         _left(columns[5]),
     ]
     lines = ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
@@ -102,7 +107,8 @@ def _parameter_lines(fit: Identification) -> list[str]:
     return lines
 
 
-def _error_lines(fit: Identification) -> list[str]:
+def error_rows(fit: Identification) -> list[tuple[str, ...]]:
+    """Heading, and relative errors in % per joint and of all: of the fit, then of the recordings held out."""
     n_dof = len(fit.relative_error)
     labels = [f"joint {joint + 1}" for joint in range(n_dof)]
     rows = [("relative error %", *labels, *(["all"] if n_dof > 1 else []))]
@@ -113,8 +119,13 @@ def _error_lines(fit: Identification) -> list[str]:
     for name, errors, overall in sets:
         shown = [_percent(100.0 * error) for error in errors]
         rows.append((name, *shown, *([_percent(100.0 * overall)] if n_dof > 1 else [])))
+    return rows
+
+
+def _error_lines(fit: Identification) -> list[str]:
+    rows = error_rows(fit)
     columns = list(zip(*rows, strict=True))
-    cells = [_left(columns[0]), *(_decimal(column) for column in columns[1:])]
+    cells = [_left(columns[0]), *(aligned(column) for column in columns[1:])]
     return ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
 
 
@@ -168,7 +179,7 @@ def _left(cells: Sequence[str]) -> list[str]:
     return [cell.ljust(width) for cell in cells]
 
 
-def _decimal(cells: Sequence[str]) -> list[str]:
+def aligned(cells: Sequence[str]) -> list[str]:
     """Cells aligned on their decimal points; the first one, a heading, and empty ones are right-aligned."""
     split = [cell.partition(".") for cell in cells[1:]]
     before = max(len(whole) for whole, _, _ in split)

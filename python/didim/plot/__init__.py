@@ -1,0 +1,25 @@
+"""Pictures of results: every function returns a matplotlib Figure and shows nothing.
+
+    figure = didim.plot.torques(fit, experiment)
+    figure.savefig("torques.pdf")
+
+matplotlib is the extra ``plot`` of the package: ``pip install didim[plot]``. No picture touches the state of pyplot. Units are
+SI, on the joint side. Tested in ``tests/test_plot.py``.
+"""
+
+from .estimates import convergence, correlation, parameters
+from .logs import overlay, residuals, torques
+from .skeleton import robot
+from .style import require, svg
+
+__all__ = [
+    "convergence",
+    "correlation",
+    "overlay",
+    "parameters",
+    "require",
+    "residuals",
+    "robot",
+    "svg",
+    "torques",
+]

@@ -1,0 +1,292 @@
+"""Pictures of estimates: how certain they are, how they hang together, and how a method came to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from didim.errors import PlotError
+from didim.table import WELL_IDENTIFIED_PERCENT
+
+from .logs import CONFIDENCE
+from .style import CYCLE, FAINT, GOOD, MARKERS, RESIDUAL, WIDTH_IN, new_figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from didim.identification import Identification
+
+Array = NDArray[np.float64]
+
+ROWS_PER_COLUMN = 20
+ROW_IN = 0.19
+LOWEST_PERCENT, HIGHEST_PERCENT = 0.01, 1000.0
+SPREAD = 0.5
+"""Share of a row over which the points of several methods are spread."""
+MOST_SIGMAS = 8.0
+"""Deviations beyond are drawn on the edge."""
+
+
+def estimate_correlation(fit: Identification) -> tuple[tuple[str, ...], Array]:
+    """Return the parameters that have a standard deviation, and the correlation matrix of their estimates."""
+    kept = np.flatnonzero(fit.std > 0.0)
+    std = fit.std[kept]
+    matrix = fit.covariance[np.ix_(kept, kept)] / np.outer(std, std)
+    return tuple(fit.names[index] for index in kept), matrix
+
+
+@styled
+def correlation(fit: Identification) -> Figure:
+    """Draw the correlation of the estimates, (10) scaled to ones on its diagonal.
+
+    Parameters
+    ----------
+    fit : Identification
+        With a covariance.
+
+    Returns
+    -------
+    Figure
+        A map with the names of the base parameters: far from zero means that the log tells two parameters apart badly.
+
+    Raises
+    ------
+    PlotError
+        For a result without covariance, or without matplotlib.
+    """
+    names, matrix = estimate_correlation(fit)
+    if not names:
+        raise PlotError(f"the result by {fit.method} has no covariance, and so no correlations")
+    n = len(names)
+    side = float(np.clip(1.6 + 0.145 * n, 3.4, WIDTH_IN - 1.0))
+    figure = new_figure(side, side + 0.9)
+    axes = figure.add_subplot()
+    image = axes.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0, interpolation="nearest")
+    size = float(np.clip(520.0 * (side - 1.2) / 9.0 / n, 5.0, 9.0))
+    axes.set_xticks(np.arange(n), names, rotation=90, fontsize=size)
+    axes.set_yticks(np.arange(n), names, fontsize=size)
+    axes.tick_params(length=0)
+    axes.grid(visible=False)
+    bar = figure.colorbar(image, ax=axes, shrink=0.6, pad=0.02)
+    bar.set_label("correlation of the estimates")
+    if n <= 8:
+        for row in range(n):
+            for column in range(n):
+                value = matrix[row, column]
+                axes.text(
+                    column,
+                    row,
+                    f"{round(value, 2) + 0.0:.2f}",
+                    ha="center",
+                    va="center",
+                    color="white" if abs(value) > 0.6 else "black",
+                )
+    return figure
+
+
+@styled
+def convergence(fits: Identification | Mapping[str, Identification]) -> Figure:
+    """Draw the history of a method, or of several, over its iterations.
+
+    Parameters
+    ----------
+    fits : Identification, or mapping of str to Identification
+        Results, by the names of the legend.
+
+    Returns
+    -------
+    Figure
+        Relative error (of the torques; for CLOE of what it minimises over that of its start), and the length of the step
+        relative to the parameters, both in % and logarithmic.
+
+    Raises
+    ------
+    PlotError
+        When no result has a history, or without matplotlib.
+    """
+    several = fits if isinstance(fits, Mapping) else {fits.method: fits}
+    if not any(fit.history for fit in several.values()):
+        raise PlotError("there is no history to draw")
+    figure = new_figure(3.1)
+    axes = figure.subplots(1, 2)
+    for (name, fit), color, marker in zip(several.items(), CYCLE, MARKERS, strict=False):
+        number = [item.iteration for item in fit.history]
+        for ax, key in zip(axes, ("relative_error", "step"), strict=True):
+            values = np.array([100.0 * getattr(item, key) for item in fit.history])
+            # Nothing is no place on a logarithmic axis.
+            values[~(values > 0.0)] = np.nan
+            many = len(number) > 30
+            ax.semilogy(
+                number,
+                values,
+                color=color,
+                marker=None if many else marker,
+                markersize=5.0,
+                label=name,
+            )
+    for ax, title in zip(axes, ("relative error (%)", "step (% of the parameters)"), strict=True):
+        ax.set_title(title)
+        ax.set_xlabel("iteration")
+        ax.xaxis.get_major_locator().set_params(integer=True)
+        ax.margins(x=0.08)
+        _plain_ticks(ax)
+    if len(several) > 1:
+        axes[0].legend()
+    return figure
+
+
+def _plain_ticks(axes: Axes) -> None:
+    """Numbers such as 4 and 0.02 on a logarithmic axis, and also between powers of ten where it is short."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+    low, high = axes.get_ylim()
+    decades = np.log10(high / low)
+    subs = (1.0,) if decades > 3.0 else (1.0, 2.0, 5.0) if decades > 0.7 else tuple(range(1, 10))
+    axes.yaxis.set_major_locator(LogLocator(subs=subs, numticks=12))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+@styled
+def parameters(
+    fits: Identification | Mapping[str, Identification], *, truth: ArrayLike | None = None
+) -> Figure:
+    """Draw the base parameters with their 95 % intervals.
+
+    Parameters
+    ----------
+    fits : Identification, or mapping of str to Identification
+        Results of the same base parameters, by the names of the legend.
+    truth : (b,) array, optional
+        True base parameters.
+
+    Returns
+    -------
+    Figure
+        With a truth, how far off each estimate is in its own standard deviations: 95 % of them belong in the band. Several
+        results without one stand beside the first, in standard deviations of the first, with their intervals. A single
+        result shows half of its 95 % interval in % of the estimate.
+
+    Raises
+    ------
+    PlotError
+        For results of different parameters, a truth of another length, when no result has a covariance, or without
+        matplotlib.
+    """
+    several = dict(fits) if isinstance(fits, Mapping) else {fits.method: fits}
+    first = next(iter(several.values()))
+    if any(fit.names != first.names for fit in several.values()):
+        raise PlotError("results of different base parameters cannot stand in one picture")
+    if truth is not None and np.shape(truth) != (len(first.names),):
+        raise PlotError(f"truth must have shape ({len(first.names)},), got {np.shape(truth)}")
+    certain = {name: fit for name, fit in several.items() if fit.std.any()}
+    if not certain:
+        raise PlotError("no result has a covariance, and so no intervals")
+    if truth is None and len(several) == 1:
+        return _intervals(first)
+    return _deviations(certain, None if truth is None else np.asarray(truth, dtype=np.float64))
+
+
+def _columns(names: Sequence[str], extra_in: float) -> tuple[Figure, list[tuple[Axes, list[int]]]]:
+    """Axes side by side, each with some of the parameters, the first on top."""
+    n = len(names)
+    count = min(3, -(-n // ROWS_PER_COLUMN))
+    length = -(-n // count)
+    figure = new_figure(extra_in + ROW_IN * length)
+    axes = np.atleast_1d(figure.subplots(1, count))
+    found = []
+    for column, ax in enumerate(axes):
+        rows = list(range(column * length, min(n, (column + 1) * length)))
+        ax.set_yticks(np.arange(len(rows)), [names[index] for index in rows], fontsize=7.5)
+        ax.set_ylim(length - 0.4, -0.6)
+        ax.tick_params(axis="y", length=0)
+        found.append((ax, rows))
+    return figure, found
+
+
+def _intervals(fit: Identification) -> Figure:
+    """Half intervals in % on a logarithmic axis, coloured by what the paper calls well identified."""
+    from matplotlib.patches import Patch
+    from matplotlib.ticker import FuncFormatter, NullLocator
+
+    figure, columns = _columns(fit.names, 1.0)
+    half = CONFIDENCE * fit.relative_std_percent
+    shown = fit.std > 0.0
+    # A wide interval ends on the edge; a parameter of zero has no relative interval, and nothing is known of it.
+    lengths = np.clip(np.where(np.isfinite(half), half, HIGHEST_PERCENT), LOWEST_PERCENT, HIGHEST_PERCENT)
+    low = 10.0 ** np.floor(np.log10(lengths[shown].min()) - 0.1)
+    for ax, rows in columns:
+        for place, index in enumerate(rows):
+            if not shown[index]:
+                ax.text(low * 1.1, place, fit.roles[index], va="center", fontsize=7.0, color="#5b6470")
+                continue
+            well = fit.relative_std_percent[index] <= WELL_IDENTIFIED_PERCENT
+            ax.barh(
+                place,
+                lengths[index] - low,
+                left=low,
+                height=0.68,
+                color=GOOD if well else RESIDUAL,
+                hatch=None if well else "////",
+                edgecolor="white",
+                linewidth=0.0,
+            )
+        ax.axvline(CONFIDENCE * WELL_IDENTIFIED_PERCENT, color="#3a424d", linewidth=0.9, linestyle="--")
+        ax.set_xscale("log")
+        ax.set_xlim(low, HIGHEST_PERCENT if lengths.max() > 200.0 else 200.0)
+        ax.set_xlabel("estimate ± this (%), 95 % interval")
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        ax.xaxis.set_minor_locator(NullLocator())
+        ax.grid(axis="y", visible=False)
+    handles = [
+        Patch(facecolor=GOOD, label=f"well identified (sigma below {WELL_IDENTIFIED_PERCENT:.0f} %)"),
+        Patch(
+            facecolor=RESIDUAL, hatch="////", edgecolor="white", linewidth=0.0, label="not well identified"
+        ),
+    ]
+    figure.legend(handles=handles, loc="outside upper right", ncols=2)
+    return figure
+
+
+def _deviations(several: Mapping[str, Identification], truth: Array | None) -> Figure:
+    """Estimates beside the truth or the first result, in standard deviations."""
+    first = next(iter(several.values()))
+    figure, columns = _columns(first.names, 1.2)
+    step = SPREAD / max(1, len(several) - 1) if len(several) > 1 else 0.0
+    largest = 3.0
+    for number, ((name, fit), color, marker) in enumerate(zip(several.items(), CYCLE, MARKERS, strict=False)):
+        sigma = fit.std if truth is not None else first.std
+        scale = np.where(sigma > 0.0, sigma, np.nan)
+        off = (fit.beta - (first.beta if truth is None else truth)) / scale
+        half = CONFIDENCE * fit.std / scale
+        largest = max(
+            largest, float(np.nanmax(np.abs(off) + (0.0 if truth is not None else half), initial=0.0))
+        )
+        for ax, rows in columns:
+            places = np.arange(len(rows)) + (step * number - SPREAD / 2.0 if step else 0.0)
+            drawn = np.clip(off[rows], -MOST_SIGMAS, MOST_SIGMAS)
+            if truth is None:
+                ax.hlines(places, drawn - half[rows], drawn + half[rows], color=color, linewidth=1.0)
+            ax.plot(drawn, places, linestyle="none", marker=marker, markersize=3.6, color=color, label=name)
+    reach = min(MOST_SIGMAS, largest) * 1.08
+    for ax, rows in columns:
+        if truth is not None:
+            ax.axvspan(-CONFIDENCE, CONFIDENCE, color=FAINT, linewidth=0.0, zorder=0.5)
+        for place in np.arange(len(rows))[1::2]:
+            ax.axhspan(place - 0.5, place + 0.5, color="#000000", alpha=0.035, linewidth=0.0, zorder=0.6)
+        ax.axvline(0.0, color="#3a424d", linewidth=0.8)
+        ax.set_xlim(-reach, reach)
+        ax.grid(axis="y", visible=False)
+        what = "the truth" if truth is not None else f"{next(iter(several))}"
+        ax.set_xlabel(
+            f"estimate less {what} (standard deviations)"
+            + ("\nbeyond 8: on the edge" if largest > MOST_SIGMAS else "")
+        )
+    handles, labels = columns[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+    return figure

@@ -1,0 +1,279 @@
+"""A log beside the model: torques, what is left of them, and simulated runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from didim.errors import PlotError
+from didim.prediction import Prediction, autocorrelation, predict, relative_errors
+
+from .style import FAINT, MEASURED, MODEL, RESIDUAL, line, new_figure, per_row, percent, styled, units
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from didim.experiment import Experiment
+    from didim.identification import Identification
+    from didim.recording import Recording
+    from didim.simulation import Simulation
+
+Array = NDArray[np.float64]
+Pieces = list[tuple[Array, Array, Array]]
+"""Times, measured and modelled values, (n,) and (n, n_dof), of each window."""
+
+CONFIDENCE = 1.96
+"""Standard deviations on either side of 95 % of a normal distribution."""
+MOST_LAGS = 40
+PANELS_PER_ROW = 2
+SMALL_PANELS_PER_ROW = 3
+
+
+@styled
+def torques(
+    fit: Identification, experiment: Experiment, *, predictions: Sequence[Prediction] | None = None
+) -> Figure:
+    """Draw torques measured and predicted, and their difference, joint by joint.
+
+    Parameters
+    ----------
+    fit : Identification
+        Any result.
+    experiment : Experiment
+        The log.
+    predictions : sequence of Prediction, optional
+        From `didim.prediction.predict`; by default those of the recordings of the fit, on the rows that the fit is made of.
+
+    Returns
+    -------
+    Figure
+        A panel per joint with its relative error; recordings one after the other in time.
+
+    Raises
+    ------
+    DidimError
+        As for `didim.prediction.predict`; a `PlotError` without matplotlib.
+    """
+    found = list(predict(fit, experiment) if predictions is None else predictions)
+    kinds = experiment.robot.joint_kinds
+    words = {"measured": "predicted", "simulated": "simulated"}[found[0].motion]
+    return _compared(
+        _end_to_end(found),
+        labels=("measured", words),
+        names=["force" if kind == "prismatic" else "torque" for kind in kinds],
+        units=[units(kind)[1] for kind in kinds],
+        notes=[percent(error) for error in relative_errors(found)],
+        several=len({item.recording for item in found}) > 1,
+    )
+
+
+@styled
+def overlay(
+    simulation: Simulation,
+    recording: Recording,
+    *,
+    experiment: Experiment,
+    quantity: Literal["q", "tau"] = "q",
+    start: int = 0,
+) -> Figure:
+    """Draw a simulated run over the log, and the difference, joint by joint.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        One candidate, at the rate of the recording.
+    recording : Recording
+        The log.
+    experiment : Experiment
+        Names the joints' kinds.
+    quantity : {"q", "tau"}
+        Positions or torques, raw.
+    start : int
+        Sample of the recording at which the simulation begins.
+
+    Returns
+    -------
+    Figure
+        A panel per joint with its relative error (norm of the difference over norm of what was measured).
+
+    Raises
+    ------
+    PlotError
+        For several candidates, a recording that is too short or has no torques, or without matplotlib.
+    """
+    model = np.asarray(getattr(simulation, quantity))
+    whole = getattr(recording, quantity)
+    if model.ndim != 2:
+        raise PlotError("overlay draws a simulation of one candidate")
+    if whole is None:
+        raise PlotError(f"recording '{recording.name}' has no torques to draw")
+    measured = whole[start : start + len(model)]
+    if measured.shape != model.shape:
+        raise PlotError(
+            f"recording '{recording.name}' has {len(measured)} samples from sample {start} on and "
+            f"{measured.shape[1]} joints, and the simulation {len(model)} and {model.shape[1]}"
+        )
+    kinds = experiment.robot.joint_kinds
+    place = 0 if quantity == "q" else 1
+    size = np.linalg.norm(measured, axis=0)
+    error = np.linalg.norm(measured - model, axis=0)
+    shares = np.divide(error, size, out=np.full_like(error, np.nan), where=size > 0.0)
+    return _compared(
+        [(recording.t[start : start + len(model)], measured, model)],
+        labels=("measured", "simulated"),
+        names=["position" if place == 0 else "force" if kind == "prismatic" else "torque" for kind in kinds],
+        units=[units(kind)[place] for kind in kinds],
+        notes=[percent(share) for share in shares],
+        several=False,
+    )
+
+
+def _end_to_end(predictions: Sequence[Prediction]) -> Pieces:
+    """Windows with the times of one recording after the other."""
+    pieces: Pieces = []
+    offset, last, name = 0.0, 0.0, ""
+    for item in predictions:
+        if name and item.recording != name:
+            offset = last - float(item.t[0])
+        name = item.recording
+        t = item.t + offset
+        last = float(t[-1])
+        pieces.append((t, item.measured, item.predicted))
+    return pieces
+
+
+def _compared(
+    pieces: Pieces,
+    *,
+    labels: tuple[str, str],
+    names: Sequence[str],
+    units: Sequence[str],
+    notes: Sequence[str],
+    several: bool,
+) -> Figure:
+    """Two lines per joint, and below them the difference on an axis of its own."""
+    n = len(names)
+    rows, columns = per_row(n, PANELS_PER_ROW)
+    figure = new_figure(0.4 + (3.6 if n == 1 else 2.5) * rows, gap_in=0.04)
+    outer = figure.add_gridspec(rows, columns)
+    handles: list[Any] = []
+    for joint in range(n):
+        inner = outer[divmod(joint, columns)].subgridspec(2, 1, height_ratios=(2.4, 1.0), hspace=0.0)
+        upper = figure.add_subplot(inner[0])
+        lower = figure.add_subplot(inner[1], sharex=upper)
+        line(
+            upper,
+            [(t, measured[:, joint]) for t, measured, _ in pieces],
+            color=MEASURED,
+            linewidth=2.6,
+            label=labels[0],
+            solid_joinstyle="round",
+        )
+        line(
+            upper,
+            [(t, model[:, joint]) for t, _, model in pieces],
+            color=MODEL,
+            linewidth=0.9,
+            label=labels[1],
+        )
+        line(
+            lower,
+            [(t, measured[:, joint] - model[:, joint]) for t, measured, model in pieces],
+            color=RESIDUAL,
+            linewidth=0.8,
+            label="difference",
+        )
+        lower.axhline(0.0, color="#5b6470", linewidth=0.6, zorder=0.5)
+        upper.set_title(f"joint {joint + 1}")
+        upper.set_title(f"difference {notes[joint]}", loc="right", color=RESIDUAL, fontweight="normal")
+        upper.set_ylabel(f"{names[joint]} ({units[joint]})")
+        lower.set_ylabel(f"diff. ({units[joint]})")
+        upper.tick_params(labelbottom=False)
+        lower.margins(x=0.01)
+        lower.locator_params(axis="y", nbins=3)
+        if joint >= n - columns:
+            lower.set_xlabel("time (s), one recording after the other" if several else "time (s)")
+        else:
+            lower.tick_params(labelbottom=False)
+        handles = [*upper.get_lines()[:2], lower.get_lines()[0]]
+    figure.legend(handles=handles, loc="outside upper right", ncols=3)
+    return figure
+
+
+@styled
+def residuals(
+    fit: Identification, experiment: Experiment, *, predictions: Sequence[Prediction] | None = None
+) -> Figure:
+    """Draw what the model leaves of the torques: autocorrelation and distribution, joint by joint.
+
+    Parameters
+    ----------
+    fit, experiment, predictions
+        As for `torques`.
+
+    Returns
+    -------
+    Figure
+        Per joint the autocorrelation with the band that holds 95 % of the lags of white noise and, where decimation has correlated
+        the rows, what it makes of white noise; and the histogram with the normal curve of the same mean and size.
+
+    Raises
+    ------
+    DidimError
+        As for `torques`.
+    """
+    found = list(predict(fit, experiment) if predictions is None else predictions)
+    kinds = experiment.robot.joint_kinds
+    n = len(kinds)
+    rows, columns = per_row(n, SMALL_PANELS_PER_ROW)
+    n_rows = sum(len(item.t) for item in found)
+    n_lags = min(MOST_LAGS, min(len(item.t) for item in found) - 1)
+    figure = new_figure(0.4 + (3.0 if n == 1 else 4.2 * rows), gap_in=0.07)
+    outer = figure.add_gridspec(rows, columns)
+    band = CONFIDENCE / np.sqrt(n_rows)
+    handles: list[Any] = []
+    for joint in range(n):
+        # A single joint has room for both side by side.
+        shape = (1, 2) if n == 1 else (2, 1)
+        inner = outer[divmod(joint, columns)].subgridspec(*shape)
+        upper, lower = figure.add_subplot(inner[0]), figure.add_subplot(inner[1])
+        parts = [item.residual[:, joint] for item in found]
+        correlation = autocorrelation(parts, n_lags)
+        lags = np.arange(1, n_lags + 1)
+        upper.axhspan(-band, band, color=FAINT, linewidth=0.0, label="95 % of white noise", zorder=0.5)
+        upper.vlines(lags, 0.0, correlation[1:], color=MODEL, linewidth=1.6, label="autocorrelation")
+        expected = found[0].noise_correlation
+        if expected is not None:
+            upper.plot(
+                lags,
+                np.pad(expected, (0, n_lags + 1))[1 : n_lags + 1],
+                color=RESIDUAL,
+                linewidth=0.9,
+                label="white noise, decimated",
+            )
+        upper.axhline(0.0, color="#5b6470", linewidth=0.6)
+        upper.set(ylim=(min(-0.3, float(np.nanmin(correlation, initial=0.0)) - 0.05), 1.02))
+        upper.set(xlabel="lag (rows)", ylabel="autocorrelation")
+        upper.set_title(f"joint {joint + 1}")
+        unit = units(kinds[joint])[1]
+        values = np.concatenate(parts)
+        lower.hist(values, bins=_bins(values), density=True, color=MEASURED, label="distribution")
+        sigma = float(values.std())
+        if sigma > 0.0:
+            x = np.linspace(values.min(), values.max(), 200)
+            curve = np.exp(-0.5 * ((x - values.mean()) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
+            lower.plot(x, curve, color=RESIDUAL, linewidth=1.2, label="normal curve")
+        lower.set_xlabel(f"residual ({unit}), standard deviation {sigma:.3g}")
+        lower.set_yticks([])
+        lower.grid(visible=False)
+        handles = [*upper.get_legend_handles_labels()[0], *lower.get_legend_handles_labels()[0][::-1]]
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
+    return figure
+
+
+def _bins(values: Array) -> int:
+    """Bins by the square root of the number of values, within what can be seen."""
+    return int(np.clip(np.sqrt(values.size), 10, 60))

@@ -1,0 +1,151 @@
+"""What all pictures share: colours that colour-blind readers tell apart, sizes, and matplotlib itself, which may be missing."""
+
+from __future__ import annotations
+
+import functools
+import io
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from didim.errors import PlotError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
+
+# From the palette of Okabe and Ito, beside a grey for what was measured.
+MEASURED, MODEL, RESIDUAL, GOOD, FAINT = "#9aa1ab", "#0072b2", "#d55e00", "#009e73", "#d9dce1"
+CYCLE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+WIDTH_IN = 11.0
+MOST_POINTS = 1200
+"""Points of a line; beyond them a picture shows lowest and highest values instead, which look the same."""
+
+STYLE: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#5b6470",
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e9ebee",
+    "grid.linewidth": 0.6,
+    "xtick.color": "#3a424d",
+    "ytick.color": "#3a424d",
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "lines.linewidth": 1.1,
+    "figure.facecolor": "white",
+    # A name is a name, whatever dollar signs are in it.
+    "text.parse_math": False,
+    "svg.hashsalt": "didim",
+    "svg.fonttype": "path",
+}
+
+
+def require() -> None:
+    """Check that pictures can be drawn.
+
+    Raises
+    ------
+    PlotError
+        When matplotlib is missing; the message says what to do.
+    """
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        raise PlotError("pictures and reports need matplotlib: pip install didim[plot]") from None
+
+
+def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Give what a function draws the style of the package, and leave that of the caller alone."""
+
+    @functools.wraps(draw)
+    def inner(*arguments: _Arguments.args, **options: _Arguments.kwargs) -> _Result:
+        require()
+        import matplotlib
+
+        with matplotlib.rc_context(STYLE):
+            return draw(*arguments, **options)
+
+    return inner
+
+
+def new_figure(height_in: float, width_in: float = WIDTH_IN, gap_in: float = 0.02) -> Figure:
+    """Return an empty figure that pyplot knows nothing of; the gap is that above and below every panel."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    figure.set_layout_engine("constrained", h_pad=gap_in)
+    return figure
+
+
+@styled
+def svg(figure: Figure) -> str:
+    """Return a figure as SVG text: the same figure gives the same text, without date and without references.
+
+    Raises
+    ------
+    PlotError
+        Without matplotlib.
+    """
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Type": None, "Format": None})
+    return text.getvalue()
+
+
+def per_row(count: int, most: int) -> tuple[int, int]:
+    """Rows and columns of small multiples, the last row as full as it can be."""
+    rows = -(-count // most)
+    return rows, -(-count // rows)
+
+
+def thin(t: Array, y: Array) -> tuple[Array, Array]:
+    """Return what a line of `MOST_POINTS` points shows of a longer one: the lowest and the highest value of each piece."""
+    pieces = MOST_POINTS // 2
+    length = len(t) // pieces
+    if length < 3:
+        return t, y
+    n = len(t) // length * length
+    blocks = y[:n].reshape(-1, length)
+    both = np.sort(np.stack([blocks.argmin(axis=1), blocks.argmax(axis=1)]), axis=0)
+    index = (both + length * np.arange(len(blocks))).T.ravel()
+    index = np.union1d(index, np.arange(n, len(t)))
+    return t[index], y[index]
+
+
+def line(axes: Axes, pieces: list[tuple[Array, Array]], **options: Any) -> None:
+    """Draw the pieces of a line, with gaps between them."""
+    thinned = [thin(*piece) for piece in pieces]
+    gap = np.array([np.nan])
+    x, y = (np.concatenate([part for item in thinned for part in (item[k], gap)][:-1]) for k in (0, 1))
+    axes.plot(x, y, **options)
+
+
+def units(kind: str) -> tuple[str, str]:
+    """Units of position and of torque of a joint."""
+    return ("rad", "N.m") if kind == "revolute" else ("m", "N")
+
+
+def percent(share: float) -> str:
+    """Write 0.0712 as "7.1 %", and what is unknown as "-"."""
+    if not np.isfinite(share):
+        return "-"
+    value = 100.0 * share
+    return f"{value:.2g} %" if value < 99.5 else f"{value:.0f} %" if value < 1e4 else f"{value:.1e} %"

@@ -1,0 +1,94 @@
+"""Reports: one HTML page with a verdict, tables and pictures, which opens without a network.
+
+    didim.report.write("fit.html", fit, experiment)
+
+is what ``--report fit.html`` does on the command line. Needs matplotlib, the extra ``plot``. Tested in ``tests/test_report.py``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from didim.errors import PlotError
+from didim.files import write_atomically
+from didim.identification import Identification
+from didim.plot.style import require
+from didim.validate import Validation
+
+if TYPE_CHECKING:
+    from didim.compare import Comparison
+    from didim.experiment import Experiment
+
+__all__ = ["check", "render", "write"]
+
+
+def render(result: Identification | Comparison | Validation, experiment: Experiment | None = None) -> str:
+    """Return a report as HTML.
+
+    Parameters
+    ----------
+    result : Identification, Comparison or Validation
+        From `identify`, `compare` or `validate`.
+    experiment : Experiment, optional
+        The log of an identification or a validation, which pictures of torques need; a comparison has its own.
+
+    Returns
+    -------
+    str
+        A whole page. The same result gives the same text.
+
+    Raises
+    ------
+    PlotError
+        Without matplotlib, or without the experiment of a validation or an identification.
+    DidimError
+        When the experiment is of another robot.
+    """
+    from didim.compare import Comparison
+
+    require()
+    if isinstance(result, Comparison):
+        from .comparison import comparison_page
+
+        return comparison_page(result)
+    if experiment is None:
+        raise PlotError("a report needs the experiment that the result was made of")
+    if isinstance(result, Validation):
+        from .validation import validation_page
+
+        return validation_page(result, experiment)
+    from .fit import fit_page
+
+    return fit_page(result, experiment)
+
+
+def write(
+    path: str | Path,
+    result: Identification | Comparison | Validation,
+    experiment: Experiment | None = None,
+) -> None:
+    """Write a report: whole, or not at all. Parameters and errors as for `render`.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be written.
+    """
+    write_atomically(Path(path), render(result, experiment))
+
+
+def check(path: str | Path) -> None:
+    """Look ahead whether a report can be written, so that no long identification ends without one.
+
+    Raises
+    ------
+    PlotError
+        Without matplotlib.
+    OSError
+        When there is no such folder.
+    """
+    require()
+    folder = Path(path).resolve().parent
+    if not folder.is_dir():
+        raise FileNotFoundError(f"cannot write '{path}': there is no folder '{folder}'")

@@ -1,0 +1,392 @@
+"""The report of an identification: what was found, how well, and what it looks like."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from didim import plot
+from didim.compare_table import TITLES
+from didim.errors import FitError
+from didim.plot.estimates import estimate_correlation
+from didim.plot.style import percent
+from didim.prediction import Prediction, autocorrelation, predict, relative_errors
+from didim.schema import counted
+from didim.table import WELL_IDENTIFIED_PERCENT, aligned, error_rows, parameter_rows
+
+from .page import (
+    Html,
+    Level,
+    Text,
+    beside,
+    code,
+    details,
+    page,
+    paragraph,
+    picture,
+    section,
+    table,
+    verdict,
+)
+
+if TYPE_CHECKING:
+    from didim.experiment import Experiment
+    from didim.identification import Identification
+
+Array = NDArray[np.float64]
+
+STRONG_CORRELATION = 0.8
+MOST_PAIRS = 10
+MOST_HISTORY_ROWS = 40
+LONG_LIST = 24
+NOT_WHITE = 0.25
+"""Share of the lags outside of the band of 95 % that makes a residual no white noise: five times as many as expected."""
+LAGS = 20
+
+
+def fit_page(fit: Identification, experiment: Experiment) -> str:
+    """Return the report of an identification as HTML."""
+    predictions, doubt = _predictions(fit, experiment)
+    level, badge, sentence = judged(fit)
+    colored = correlated_joints(predictions)
+    findings = [*fit.warnings, *fit.remarks, *doubt, *_residual_finding(colored, experiment)]
+    sections = [
+        verdict(level, badge, sentence, tiles(fit), findings),
+        torque_section(fit, experiment, predictions),
+        parameter_section(fit, experiment),
+        _residual_section(fit, experiment, predictions),
+        _correlation_section(fit),
+        _convergence_section(fit),
+        robot_section(experiment),
+        provenance_section(fit),
+    ]
+    title = f"{fit.name}: robot {fit.robot} by {method_title(fit.method)}"
+    rows = f"{counted(fit.n_rows, 'row')} of torque, {counted(len(fit.names), 'base parameter')}"
+    return page(
+        title, f"Identification of dynamic parameters: {rows}", [part for part in sections if part.text]
+    )
+
+
+def method_title(method: str) -> str:
+    """Name of a method for people."""
+    return TITLES.get(method, method.upper())
+
+
+def judged(fit: Identification) -> tuple[Level, str, str]:
+    """Say how good a result is: a level, a word, and a sentence on what was found and how well."""
+    text = f"{method_title(fit.method)} found {counted(len(fit.names), 'base parameter')}"
+    if fit.std.any():
+        well = int(well_identified(fit).sum())
+        estimated = sum(role == "estimated" for role in fit.roles)
+        count = "all" if well == estimated else "none" if well == 0 else f"{well} of {estimated}"
+        text += f", {count} well (sigma below {WELL_IDENTIFIED_PERCENT:.0f} %)"
+    else:
+        text += "; the method tells no standard deviations"
+    errors = fit.relative_error
+    if np.isfinite(errors).any():
+        low, high = int(np.nanargmin(errors)), int(np.nanargmax(errors))
+        text += ". The torques of the model are off by "
+        text += percent(errors[low])
+        if percent(errors[low]) != percent(errors[high]):
+            text += f" (joint {low + 1}) to {percent(errors[high])} (joint {high + 1})"
+        if len(errors) > 1:
+            text += f", {percent(fit.overall_relative_error)} overall"
+    for item in fit.held_out:
+        text += f"; on '{item.name}', which was kept out of the fit, {percent(item.overall_relative_error)}"
+    text += "."
+    if not fit.converged:
+        return "bad", fit.status.value.partition(":")[0], f"{fit.status.value} {text}"
+    if fit.warnings:
+        return (
+            "caution",
+            f"{fit.status.value.partition(':')[0]}, but not physical as it stands",
+            f"{text} Read what is found below before you use them in a simulation or a controller.",
+        )
+    if fit.remarks:
+        return "caution", f"{fit.status.value.partition(':')[0]}, with something to know", text
+    return "good", fit.status.value.partition(":")[0], text
+
+
+def well_identified(fit: Identification) -> NDArray[np.bool_]:
+    """Tell which parameters were estimated with a relative sigma that is small enough, (b,)."""
+    return np.asarray((fit.std > 0.0) & (fit.relative_std_percent <= WELL_IDENTIFIED_PERCENT))
+
+
+def tiles(fit: Identification) -> list[tuple[str, str]]:
+    """Return the numbers that stand on top: value and label."""
+    found = [(percent(fit.overall_relative_error), "torque error, all joints")]
+    if fit.std.any():
+        estimated = sum(role == "estimated" for role in fit.roles)
+        found.append((f"{int(well_identified(fit).sum())} of {estimated}", "parameters well identified"))
+    if fit.n_iterations:
+        found.append((str(fit.n_iterations), "iterations" if fit.n_simulations else "weighted solutions"))
+    if fit.n_simulations:
+        found.append((str(fit.n_simulations), "simulations"))
+    if np.isfinite(fit.condition_number):
+        found.append((f"{fit.condition_number:.3g}", "condition number"))
+    if fit.elapsed > 0.0:
+        found.append(
+            (f"{fit.elapsed:.2g} s" if fit.elapsed < 100.0 else f"{fit.elapsed:.0f} s", "computing time")
+        )
+    return found
+
+
+def _predictions(fit: Identification, experiment: Experiment) -> tuple[list[Prediction], list[str]]:
+    """Return the torques as the fit has them, or along the measured motion where a simulation ends early, which is then told."""
+    silent = [item.name for item in experiment.recordings if item.role == "fit" and item.tau is None]
+    if silent:
+        return [], [f"Recording '{silent[0]}' has no torques: there is nothing to compare the model's with."]
+    try:
+        return predict(fit, experiment), []
+    except FitError as reason:
+        if fit.method == "idim-ls" or "the simulation" not in str(reason):
+            raise
+        found = predict(fit, experiment, motion="measured")
+        return found, [f"The torques below are predicted along the measured motion: {reason}."]
+
+
+def torque_section(fit: Identification, experiment: Experiment, predictions: Sequence[Prediction]) -> Html:
+    """Show torques measured and predicted, and their errors per joint."""
+    if not predictions:
+        return Html("")
+    rows = error_rows(fit)
+    motion = {
+        "measured": "predicted along the filtered measured motion",
+        "simulated": "of the closed loop that is simulated with the estimate",
+    }[predictions[0].motion]
+    decimated = "" if predictions[0].noise_correlation is None else ", filtered and decimated as for the fit"
+    content = [
+        paragraph(
+            f"Measured torques beside those {motion}{decimated}. The relative error is the norm of the difference over the norm "
+            "of the measured torque."
+        ),
+        table(rows[0], aligned_rows(rows[1:], 1), numbers=range(1, len(rows[0]))),
+        picture(
+            plot.torques(fit, experiment, predictions=predictions),
+            "Measured and modelled torque of each joint over time: "
+            + ", ".join(
+                f"joint {j + 1} {percent(e)} off" for j, e in enumerate(relative_errors(predictions))
+            ),
+        ),
+    ]
+    if any(item.role == "held-out" for item in experiment.recordings) and fit.held_out:
+        found = predict(fit, experiment, role="held-out")
+        content += [
+            paragraph("The recordings that were kept out of the fit, predicted along their measured motion:"),
+            picture(plot.torques(fit, experiment, predictions=found), "Torques of the recordings held out"),
+        ]
+    return section("Torques", *content)
+
+
+def aligned_rows(rows: Sequence[Sequence[str]], first: int) -> list[list[Text]]:
+    """Return rows whose columns from `first` on are aligned on the decimal point."""
+    cells = [list(column) for column in zip(*rows, strict=True)]
+    for number in range(first, len(cells)):
+        # The first cell that `aligned` sees is a heading.
+        cells[number] = aligned(["", *cells[number]])[1:]
+    return [list(row) for row in zip(*cells, strict=True)]
+
+
+def parameter_section(fit: Identification, experiment: Experiment) -> Html:
+    """Show the parameters, their intervals, and what they are made of."""
+    head, *rows = parameter_rows(fit)
+    shown = aligned_rows([row[:5] for row in rows], 2)
+    remarks = {"*": "weak", "": ""}
+    full: list[list[Text]] = [
+        [*cells, remarks.get(row[5], row[5])] for cells, row in zip(shown, rows, strict=True)
+    ]
+    classes = {
+        (number, column): "uncertain" for number, row in enumerate(rows) if row[5] == "*" for column in (4, 5)
+    }
+    # A long list stands in two halves beside each other.
+    half = -(-len(full) // 2) if len(full) > LONG_LIST else len(full)
+    listing = beside(
+        *(
+            table(
+                [*head[:5], ""],
+                full[start : start + half],
+                numbers=(2, 3, 4),
+                classes={(row - start, column): name for (row, column), name in classes.items()},
+            )
+            for start in range(0, len(full), half)
+        )
+    )
+    content = [
+        paragraph(
+            "Base parameters: what the log can tell apart, in SI units on the joint side. Sigma is the standard deviation of the "
+            "estimate, 95 % of the estimates lie within 1.96 sigma of the truth if the noise is white and the model complete. "
+            f"Weak: not well identified, sigma above {WELL_IDENTIFIED_PERCENT:.0f} %."
+        )
+    ]
+    if fit.std.any():
+        content.append(
+            picture(plot.parameters(fit), "Half of the 95 % interval of each parameter in percent")
+        )
+    content.append(listing)
+    base = experiment.robot.base_parameters
+    if base.names == fit.names:
+        lines = [[name, text] for name, text in zip(base.names, base.groupings, strict=True)]
+        wide = {(row, 1): "wide" for row in range(len(lines))}
+        content.append(
+            details("What the base parameters are made of", table(["parameter", "sum"], lines, classes=wide))
+        )
+    return section("Parameters", *content)
+
+
+def correlated_joints(predictions: Sequence[Prediction]) -> list[tuple[int, float]]:
+    """Find the joints whose residual is clearly no white noise, and its autocorrelation at lag 1."""
+    if not predictions:
+        return []
+    n_rows = sum(len(item.t) for item in predictions)
+    n_lags = min(LAGS, min(len(item.t) for item in predictions) - 1)
+    expected = predictions[0].noise_correlation
+    known = np.zeros(n_lags + 1) if expected is None else np.pad(expected, (0, n_lags + 1))[: n_lags + 1]
+    found = []
+    for joint in range(predictions[0].measured.shape[1]):
+        parts = [item.residual[:, joint] for item in predictions]
+        values = autocorrelation(parts, n_lags)
+        outside = np.abs(values - known)[1:] > 1.96 / np.sqrt(n_rows)
+        if n_lags and outside.mean() > NOT_WHITE:
+            found.append((joint, float(values[1])))
+    return found
+
+
+def _residual_finding(colored: Sequence[tuple[int, float]], experiment: Experiment) -> list[str]:
+    if not colored:
+        return []
+    n = experiment.robot.n_dof
+    which = (
+        "every joint" if len(colored) == n and n > 1 else "joint " + ", ".join(str(j + 1) for j, _ in colored)
+    )
+    low, high = min(value for _, value in colored), max(value for _, value in colored)
+    size = f"{low:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f} to {high:.2f}"
+    return [
+        f"What the model leaves of the torque is no white noise at {which} (autocorrelation {size} at lag 1): there is something "
+        "that the model does not have, and the real errors of the parameters are likely larger than sigma says."
+    ]
+
+
+def _residual_section(fit: Identification, experiment: Experiment, predictions: Sequence[Prediction]) -> Html:
+    if not predictions:
+        return Html("")
+    return section(
+        "Residuals",
+        paragraph(
+            "Measured less modelled torque. Bars inside the grey band, or on the line that decimation gives to white noise, are "
+            "those of pure noise, for which sigma holds; bars that stay above it say that the model lacks something."
+        ),
+        picture(
+            plot.residuals(fit, experiment, predictions=predictions),
+            "Autocorrelation and distribution of the residual of each joint",
+        ),
+    )
+
+
+def _correlation_section(fit: Identification) -> Html:
+    names, matrix = estimate_correlation(fit)
+    if len(names) < 2:
+        return Html("")
+    row, column = np.triu_indices(len(names), 1)
+    values = matrix[row, column]
+    order = np.argsort(-np.abs(values), kind="stable")
+    strong = [k for k in order if abs(values[k]) > STRONG_CORRELATION]
+    pairs = [
+        [names[row[k]], names[column[k]], f"{values[k]:+.3f}"]
+        for k in (strong or list(order[:3]))[:MOST_PAIRS]
+    ]
+    more = f" The {MOST_PAIRS} strongest of {len(strong)} are listed." if len(strong) > MOST_PAIRS else ""
+    verb = "is" if len(strong) == 1 else "are"
+    return section(
+        "Correlation of the estimates",
+        paragraph(
+            f"{counted(len(strong), 'pair')} of parameters {verb} correlated by more than {STRONG_CORRELATION:g}: the log tells "
+            f"their sum or difference better than each of them.{more}"
+        ),
+        table(["parameter", "and", "correlation"], pairs, numbers=(2,)),
+        picture(plot.correlation(fit), "Map of the correlation of each pair of estimates"),
+    )
+
+
+def _convergence_section(fit: Identification) -> Html:
+    if not fit.history:
+        return Html("")
+    content = [paragraph(fit.status.value)]
+    if fit.output_error is not None:
+        before, after = fit.output_error
+        content.append(
+            paragraph(
+                f"The simulated torques were off by {percent(before)} with the initial parameters, and are by {percent(after)} "
+                f"with the estimate, after {counted(fit.n_simulations, 'simulation')}."
+            )
+        )
+    if len(fit.history) > 2:
+        content.append(picture(plot.convergence(fit), "Relative error and step over the iterations"))
+    shown = [*fit.history[: MOST_HISTORY_ROWS // 2], *fit.history[-MOST_HISTORY_ROWS // 2 :]]
+    shown = list(fit.history) if len(fit.history) <= MOST_HISTORY_ROWS else shown
+    keys = list(shown[0].more)
+    head = ["iteration", "relative error %", "step %", *(key.replace("_", " ") for key in keys)]
+    rows = [
+        [
+            str(item.iteration),
+            f"{100.0 * item.relative_error:.4f}",
+            f"{100.0 * item.step:.3g}",
+            *(f"{item.more[key]:.4g}" if np.isfinite(item.more.get(key, np.nan)) else "-" for key in keys),
+        ]
+        for item in shown
+    ]
+    content.append(table(head, rows, numbers=range(len(head))))
+    return section("Convergence", *content)
+
+
+def robot_section(experiment: Experiment) -> Html:
+    """Show the skeleton of the robot along the first recording."""
+    motion = experiment.recordings[0].q if experiment.recordings else None
+    robot = experiment.robot
+    geometry = robot.geometry
+    rows = [
+        [str(j + 1), kind, *(f"{getattr(geometry, key)[j]:.6g}" for key in ("alpha", "d", "theta", "r"))]
+        for j, kind in enumerate(geometry.kinds)
+    ]
+    head = ["joint", "kind", "alpha (rad)", "d (m)", "theta (rad)", "r (m)"]
+    described = f" {robot.description.rstrip('.')}." if robot.description else ""
+    return section(
+        f"Robot {robot.name}",
+        paragraph(
+            f"Its skeleton, by the rows of the robot file, where the log takes it farthest out.{described}"
+        ),
+        beside(
+            picture(
+                plot.robot(robot, motion=motion),
+                f"Skeleton of robot {robot.name} with the axes of its joints",
+            ),
+            table(head, rows, numbers=range(2, 6)),
+        ),
+    )
+
+
+def provenance_section(fit: Identification) -> Html:
+    """Tell versions, files and settings."""
+    versions = [[package, str(version)] for package, version in fit.settings.get("versions", {}).items()]
+    files = [[name, digest] for name, digest in fit.digests.items()]
+    content = []
+    if versions:
+        content.append(table(["software", "version"], versions))
+    if files:
+        classes = {(row, 1): "digest" for row in range(len(files))}
+        content.append(table(["file", "SHA-256"], files, classes=classes))
+    if fit.delay:
+        content.append(
+            paragraph(
+                f"Torque moved back by {fit.delay.get('compensated_samples', 0.0):g} samples against the motion."
+            )
+        )
+    content.append(
+        details(
+            "All settings", code(json.dumps(dict(fit.settings), indent=1, ensure_ascii=False, sort_keys=True))
+        )
+    )
+    return section("Where it comes from", *content)

@@ -1,0 +1,216 @@
+"""HTML of a report: one page with everything in it, which asks nothing of a network. All text is escaped here."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from didim.plot.style import svg
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Level = Literal["good", "caution", "bad"]
+
+STYLE = """\
+:root { --ink: #1f2630; --soft: #5b6470; --line: #dfe3e8; --good: #00734f; --caution: #8a5a00; --bad: #b3261e; }
+* { box-sizing: border-box; }
+body { margin: 0; color: var(--ink); background: #f4f5f7; font: 15px/1.5 system-ui, "Segoe UI", "Liberation Sans", sans-serif; }
+main { max-width: 1120px; margin: 0 auto; padding: 28px 20px 60px; }
+h1 { margin: 0; font-size: 26px; line-height: 1.25; }
+h2 { margin: 0 0 6px; font-size: 19px; }
+header p { margin: 2px 0 16px; color: var(--soft); }
+section { margin: 16px 0 0; padding: 18px 22px 20px; background: #fff; border: 1px solid var(--line); border-radius: 8px; }
+section > p { max-width: 84ch; margin: 6px 0; }
+.verdict { border-left: 8px solid; }
+.verdict.good { border-left-color: var(--good); }
+.verdict.caution { border-left-color: #e69f00; }
+.verdict.bad { border-left-color: var(--bad); }
+.verdict strong.badge { display: block; font-size: 19px; }
+.good strong.badge { color: var(--good); }
+.caution strong.badge { color: var(--caution); }
+.bad strong.badge { color: var(--bad); }
+.verdict > p { font-size: 17px; }
+.tiles { display: flex; flex-wrap: wrap; gap: 10px; margin: 14px 0 4px; padding: 0; list-style: none; }
+.tiles li { flex: 1 1 130px; padding: 8px 12px; background: #f4f5f7; border-radius: 6px; }
+.tiles b { display: block; font-size: 20px; line-height: 1.3; white-space: nowrap; }
+.tiles span { color: var(--soft); font-size: 13px; }
+ul.findings { margin: 6px 0 4px; padding-left: 22px; }
+figure { margin: 12px 0 0; overflow-x: auto; }
+figure img { display: block; max-width: 100%; height: auto; }
+.scroll { overflow-x: auto; margin-top: 10px; }
+table { border-collapse: collapse; font-size: 13.5px; }
+.beside { display: flex; flex-wrap: wrap; column-gap: 36px; }
+th, td { padding: 2px 12px 2px 0; text-align: left; white-space: nowrap; vertical-align: top; }
+thead th { padding-bottom: 4px; white-space: normal; vertical-align: bottom; border-bottom: 1.5px solid var(--soft); }
+thead tr:first-child th.group { padding-top: 2px; border-bottom: 1px solid var(--line); text-align: center; }
+tbody tr:nth-child(even) td { background: #f7f8fa; }
+td.number, th.number { text-align: right; }
+td.number, td.digest, pre {
+  font-family: ui-monospace, "DejaVu Sans Mono", "Liberation Mono", Consolas, monospace; font-size: 12.5px;
+}
+td.number { white-space: pre; }
+td.first, th.first { padding-left: 26px; }
+td.off { color: var(--bad); font-weight: 700; }
+td.uncertain { color: var(--caution); }
+td.wide, td.digest { white-space: normal; overflow-wrap: anywhere; }
+pre { overflow-x: auto; margin: 8px 0 0; }
+summary { cursor: pointer; margin-top: 10px; color: var(--soft); }
+@media print { body { background: #fff; } section { border: 0; padding: 8px 0; break-inside: avoid-page; } }
+"""
+
+# Nothing may be fetched, whatever a file name or a message holds.
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+
+
+@dataclass(frozen=True)
+class Html:
+    """Text that is HTML already; everything else is escaped."""
+
+    text: str
+
+
+Text = str | Html
+
+
+def html(text: Text) -> str:
+    """Return text as HTML."""
+    return text.text if isinstance(text, Html) else escape(text)
+
+
+def page(title: str, subtitle: str, sections: Iterable[Html]) -> str:
+    """Return the whole page."""
+    body = "\n".join(section.text for section in sections)
+    return f"""\
+<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{POLICY}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(title)}</title>
+<style>
+{STYLE}</style>
+</head>
+<body>
+<main>
+<header>
+<h1>{escape(title)}</h1>
+<p>{escape(subtitle)}</p>
+</header>
+{body}
+</main>
+</body>
+</html>
+"""
+
+
+def section(title: str, *content: Html) -> Html:
+    """Return a part of the page under a heading."""
+    return Html(
+        "\n".join([f"<section>\n<h2>{escape(title)}</h2>", *(part.text for part in content), "</section>"])
+    )
+
+
+def verdict(
+    level: Level, badge: str, sentence: str, tiles: Sequence[tuple[str, str]], findings: Sequence[str]
+) -> Html:
+    """Return what stands on top: a word, a sentence, a few numbers (value, label), and what to look at."""
+    lines = [
+        f'<section class="verdict {level}">',
+        f'<strong class="badge">{escape(badge)}</strong>',
+        f"<p>{escape(sentence)}</p>",
+        '<ul class="tiles">',
+        *(f"<li><b>{escape(value)}</b><span>{escape(label)}</span></li>" for value, label in tiles),
+        "</ul>",
+    ]
+    if findings:
+        lines += ['<ul class="findings">', *(f"<li>{escape(text)}</li>" for text in findings), "</ul>"]
+    return Html("\n".join([*lines, "</section>"]))
+
+
+def paragraph(text: str) -> Html:
+    """Return a paragraph."""
+    return Html(f"<p>{escape(text)}</p>")
+
+
+def picture(figure: Figure, description: str) -> Html:
+    """Return a figure, embedded; the description is what a screen reader says."""
+    data = base64.b64encode(svg(figure).encode()).decode("ascii")
+    width, height = (round(96.0 * inches) for inches in figure.get_size_inches())
+    return Html(
+        f'<figure><img width="{width}" height="{height}" alt="{escape(description)}" '
+        f'src="data:image/svg+xml;base64,{data}"></figure>'
+    )
+
+
+def table(
+    head: Sequence[str],
+    rows: Sequence[Sequence[Text]],
+    *,
+    numbers: Iterable[int] = (),
+    groups: Sequence[tuple[str, int]] = (),
+    classes: dict[tuple[int, int], str] | None = None,
+) -> Html:
+    """Return a table.
+
+    Parameters
+    ----------
+    head : sequence of str
+        Headings.
+    rows : sequence of sequence of str
+        Cells.
+    numbers : iterable of int
+        Columns of numbers, which stand on the right.
+    groups : sequence of (str, int)
+        Headings above the headings, each over so many columns.
+    classes : dict of (row, column) to str, optional
+        Classes of single cells.
+    """
+    right = set(numbers)
+    ends = np.cumsum([span for _, span in groups])
+    first = {int(end) for end in ends[:-1]}
+    lines = ['<div class="scroll"><table>', "<thead>"]
+    if groups:
+        cells = (f'<th class="group" colspan="{span}">{escape(text)}</th>' for text, span in groups)
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    cells = (_cell("th", text, _classes(column, right, first)) for column, text in enumerate(head))
+    lines += [f"<tr>{''.join(cells)}</tr>", "</thead>", "<tbody>"]
+    for row, texts in enumerate(rows):
+        line = ""
+        for column, text in enumerate(texts):
+            extra = (classes or {}).get((row, column))
+            line += _cell("td", text, [*_classes(column, right, first), *([extra] if extra else [])])
+        lines.append(f"<tr>{line}</tr>")
+    return Html("\n".join([*lines, "</tbody>", "</table></div>"]))
+
+
+def _classes(column: int, right: set[int], first: set[int]) -> list[str]:
+    return (["number"] if column in right else []) + (["first"] if column in first else [])
+
+
+def _cell(tag: str, text: Text, classes: Sequence[str]) -> str:
+    attribute = f' class="{" ".join(classes)}"' if classes else ""
+    return f"<{tag}{attribute}>{html(text)}</{tag}>"
+
+
+def beside(*content: Html) -> Html:
+    """Return parts beside each other where the page is wide enough."""
+    inner = "\n".join(part.text for part in content)
+    return Html(f'<div class="beside">\n{inner}\n</div>')
+
+
+def details(summary: str, *content: Html) -> Html:
+    """Return what unfolds on a click."""
+    inner = "\n".join(part.text for part in content)
+    return Html(f"<details><summary>{escape(summary)}</summary>\n{inner}\n</details>")
+
+
+def code(text: str) -> Html:
+    """Return text as it is, in columns."""
+    return Html(f"<pre>{escape(text)}</pre>")
