@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, NoReturn
 from .errors import DidimError
 
 if TYPE_CHECKING:
+    from .status import Status
+
     # The type of what add_subparsers() returns has no public name.
     Commands = argparse._SubParsersAction["_Parser"]
 
@@ -138,11 +140,32 @@ def _add_identify(commands: Commands) -> None:
     parser.add_argument(
         "--output", choices=("position", "torque", "both"), help="what cloe compares (default: position)"
     )
+    parser.add_argument(
+        "--variant",
+        choices=("adaptive", "scaled", "literal"),
+        help="of cloe's simplex (default: adaptive); literal: as fminsearch has it",
+    )
+    parser.add_argument(
+        "--starts",
+        type=int,
+        metavar="N",
+        help="of cloe: search from N points, and tell how many reached the best optimum",
+    )
+    parser.add_argument(
+        "--checkpoint",
+        metavar="FILE.npz",
+        type=Path,
+        help="of cloe: save the search to a file as it goes on, and continue it from there",
+    )
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the result as JSON")
     _add_report(parser)
     loudness = parser.add_mutually_exclusive_group()
     loudness.add_argument("--quiet", action="store_true", help="print no table")
     loudness.add_argument("--verbose", action="store_true", help="tell on stderr what goes on")
+
+
+CHOICES = ("start", "optimizer", "output", "variant", "starts", "checkpoint")
+"""Options of `identify` that are settings of a method."""
 
 
 def _identify(options: argparse.Namespace) -> int:
@@ -153,7 +176,7 @@ def _identify(options: argparse.Namespace) -> int:
         return _refuse(f"there is no method '{options.method}'; available: {', '.join(METHODS)}")
     _check_report(options)
     experiment = load_experiment(options.experiment, data=options.data)
-    settings = {key: getattr(options, key) for key in ("start", "optimizer", "output")}
+    settings = {key: getattr(options, key) for key in CHOICES}
     settings = {key: value for key, value in settings.items() if value is not None}
     method = METHODS[options.method]()
     for key in settings:
@@ -169,7 +192,16 @@ def _identify(options: argparse.Namespace) -> int:
         write(options.report, fit, experiment)
     if not options.quiet:
         print(fit)
-    return CONVERGED if fit.converged else NOT_CONVERGED
+    return _code(fit.status)
+
+
+def _code(status: Status) -> int:
+    """Exit code of an identification."""
+    from .status import Status
+
+    if status is Status.INTERRUPTED:
+        return INTERRUPTED
+    return CONVERGED if status.converged else NOT_CONVERGED
 
 
 def _add_compare(commands: Commands) -> None:
@@ -201,13 +233,13 @@ def _add_compare(commands: Commands) -> None:
         "--nelder-mead",
         choices=("short", "full", "none"),
         default="short",
-        help="the simplex of CLOE: some hundred iterations, as many as the paper's recipe allows (an hour), or not at all",
+        help="the simplex of CLOE: a thousand iterations, as many as the paper's recipe allows (minutes to hours), or not at all",
     )
     parser.add_argument(
         "--variant",
         choices=("adaptive", "scaled", "literal"),
-        default="adaptive",
-        help="of the simplex (default: %(default)s)",
+        action="append",
+        help="of the simplex (default: adaptive); give it twice to see two beside each other",
     )
     parser.add_argument("--no-noise", action="store_true", help="a log without noise")
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
@@ -228,7 +260,9 @@ def _compare(options: argparse.Namespace) -> int:
     iterations = {"short": SHORT_SIMPLEX, "full": None, "none": 0}[options.nelder_mead]
     comparison = compare(
         experiment,
-        methods=all_methods(experiment, simplex_iterations=iterations, variant=options.variant),
+        methods=all_methods(
+            experiment, simplex_iterations=iterations, variants=options.variant or ["adaptive"]
+        ),
         parameters=options.parameters,
         noise=not options.no_noise,
         seed=options.seed,
@@ -241,8 +275,9 @@ def _compare(options: argparse.Namespace) -> int:
 
         write(options.report, comparison)
     print(comparison)
-    converged = comparison.fits["didim"].converged
-    return CONVERGED if converged else NOT_CONVERGED
+    if any(fit.status.name == "INTERRUPTED" for fit in comparison.fits.values()):
+        return INTERRUPTED
+    return _code(comparison.fits["didim"].status)
 
 
 def _add_validate(commands: Commands) -> None:
