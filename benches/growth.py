@@ -299,6 +299,7 @@ def plot(measured: list[tuple[Curve, dict[int, Figures]]], file: Path) -> None:
     import matplotlib as mpl
 
     mpl.use("Agg")
+    mpl.rcParams |= {"svg.fonttype": "none", "svg.hashsalt": "growth"}
     from matplotlib import pyplot
 
     panels = [
@@ -327,7 +328,7 @@ def plot(measured: list[tuple[Curve, dict[int, Figures]]], file: Path) -> None:
         axis.legend(fontsize=6, frameon=False, loc="lower right" if title == "threads" else "upper left")
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("s, smallest to median")
-    figure.savefig(file)
+    figure.savefig(file, metadata={"Date": None} if file.suffix == ".svg" else None)
     pyplot.close(figure)
 
 

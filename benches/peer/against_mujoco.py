@@ -19,7 +19,7 @@ from .timing import Contestant, MissingError, per_unit
 
 Array = NDArray[np.float64]
 
-MANY = 16
+MANY = 8
 """Simulations of a batch."""
 CHECKED = 50
 """States where the accelerations are compared."""

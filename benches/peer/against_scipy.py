@@ -42,7 +42,7 @@ def contestants(task: Task, rounds: int, *, quick: bool) -> list[Contestant]:
     """Least squares and simplex, after checks that both find the same."""
     found = []
     for rows in SIZES[:1] if quick else SIZES:
-        found += _least_squares(task, rows, rounds if rows < 10_000 else min(rounds, 5))
+        found += _least_squares(task, rows, rounds if rows < 10_000 else min(rounds, 3))
     return found + _simplex(task, min(rounds, 5), 10 if quick else ITERATIONS)
 
 

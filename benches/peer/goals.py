@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from .against_mujoco import MANY as MUJOCO_MANY
 from .against_scipy import COLUMNS, ITERATIONS, SIZES
 from .ours import CACHED, LANES, MANY
 from .timing import Figures
@@ -72,8 +73,8 @@ GOALS = (
     Goal("4 abaInParallel / RK4 step of one simulation", SINGLE, ABA, STAGES, 5.0),
     Goal("4 CasADi / RK4 step of one simulation", SINGLE, CASADI, STAGES, 1.0),
     Goal("MuJoCo's RK4 step / ours, one simulation", SINGLE, _mujoco(1) + "1 thread", wanted=5.0),
-    Goal("MuJoCo's RK4 step / ours, batches, one core", BATCH, _mujoco(16) + "1 thread"),
-    Goal("MuJoCo's RK4 step / ours, batches, two threads", BATCH_TWO, _mujoco(16) + "2 threads"),
+    Goal("MuJoCo's RK4 step / ours, batches, one core", BATCH, _mujoco(MUJOCO_MANY) + "1 thread"),
+    Goal("MuJoCo's RK4 step / ours, batches, two threads", BATCH_TWO, _mujoco(MUJOCO_MANY) + "2 threads"),
     Goal("one thread / two threads, RK4 batch", BATCH_TWO, BATCH),
     Goal("regressor in the cache", f"regressor, {CACHED} samples a call", REGRESSOR, wanted=15.0),
     Goal("rneaInParallel / inverse_dynamics", "inverse_dynamics", RNEA, wanted=5.0),

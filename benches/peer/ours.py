@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 CACHED = 64
 """Samples of a regressor that stays in the second-level cache: 264 kB."""
 LANES = 4
-MANY = 64
+MANY = 16
 """Candidates of a batch."""
 
 
