@@ -214,8 +214,8 @@ def test_the_methods_start_where_the_robot_allows(experiment: Experiment) -> Non
     assert isinstance(simplex, CLOE)
     assert isinstance(levenberg, CLOE)
     assert (simplex.start, levenberg.start) == ("apriori", "apriori")
-    assert (simplex.optimizer, simplex.max_iterations) == ("nelder-mead", 60)
-    *_, full, _ = all_methods(experiment, simplex_iterations=None, variant="literal")
+    assert (simplex.optimizer, simplex.max_iterations) == ("nelder-mead", 1000)
+    *_, full, _ = all_methods(experiment, simplex_iterations=None, variants=["literal"])
     assert isinstance(full, CLOE)
     assert (full.start, full.max_iterations, full.variant) == ("unit", None, "literal")
     names = [method.name for method in all_methods(experiment, simplex_iterations=0)]
