@@ -36,11 +36,10 @@ from .signals import SignalProcessing
 from .simulation import Simulation, SimulationStatus, StepWarning, simulate
 from .status import Status
 from .validate import Validation, validate
+from .version import __version__ as __version__
 
 if TYPE_CHECKING:
     from . import plot, report
-
-__version__ = "0.1.0"
 
 __all__ = [
     "CLOE",

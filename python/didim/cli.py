@@ -10,11 +10,11 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from .errors import DidimError
+from .version import __version__
 
 if TYPE_CHECKING:
     from .status import Status
@@ -74,7 +74,7 @@ def _refuse(message: str) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="didim", description="Identify the dynamic parameters of robots.")
-    parser.add_argument("--version", action="version", version=f"didim {metadata.version('didim')}")
+    parser.add_argument("--version", action="version", version=f"didim {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for add in COMMANDS:
         add(commands)
