@@ -5,6 +5,8 @@ parameters (3), observation matrix (6), base parameters (7), least squares and c
 """
 
 from .base import BaseParameters
+from .check import check
+from .checks.finding import Finding, Findings
 from .cloe import CLOE
 from .compare import Comparison, compare
 from .control import Controller, Digital
@@ -47,6 +49,8 @@ __all__ = [
     "Digital",
     "Experiment",
     "ExperimentError",
+    "Finding",
+    "Findings",
     "FitError",
     "Friction",
     "Identification",
@@ -66,6 +70,7 @@ __all__ = [
     "Status",
     "StepWarning",
     "Validation",
+    "check",
     "compare",
     "direct_dynamics",
     "identify",
