@@ -224,6 +224,7 @@ class _Writer:
         torque = self._of("torque", "current", "voltage")
         reference = self._of("reference")
         stamps = [item for item in self.columns if item.what == "time"]
+        speed = "m_s" if "prismatic" in robot.joint_kinds else "rad_s"
         lines = [
             f'# Written by `didim init` from {self.log.name}. Lines that say "confirm" are guesses;',
             f"# `didim check {self.path.name}` looks for wrong ones.",
@@ -231,10 +232,12 @@ class _Writer:
             f"name = {json.dumps(self.log.stem)}",
             f"robot = {json.dumps(self.named)} # {counted(n, 'joint')}",
             "",
-            "# Shape of the friction; without this table that of the robot file. A dead zone is for logs with standstill.",
+            "# Friction; without this table that of the robot file. Smooth for a simulated log, a dead zone for standstill.",
             "# [friction]",
+            '# coulomb = "tanh"',
+            f"# smoothing_{speed} = 0.01",
             '# coulomb = "sign"',
-            f"# dead_zone_{'m' if 'prismatic' in robot.joint_kinds else 'rad'}_s = 0.01",
+            f"# dead_zone_{speed} = 0.01",
             "",
             "[[recording]]",
             f"name = {json.dumps(self.log.stem)}",
