@@ -7,6 +7,7 @@ no accelerations to compare, and a contradiction that is told is put right befor
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -47,6 +48,8 @@ Array = NDArray[np.float64]
 
 MOST_SAMPLES = 30_000
 """Samples that other readings are tried on at most: in three stretches, evenly over a longer log."""
+QUICK_ROWS = 100
+"""Rows of each joint that all other readings are tried on first: of the 60 parameters of six joints each has ten."""
 
 
 def check(
@@ -158,7 +161,7 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
     wish = 0.0 if job.wish == "estimate" else float(job.wish)
     try:
         parts = job.parts("fit", wish)
-        probe = Probe(job, _stretches(parts))
+        probe = Probe(job, _stretches(parts, MOST_SAMPLES))
         whole = probe if probe.n_samples == sum(len(part.q) for part in parts) else Probe(job, parts)
     except (SignalError, FitError) as error:
         return [
@@ -171,10 +174,13 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
     beta = None
     if known is not None:
         beta = robot.base_parameters.project(known)[job.selection.estimated]
-        probe = Probe(job, _stretches(parts), beta)
+        probe = Probe(job, _stretches(parts, MOST_SAMPLES), beta)
     (recording, *_) = (item for item in experiment.recordings if item.role == "fit")
     timed = all("time" in item.origin for item in experiment.recordings)
-    reader = Reader(probe, robot, recording, timed, _noise(job, parts), known is not None)
+    quick = Probe(job, _stretches(parts, _quick_samples(job, parts)), beta)
+    reader = Reader(
+        probe, quick, robot, recording, timed=timed, noise=_noise(job, parts), known=known is not None
+    )
     found = reader.gross()
     if found:
         # What else a log declared so wrongly seems to have comes from that.
@@ -203,14 +209,20 @@ def _driving(job: Job, parts: Sequence[Segment]) -> tuple[list[int], str] | None
         return None
 
 
-def _stretches(parts: Sequence[Segment]) -> list[Segment]:
-    """Three stretches of a long log, evenly apart."""
+def _quick_samples(job: Job, parts: Sequence[Segment]) -> int:
+    """Count the samples that leave enough rows of each joint, of a fifth of the motion at least."""
+    rows = QUICK_ROWS + 6 * job.signal.edge_rows * len(parts)
+    return max(rows * math.prod(job.signal.decimation), sum(len(part.q) for part in parts) // 5)
+
+
+def _stretches(parts: Sequence[Segment], most_samples: int) -> list[Segment]:
+    """Three stretches of a log that has more samples than that, evenly apart."""
     total = sum(len(part.q) for part in parts)
-    if total <= MOST_SAMPLES:
+    if total <= most_samples:
         return list(parts)
     found = []
     for part in parts:
-        length = int(len(part.q) * MOST_SAMPLES / total / 3)
+        length = int(len(part.q) * most_samples / total / 3)
         for start in np.linspace(0, len(part.q) - length, 3).astype(int):
             kept = slice(start, start + length)
             q, dq, ddq, tau = (

@@ -31,10 +31,12 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-FACTORS = (0.6, 0.85, 1.0, 1.0 / 0.85, 1.0 / 0.6)
+FACTORS = (0.6, 0.85, 0.96, 1.0, 1.0 / 0.96, 1.0 / 0.85, 1.0 / 0.6)
 """Factors of rates, gears and gains that are tried; the best few are refined between their neighbours."""
-REFINED = 4
+REFINED = 5
 """Best factors that are refined: a coarse grid does not yet tell a gear from an encoder."""
+SHORTLIST = 8
+"""Best readings of a part of the log that are tried on all of it."""
 SMALLEST_FACTOR = 0.03
 """A factor nearer to 1 is not worth a sentence: filters and differences alone move it by 1 or 2 %."""
 NEAR = 1.05
@@ -230,8 +232,8 @@ class Reader:
 
     Parameters
     ----------
-    probe : Probe
-        The log.
+    probe, quick : Probe
+        The log, and a part of it that all readings are tried on first.
     robot, recording : Robot, Recording
         For units and sides.
     timed : bool
@@ -243,9 +245,17 @@ class Reader:
     """
 
     def __init__(
-        self, probe: Probe, robot: Robot, recording: Recording, timed: bool, noise: Array, known: bool
+        self,
+        probe: Probe,
+        quick: Probe,
+        robot: Robot,
+        recording: Recording,
+        *,
+        timed: bool,
+        noise: Array,
+        known: bool,
     ) -> None:
-        self._probe, self._known = probe, known
+        self._probe, self._quick, self._known = probe, quick, known
         self._n = robot.n_dof
         self._timed = timed
         self._noise = noise
@@ -272,8 +282,9 @@ class Reader:
         declared, _ = self._probe.relative(reading)
         if not np.isfinite(declared):
             return None
+        listed = sorted(self._list, key=lambda item: self._quick.relative(item.reading.after(reading))[0])
         left: list[tuple[float, Candidate]] = []
-        for candidate in self._list:
+        for candidate in listed[:SHORTLIST]:
             value, solution = self._probe.relative(candidate.reading.after(reading))
             friction = np.sum(np.sign(solution[self._probe.viscous]))
             if friction < 0.0 and not self._known:
@@ -282,10 +293,10 @@ class Reader:
                     continue
                 candidate = self._complement(candidate)
             left.append((value, candidate))
-        left += [
-            (float(np.sqrt(square)), candidate)
-            for square, candidate in self._factors(reading, lambda other: self._probe.relative(other)[0] ** 2)
-        ]
+        factors = self._factors(reading, lambda probe, other: probe.relative(other)[0] ** 2)
+        left += [(float(np.sqrt(square)), candidate) for square, candidate in factors]
+        if not left:
+            return None
         best = min(value for value, _ in left)
         value, candidate = next((v, c) for v, c in left if v <= NEAR * best)
         factor = candidate.factor is not None
@@ -322,12 +333,12 @@ class Reader:
         if self._known or not (self._noise > 0.0).all():
             return None
 
-        def chi2(other: Reading) -> float:
+        def chi2(probe: Probe, other: Reading) -> float:
             # The noise is multiplied with the torques.
-            return self._probe.solve(other, 1.0 / (other.torque**2 @ self._noise**2))[0]
+            return probe.solve(other, 1.0 / (other.torque**2 @ self._noise**2))[0]
 
         rows = self._n * self._probe.n_rows - len(self._probe.names)
-        declared = chi2(reading)
+        declared = chi2(self._probe, reading)
         found = self._factors(reading, chi2)
         if rows <= 0 or not found:
             return None
@@ -344,8 +355,10 @@ class Reader:
             self._probe.relative(candidate.reading.after(reading))[0],
         )
 
-    def _factors(self, reading: Reading, cost: Callable[[Reading], float]) -> list[tuple[float, Candidate]]:
-        """Best factors of all scales, the best first and refined; `cost` is a sum of squares."""
+    def _factors(
+        self, reading: Reading, cost: Callable[[Probe, Reading], float]
+    ) -> list[tuple[float, Candidate]]:
+        """Find the best factors on a part of the log, and return their costs, sums of squares, on all of it, the least first."""
         from scipy.optimize import minimize_scalar
 
         logs = np.log(FACTORS)
@@ -353,7 +366,9 @@ class Reader:
         for what, joint in self._scales():
 
             def at(value: float, what: str = what, joint: int = joint) -> float:
-                return cost(scaled(self._n, what, joint, float(np.exp(value))).reading.after(reading))
+                return cost(
+                    self._quick, scaled(self._n, what, joint, float(np.exp(value))).reading.after(reading)
+                )
 
             costs = [at(value) for value in logs]
             k = int(np.argmin(costs))
@@ -366,7 +381,8 @@ class Reader:
             best = minimize_scalar(
                 at, bounds=(low, high), method="bounded", options={"xatol": 2e-3, "maxiter": 15}
             )
-            refined.append((float(best.fun), scaled(self._n, what, joint, float(np.exp(best.x)))))
+            candidate = scaled(self._n, what, joint, float(np.exp(best.x)))
+            refined.append((cost(self._probe, candidate.reading.after(reading)), candidate))
         return sorted(refined, key=lambda item: item[0])
 
 
@@ -375,7 +391,8 @@ def _bottom(x: Array, costs: Sequence[float], k: int) -> float:
     if not 0 < k < len(costs) - 1 or not np.isfinite(costs[k - 1 : k + 2]).all():
         return costs[k]
     a, b, c = np.polyfit(x[k - 1 : k + 2] - x[k], costs[k - 1 : k + 2], 2)
-    return float(c - b * b / (4.0 * a)) if a > 0.0 else costs[k]
+    # A valley is no parabola: what it promises is a place in a row, and no more than half of the cost.
+    return max(float(c - b * b / (4.0 * a)), 0.5 * costs[k]) if a > 0.0 else costs[k]
 
 
 def _finding(candidate: Candidate, before: float, after: float) -> Finding:
