@@ -49,6 +49,8 @@ FINE_SHARE = 0.1
 EXPLAINED = 10.0
 """Chi^2 per row at most, for a log explained nearly down to its noise. Simulated logs have 1 to 5, by the filter of the positions;
 real ones hundreds, by friction that no model has, where a gear of a few percent cannot be told."""
+KNOWN_LEFT = 0.1
+"""And so much of the torques at most: where more is left, the parameters are not those of the log, and a factor takes up other errors."""
 MOST_ROUNDS = 3
 """Declarations told in one run; each is looked for with those before put right."""
 KNOWN_CLEAR = 0.7
@@ -300,7 +302,7 @@ class Reader:
         best = min(value for value, _ in left)
         value, candidate = next((v, c) for v, c in left if v <= NEAR * best)
         factor = candidate.factor is not None
-        clear = KNOWN_CLEAR if factor and self._known else CLEAR
+        clear = KNOWN_CLEAR if factor and self._known and value < KNOWN_LEFT else CLEAR
         if not value < clear * declared or (factor and self._small(candidate)):
             return None
         return candidate, declared, value
