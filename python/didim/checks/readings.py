@@ -50,7 +50,7 @@ EXPLAINED = 10.0
 """Chi^2 per row at most, for a log explained nearly down to its noise. Simulated logs have 1 to 5, by the filter of the positions;
 real ones hundreds, by friction that no model has, where a gear of a few percent cannot be told."""
 KNOWN_LEFT = 0.1
-"""And so much of the torques at most: where more is left, the parameters are not those of the log, and a factor takes up other errors."""
+"""And so much of the torques at most: where more is left, the parameters are not those of the log, and a factor hides that."""
 MOST_ROUNDS = 3
 """Declarations told in one run; each is looked for with those before put right."""
 KNOWN_CLEAR = 0.7
