@@ -8,6 +8,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .base import BaseParameters
+from .check import check
+from .checks.finding import Finding, Findings
 from .cloe import CLOE
 from .compare import Comparison, compare
 from .control import Controller, Digital
@@ -52,6 +54,8 @@ __all__ = [
     "Digital",
     "Experiment",
     "ExperimentError",
+    "Finding",
+    "Findings",
     "FitError",
     "Friction",
     "Identification",
@@ -71,6 +75,7 @@ __all__ = [
     "Status",
     "StepWarning",
     "Validation",
+    "check",
     "compare",
     "direct_dynamics",
     "identify",

@@ -1,6 +1,6 @@
 """The command ``didim``: results on stdout, progress on stderr.
 
-Exit codes: 0 converged, 1 not converged, 2 wrong input (one line), 130 interrupted.
+Exit codes: 0 converged (or nothing found), 1 not converged (or something found), 2 wrong input (one line), 130 interrupted.
 A command is a function that adds its parser, and a function that runs it and returns the exit code.
 """
 
@@ -366,7 +366,63 @@ def _simulate(options: argparse.Namespace) -> int:
     return CONVERGED if report.outcome.completed else NOT_CONVERGED
 
 
+def _add_init(commands: Commands) -> None:
+    parser = _command(commands, "init", _init, "write a first experiment file for a log, to be confirmed")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file")
+    parser.add_argument("log", metavar="LOG.csv", type=Path, help="text file with one sample a line")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE.toml",
+        type=Path,
+        help="experiment file (default: LOG.toml beside the log)",
+    )
+    parser.add_argument(
+        "--rate", metavar="HZ", type=float, help="sampling rate, for a log without time stamps"
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+
+
+def _init(options: argparse.Namespace) -> int:
+    from .init_command import initialise
+
+    path, draft = initialise(
+        options.robot, options.log, options.output, rate_hz=options.rate, force=options.force
+    )
+    print(f"{path}: written")
+    for sentence in draft.read:
+        print(f"- {sentence}")
+    for question in draft.questions:
+        print(f"didim: open: {question}", file=sys.stderr)
+    return NOT_CONVERGED if draft.questions else CONVERGED
+
+
+def _add_check(commands: Commands) -> None:
+    parser = _command(
+        commands, "check", _check, "look at a log before it is fitted: exit code 1 when something is found"
+    )
+    _add_experiment(parser)
+    parser.add_argument(
+        "--parameters",
+        metavar="FIT.json|NAME",
+        help="known parameters, which tell the scale of each joint: a result, or a parameter set of the robot file",
+    )
+    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the findings as JSON")
+
+
+def _check(options: argparse.Namespace) -> int:
+    from .check import check
+
+    found = check(options.experiment, options.parameters, data=options.data)
+    if options.json is not None:
+        found.save(options.json)
+    print(found)
+    return NOT_CONVERGED if found else CONVERGED
+
+
 COMMANDS: tuple[Callable[[Commands], None], ...] = (
+    _add_init,
+    _add_check,
     _add_compare,
     _add_identify,
     _add_validate,

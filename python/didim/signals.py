@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from numbers import Integral, Real
 from typing import Literal, get_args
 
@@ -319,13 +320,19 @@ def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:
     ``test_signals.py`` compares with ``scipy.signal.decimate`` and, for MATLAB's convention, with its
     definition.
     """
+    return list(_stages(n_samples, signal.decimation, signal.decimation_convention))
+
+
+@lru_cache(maxsize=64)
+def _stages(n_samples: int, factors: tuple[int, ...], convention: Convention) -> tuple[Stage, ...]:
+    """Stages of `decimation_stages`; designing them takes longer than a small log takes to filter, and `check` filters often."""
     from scipy.signal import cheby1, sosfilt_zi
 
-    matlab = signal.decimation_convention == "matlab"
+    matlab = convention == "matlab"
     stages: list[Stage] = []
-    for factor in signal.decimation:
-        stage = f"stage {len(stages) + 1} of {len(signal.decimation)} gets {n_samples}"
-        padlen = _padding(DECIMATION_ORDER, signal.decimation_convention)
+    for factor in factors:
+        stage = f"stage {len(stages) + 1} of {len(factors)} gets {n_samples}"
+        padlen = _padding(DECIMATION_ORDER, convention)
         needed = max(padlen, factor - 1)
         if n_samples <= needed:
             raise SignalError(f"decimation by {factor} needs more than {needed} samples, {stage}")
@@ -338,7 +345,7 @@ def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:
         first = n_samples - factor * (kept - 1) - 1 if matlab else 0
         stages.append((sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen, factor, first))
         n_samples = kept
-    return stages
+    return tuple(stages)
 
 
 def decimate(x: Array, stages: Sequence[Stage]) -> Array:
