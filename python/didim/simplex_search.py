@@ -88,6 +88,8 @@ class SimplexSearch:
         if self.stopped:
             status = Status.STOPPED
         self._save()
+        if not self.history or self.history[-1].iteration != self.simplex.iterations:
+            self._note(self.simplex)
         size = len(problem.estimated)
         return problem.result(
             self.best,
@@ -179,6 +181,12 @@ class SimplexSearch:
             f"iteration {now.iterations}, {now.evaluations} evaluations: norm {now.values[0]:.6g} of {self.initial:.4g}; "
             f"at most {max(0.0, left):.0f} s left"
         )
+        self._note(now)
+        self._save()
+        self.stopped = self.progress(self.history[-1])
+        return self.stopped
+
+    def _note(self, now: Simplex) -> None:
         self.history.append(
             Iteration(
                 iteration=now.iterations,
@@ -187,9 +195,6 @@ class SimplexSearch:
                 more={"norm": float(now.values[0]), "evaluations": float(now.evaluations)},
             )
         )
-        self._save()
-        self.stopped = self.progress(self.history[-1])
-        return self.stopped
 
     def _save(self) -> None:
         if self.method.checkpoint is None:
