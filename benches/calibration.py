@@ -5,7 +5,7 @@
 simulates the log of the packaged TX40 experiment once, adds noise once per seed, and identifies each log by IDIM-LS and
 DIDIM. For right standard deviations the root mean square of (estimate - truth) / sigma is 1, 95 % of the truths are in
 the 95 % intervals and 0.27 % beyond 3 sigma. Then DIDIM starts from (17), (21), IDIM-LS and random points on the log of
-seed 0. The figures are those of docs/experiment.md.
+seed 0. The figures are those of docs/didim.md.
 """
 
 from __future__ import annotations

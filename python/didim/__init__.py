@@ -38,7 +38,7 @@ from .status import Status
 from .validate import Validation, validate
 
 if TYPE_CHECKING:
-    from . import plot, report
+    from . import formats, plot, report
 
 __version__ = "0.1.0"
 
@@ -74,6 +74,7 @@ __all__ = [
     "Validation",
     "compare",
     "direct_dynamics",
+    "formats",
     "identify",
     "inertia_matrix",
     "inverse_dynamics",
@@ -88,7 +89,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load `plot` and `report` when they are asked for, so that ``import didim`` stays fast."""
-    if name in ("plot", "report"):
+    """Load what has no part in an identification when it is asked for, so that ``import didim`` stays fast."""
+    if name in ("formats", "plot", "report"):
         return import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
