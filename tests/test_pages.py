@@ -12,6 +12,7 @@ import pinocchio as pin
 import pytest
 
 import didim
+from didim.cli import main
 from didim.formats import FORMATS, render
 from didim.identify import METHODS
 from robots import random_motion, random_parameters
@@ -97,6 +98,22 @@ def test_the_formats_are_those_of_the_page() -> None:
     rows = tables(page)["format what it is"]
     assert tuple(row[0] for row in rows) == FORMATS
     assert f"`{render(example(), 'csv').splitlines()[0]}`" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_commands_of_a_page_exist(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every ``make TARGET``, and every ``didim COMMAND`` in a block with the options behind it."""
+    text = page.read_text(encoding="utf-8")
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in re.findall(r"(?:`|^ {4})make ([\w-]+)", text, flags=re.MULTILINE):
+        assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
+    for command, arguments in re.findall(r"^ {4}didim ([\w-]+)(.*)$", text, flags=re.MULTILINE):
+        with pytest.raises(SystemExit) as ended:
+            main([command, "--help"])
+        assert ended.value.code == 0, command
+        known = set(re.findall(r"--?[\w-]+", capsys.readouterr().out))
+        asked = set(re.findall(r"(?<=[\s\[])--?[a-z][\w-]*", arguments))
+        assert asked <= known, f"didim {command}: {asked - known}"
 
 
 def code_of(file: str) -> dict[str, Any]:
