@@ -7,6 +7,7 @@ import io
 import math
 import re
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +63,7 @@ def pipe_tables(text: str) -> list[list[list[str]]]:
             lines = [re.split(r"(?<!\\)\|", line)[1:-1] for line in block.splitlines()]
             assert all(set(cell) <= set("-:") for cell in lines[1])
             assert len({len(line) for line in lines}) == 1
-            cells = [[re.sub(r"\\(.)", r"\1", cell.strip()) for cell in line] for line in lines]
+            cells = [[unescape(re.sub(r"\\(.)", r"\1", cell.strip())) for cell in line] for line in lines]
             found.append([cells[0], *cells[2:]])
     return found
 
@@ -129,10 +130,13 @@ def test_markdown() -> None:
     assert table[3][:4] == ["XY2", "kg.m^2", "-0.01104", "0.00816"]
     assert table[3][5] == "*"
     assert table[4] == ["Ia2", "kg.m^2", "0.3", "", "", "fixed"]
+    assert "|---|---|---:|---:|---:|---|" in text
     assert errors[1] == ["fit", "4.0834", "12.35", "6.0000"]
     assert fit.status.value in text
     assert fit.warnings[0] in text
-    (table, _) = pipe_tables(render(odd(), "markdown"))
+    text = render(odd(), "markdown")
+    assert text.startswith(r"50 % of $5 & #1\_a {b} ~c \\d \| \*e\* &lt;f&gt;: robot")
+    (table, _) = pipe_tables(text)
     assert [row[0] for row in table[1:]] == list(odd().names)
 
 

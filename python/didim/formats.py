@@ -27,14 +27,14 @@ Result = Identification | Comparison | BaseParameters
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells of a table; the first `n_text` columns hold text, the others numbers.
+    """Cells of a table; `align` has a letter per column, ``l`` for text and ``r`` for numbers.
 
     `groups` are headings over several columns each, from the first column on.
     """
 
     head: tuple[str, ...]
     rows: Sequence[Sequence[str]]
-    n_text: int
+    align: str
     groups: tuple[tuple[str, int], ...] = ()
 
 
@@ -71,7 +71,7 @@ def render(result: Result, form: str = "text") -> str:
     rows = list(zip(result.names, result.units, result.groupings, strict=True))
     if form == "csv":
         return _csv([("name", "unit", "grouping"), *rows])
-    grid = Grid(("parameter", "unit", "grouping"), rows, 3)
+    grid = Grid(("parameter", "unit", "grouping"), rows, "lll")
     return _markdown(grid) if form == "markdown" else _latex(grid)
 
 
@@ -88,7 +88,7 @@ def _identification(fit: Identification, form: str) -> str:
             rows.append((name, unit, _exact(value), *sigmas, role))
         return _csv(rows)
     head, *body = parameter_rows(fit)
-    grid = Grid((*head[:-1], "remark"), body, 2)
+    grid = Grid((*head[:-1], "remark"), body, "llrrrl")
     errors_head, *errors = error_rows(fit)
     title = f"{fit.name}: robot {fit.robot} by {fit.method}"
     notes = [*fit.warnings, *fit.remarks, fit.status.value]
@@ -96,7 +96,12 @@ def _identification(fit: Identification, form: str) -> str:
         lines = [" ".join(row) for row in (errors_head, *errors)]
         return _latex(grid, [title, *lines, *notes])
     return "\n\n".join(
-        [_escaped(title), _markdown(grid), _markdown(Grid(errors_head, errors, 1)), *map(_escaped, notes)]
+        [
+            _escaped(title),
+            _markdown(grid),
+            _markdown(Grid(errors_head, errors, "l" + "r" * (len(errors_head) - 1))),
+            *map(_escaped, notes),
+        ]
     )
 
 
@@ -124,19 +129,20 @@ def _comparison(comparison: Comparison, form: str) -> str:
             percent = fit.relative_std_percent[index] if fit.std.any() else math.nan
             cells += [f"{fit.beta[index]:.4g}", _percent(percent), "-" if math.isnan(off) else f"{off:.1f}"]
         body.append(cells)
+    align = "llr" + "rrr" * len(fits)
     titles = [TITLES.get(method, method) for method in fits]
     notes = ["off: estimate less truth, in standard deviations", sentence(comparison), *comparison.notes]
     if form == "latex":
         grid = Grid(
             ("", "", "truth", *("estimate", "sigma %", "off") * len(fits)),
             body,
-            2,
+            align,
             (("", 3), *((title, 3) for title in titles)),
         )
         return _latex(grid, [comparison.experiment.name, *notes])
     # Pipe tables have one line of headings.
     columns = [f"{title}: {what}" for title in titles for what in ("estimate", "sigma %", "off")]
-    grid = Grid(("parameter", "unit", "truth", *columns), body, 2)
+    grid = Grid(("parameter", "unit", "truth", *columns), body, align)
     return "\n\n".join([_escaped(comparison.experiment.name), _markdown(grid), *map(_escaped, notes)])
 
 
@@ -159,11 +165,11 @@ def _csv(rows: Sequence[Sequence[str]]) -> str:
 
 def _escaped(text: str) -> str:
     """Text that markdown shows as it is."""
-    return re.sub(r"([\\`*_|<>])", r"\\\1", text)
+    return re.sub(r"([\\`*_|])", r"\\\1", text).replace("<", "&lt;").replace(">", "&gt;")
 
 
 def _markdown(grid: Grid) -> str:
-    rule = "|".join(["---"] * grid.n_text + ["---:"] * (len(grid.head) - grid.n_text))
+    rule = "|".join({"l": "---", "r": "---:"}[letter] for letter in grid.align)
     lines = [grid.head, *grid.rows]
     cells = ["| " + " | ".join(map(_escaped, line)) + " |" for line in lines]
     return "\n".join([cells[0], f"|{rule}|", *cells[1:]])
@@ -207,9 +213,8 @@ def _latex_heading(text: str) -> str:
 
 
 def _latex(grid: Grid, comments: Sequence[str] = ()) -> str:
-    n_columns = len(grid.head)
     lines = [f"% {' '.join(text.split())}" for text in (*comments, r"needs \usepackage{booktabs}")]
-    lines += [rf"\begin{{tabular}}{{{'l' * grid.n_text}{'r' * (n_columns - grid.n_text)}}}", r"\toprule"]
+    lines += [rf"\begin{{tabular}}{{{grid.align}}}", r"\toprule"]
     if grid.groups:
         first, rules, cells = 1, [], []
         for title, width in grid.groups:
@@ -220,9 +225,10 @@ def _latex(grid: Grid, comments: Sequence[str] = ()) -> str:
         lines += [" & ".join(cells) + r" \\", " ".join(rules)]
     lines += [" & ".join(map(_latex_heading, grid.head)) + r" \\", r"\midrule"]
     for row in grid.rows:
-        cells = [
-            _latex_unit(cell) if k == 1 else latex_text(cell) for k, cell in enumerate(row[: grid.n_text])
+        name, unit, *others = row
+        shown = [
+            _latex_number(cell) if letter == "r" else latex_text(cell)
+            for cell, letter in zip(others, grid.align[2:], strict=True)
         ]
-        cells += [_latex_number(cell) for cell in row[grid.n_text :]]
-        lines.append(" & ".join(cells) + r" \\")
+        lines.append(" & ".join([latex_text(name), _latex_unit(unit), *shown]) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
