@@ -19,7 +19,7 @@ help:
 	@echo "make demo    the paper's experiment: all methods on a simulated TX40, beside the truth"
 	@echo "make test    the Python tests (the Rust tests are: cargo test --release)"
 	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
-	@echo "make bench   speed of the core, and beside Pinocchio"
+	@echo "make bench   speed of the core, and beside other programs"
 	@echo "make docs    the documentation, in site/"
 	@echo "make wheel   a wheel for this machine, in dist/"
 	@echo "make wheel-check   the same, and the demo with it in an empty environment, without Rust"

@@ -1,11 +1,12 @@
 """Are the reported standard deviations right, and does every start end at the same parameters?
 
     python benches/calibration.py [--seeds 100] [--starts 20] [--json FILE]
+    python benches/calibration.py --methods cloe --seeds 20 --starts 0
 
 simulates the log of the packaged TX40 experiment once, adds noise once per seed, and identifies each log by IDIM-LS and
-DIDIM. For right standard deviations the root mean square of (estimate - truth) / sigma is 1, 95 % of the truths are in
-the 95 % intervals and 0.27 % beyond 3 sigma. Then DIDIM starts from (17), (21), IDIM-LS and random points on the log of
-seed 0. The figures are those of docs/didim.md.
+DIDIM, or by CLOE (Levenberg and Marquardt from (21)). For right standard deviations the root mean square of
+(estimate - truth) / sigma is 1, 95 % of the truths are in the 95 % intervals and 0.27 % beyond 3 sigma. Then DIDIM starts
+from (17), (21), IDIM-LS and random points on the log of seed 0. The figures are those of docs/didim.md and docs/cloe.md.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 import didim
 from didim.closed_loop import closed_loop
 from didim.compare import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
+from didim.identify import Method
 from didim.starts import Start
 
 Array = NDArray[np.float64]
@@ -64,6 +66,9 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--starts", type=int, default=20, help="random starts")
+    parser.add_argument(
+        "--methods", nargs="+", choices=("idim-ls", "didim", "cloe"), default=["idim-ls", "didim"]
+    )
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
 
@@ -72,9 +77,15 @@ def main() -> None:
     base = experiment.robot.base_parameters
     truth = base.project(x)
     log = simulated_log(experiment, x, noise=False, refinement=LOG_REFINEMENT)
-    methods = (didim.IDIMLS(), didim.DIDIM())
+    known: dict[str, Method] = {
+        "idim-ls": didim.IDIMLS(),
+        "didim": didim.DIDIM(),
+        "cloe": didim.CLOE(start="apriori"),
+    }
+    methods = [known[name] for name in arguments.methods]
     off: dict[str, list[list[float]]] = {method.name: [] for method in methods}
-    iterations: list[int] = []
+    iterations: dict[str, list[int]] = {method.name: [] for method in methods}
+    seconds: dict[str, list[float]] = {method.name: [] for method in methods}
     for seed in range(arguments.seeds):
         noisy = measured(log, seed)
         for method in methods:
@@ -82,19 +93,24 @@ def main() -> None:
             if not fit.converged:
                 raise SystemExit(f"seed {seed}: {method.name}: {fit.status.value}")
             off[method.name].append(((fit.beta - truth) / fit.std).tolist())
-        iterations.append(fit.n_iterations)
+            iterations[method.name].append(fit.n_iterations)
+            seconds[method.name].append(fit.elapsed)
+    print(f"{arguments.seeds} seeds, {len(truth)} parameters")
     print(
-        f"{arguments.seeds} seeds, {len(truth)} parameters; DIDIM in {min(iterations)} to {max(iterations)} iterations"
+        f"{'':24}  {'rms':>6}  {'in 95 %':>8}  {'beyond 3 sigma':>14}  {'largest mean':18}  iterations  seconds (median, most)"
     )
-    print(f"{'':8}  {'rms':>6}  {'in 95 %':>8}  {'beyond 3 sigma':>14}  largest mean")
     for name, rows in off.items():
         values = np.array(rows)
         mean = values.mean(axis=0)
         worst = int(np.argmax(np.abs(mean)))
+        found, took = iterations[name], seconds[name]
         print(
-            f"{name:8}  {np.sqrt(np.mean(values**2)):6.3f}  {100.0 * np.mean(np.abs(values) < SIGMA_95):6.2f} %  "
-            f"{100.0 * np.mean(np.abs(values) > 3.0):12.2f} %  {mean[worst]:+.2f} ({base.names[worst]})"
+            f"{name:24}  {np.sqrt(np.mean(values**2)):6.3f}  {100.0 * np.mean(np.abs(values) < SIGMA_95):6.2f} %  "
+            f"{100.0 * np.mean(np.abs(values) > 3.0):12.2f} %  {f'{mean[worst]:+.2f} ({base.names[worst]})':18}  "
+            f"{min(found)} to {max(found)}      {np.median(took):.2f}, {max(took):.2f}"
         )
+    if arguments.starts == 0:
+        return write(arguments.json, {"iterations": iterations, "seconds": seconds, "off": off})
 
     noisy = measured(log)
     reference = didim.identify(noisy, didim.DIDIM())
@@ -109,9 +125,13 @@ def main() -> None:
         f"\n(21), IDIM-LS and {arguments.starts} random starts: {min(counts)} to {max(counts)} iterations, all within "
         f"{max(apart):.2g} sigma of the estimate from (17)"
     )
-    if arguments.json is not None:
-        record = {"iterations": iterations, "off": off, "starts_apart": apart, "starts_iterations": counts}
-        arguments.json.write_text(json.dumps(record) + "\n", encoding="utf-8")
+    record = {"iterations": iterations, "seconds": seconds, "off": off}
+    return write(arguments.json, {**record, "starts_apart": apart, "starts_iterations": counts})
+
+
+def write(path: Path | None, record: dict[str, object]) -> None:
+    if path is not None:
+        path.write_text(json.dumps(record) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

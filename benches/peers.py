@@ -1,217 +1,190 @@
-"""Speed beside Pinocchio in one run, on the same TX40 and one thread.
+"""Speed beside other programs in one run, on the same TX40.
 
-    python benches/peers.py [--json FILE]
+    python benches/peers.py [--json FILE] [--data FOLDER]
 
-needs ``pip install didim[peers]``. Every round times each function once, so that a machine that slows down slows all of
-them; the medians over the rounds are printed, and the ratios are what to look at. Pinocchio has the links and the rotors; ours has
-the friction and the coupled wrist as well. Pinocchio's regressor and ``crba`` have no batch: their times include a call from
-Python for each sample.
+needs ``pip install didim[peers]`` and gcc; what is absent is said and left out. FOLDER holds the two CSV files of the measured TX40
+(examples/tx40_log.toml). Before anything is timed, each peer must compute what ours computes. Then every round measures each
+contestant once, so that a machine that slows down slows all of them. The ratios are what to look at, of the smallest times and
+of the medians: on a busy machine the first say more, and they are held against what is wanted. Peers have links and rotors;
+ours has the friction and the coupled wrist as well. What else differs stands in the peer's file in ``benches/peer/``.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
+import platform
 import sys
-import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from statistics import median
+from typing import Any
 
+from peer.threads import THREADS  # before NumPy is imported
+
+# isort: split
 import numpy as np
-import pinocchio as pin
-from numpy.typing import NDArray
+from peer import (
+    against_casadi,
+    against_figaroh,
+    against_mujoco,
+    against_pinocchio,
+    against_scipy,
+    ours,
+    whole_runs,
+)
+from peer.goals import GOALS, Goal
+from peer.task import tx40
+from peer.timing import Contestant, DisagreementError, Figures, MissingError, alternate
 
 import didim
-from didim.closed_loop import mean_inertia
-from didim.robot import Robot
-from didim.simulation import ClosedLoop
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
-from twins import PINOCCHIO_ORDER, pinocchio_model
-
-Array = NDArray[np.float64]
-
-SAMPLES = 4096
-"""States of a batch."""
-STEPS = 1000
-"""Runge-Kutta steps of a closed loop: 1 s at 1 ms."""
-CANDIDATES = 64
-
-
-BODIES = [
-    (10.0, [0.0, 0.02, -0.1]),
-    (8.0, [0.11, -0.01, 0.05]),
-    (5.0, [0.01, -0.05, 0.02]),
-    (3.0, [0.0, 0.01, -0.08]),
-    (1.0, [0.0, -0.02, 0.01]),
-    (0.5, [0.01, 0.0, 0.05]),
-]
-"""Mass (kg) and centre (m) of balls in place of the links: Pinocchio wants bodies, and Table II has base parameters alone."""
-RADIUS_M = 0.1
-
-
-def parameters(robot: Robot) -> Array:
-    """Return standard parameters of the bodies, with the rotors and the friction of Table II."""
-    x = np.array(robot.sets["didim"])
-    for j, (mass, centre) in enumerate(BODIES):
-        c = np.array(centre)
-        inertia = mass * ((0.4 * RADIUS_M**2 + c @ c) * np.eye(3) - np.outer(c, c))
-        first = robot.parameter_names.index(f"XX{j + 1}")
-        x[first : first + 10] = [*inertia[np.triu_indices(3)], *(mass * c), mass]
-    return x
-
-
-def agree(robot: Robot, model: pin.Model, x: Array, states: tuple[Array, Array, Array]) -> None:
-    """Stop unless both compute the same robot, without what Pinocchio does not have."""
-    identity = tuple(tuple(row) for row in np.eye(6).tolist())
-    plain = replace(robot, geometry=replace(robot.geometry, coupling=identity))
-    free = np.array(x[: len(plain.parameter_names)])
-    free[[name.startswith(("Fv", "Fc", "Off")) for name in plain.parameter_names]] = 0.0
-    q, dq, ddq = states
-    data = model.createData()
-    for k in range(10):
-        tau = pin.rnea(model, data, q[k], dq[k], ddq[k])
-        ours = didim.inverse_dynamics(plain, q[k : k + 1], dq[k : k + 1], ddq[k : k + 1], free)[0]
-        np.testing.assert_allclose(ours, tau, rtol=0, atol=1e-9 * np.abs(tau).max())
-        back = didim.direct_dynamics(plain, q[k : k + 1], dq[k : k + 1], tau[None], free)[0]
-        acceleration = pin.aba(model, data, q[k], dq[k], tau)
-        np.testing.assert_allclose(back, acceleration, rtol=0, atol=1e-9 * np.abs(acceleration).max())
-        regressor = pin.computeJointTorqueRegressor(model, data, q[k], dq[k], ddq[k])
-        columns = [14 * j + place for j in range(6) for place in PINOCCHIO_ORDER]
-        W = didim.regressor(plain, q[k : k + 1], dq[k : k + 1], ddq[k : k + 1])[0][:, columns]
-        np.testing.assert_allclose(W, regressor, rtol=0, atol=1e-9 * np.abs(regressor).max())
-
-
-def contestants() -> dict[str, tuple[Callable[[], object], int]]:
-    """Return what is timed, and how many units of work one call does."""
-    robot = didim.load_robot("tx40").with_smoothing([0.01] * 6)
-    x = parameters(robot)
-    rng = np.random.default_rng(0)
-    q, dq, ddq = (scale * rng.uniform(-1.0, 1.0, (SAMPLES, 6)) for scale in (3.0, 2.0, 5.0))
-    tau = didim.inverse_dynamics(robot, q, dq, ddq, x)
-    model = pinocchio_model(robot, x)
-    model.armature = x[[robot.parameter_names.index(f"Ia{j + 1}") for j in range(6)]]
-    agree(robot, model, x, (q, dq, ddq))
-    data, pool = model.createData(), pin.ModelPool(model, 1)
-    columns = [np.asfortranarray(values.T) for values in (q, dq, ddq, tau)]
-    out = np.zeros((6, SAMPLES), order="F")
-    few = 512  # of what is called from Python sample by sample
-
-    def each(function: Callable[..., object], *arrays: Array) -> Callable[[], None]:
-        def run() -> None:
-            for row in zip(*(values[:few] for values in arrays), strict=True):
-                function(model, data, *row)
-
-        return run
-
-    reference = didim.Reference.random_fourier(
-        harmonics=20,
-        period_s=10.0,
-        max_position=[2.6, 1.8, 2.0, 3.5, 1.9, 4.0],
-        max_velocity=[4.5, 4.5, 6.5, 6.5, 5.0, 10.0],
-        max_acceleration=[25.0, 25.0, 35.0, 60.0, 60.0, 90.0],
-        seed=1,
-    )
-    controller = didim.Controller.tuned(
-        [20.0, 20.0, 25.0, 35.0, 35.0, 50.0], 0.7, mean_inertia(robot, x, reference)
-    )
-    step = 1.0 / STEPS
-    loop = ClosedLoop.of(
-        robot, reference, controller, rate_hz=1.0 / step, duration_s=1.0, step=step, fine_step=step
-    )
-    if loop.schedule.steps != STEPS:
-        raise SystemExit(f"the closed loop takes {loop.schedule.steps} steps, {STEPS} were meant")
-    target, one = reference.at(loop.t)[0], np.ones(6)
-
-    def costs(candidates: int) -> Callable[[], None]:
-        xs = np.tile(x, (candidates, 1))
-
-        def run() -> None:
-            found, _ = loop.costs(xs, target, 0.0 * target, weight_q=one, weight_tau=one, threads=1)
-            if not np.isfinite(found).all():
-                raise SystemExit("the closed loop did not run to its end")
-
-        return run
-
-    return {
-        "Pinocchio abaInParallel": (
-            lambda: pin.abaInParallel(1, pool, columns[0], columns[1], columns[3], out),
-            SAMPLES,
-        ),
-        "Pinocchio rneaInParallel": (lambda: pin.rneaInParallel(1, pool, *columns[:3], out), SAMPLES),
-        "Pinocchio computeJointTorqueRegressor": (each(pin.computeJointTorqueRegressor, q, dq, ddq), few),
-        "Pinocchio crba": (each(pin.crba, q), few),
-        "direct_dynamics": (lambda: didim.direct_dynamics(robot, q, dq, tau, x), SAMPLES),
-        "inverse_dynamics": (lambda: didim.inverse_dynamics(robot, q, dq, ddq, x), SAMPLES),
-        "regressor, fresh arrays": (lambda: didim.regressor(robot, q, dq, ddq), SAMPLES),
-        "inertia_matrix": (lambda: didim.inertia_matrix(robot, q, x), SAMPLES),
-        "closed-loop RK4 step, 1 candidate": (costs(1), STEPS),
-        f"closed-loop RK4 step and lane, {CANDIDATES} candidates": (costs(CANDIDATES), STEPS * CANDIDATES),
-    }
-
-
-RATIOS = {
-    f"4 aba / RK4 step and lane, {CANDIDATES} candidates": (
-        4.0,
-        "Pinocchio abaInParallel",
-        f"closed-loop RK4 step and lane, {CANDIDATES} candidates",
-    ),
-    "4 aba / RK4 step, 1 candidate": (4.0, "Pinocchio abaInParallel", "closed-loop RK4 step, 1 candidate"),
-    "aba / direct_dynamics": (1.0, "Pinocchio abaInParallel", "direct_dynamics"),
-    "rnea / inverse_dynamics": (1.0, "Pinocchio rneaInParallel", "inverse_dynamics"),
-    "computeJointTorqueRegressor / regressor": (
-        1.0,
-        "Pinocchio computeJointTorqueRegressor",
-        "regressor, fresh arrays",
-    ),
-    "crba / inertia_matrix": (1.0, "Pinocchio crba", "inertia_matrix"),
-}
-
-
-def measure(rounds: int) -> dict[str, float]:
-    """Median time of a unit of work (us) of each contestant."""
-    found = contestants()
-    times: dict[str, list[float]] = {name: [] for name in found}
-    for round_ in range(rounds + 1):
-        for name, (run, units) in found.items():
-            start = time.perf_counter()
-            run()
-            elapsed = time.perf_counter() - start
-            if round_:  # the first round warms up
-                times[name].append(1e6 * elapsed / units)
-    return {name: median(values) for name, values in times.items()}
+ROUNDS, LONG_ROUNDS, LONGEST_ROUNDS = 41, 5, 3
+"""Of what takes microseconds, of whole runs, of figaroh."""
 
 
 def main() -> int:
     """Print times and ratios."""
-    parser = argparse.ArgumentParser(description="Time didim beside Pinocchio, on one thread.")
-    parser.add_argument("--json", metavar="FILE", type=Path, help="also write times (us) and ratios as JSON")
-    parser.add_argument("--rounds", type=int, default=21, help="rounds (default: %(default)s)")
+    parser = argparse.ArgumentParser(description="Time didim beside other programs.")
+    parser.add_argument(
+        "--json", metavar="FILE", type=Path, help="also write everything, every round too, as JSON"
+    )
+    parser.add_argument(
+        "--data", metavar="FOLDER", type=Path, help="where the CSV files of the measured TX40 are"
+    )
+    parser.add_argument(
+        "--rounds", type=int, default=ROUNDS, help="rounds of short calls (default: %(default)s)"
+    )
+    parser.add_argument("--quick", action="store_true", help="one round, and no run that takes seconds")
     arguments = parser.parse_args()
     if arguments.rounds < 1:
         parser.error(f"--rounds must be at least 1, got {arguments.rounds}")
-    times = measure(arguments.rounds)
-    ratios = {name: factor * times[over] / times[under] for name, (factor, over, under) in RATIOS.items()}
-    print(
-        f"TX40, one thread, medians of {arguments.rounds} rounds; Pinocchio {pin.__version__}, didim {didim.__version__}\n"
-    )
-    width = max(map(len, [*times, *ratios]))
-    for name, value in times.items():
-        print(f"{name:{width}}  {value:8.3f} us")
-    print()
-    for name, value in ratios.items():
-        print(f"{name:{width}}  {value:8.2f}")
+    for name in ("motor_position.csv", "motor_torque.csv"):
+        if arguments.data is not None and not (arguments.data / name).is_file():
+            parser.error(f"--data: there is no {name} in {arguments.data}")
+    try:
+        found, versions, skipped = contestants(arguments.data, arguments.rounds, quick=arguments.quick)
+    except DisagreementError as reason:
+        print(f"peers.py: {reason}", file=sys.stderr)
+        return 1
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    figures = alternate(found)
+    tell(figures, versions, skipped)
     if arguments.json is not None:
-        result = {
-            "rounds": arguments.rounds,
-            "pinocchio": pin.__version__,
-            "times_us": times,
-            "ratios": ratios,
-        }
-        arguments.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        arguments.json.write_text(
+            json.dumps(record(figures, versions, skipped, load), indent=2) + "\n", encoding="utf-8"
+        )
     return 0
+
+
+def contestants(
+    data: Path | None, rounds: int, *, quick: bool
+) -> tuple[list[Contestant], dict[str, str], list[str]]:
+    """Return what is measured, versions, and a sentence for each peer that is not there."""
+    task = tx40()
+    if quick:
+        rounds = 1
+    long, longest = min(rounds, LONG_ROUNDS), min(rounds, LONGEST_ROUNDS)
+    found = ours.contestants(task, rounds)
+    versions = {"didim": didim.__version__, "python": platform.python_version(), "numpy": np.__version__}
+    skipped = []
+    peers: list[tuple[str, Any, Callable[[], list[Contestant]]]] = [
+        ("Pinocchio", against_pinocchio, lambda: against_pinocchio.contestants(task, rounds)),
+        ("CasADi", against_casadi, lambda: against_casadi.contestants(task, rounds)),
+        ("MuJoCo", against_mujoco, lambda: against_mujoco.contestants(task, rounds)),
+        ("SciPy", against_scipy, lambda: against_scipy.contestants(task, rounds, quick=quick)),
+    ]
+    if not quick:
+        peers.append(("figaroh", against_figaroh, lambda: against_figaroh.contestants(task, data, longest)))
+    for name, module, make in peers:
+        try:
+            found += make()
+            versions |= module.versions()
+        except MissingError as reason:
+            skipped.append(f"{name} is left out: {reason}")
+    if data is None:
+        skipped.append(f"IDIM-LS on the measured TX40 is left out: {whole_runs.NO_DATA}")
+    return found + whole_runs.contestants(data, long, quick=quick), versions, skipped
+
+
+def tell(figures: Mapping[str, Figures], versions: Mapping[str, str], skipped: list[str]) -> None:
+    """Print the tables."""
+    print(
+        f"{cpu()}, {os.cpu_count()} cores; {', '.join(f'{name} {value}' for name, value in versions.items())}"
+    )
+    print(f"{', '.join(f'{name}={value}' for name, value in THREADS.items())}\n")
+    for sentence in skipped:
+        print(sentence)
+    width = max(len(name) for name in [*figures, *(goal.text for goal in GOALS)])
+    print(f"\n{'':{width}}  {'smallest':>9} {'median':>9}   quartiles")
+    for name, figure in figures.items():
+        low, high = figure.spread
+        print(
+            f"{name:{width}}  {figure.smallest:9.4g} {figure.median:9.4g}   {low:.4g} to {high:.4g} {figure.unit}"
+            f" ({len(figure.rounds)} rounds)"
+        )
+    print(f"\n{'':{width}}  {'smallest':>9} {'median':>9}   wanted (of the smallest)")
+    for goal in GOALS:
+        if goal.known(figures):
+            median, smallest = goal.values(figures)
+            print(f"{goal.text:{width}}  {smallest:9.3g} {median:9.3g}   {_wanted(goal, smallest)}".rstrip())
+
+
+def _wanted(goal: Goal, smallest: float) -> str:
+    if goal.wanted is None:
+        return ""
+    limit = "at most" if goal.over is None else "at least"
+    return f"{limit} {goal.wanted:g}: {'yes' if goal.met(smallest) else 'no'}"
+
+
+def record(
+    figures: Mapping[str, Figures], versions: Mapping[str, str], skipped: list[str], load: float | None
+) -> dict[str, Any]:
+    """Return everything as JSON has it."""
+    ratios = {}
+    for goal in GOALS:
+        if goal.known(figures):
+            median, smallest = goal.values(figures)
+            ratios[goal.text] = {
+                "median": median,
+                "smallest": smallest,
+                "wanted": goal.wanted,
+                "at_least": goal.over is not None,
+                "met_by_median": goal.met(median),
+                "met_by_smallest": goal.met(smallest),
+            }
+    return {
+        "machine": {
+            "cpu": cpu(),
+            "cores": os.cpu_count(),
+            "system": platform.platform(),
+            "load_at_start": load,
+        },
+        "versions": dict(versions),
+        "threads": THREADS,
+        "skipped": skipped,
+        "contestants": {
+            name: {
+                "unit": figure.unit,
+                "smallest": figure.smallest,
+                "median": figure.median,
+                "quartiles": figure.spread,
+                "rounds": figure.rounds,
+            }
+            for name, figure in figures.items()
+        },
+        "ratios": ratios,
+    }
+
+
+def cpu() -> str:
+    """Name of the processor."""
+    information = Path("/proc/cpuinfo")
+    if information.is_file():
+        for line in information.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 if __name__ == "__main__":

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 import didim
+from didim import nelder_mead
 from didim.compare import packaged_experiment, simulated_log
 from didim.errors import FitError
 from didim.experiment import Experiment
+from didim.fitting import FitSettings
 from didim.identification import Identification, Iteration
+from didim.output_error import OutputError
 from didim.signals import white_noise
 from didim.status import Status
 
@@ -158,3 +163,138 @@ def test_stopping_keeps_the_best_point() -> None:
 def test_wrong_settings(make: Callable[[], object], message: str) -> None:
     with pytest.raises(FitError, match=message):
         make()
+
+
+def off(arm: Experiment, factors: tuple[float, float] = (0.7, 1.4)) -> np.ndarray:
+    truth = arm.robot.base_parameters.project(arm.robot.parameter_set("reference"))
+    return np.asarray(truth * np.linspace(*factors, truth.size))
+
+
+def test_the_adapted_simplex_ends_near_the_optimum_and_the_literal_one_does_not() -> None:
+    arm = short_arm()
+    start = {name: 0.5 for name in arm.robot.base_parameters.names if name.startswith(("Ia", "ZZ"))}
+    ends = {}
+    for variant in ("adaptive", "scaled", "literal"):
+        fit = didim.identify(arm, didim.CLOE(optimizer="nelder-mead", start=start, variant=variant))
+        record = fit.settings["cloe"]
+        ends[variant] = record["final_norm"] / record["initial_norm"]
+        assert record["evaluations"] <= 200 * fit.beta.size + 2 * fit.beta.size
+    assert ends["adaptive"] < 0.05
+    assert ends["adaptive"] < ends["literal"]
+
+
+def test_a_simplex_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+    arm = short_arm()
+
+    def search(iterations: int, checkpoint: Path | None) -> Identification:
+        method = didim.CLOE(
+            optimizer="nelder-mead", start=off(arm), max_iterations=iterations, checkpoint=checkpoint
+        )
+        return didim.identify(arm, method)
+
+    file = tmp_path / "search.npz"
+    whole = search(400, None)
+    part = search(150, file)
+    assert part.settings["cloe"]["iterations"] == 150
+    again = search(400, file)
+    np.testing.assert_array_equal(again.beta, whole.beta)
+    assert again.settings["cloe"]["evaluations"] == whole.settings["cloe"]["evaluations"]
+    assert [entry.iteration for entry in again.history] == sorted(
+        {entry.iteration for entry in again.history}
+    )
+    with pytest.raises(FitError, match=r"search\.npz: this checkpoint belongs to another search"):
+        didim.identify(arm, didim.CLOE(optimizer="nelder-mead", start=2.0 * off(arm), checkpoint=file))
+    file.write_bytes(b"no checkpoint")
+    with pytest.raises(FitError, match=r"search\.npz: this is no checkpoint of a search"):
+        search(400, file)
+
+
+def test_levenberg_marquardt_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+    arm = short_arm()
+    file = tmp_path / "search.npz"
+    whole = didim.identify(arm, didim.CLOE(start=off(arm)))
+    method = didim.CLOE(start=off(arm), checkpoint=file)
+    part = didim.identify(arm, method, callback=lambda iteration: True)
+    assert part.n_iterations == 1 < whole.n_iterations
+    again = didim.identify(arm, method)
+    np.testing.assert_array_equal(again.beta, whole.beta)
+    assert again.n_iterations == whole.n_iterations
+    assert again.history[0].relative_error == whole.history[0].relative_error
+
+
+@pytest.mark.parametrize("optimizer", ["levenberg-marquardt", "nelder-mead"])
+def test_ctrl_c_keeps_the_best_point(optimizer: str) -> None:
+    arm = short_arm()
+
+    def interrupt(iteration: Iteration) -> bool:
+        raise KeyboardInterrupt
+
+    fit = didim.identify(arm, didim.CLOE(optimizer=optimizer, start=off(arm)), callback=interrupt)  # type: ignore[arg-type]
+    assert fit.status is Status.INTERRUPTED
+    assert len(fit.history) == 1
+    assert 0.0 < fit.history[0].relative_error < 1.0
+    at_start = didim.identify(arm, didim.CLOE(start=off(arm)), callback=lambda iteration: True).settings[
+        "cloe"
+    ]["initial_cost"]
+    assert at_start > 0.0
+    assert not np.array_equal(fit.beta, off(arm))
+
+
+def test_several_starts_are_counted() -> None:
+    arm = short_arm()
+    fit = didim.identify(arm, didim.CLOE(start=off(arm), starts=3, seed=1))
+    assert fit.converged
+    assert "3 of 3 starts reached the best optimum" in fit.remarks
+    record = fit.settings["starts"]
+    assert len(record) == 3
+    one = didim.identify(arm, didim.CLOE(start=off(arm)))
+    assert fit.n_simulations > 2 * one.n_simulations
+    np.testing.assert_allclose(record[2]["beta"], record[0]["beta"], rtol=1e-3, atol=1e-3)
+    stopped = didim.identify(arm, didim.CLOE(start=off(arm), starts=3), callback=lambda iteration: True)
+    assert stopped.status is Status.STOPPED
+    assert "starts" not in stopped.settings
+
+
+def test_candidates_that_no_robot_has_cost_infinitely_much() -> None:
+    arm = short_arm()
+    job = FitSettings().job(arm, arm.simulation.robot(arm.robot))
+    problem = OutputError(didim.CLOE(start=off(arm)), job, lambda text: None)
+    points = np.stack([problem.start] * 4)
+    points[1] *= -1.0  # M(q) indefinite
+    points[2, 0] = np.nan
+    points[3, list(arm.robot.base_parameters.names).index("Fv1")] = -1e6  # diverges
+    costs = problem.costs(points)
+    assert np.isfinite(costs[0])
+    assert np.isposinf(costs[1:]).all()
+
+
+def test_sigma_of_errors_that_are_no_noise(project: Path, shared: Path) -> None:
+    """On the EMPS the position errors are model error, correlated over seconds: white noise would give tiny sigmas."""
+    experiment = didim.load_experiment(project / "examples" / "emps.toml", data=shared / "data" / "emps")
+    fit = didim.identify(experiment, didim.CLOE(start="idim-ls"))
+    assert any("joint 1 are correlated in time" in remark for remark in fit.remarks)
+    idim = didim.identify(experiment, didim.IDIMLS())
+    assert np.all(np.abs(fit.beta - idim.beta) < 4.0 * np.hypot(fit.std, idim.std))
+    assert fit.std[0] > 0.1
+
+
+def test_the_simplex_on_lanes_is_scipys_on_single_simulations() -> None:
+    arm = short_arm()
+    job = FitSettings().job(arm, arm.simulation.robot(arm.robot))
+    problem = OutputError(didim.CLOE(start=off(arm)), job, lambda text: None)
+
+    def batch(points: np.ndarray) -> np.ndarray:
+        return np.sqrt(problem.costs(points))
+
+    first = nelder_mead.start(batch, nelder_mead.literal_simplex(problem.start))
+    found, _ = nelder_mead.minimise(batch, first, max_iterations=40, max_evaluations=10_000)
+    scipys_minimize: Any = minimize
+    expected = scipys_minimize(
+        lambda x: float(batch(x[None])[0]),
+        problem.start,
+        method="Nelder-Mead",
+        options={"xatol": 1e-4, "fatol": 1e-4, "maxiter": 40, "maxfev": 10_000},
+    )
+    np.testing.assert_array_equal(found.points[0], expected.x)
+    assert found.values[0] == expected.fun
+    assert (found.iterations, found.evaluations) == (expected.nit, expected.nfev)

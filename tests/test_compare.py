@@ -130,7 +130,7 @@ def test_the_table_of_all_methods(arm: Comparison) -> None:
     (title,) = [line for line in text.splitlines() if line.split()[:1] == ["truth"]]
     assert title.split(maxsplit=1)[1].split("  ")[0] == "IDIM-LS"
     assert title.endswith("CLOE, Levenberg-Marquardt")
-    assert text.splitlines()[-1].startswith("Shortened: Nelder-Mead ends after 60 iterations")
+    assert text.splitlines()[-1].startswith("Shortened: Nelder-Mead ends after 1000 iterations")
     assert "; CLOE, Levenberg-Marquardt took " in text
     # A search without covariance has no sigma and no distance in it.
     (row,) = [line.split() for line in text.splitlines() if line.startswith("MX2 ")]
@@ -214,8 +214,8 @@ def test_the_methods_start_where_the_robot_allows(experiment: Experiment) -> Non
     assert isinstance(simplex, CLOE)
     assert isinstance(levenberg, CLOE)
     assert (simplex.start, levenberg.start) == ("apriori", "apriori")
-    assert (simplex.optimizer, simplex.max_iterations) == ("nelder-mead", 60)
-    *_, full, _ = all_methods(experiment, simplex_iterations=None, variant="literal")
+    assert (simplex.optimizer, simplex.max_iterations) == ("nelder-mead", 1000)
+    *_, full, _ = all_methods(experiment, simplex_iterations=None, variants=["literal"])
     assert isinstance(full, CLOE)
     assert (full.start, full.max_iterations, full.variant) == ("unit", None, "literal")
     names = [method.name for method in all_methods(experiment, simplex_iterations=0)]

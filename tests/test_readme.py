@@ -53,7 +53,7 @@ def test_the_example_is_short() -> None:
 
 def test_its_commands_exist(capsys: pytest.CaptureFixture[str]) -> None:
     commands = re.findall(r"^    didim (\w+) (.*)$", README, flags=re.MULTILINE)
-    assert [command for command, _ in commands] == ["base", "compare", "identify", "simulate", "validate"]
+    assert {"base", "compare", "identify", "simulate", "validate"} <= {command for command, _ in commands}
     for command, arguments in commands:
         with pytest.raises(SystemExit) as ended:
             main([command, "--help"])

@@ -385,4 +385,4 @@ def test_the_report_is_a_table(arm: Path) -> None:
     # The same by hand.
     loop = closed_loop(load_experiment(arm))
     (q, _, _, _), _ = loop.run(np.asarray(load_robot("planar2").sets["reference"])[None])
-    np.testing.assert_array_equal(q[0], report.arrays[0])
+    np.testing.assert_allclose(q[0], report.arrays[0], rtol=0, atol=1e-8)

@@ -8,6 +8,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .base import BaseParameters
+from .check import check
+from .checks.finding import Finding, Findings
 from .cloe import CLOE
 from .compare import Comparison, compare
 from .control import Controller, Digital
@@ -36,11 +38,10 @@ from .signals import SignalProcessing
 from .simulation import Simulation, SimulationStatus, StepWarning, simulate
 from .status import Status
 from .validate import Validation, validate
+from .version import __version__ as __version__
 
 if TYPE_CHECKING:
     from . import formats, plot, report
-
-__version__ = "0.1.0"
 
 __all__ = [
     "CLOE",
@@ -53,6 +54,8 @@ __all__ = [
     "Digital",
     "Experiment",
     "ExperimentError",
+    "Finding",
+    "Findings",
     "FitError",
     "Friction",
     "Identification",
@@ -72,6 +75,7 @@ __all__ = [
     "Status",
     "StepWarning",
     "Validation",
+    "check",
     "compare",
     "direct_dynamics",
     "formats",

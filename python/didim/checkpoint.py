@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +60,8 @@ def load(path: Path, problem: str) -> tuple[dict[str, Array], dict[str, Any], li
     """
     if not path.exists():
         return None
+    from zipfile import BadZipFile
+
     try:
         with np.load(path, allow_pickle=False) as data:
             record = json.loads(str(data["record"]))

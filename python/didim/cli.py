@@ -1,6 +1,6 @@
 """The command ``didim``: results on stdout, progress on stderr.
 
-Exit codes: 0 converged, 1 not converged, 2 wrong input (one line), 130 interrupted.
+Exit codes: 0 converged (or nothing found), 1 not converged (or something found), 2 wrong input (one line), 130 interrupted.
 A command is a function that adds its parser, and a function that runs it and returns the exit code.
 """
 
@@ -10,14 +10,15 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from .errors import DidimError
+from .version import __version__
 
 if TYPE_CHECKING:
     from .formats import Result
+    from .status import Status
 
     # The type of what add_subparsers() returns has no public name.
     Commands = argparse._SubParsersAction["_Parser"]
@@ -74,7 +75,7 @@ def _refuse(message: str) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="didim", description="Identify the dynamic parameters of robots.")
-    parser.add_argument("--version", action="version", version=f"didim {metadata.version('didim')}")
+    parser.add_argument("--version", action="version", version=f"didim {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for add in COMMANDS:
         add(commands)
@@ -157,6 +158,23 @@ def _add_identify(commands: Commands) -> None:
     parser.add_argument(
         "--output", choices=("position", "torque", "both"), help="what cloe compares (default: position)"
     )
+    parser.add_argument(
+        "--variant",
+        choices=("adaptive", "scaled", "literal"),
+        help="of cloe's simplex (default: adaptive); literal: as fminsearch has it",
+    )
+    parser.add_argument(
+        "--starts",
+        type=int,
+        metavar="N",
+        help="of cloe: search from N points, and tell how many reached the best optimum",
+    )
+    parser.add_argument(
+        "--checkpoint",
+        metavar="FILE.npz",
+        type=Path,
+        help="of cloe: save the search to a file as it goes on, and continue it from there",
+    )
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the result as JSON")
     parser.add_argument(
         "--save-parameters",
@@ -171,6 +189,10 @@ def _add_identify(commands: Commands) -> None:
     loudness.add_argument("--verbose", action="store_true", help="tell on stderr what goes on")
 
 
+CHOICES = ("start", "optimizer", "output", "variant", "starts", "checkpoint")
+"""Options of `identify` that are settings of a method."""
+
+
 def _identify(options: argparse.Namespace) -> int:
     from .experiment import load_experiment
     from .identify import METHODS, identify
@@ -183,7 +205,7 @@ def _identify(options: argparse.Namespace) -> int:
 
         check_path(options.save_parameters)
     experiment = load_experiment(options.experiment, data=options.data)
-    settings = {key: getattr(options, key) for key in ("start", "optimizer", "output")}
+    settings = {key: getattr(options, key) for key in CHOICES}
     settings = {key: value for key, value in settings.items() if value is not None}
     method = METHODS[options.method]()
     for key in settings:
@@ -203,7 +225,16 @@ def _identify(options: argparse.Namespace) -> int:
         write(options.report, fit, experiment)
     if not options.quiet:
         print(_formatted(fit, options.format))
-    return CONVERGED if fit.converged else NOT_CONVERGED
+    return _code(fit.status)
+
+
+def _code(status: Status) -> int:
+    """Exit code of an identification."""
+    from .status import Status
+
+    if status is Status.INTERRUPTED:
+        return INTERRUPTED
+    return CONVERGED if status.converged else NOT_CONVERGED
 
 
 def _add_compare(commands: Commands) -> None:
@@ -235,13 +266,13 @@ def _add_compare(commands: Commands) -> None:
         "--nelder-mead",
         choices=("short", "full", "none"),
         default="short",
-        help="the simplex of CLOE: some hundred iterations, as many as the paper's recipe allows (an hour), or not at all",
+        help="the simplex of CLOE: a thousand iterations, as many as the paper's recipe allows (minutes to hours), or not at all",
     )
     parser.add_argument(
         "--variant",
         choices=("adaptive", "scaled", "literal"),
-        default="adaptive",
-        help="of the simplex (default: %(default)s)",
+        action="append",
+        help="of the simplex (default: adaptive); give it twice to see two beside each other",
     )
     parser.add_argument("--no-noise", action="store_true", help="a log without noise")
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
@@ -263,7 +294,9 @@ def _compare(options: argparse.Namespace) -> int:
     iterations = {"short": SHORT_SIMPLEX, "full": None, "none": 0}[options.nelder_mead]
     comparison = compare(
         experiment,
-        methods=all_methods(experiment, simplex_iterations=iterations, variant=options.variant),
+        methods=all_methods(
+            experiment, simplex_iterations=iterations, variants=options.variant or ["adaptive"]
+        ),
         parameters=options.parameters,
         noise=not options.no_noise,
         seed=options.seed,
@@ -276,8 +309,9 @@ def _compare(options: argparse.Namespace) -> int:
 
         write(options.report, comparison)
     print(_formatted(comparison, options.format))
-    converged = comparison.fits["didim"].converged
-    return CONVERGED if converged else NOT_CONVERGED
+    if any(fit.status.name == "INTERRUPTED" for fit in comparison.fits.values()):
+        return INTERRUPTED
+    return _code(comparison.fits["didim"].status)
 
 
 def _add_validate(commands: Commands) -> None:
@@ -360,7 +394,63 @@ def _simulate(options: argparse.Namespace) -> int:
     return CONVERGED if report.outcome.completed else NOT_CONVERGED
 
 
+def _add_init(commands: Commands) -> None:
+    parser = _command(commands, "init", _init, "write a first experiment file for a log, to be confirmed")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file")
+    parser.add_argument("log", metavar="LOG.csv", type=Path, help="text file with one sample a line")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE.toml",
+        type=Path,
+        help="experiment file (default: LOG.toml beside the log)",
+    )
+    parser.add_argument(
+        "--rate", metavar="HZ", type=float, help="sampling rate, for a log without time stamps"
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+
+
+def _init(options: argparse.Namespace) -> int:
+    from .init_command import initialise
+
+    path, draft = initialise(
+        options.robot, options.log, options.output, rate_hz=options.rate, force=options.force
+    )
+    print(f"{path}: written")
+    for sentence in draft.read:
+        print(f"- {sentence}")
+    for question in draft.questions:
+        print(f"didim: open: {question}", file=sys.stderr)
+    return NOT_CONVERGED if draft.questions else CONVERGED
+
+
+def _add_check(commands: Commands) -> None:
+    parser = _command(
+        commands, "check", _check, "look at a log before it is fitted: exit code 1 when something is found"
+    )
+    _add_experiment(parser)
+    parser.add_argument(
+        "--parameters",
+        metavar="FIT.json|NAME",
+        help="known parameters, which tell the scale of each joint: a result, or a parameter set of the robot file",
+    )
+    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the findings as JSON")
+
+
+def _check(options: argparse.Namespace) -> int:
+    from .check import check
+
+    found = check(options.experiment, options.parameters, data=options.data)
+    if options.json is not None:
+        found.save(options.json)
+    print(found)
+    return NOT_CONVERGED if found else CONVERGED
+
+
 COMMANDS: tuple[Callable[[Commands], None], ...] = (
+    _add_init,
+    _add_check,
     _add_compare,
     _add_identify,
     _add_validate,

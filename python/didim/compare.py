@@ -6,8 +6,8 @@ Tested in ``tests/test_compare.py``.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,15 +24,15 @@ from .identification import Identification, Iteration
 from .identify import Method, identify
 from .idim_ls import IDIMLS
 from .recording import Recording
+from .starts import standard_start
+from .status import Status
 
 Array = NDArray[np.float64]
 
 PACKAGED = Path(__file__).parent / "experiments"
 """Folder of the experiments that come with the package, by robot."""
-SHORT_SIMPLEX = 60
-"""Iterations of the simplex in a comparison that nobody waits hours for."""
-SIMPLEX_STEPS = (1e-3, 2e-4)
-"""Largest steps of its simulations (s)."""
+SHORT_SIMPLEX = 1000
+"""Iterations of the simplex in a comparison that is to be over within minutes."""
 MOST_PILOTS = 6
 """Runs of a log: its steps are fine where the velocities of the run before were near zero."""
 LOG_REFINEMENT = 4
@@ -60,7 +60,7 @@ def all_methods(
     experiment: Experiment,
     *,
     simplex_iterations: int | None = SHORT_SIMPLEX,
-    variant: Variant = "adaptive",
+    variants: Sequence[Variant] = ("adaptive",),
 ) -> list[Method]:
     """Return the methods of a comparison.
 
@@ -70,15 +70,15 @@ def all_methods(
         CLOE starts from the set ``apriori`` of its robot, (21), or where there is none from unit rotors, (17).
     simplex_iterations : int, optional
         Of Nelder and Mead; None for as many as the paper's recipe allows, 0 to leave the simplex out.
-    variant : str
-        Of the simplex.
+    variants : sequence of str
+        Of the simplex; one method each.
     """
     start = "apriori" if "apriori" in experiment.robot.sets else "unit"
-    simplex = CLOE(
-        optimizer="nelder-mead", variant=variant, max_iterations=simplex_iterations or None, start=start
-    )
-    least_squares = CLOE(optimizer="levenberg-marquardt", start=start)
-    return [IDIMLS(), DIDIM(), *([] if simplex_iterations == 0 else [simplex]), least_squares]
+    simplexes = [
+        CLOE(optimizer="nelder-mead", variant=variant, max_iterations=simplex_iterations or None, start=start)
+        for variant in ([] if simplex_iterations == 0 else variants)
+    ]
+    return [IDIMLS(), DIDIM(), *simplexes, CLOE(optimizer="levenberg-marquardt", start=start)]
 
 
 def simulated_log(
@@ -184,12 +184,15 @@ class Comparison:
         By method.
     notes : tuple of str
         What was shortened.
+    norms : dict of float
+        Norm (19) of the position errors (rad) of each method, at the "truth", and at the "start" of CLOE.
     """
 
     experiment: Experiment
     truth: Array
     fits: dict[str, Identification]
     notes: tuple[str, ...] = ()
+    norms: Mapping[str, float] = field(default_factory=dict)
 
     def deviations(self, method: str) -> Array:
         """Estimate less truth in standard deviations, (b,)."""
@@ -202,6 +205,9 @@ class Comparison:
         return {
             "robot": self.experiment.robot.name,
             "truth": dict(zip(names, self.truth.tolist(), strict=True)),
+            "position_norms": {
+                name: value if np.isfinite(value) else None for name, value in self.norms.items()
+            },
             "methods": {method: fit.to_dict() for method, fit in self.fits.items()},
         }
 
@@ -262,24 +268,41 @@ def compare(
     if methods is None:
         methods = all_methods(experiment)
     for method in methods:
+        # A second simplex is another variant of the first.
+        key = method.name
+        if key in fits and isinstance(method, CLOE):
+            key = f"{method.name}-{method.variant}"
 
-        def told(iteration: Iteration, name: str = method.name) -> None:
+        def told(iteration: Iteration, name: str = key) -> None:
             if callback is not None:
                 callback(name, iteration)
 
-        # The simplex stays far above the noise: coarse steps are exact enough for it, and several times faster.
-        simplex = isinstance(method, CLOE) and method.optimizer == "nelder-mead"
-        seen = (
-            replace(
-                log, simulation=replace(log.simulation, step_s=SIMPLEX_STEPS[0], fine_step_s=SIMPLEX_STEPS[1])
-            )
-            if simplex
-            else log
-        )
-        fit = fits[method.name] = identify(seen, method, callback=told, verbose=verbose)
-        if simplex and fit.n_iterations == SHORT_SIMPLEX:
+        fit = fits[key] = identify(log, method, callback=told, verbose=verbose)
+        if fit.status is Status.INTERRUPTED:
+            notes.append(f"Interrupted during {key}; what would have come after it was not run.")
+            break
+        if (
+            isinstance(method, CLOE)
+            and method.max_iterations == fit.settings["cloe"].get("iterations") == SHORT_SIMPLEX
+        ):
             notes.append(
                 f"Shortened: Nelder-Mead ends after {SHORT_SIMPLEX} iterations, where fminsearch would go on to 200 per "
                 "parameter; --nelder-mead full lets it."
             )
-    return Comparison(log, log.robot.base_parameters.project(x), fits, tuple(notes))
+    norms = position_norms(log, {"truth": x, **{name: fit.parameters for name, fit in fits.items()}})
+    for method in methods:
+        if isinstance(method, CLOE) and isinstance(method.start, str) and method.start != "idim-ls":
+            norms |= position_norms(log, {"start": standard_start(log.robot, method.start)})
+    return Comparison(log, log.robot.base_parameters.project(x), fits, tuple(notes), norms)
+
+
+def position_norms(log: Experiment, parameters: Mapping[str, Array]) -> dict[str, float]:
+    """Return the norm (19) of position errors, simulated less measured (rad or m), by name; infinite where no run completes."""
+    (recording,) = log.recordings
+    loop = closed_loop(log, recording)
+    ones = np.ones(log.robot.n_dof)
+    tau = np.zeros_like(recording.q)
+    costs, _ = loop.costs(
+        np.stack(list(parameters.values())), recording.q, tau, weight_q=ones, weight_tau=0.0 * ones
+    )
+    return dict(zip(parameters, np.sqrt(costs).tolist(), strict=True))

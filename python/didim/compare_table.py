@@ -15,6 +15,9 @@ TITLES = {
     "idim-ls": "IDIM-LS",
     "didim": "DIDIM",
     "cloe-nelder-mead": "CLOE, Nelder-Mead",
+    "cloe-nelder-mead-literal": "CLOE, literal",
+    "cloe-nelder-mead-scaled": "CLOE, scaled",
+    "cloe-nelder-mead-adaptive": "CLOE, adaptive",
     "cloe-levenberg-marquardt": "CLOE, Levenberg-Marquardt",
 }
 WELL_IDENTIFIED_PERCENT = 20.0
@@ -67,14 +70,24 @@ def _effort(comparison: Comparison, methods: list[str], groups: list[str]) -> li
     for method, group in zip(methods, groups, strict=True):
         errors = comparison.fits[method].relative_error
         lines.append(f"{group:{width}}" + "".join(f"{100.0 * error:9.3f}" for error in errors))
-    lines += ["", f"{'':{width}}{'iterations':>11}{'simulations':>12}{'seconds':>9}{'off, rms':>9}  status"]
+    reference = comparison.fits.get("didim")
+    ratios = reference is not None and reference.elapsed > 0.0
+    head = f"{'':{width}}{'iterations':>11}{'simulations':>12}{'seconds':>9}"
+    lines += ["", head + f"{'x DIDIM':>9}" * ratios + f"{'off, rms':>9}{'norm (19)':>11}  status"]
     for method, group in zip(methods, groups, strict=True):
         fit = comparison.fits[method]
         off = comparison.deviations(method)
         rms = float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else float("nan")
+        longer = f"{fit.elapsed / reference.elapsed:>9.3g}" if reference is not None and ratios else ""
+        norm = comparison.norms.get(method, float("nan"))
         lines.append(
-            f"{group:{width}}{fit.n_iterations:>11}{fit.n_simulations:>12}{fit.elapsed:>9.2f}{_off(rms):>9}  "
-            f"{fit.status.value.partition(':')[0].rstrip('.')}"
+            f"{group:{width}}{fit.n_iterations:>11}{fit.n_simulations:>12}{fit.elapsed:>9.2f}{longer}{_off(rms):>9}"
+            f"{f'{norm:.3g}' if np.isfinite(norm) else '-':>11}  {fit.status.value.partition(':')[0].rstrip('.')}"
+        )
+    at = {name: comparison.norms[name] for name in ("start", "truth") if name in comparison.norms}
+    if len(at) == 2:
+        lines.append(
+            f"norm (19): of the position errors (rad); {at['start']:.3g} at the start of CLOE, {at['truth']:.3g} at the truth"
         )
     return lines
 
@@ -90,14 +103,32 @@ def sentence(comparison: Comparison) -> str:
         return f"DIDIM did not converge: {fit.status.value}"
     text = (
         f"DIDIM found {counted(len(fit.names), 'base parameter')} in {counted(fit.n_iterations, 'iteration')}, "
-        f"{counted(fit.n_simulations, 'simulation')} and {fit.elapsed:.2g} s; the {int(well.sum())} with a sigma below "
+        f"{counted(fit.n_simulations, 'simulation')} and {duration(fit.elapsed)}; the {int(well.sum())} with a sigma below "
         f"{WELL_IDENTIFIED_PERCENT:.0f} % are within {worst:.1f} sigma of the truth"
     )
-    others = [method for method in comparison.fits if method.startswith("cloe")]
-    for method in others:
-        other = comparison.fits[method]
+    for method, other in comparison.fits.items():
+        if not method.startswith("cloe"):
+            continue
+        times = other.elapsed / max(fit.elapsed, 1e-9)
         text += (
-            f"; {TITLES[method]} took {counted(other.n_simulations, 'simulation')} and {other.elapsed:.2g} s, "
-            f"{other.elapsed / max(fit.elapsed, 1e-9):.0f} times as long"
+            f"; {TITLES.get(method, method)} {_where(comparison, method)} after {counted(other.n_simulations, 'simulation')} and "
+            f"{duration(other.elapsed)}, {times:.0f} times as long"
         )
     return text + "."
+
+
+def _where(comparison: Comparison, method: str) -> str:
+    """Say how far a CLOE has come."""
+    norm, start, truth = (comparison.norms.get(name, float("nan")) for name in (method, "start", "truth"))
+    if norm <= truth * 1.001:
+        return "is at the optimum"
+    if np.isfinite(norm) and start > 0.0:
+        return f"has {100.0 * norm / start:.2g} % of its starting norm left"
+    return "ends"
+
+
+def duration(seconds: float) -> str:
+    """Return seconds as people say them: 0.48 s, 51 s, 16 min."""
+    if seconds < 10.0:
+        return f"{seconds:.2g} s"
+    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"

@@ -18,6 +18,7 @@ from typing import Any, NoReturn, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from didim import _core
 from didim.errors import RecordingError
 from didim.schema import counted, did_you_mean, listing
 
@@ -154,7 +155,7 @@ class CsvFile:
         zero = raw.find(b"\0")
         if zero >= 0:
             self._fail(f"this is no text file in UTF-8, byte {zero} is zero (is it binary, or UTF-16?)")
-        if raw.count(b"\r") != raw.count(b"\r\n"):
+        if b"\r" in raw and raw.count(b"\r") != raw.count(b"\r\n"):
             self._fail("lines end with a carriage return alone; save the file with LF or CR LF line ends")
 
     def _split(self, line: str) -> list[str]:
@@ -216,6 +217,9 @@ class CsvFile:
         """Parse the wanted columns; only when something looks wrong, walk the lines and name it."""
         if self._n_rows == 0:
             self._fail("there are no rows below the header")
+        plain = self._parse_plain(usecols)
+        if plain is not None:
+            return plain
         quoted = b'"' in self._body
         try:
             values = np.loadtxt(
@@ -239,6 +243,13 @@ class CsvFile:
             place = f"{self._row(row + 1)}, column {self._column(usecols[column])}"
             self._fail(f"{place}, is {values[row, column]}")
         return values
+
+    def _parse_plain(self, usecols: list[int]) -> Array | None:
+        """Let the core parse text that is nothing but numbers; None for any other, for the way that has words for it."""
+        if not self._delimiter.isascii():
+            return None
+        begin = 0 if self.names is None else self._body.find(b"\n") + 1
+        return _core.parse_table(self._body[begin:], ord(self._delimiter), self._n_columns, usecols)
 
     def _is_rectangular(self) -> bool:
         lines = self._body.count(b"\n") + 1

@@ -149,6 +149,8 @@ class _Simulated:
     """Factors of the gains."""
     error: float
     """Norm of measured less simulated torque over that of measured torque, (12)."""
+    finer: Array | None = None
+    """Torques of the first window with half the steps, where they were asked for."""
 
 
 class _Run:
@@ -191,7 +193,8 @@ class _Run:
             with np.errstate(divide="ignore", invalid="ignore"):
                 change = np.abs(job.robot.base_parameters.project(target - x)) / std
             moved = float(np.nanmax(np.where(std > 0.0, change, 0.0)))
-            step, x_next, next_simulated = self._advance(x, target, largest)
+            # What may be the last simulation has its check of the steps beside it, on another core.
+            step, x_next, next_simulated = self._advance(x, target, largest, moved <= method.sigma_fraction)
             relative_change = ratio(abs(norm - last_norm), last_norm)
             error = ratio(np.linalg.norm(fit.residual), np.linalg.norm(system.measured))
             more = {
@@ -297,7 +300,14 @@ class _Run:
         )
         return np.where((real > 0.0) & (here > 0.0), here / np.where(real > 0.0, real, 1.0), 1.0)
 
-    def _simulate(self, x: Array, scale: Array | None) -> _Simulated | Outcome:
+    def _simulate(self, x: Array, scale: Array | None, checked: bool = False) -> _Simulated | Outcome:
+        if checked:
+            from concurrent.futures import ThreadPoolExecutor
+
+            with ThreadPoolExecutor(1) as other:
+                finer = other.submit(self._finer, x, scale)
+                found = self._simulate(x, scale)
+                return found if isinstance(found, Outcome) else replace(found, finer=finer.result())
         motions, squares, size = [], 0.0, 0.0
         for window in self.windows:
             arrays, outcomes = window.loop.run(x[None], gain_scale=None if scale is None else scale[None])
@@ -309,6 +319,12 @@ class _Run:
             squares += float(np.sum((window.tau - tau) ** 2))
             size += float(np.sum(window.tau**2))
         return _Simulated(motions, scale, ratio(np.sqrt(squares), np.sqrt(size)))
+
+    def _finer(self, x: Array, scale: Array | None) -> Array:
+        """Torques along the first window, simulated with half the steps; NaN after an early end."""
+        window = self.windows[0]
+        arrays, _ = window.loop.run(x[None], gain_scale=None if scale is None else scale[None], divided=2)
+        return np.asarray(arrays[3][0][window.kept])
 
     def _system(self, simulated: _Simulated) -> LinearSystem:
         parts = [
@@ -333,14 +349,16 @@ class _Run:
             return 1.0
         return float(_core.largest_safe_step(core, q, x, target, self.method.margin))
 
-    def _advance(self, x: Array, target: Array, largest: float) -> tuple[float, Array, _Simulated | Outcome]:
+    def _advance(
+        self, x: Array, target: Array, largest: float, checked: bool
+    ) -> tuple[float, Array, _Simulated | Outcome]:
         """Go towards the target as far as it is safe and the simulation reaches its end; stay where no step does."""
         step = largest
         for _ in range(MOST_HALVINGS):
             x_next = x + step * (target - x) if step < 1.0 else target
             # With "first" the scale has served its turn; after a full step it would only spoil known gains.
             updating = self.method.gain_updating == "always" and step < 1.0
-            found = self._simulate(x_next, self._scale(x_next) if updating else None)
+            found = self._simulate(x_next, self._scale(x_next) if updating else None, checked)
             if not isinstance(found, Outcome):
                 return step, x_next, found
             self.say(f"with a step of {step:.3g} the simulation {found}; half of it")
@@ -367,10 +385,8 @@ class _Run:
                 f"with these parameters the robot does not follow: its torques are off by {100.0 * simulated.error:.3g} %; check "
                 f"the controller, start elsewhere{hint}"
             )
-        window, motion = self.windows[0], simulated.motions[0]
-        scale = simulated.scale
-        arrays, _ = window.loop.run(x[None], gain_scale=None if scale is None else scale[None], divided=2)
-        fine = arrays[3][0][window.kept]
+        motion = simulated.motions[0]
+        fine = self._finer(x, simulated.scale) if simulated.finer is None else simulated.finer
         error = np.sqrt(np.mean((fine - motion[3]) ** 2, axis=0))
         size = np.sqrt(np.mean(fine**2, axis=0))
         # A wrong log leads to robots that no step is small enough for.

@@ -29,6 +29,7 @@ from didim.least_squares import LeastSquaresSettings
 from didim.recording import DataFolder, Recording, read_recording, read_reduction
 from didim.reference import Reference
 from didim.robot import PACKAGED, Robot, load_robot
+from didim.sampling import TimeFault
 from didim.schema import Table, read_toml
 from didim.selection import dropped_names
 from didim.signals import SignalProcessing
@@ -105,7 +106,12 @@ class Experiment:
                 )
 
 
-def load_experiment(path: str | Path, *, data: Path | str | None = None) -> Experiment:
+def load_experiment(
+    path: str | Path,
+    *,
+    data: Path | str | None = None,
+    faults: list[tuple[str, TimeFault]] | None = None,
+) -> Experiment:
     """Read an experiment file and all the files it names.
 
     Parameters
@@ -114,6 +120,8 @@ def load_experiment(path: str | Path, *, data: Path | str | None = None) -> Expe
         Experiment .toml.
     data
         Folder that the data files are looked up in; beside the experiment file by default.
+    faults
+        For `didim.check`: takes what is wrong with time stamps, which then raises no error.
 
     Returns
     -------
@@ -154,7 +162,7 @@ def load_experiment(path: str | Path, *, data: Path | str | None = None) -> Expe
     folder = DataFolder(path.parent if data is None else Path(data))
     recordings: list[Recording] = []
     for i, part in enumerate(recording_tables):
-        recording = read_recording(part, f"recording {i + 1}", robot, reduction, folder)
+        recording = read_recording(part, f"recording {i + 1}", robot, reduction, folder, faults)
         if recording.name in [other.name for other in recordings]:
             part.fail(f"name {recording.name!r} stands for an earlier recording already")
         recordings.append(recording)

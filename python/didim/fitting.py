@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib import metadata
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from .delay import DelayEstimate, DelaySettings, estimate_delay
@@ -32,6 +32,7 @@ from .robot import Robot
 from .selection import Selection, dropped_names, select
 from .signals import SignalProcessing
 from .status import Status
+from .version import __version__
 
 if TYPE_CHECKING:
     from .experiment import Experiment
@@ -215,7 +216,7 @@ class Job:
     def record(self, **more: Any) -> dict[str, Any]:
         """Return settings and recordings of this run, as JSON has them (lists, no tuples)."""
         asked = {
-            "versions": {package: metadata.version(package) for package in ("didim", "numpy", "scipy")},
+            "versions": {"didim": __version__, "numpy": np.__version__, "scipy": scipy.__version__},
             "experiment": self.experiment.name,
             # With the friction of the experiment, which the digest of the robot file does not tell.
             "robot": {

@@ -46,7 +46,9 @@ def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, 
         raise ShapeError(str(reason)) from None
 
 
-def regressor(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+def regressor(
+    robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, out: Array | None = None
+) -> Array:
     """Regressor of the inverse dynamic model: ``tau = W x`` at each sample, equation (2).
 
     Checked against Pinocchio's ``computeJointTorqueRegressor`` in ``tests/test_pinocchio.py``.
@@ -57,6 +59,8 @@ def regressor(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Arra
         The robot.
     q, dq, ddq : (n_samples, n_dof) arrays
         Positions (rad or m), velocities and accelerations, joint side.
+    out : (n_samples, n_dof, n_parameters) array, optional
+        Contiguous memory for the result: batches that use it again and fit the cache take less time.
 
     Returns
     -------
@@ -70,7 +74,7 @@ def regressor(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Arra
     """
     q, dq, ddq = _motion(robot, q, dq, ddq)
     try:
-        return _core.regressor(robot.core, q, dq, ddq)
+        return _core.regressor(robot.core, q, dq, ddq, out)
     except ValueError as reason:
         raise ShapeError(str(reason)) from None
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from didim.arrays import real_array
 from didim.data_files import Column, DataFile, open_data_file
 from didim.errors import RecordingError
-from didim.sampling import MINIMUM_SAMPLES, check_time, slices
+from didim.sampling import MINIMUM_SAMPLES, TimeFault, check_time, slices, stretches, time_faults
 from didim.schema import Table, counted
 from didim.units import TIME, effort_factors, position_factors, reduction_matrix
 
@@ -261,7 +261,12 @@ def read_reduction(table: Table | None, robot_reduction: Array | None, n_dof: in
 
 
 def read_recording(
-    table: Table, name: str, robot: _Robot, reduction: Array | None, folder: DataFolder
+    table: Table,
+    name: str,
+    robot: _Robot,
+    reduction: Array | None,
+    folder: DataFolder,
+    faults: list[tuple[str, TimeFault]] | None = None,
 ) -> Recording:
     """Read one ``[[recording]]`` of an experiment.
 
@@ -277,6 +282,9 @@ def read_recording(
         (n_dof, n_dof) reduction matrix R, or None.
     folder
         Where the data files are.
+    faults
+        Takes recording and fault of wrong time stamps, which are then no errors: the recording has the rate of the time
+        stamps, and without `windows_s` a window for each stretch between two gaps.
 
     Raises
     ------
@@ -323,8 +331,16 @@ def read_recording(
     if len(q) < MINIMUM_SAMPLES:
         file = sources["position"].place
         raise RecordingError(f"{file}: at least {MINIMUM_SAMPLES} samples are needed, got {len(q)}")
+    between_gaps: tuple[tuple[int, int], ...] = ()
     if t is not None:
-        rate = check_time(t, rate, sources["time"].place)
+        wrong = [] if faults is None else list(time_faults(t, rate, sources["time"].place))
+        if faults is not None and wrong and np.isfinite(wrong[0].rate_hz):
+            faults += [(name, fault) for fault in wrong]
+            rate, t = wrong[0].rate_hz, None
+            gaps = [fault.sample for fault in wrong if fault.kind == "gap" and fault.sample is not None]
+            between_gaps = stretches(gaps, len(q))
+        else:
+            rate = check_time(t, rate, sources["time"].place)
     assert rate is not None  # a missing rate without time stamps was refused above
     return Recording(
         name=name,
@@ -334,7 +350,7 @@ def read_recording(
         rate_hz=rate,
         q_ref=other["reference"],
         role=role,
-        windows=slices(table, windows_s, rate, len(q)),
+        windows=slices(table, windows_s, rate, len(q)) or between_gaps,
         digests=digests,
         origin=_origin(sources, {"position": position, "torque": torque, "reference": reference}),
     )

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from numbers import Integral, Real
 from typing import Literal, get_args
 
@@ -319,13 +320,19 @@ def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:
     ``test_signals.py`` compares with ``scipy.signal.decimate`` and, for MATLAB's convention, with its
     definition.
     """
+    return list(_stages(n_samples, signal.decimation, signal.decimation_convention))
+
+
+@lru_cache(maxsize=64)
+def _stages(n_samples: int, factors: tuple[int, ...], convention: Convention) -> tuple[Stage, ...]:
+    """Stages of `decimation_stages`; designing them takes longer than a small log takes to filter, and `check` filters often."""
     from scipy.signal import cheby1, sosfilt_zi
 
-    matlab = signal.decimation_convention == "matlab"
+    matlab = convention == "matlab"
     stages: list[Stage] = []
-    for factor in signal.decimation:
-        stage = f"stage {len(stages) + 1} of {len(signal.decimation)} gets {n_samples}"
-        padlen = _padding(DECIMATION_ORDER, signal.decimation_convention)
+    for factor in factors:
+        stage = f"stage {len(stages) + 1} of {len(factors)} gets {n_samples}"
+        padlen = _padding(DECIMATION_ORDER, convention)
         needed = max(padlen, factor - 1)
         if n_samples <= needed:
             raise SignalError(f"decimation by {factor} needs more than {needed} samples, {stage}")
@@ -338,7 +345,7 @@ def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:
         first = n_samples - factor * (kept - 1) - 1 if matlab else 0
         stages.append((sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen, factor, first))
         n_samples = kept
-    return stages
+    return tuple(stages)
 
 
 def decimate(x: Array, stages: Sequence[Stage]) -> Array:
@@ -387,7 +394,7 @@ def noise_correlation(signal: SignalProcessing) -> Array | None:
     The filters act forward and backward, so that the power of the noise is shaped by the fourth power of their
     gain, and each decimation folds what lies beyond the new band. ``test_signals.py`` compares with filtered noise.
     """
-    from scipy.signal import cheby1, sosfreqz
+    from scipy.signal import cheby1
 
     if not signal.decimation:
         return None
@@ -396,12 +403,25 @@ def noise_correlation(signal: SignalProcessing) -> Array | None:
         # Spectra at the rate before this stage, on the circle; the later stages see it folded, and act alike on each fold.
         power = np.tile(power, factor) if power.size > 1 else np.ones(_CIRCLE * factor)
         sos = cheby1(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, DECIMATION_BAND / factor, output="sos")
-        angles = 2.0 * np.pi * np.arange(power.size) / power.size
-        power = power * np.abs(sosfreqz(sos, worN=angles)[1]) ** 4
+        power = power * _squared_gain(sos, power.size) ** 2
     total = int(np.prod(signal.decimation))
     folded = power.reshape(total, -1).sum(axis=0)
     correlation = np.fft.ifft(folded).real[: folded.size // 2]
     return np.asarray(correlation / correlation[0])
+
+
+def _squared_gain(sos: Array, size: int) -> Array:
+    """Squared gain of second-order sections at ``size`` points of the circle, from DC on."""
+    cosine = np.cos(2.0 * np.pi * np.arange(size // 2 + 1) / size)
+    gain = np.ones_like(cosine)
+    for b0, b1, b2, a0, a1, a2 in sos:
+        # |p0 + p1 z + p2 z^2|^2 on the circle, a square of p1 taken out: it vanishes at the filter's zeros exactly.
+        for power, (p0, p1, p2) in ((1, (b0, b1, b2)), (-1, (a0, a1, a2))):
+            sides = p0 + p2
+            squared = (p1 + sides * cosine) ** 2 + (p0 - p2) ** 2 * (1.0 - cosine**2)
+            gain *= squared**power
+    # The other half of the circle mirrors this one.
+    return np.concatenate([gain, gain[-2 if size % 2 == 0 else -1 : 0 : -1]])
 
 
 def _padding(order: int, convention: Convention) -> int:

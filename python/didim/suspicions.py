@@ -33,7 +33,9 @@ def suspicions(system: LinearSystem, fit: WeightedFit) -> list[str]:
     fit : WeightedFit
         Its solution.
     """
-    return _contradiction(system) or _driving_friction(system, fit)
+    found = _contradiction(system)
+    driving = None if found else driving_friction(system, fit)
+    return found if driving is None else [driving[1]]
 
 
 def _contradiction(system: LinearSystem) -> list[str]:
@@ -87,8 +89,8 @@ def _contradiction(system: LinearSystem) -> list[str]:
     ]
 
 
-def _driving_friction(system: LinearSystem, fit: WeightedFit) -> list[str]:
-    """Return the joints whose friction would drive them."""
+def driving_friction(system: LinearSystem, fit: WeightedFit) -> tuple[list[int], str] | None:
+    """Return the joints, from 0, whose friction would drive them, and a sentence on it; None for a sound log."""
     std = np.sqrt(np.diag(fit.covariance))
     values = dict(zip(system.names, zip(fit.solution, std, strict=True), strict=True))
     turned, told = [], []
@@ -101,8 +103,8 @@ def _driving_friction(system: LinearSystem, fit: WeightedFit) -> list[str]:
             turned.append(joint)
             told += [f"{name} = {values[name][0]:.3g}" for name in names]
     if not turned:
-        return []
-    return [f"{_turned(turned)}: friction would drive the robot ({', '.join(told)})"]
+        return None
+    return turned, f"{_turned(turned)}: friction would drive the robot ({', '.join(told)})"
 
 
 def _of(values: dict[str, tuple[float, float]], name: str) -> list[str]:

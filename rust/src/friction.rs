@@ -11,7 +11,7 @@
 
 use crate::bodies::Links;
 use crate::kinematics::State;
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, WIDTH};
 use crate::robot::{CoupledMotor, Coupling, MAX_DOF, Robot};
 
 /// `sign`, `sign` with a dead zone, or `tanh(dq / v)`, as joint `j` has it. Between -1 and 1.
@@ -122,6 +122,9 @@ pub struct Drives<'a> {
     n: usize,
     /// Reciprocal of the smoothing velocity, 0 for a plain sign; dead zone.
     signs: [(f64, f64); MAX_DOF],
+    /// Reciprocals of the smoothing velocities of the joints, then of the coupled motors, where none is a plain sign and
+    /// there is no dead zone.
+    steepness: Option<[f64; 2 * MAX_DOF]>,
 }
 
 impl<'a> Drives<'a> {
@@ -134,8 +137,17 @@ impl<'a> Drives<'a> {
         {
             *sign = (if velocity > 0.0 { 1.0 / velocity } else { 0.0 }, dead_zone);
         }
-        let (coupling, asymmetric) = (friction.coupling, friction.asymmetric);
-        Self { coupled: robot.coupled(), coupling, asymmetric, n: robot.n_dof(), signs }
+        let (coupling, asymmetric, n) = (friction.coupling, friction.asymmetric, robot.n_dof());
+        let smooth = signs[..n].iter().all(|&(steepness, dead_zone)| steepness > 0.0 && dead_zone == 0.0);
+        let mut steepness = [0.0; 2 * MAX_DOF];
+        for j in 0..n {
+            steepness[j] = signs[j].0;
+        }
+        for (index, coupled) in robot.coupled().iter().enumerate() {
+            steepness[n + index] = signs[coupled.motor].0;
+        }
+        let steepness = smooth.then_some(steepness);
+        Self { coupled: robot.coupled(), coupling, asymmetric, n, signs, steepness }
     }
 
     /// [`sign`] without its division.
@@ -154,8 +166,14 @@ impl<'a> Drives<'a> {
         tau: &mut [Lanes<L, F>; MAX_DOF],
     ) {
         let zero = Lanes::zero();
-        for j in 0..self.n.min(MAX_DOF) {
-            let s = self.sign(j, dq[j]);
+        let n = self.n.min(MAX_DOF);
+        // A single lane takes its joints and coupled motors side by side, to the same bits.
+        let together = match &self.steepness {
+            Some(steepness) if L == 1 && F => Some(self.signs_together(steepness, dq)),
+            _ => None,
+        };
+        for j in 0..n {
+            let s = if let Some(signs) = &together { Lanes::splat(signs[j]) } else { self.sign(j, dq[j]) };
             let [a, b, c, d] = links.friction[j];
             tau[j] = if self.asymmetric {
                 let forward = dq[j].max(zero).mul_add(a, s.max(zero) * b);
@@ -164,13 +182,14 @@ impl<'a> Drives<'a> {
                 dq[j].mul_add(a, s.mul_add(b, c))
             };
         }
-        for (coupled, &[fvm, fcm]) in self.coupled.iter().zip(&links.coupled) {
+        for (index, (coupled, &[fvm, fcm])) in self.coupled.iter().zip(&links.coupled).enumerate() {
             let m = coupled.motor;
-            let mut speed = dq[m];
-            for &(i, c) in &coupled.others {
-                speed = dq[i].mul_add(Lanes::splat(c), speed);
-            }
-            let (turning, joint_turning) = (self.sign(m, speed), self.sign(m, dq[m]));
+            let speed = shaft_speed(coupled, dq);
+            let (turning, joint_turning) = if let Some(signs) = &together {
+                (Lanes::splat(signs[n + index]), Lanes::splat(signs[m]))
+            } else {
+                (self.sign(m, speed), self.sign(m, dq[m]))
+            };
             tau[m] = (speed - dq[m]).mul_add(fvm, (turning - joint_turning).mul_add(fcm, tau[m]));
             let sign = match self.coupling {
                 Coupling::Shaft => turning,
@@ -181,6 +200,30 @@ impl<'a> Drives<'a> {
                 tau[i] = torque.mul_add(Lanes::splat(c), tau[i]);
             }
         }
+    }
+
+    /// Signs of the speeds of the joints, then of the coupled motors.
+    #[inline(always)]
+    fn signs_together<const L: usize, const F: bool>(
+        &self,
+        steepness: &[f64; 2 * MAX_DOF],
+        dq: &[Lanes<L, F>; MAX_DOF],
+    ) -> [f64; 2 * MAX_DOF] {
+        let n = self.n.min(MAX_DOF);
+        let count = (n + self.coupled.len()).min(2 * MAX_DOF);
+        let mut signs = [0.0; 2 * MAX_DOF];
+        for j in 0..n {
+            signs[j] = dq[j].0[0];
+        }
+        for (index, coupled) in self.coupled.iter().enumerate() {
+            signs[n + index] = shaft_speed(coupled, dq).0[0];
+        }
+        for first in (0..count).step_by(WIDTH) {
+            let speed = Lanes::<WIDTH, F>(std::array::from_fn(|k| signs[first + k]));
+            let steepness = Lanes::<WIDTH, F>(std::array::from_fn(|k| steepness[first + k]));
+            signs[first..first + WIDTH].copy_from_slice(&(speed * steepness).tanh().0);
+        }
+        signs
     }
 
     /// Adds what the rotors need for accelerations `ddq`.
@@ -208,6 +251,19 @@ impl<'a> Drives<'a> {
             }
         }
     }
+}
+
+/// Speed of a coupled motor.
+#[inline(always)]
+fn shaft_speed<const L: usize, const F: bool>(
+    coupled: &CoupledMotor,
+    dq: &[Lanes<L, F>; MAX_DOF],
+) -> Lanes<L, F> {
+    let mut speed = dq[coupled.motor];
+    for &(i, c) in &coupled.others {
+        speed = dq[i].mul_add(Lanes::splat(c), speed);
+    }
+    speed
 }
 
 #[cfg(test)]

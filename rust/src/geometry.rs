@@ -4,7 +4,7 @@
 //! `t = (d, -r sin alpha, r cos alpha)`, seen in frame `j-1`. Most components of `t` are zero and most twists right angles; a
 //! kernel asks once per joint ([`by_twist`]) and then runs through code that has no multiplication by them.
 
-use crate::lanes::{Lanes, SMALL_ANGLE};
+use crate::lanes::{Lanes, SMALL_ANGLE, WIDTH, side_by_side};
 use crate::robot::{JointKind, MAX_DOF, Robot, Twist};
 use crate::spatial::Vector;
 
@@ -179,6 +179,9 @@ impl<const L: usize, const F: bool> Frames<L, F> {
     /// Moves the joints to `q`.
     #[inline(always)]
     pub fn place(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+        if L == 1 && F {
+            return self.place_together(geometry, q);
+        }
         for j in 0..geometry.n() {
             let step = &geometry.steps[j];
             if step.turns {
@@ -201,25 +204,56 @@ impl<const L: usize, const F: bool> Frames<L, F> {
     /// Moves the joints to `q`, near the anchor: sums of angles are cheaper than new sines.
     #[inline(always)]
     pub fn follow(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+        if L == 1 && F {
+            return self.follow_together(geometry, q);
+        }
         for j in 0..geometry.n() {
             let step = &geometry.steps[j];
             if !step.turns {
                 self.slide(step, j, q[j]);
                 continue;
             }
-            let [from, s, c] = [self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]];
-            let way = q[j] - from;
-            let (sine, cosine_less_one) = way.small_sin_cos();
-            let near_s = c.mul_add(sine, s.mul_add(cosine_less_one, s));
-            let near_c = s.neg_mul_add(sine, c.mul_add(cosine_less_one, c));
-            let room = Lanes::splat(SMALL_ANGLE) - way.abs();
-            if room.all_above(0.0) {
-                (self.sine[j], self.cosine[j]) = (near_s, near_c);
+            let from = [self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]];
+            (self.sine[j], self.cosine[j]) = near(from, q[j], Lanes::splat(step.theta));
+        }
+    }
+
+    /// [`Self::place`] of a single lane: the joints side by side in a register, the same bits.
+    #[inline(always)]
+    fn place_together(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+        for first in (0..geometry.n()).step_by(WIDTH) {
+            let theta = Lanes::<WIDTH, F>(std::array::from_fn(|k| geometry.steps[first + k].theta));
+            let (sine, cosine) = (side_by_side(q, first) + theta).sin_cos();
+            self.put_together(geometry, first, q, sine, cosine);
+        }
+    }
+
+    /// [`Self::follow`], likewise.
+    #[inline(always)]
+    fn follow_together(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+        for first in (0..geometry.n()).step_by(WIDTH) {
+            let theta = Lanes::<WIDTH, F>(std::array::from_fn(|k| geometry.steps[first + k].theta));
+            let from = [0, 1, 2].map(|part: usize| side_by_side(&self.anchor[part], first));
+            let (sine, cosine) = near(from, side_by_side(q, first), theta);
+            self.put_together(geometry, first, q, sine, cosine);
+        }
+    }
+
+    #[inline(always)]
+    fn put_together(
+        &mut self,
+        geometry: &Geometry,
+        first: usize,
+        q: &[Lanes<L, F>; MAX_DOF],
+        sine: Lanes<WIDTH, F>,
+        cosine: Lanes<WIDTH, F>,
+    ) {
+        for k in 0..WIDTH.min(geometry.n().saturating_sub(first)) {
+            let j = first + k;
+            if geometry.steps[j].turns {
+                (self.sine[j], self.cosine[j]) = (Lanes::splat(sine.0[k]), Lanes::splat(cosine.0[k]));
             } else {
-                // Lane by lane, so that none sees its neighbours.
-                let (far_s, far_c) = (q[j] + Lanes::splat(step.theta)).sin_cos();
-                self.sine[j] = near_s.or_where_not_above(far_s, room);
-                self.cosine[j] = near_c.or_where_not_above(far_c, room);
+                self.slide(&geometry.steps[j], j, q[j]);
             }
         }
     }
@@ -231,6 +265,26 @@ impl<const L: usize, const F: bool> Frames<L, F> {
         let z = q.mul_add(Lanes::splat(step.cosine), Lanes::splat(z));
         self.shift[j] = Vector::new(Lanes::splat(x), y, z);
     }
+}
+
+/// Sine and cosine at `q + theta` from those at an anchor: `[position, sine, cosine]`.
+#[inline(always)]
+fn near<const L: usize, const F: bool>(
+    [from, s, c]: [Lanes<L, F>; 3],
+    q: Lanes<L, F>,
+    theta: Lanes<L, F>,
+) -> (Lanes<L, F>, Lanes<L, F>) {
+    let way = q - from;
+    let (sine, cosine_less_one) = way.small_sin_cos();
+    let near_s = c.mul_add(sine, s.mul_add(cosine_less_one, s));
+    let near_c = s.neg_mul_add(sine, c.mul_add(cosine_less_one, c));
+    let room = Lanes::splat(SMALL_ANGLE) - way.abs();
+    if room.all_above(0.0) {
+        return (near_s, near_c);
+    }
+    // Lane by lane, so that none sees its neighbours.
+    let (far_s, far_c) = (q + theta).sin_cos();
+    (near_s.or_where_not_above(far_s, room), near_c.or_where_not_above(far_c, room))
 }
 
 impl<const L: usize, const F: bool> Vector<L, F> {

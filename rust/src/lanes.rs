@@ -382,6 +382,15 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
     }
 }
 
+/// Entries `first`, `first + 1`, ... of an array of single lanes as the lanes of one register.
+#[inline(always)]
+pub(crate) fn side_by_side<const L: usize, const F: bool>(
+    values: &[Lanes<L, F>],
+    first: usize,
+) -> Lanes<WIDTH, F> {
+    Lanes(std::array::from_fn(|k| values[first + k].0[0]))
+}
+
 #[inline(always)]
 fn fused<const F: bool>(a: f64, b: f64, c: f64) -> f64 {
     if F { a.mul_add(b, c) } else { a * b + c }

@@ -56,3 +56,4 @@ pub mod schedule;
 pub mod sensitivity;
 pub mod simulate;
 pub mod spatial;
+pub mod table;

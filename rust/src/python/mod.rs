@@ -12,10 +12,13 @@ use crate::filter::Stage;
 use crate::observation::{Log, decimate as decimate_columns, observation as observe};
 use crate::parameters::{self, Layout};
 use crate::robot::{Coupling, Friction, Joint, JointKind, Robot as CoreRobot};
+use crate::table::{Delimiter, parse};
 use crate::{direct, inertia, inverse, least_squares as ls, parallel, regressor as idm};
 use arrays::{Input, Shape, flat, same_rows};
 use faer::Mat;
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -116,17 +119,39 @@ fn inverse_dynamics<'py>(
     PyArray1::from_vec(py, tau).reshape([shape.samples, shape.width])
 }
 
+/// Into `out` where it is given: memory that is used again stays in the cache.
 #[pyfunction]
+#[pyo3(signature = (robot, q, dq, ddq, out=None))]
 fn regressor<'py>(
     py: Python<'py>,
     robot: &Robot,
     q: Input<'py>,
     dq: Input<'py>,
     ddq: Input<'py>,
+    out: Option<Bound<'py, PyArray3<f64>>>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let shape = Shape::of("q", &q, robot.0.n_dof())?;
     let (q, dq, ddq) = (shape.take("q", &q)?, shape.take("dq", &dq)?, shape.take("ddq", &ddq)?);
     let p = Layout::of(&robot.0).count();
+    if let Some(out) = out {
+        let wanted = [shape.samples, shape.width, p];
+        if out.shape() != wanted || !out.is_c_contiguous() {
+            return Err(PyValueError::new_err(format!(
+                "out must be a contiguous array of shape {wanted:?}, got {:?}",
+                out.shape()
+            )));
+        }
+        {
+            let mut w = out.try_readwrite().map_err(|reason| {
+                PyValueError::new_err(format!(
+                    "out must be an array of its own that can be written ({reason})"
+                ))
+            })?;
+            let w = w.as_slice_mut()?;
+            idm::regressor(&robot.0, &q, &dq, &ddq, w).map_err(wrong)?;
+        }
+        return Ok(out);
+    }
     let mut w = vec![0.0; q.len() * p];
     py.detach(|| idm::regressor(&robot.0, &q, &dq, &ddq, &mut w)).map_err(wrong)?;
     PyArray1::from_vec(py, w).reshape([shape.samples, shape.width, p])
@@ -352,6 +377,25 @@ fn least_squares(
     })
 }
 
+/// Columns of plain delimited text, `(n_rows, n_wanted)`; None where the text is not plain. A blank stands for any white space.
+#[pyfunction]
+fn parse_table<'py>(
+    py: Python<'py>,
+    text: &[u8],
+    delimiter: u8,
+    columns: usize,
+    wanted: Vec<usize>,
+) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+    let separator = if delimiter == b' ' { Delimiter::Blanks } else { Delimiter::Byte(delimiter) };
+    let parsed = py.detach(|| parse(text, separator, columns, &wanted));
+    parsed
+        .map(|numbers| {
+            let rows = numbers.len() / wanted.len().max(1);
+            PyArray1::from_vec(py, numbers).reshape([rows, wanted.len()])
+        })
+        .transpose()
+}
+
 /// The module `didim._core`.
 #[pymodule]
 mod _core {
@@ -362,6 +406,7 @@ mod _core {
     #[pymodule_export]
     use super::{
         LeastSquares, Robot, base_parameters, decimate, direct_dynamics, filtfilt, inertia_matrix,
-        inverse_dynamics, largest_safe_step, least_squares, observation, regressor, smallest_eigenvalue,
+        inverse_dynamics, largest_safe_step, least_squares, observation, parse_table, regressor,
+        smallest_eigenvalue,
     };
 }

@@ -1,0 +1,336 @@
+"""How the cost grows: with samples, joints, candidates and threads.
+
+    python benches/growth.py [--json FILE] [--plot FILE.svg]
+
+needs ``pip install didim[test,plot]`` (the random robots are those of the tests, --plot wants matplotlib). Each curve is
+measured in alternating rounds over all of its sizes. The exponent is the slope of log(smallest time) over log(size), fitted
+to the larger half of the sizes: below, what a call costs at all hides it. One thread, unless threads are what is counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from peer.threads import THREADS  # before NumPy is imported
+
+# isort: split
+import numpy as np
+from numpy.typing import NDArray
+from peer.task import Task, tx40
+from peer.timing import Contestant, Figures, alternate, one_core, seconds
+
+import didim
+from didim.closed_loop import mean_inertia
+from didim.experiment import Experiment
+from didim.recording import Recording
+from didim.robot import Geometry, Robot
+from didim.signals import SignalProcessing
+from didim.simulation import ClosedLoop
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
+from robots import make_robot, random_motion, random_parameters
+
+Array = NDArray[np.float64]
+
+ROUNDS = 3
+MORE_ROUNDS = 7
+"""Times as many where a round takes milliseconds."""
+RATE_HZ = 1000.0
+STEP_S = 1e-3
+DURATIONS_S = (1, 3, 10, 30, 100, 300, 1000)
+JOINTS = tuple(range(1, 13))
+CANDIDATES = (1, 4, 10, 40, 100, 400, 1000, 4000, 10_000)
+SHORT_S = 0.1
+"""Simulated time where candidates are counted."""
+HEADROOM = 8.0
+"""Room for the names above the curves of the figure."""
+TICKS = {"joints": [1, 2, 3, 4, 6, 9, 12], "threads": [1, 2]}
+BATCH, CACHED = 1024, 256
+"""Samples where joints are counted; of the regressor, whose 12 joints would fill more than a cache."""
+LIMITS: dict[str, Any] = {
+    "max_position": [1.5] * 6,
+    "max_velocity": [4.0] * 6,
+    "max_acceleration": [25.0] * 6,
+}
+"""Of the motions (rad, s)."""
+TORQUE_NOISE = 0.1
+"""Standard deviation (N.m) in the logs."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A cost over sizes.
+
+    Attributes
+    ----------
+    name : str
+        What is done.
+    over : str
+        What is counted.
+    runs : dict of int to callable
+        Work by size.
+    one_core : bool
+        Whether the whole process is kept on one core, for work that takes all of them and has no option for threads.
+    more_rounds : int
+        So many times the rounds that are asked for.
+    """
+
+    name: str
+    over: str
+    runs: Mapping[int, Callable[[], object]]
+    one_core: bool = False
+    more_rounds: int = 1
+
+
+def main() -> int:
+    """Print exponents."""
+    parser = argparse.ArgumentParser(description="Measure how the cost grows.")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="also write all times as JSON")
+    parser.add_argument("--plot", metavar="FILE", type=Path, help="also draw them")
+    parser.add_argument("--rounds", type=int, default=ROUNDS, help="rounds (default: %(default)s)")
+    parser.add_argument("--quick", action="store_true", help="one round over the smallest three sizes")
+    arguments = parser.parse_args()
+    if arguments.rounds < 1:
+        parser.error(f"--rounds must be at least 1, got {arguments.rounds}")
+    rounds = 1 if arguments.quick else arguments.rounds
+    measured: list[tuple[Curve, dict[int, Figures]]] = []
+    for make in (over_samples, over_joints, over_candidates, over_threads):
+        for curve in make(arguments.quick):
+            measured.append((curve, measure(curve, rounds * (1 if arguments.quick else curve.more_rounds))))
+            tell(*measured[-1])
+    if arguments.json is not None:
+        content = [record(curve, figures) for curve, figures in measured]
+        arguments.json.write_text(
+            json.dumps({"threads": THREADS, "curves": content}, indent=2) + "\n", encoding="utf-8"
+        )
+    if arguments.plot is not None:
+        plot(measured, arguments.plot)
+    return 0
+
+
+def over_samples(quick: bool) -> list[Curve]:
+    """Costs of a log or a motion of the TX40 at 1 kHz, by its length in seconds."""
+    task = tx40()
+    durations = DURATIONS_S[:3] if quick else DURATIONS_S
+    experiments = {duration: _log(task, duration) for duration in durations}
+    return [
+        Curve(
+            "IDIM-LS of a TX40 log, arrays to estimate",
+            "seconds of the log",
+            {duration: partial(didim.identify, log, didim.IDIMLS()) for duration, log in experiments.items()},
+            one_core=True,
+        ),
+        Curve(
+            "closed loop of a TX40, 1 candidate",
+            "seconds of the motion",
+            {duration: _simulation(_loop(task, float(duration)), task.x, 1, 1) for duration in durations},
+        ),
+    ]
+
+
+def over_joints(quick: bool) -> list[Curve]:
+    """Costs of chains of random joints, by their number: each chain is the beginning of the next one."""
+    rng = np.random.default_rng(0)
+    largest = max(JOINTS)
+    alpha = rng.choice([0.0, np.pi / 2.0, -np.pi / 2.0], largest)
+    lengths = rng.uniform(0.05, 0.4, (2, largest))
+    theta = rng.uniform(-3.0, 3.0, largest)
+    runs: dict[str, dict[int, Callable[[], object]]] = {}
+    for n in JOINTS[:3] if quick else JOINTS:
+        robot = make_robot(
+            Geometry(
+                kinds=("revolute",) * n,
+                alpha=tuple(alpha[:n]),
+                d=tuple(lengths[0, :n]),
+                theta=tuple(theta[:n]),
+                r=tuple(lengths[1, :n]),
+                gravity=(0.0, 0.0, -9.81),
+                coupling=tuple(tuple(row) for row in np.eye(n).tolist()),
+            ),
+            coulomb="tanh",
+            smoothing=(0.05,) * n,
+        )
+        for name, run in _chain(robot, rng).items():
+            runs.setdefault(name, {})[n] = run
+    return [Curve(name, "joints", by_size, more_rounds=MORE_ROUNDS) for name, by_size in runs.items()]
+
+
+def _chain(robot: Robot, rng: np.random.Generator) -> dict[str, Callable[[], object]]:
+    x, motion = random_parameters(rng, robot), random_motion(rng, BATCH, robot.n_dof)
+    q, dq, ddq = motion.q, motion.dq, motion.ddq
+    few = [np.ascontiguousarray(values[:CACHED]) for values in (q, dq, ddq)]
+    tau = didim.inverse_dynamics(robot, q, dq, ddq, x)
+    limits = np.ones(robot.n_dof)
+    reference = didim.Reference.random_fourier(
+        harmonics=5, period_s=10.0, max_position=limits, max_velocity=limits, max_acceleration=2.0 * limits
+    )
+    controller = didim.Controller.tuned([5.0] * robot.n_dof, 0.7, mean_inertia(robot, x, reference))
+    loop = ClosedLoop.of(
+        robot, reference, controller, rate_hz=RATE_HZ, duration_s=1.0, step=STEP_S, fine_step=STEP_S
+    )
+    return {
+        f"inverse_dynamics, {BATCH} samples": lambda: didim.inverse_dynamics(robot, q, dq, ddq, x),
+        f"direct_dynamics, {BATCH} samples": lambda: didim.direct_dynamics(robot, q, dq, tau, x),
+        f"regressor, {CACHED} samples": lambda: didim.regressor(robot, *few),
+        "closed loop of 1000 steps, 4 candidates": _simulation(loop, x, 4, 1),
+    }
+
+
+def over_candidates(quick: bool) -> list[Curve]:
+    """Cost of a batch of short simulations of the TX40, by its size."""
+    task = tx40()
+    loop = _loop(task, SHORT_S)
+    sizes = CANDIDATES[:3] if quick else CANDIDATES
+    runs = {size: _simulation(loop, task.x, size, 1) for size in sizes}
+    return [Curve(f"closed loops of a TX40, {SHORT_S:g} s", "candidates", runs)]
+
+
+def over_threads(quick: bool) -> list[Curve]:
+    """Cost of the same work by threads."""
+    task = tx40()
+    size = 8 if quick else 1000
+    loop = _loop(task, SHORT_S)
+    runs = {threads: _simulation(loop, task.x, size, threads) for threads in (1, 2)}
+    name = f"{size} closed loops of a TX40, {SHORT_S:g} s"
+    return [Curve(name, "threads", runs, more_rounds=MORE_ROUNDS)]
+
+
+def _log(task: Task, duration_s: int) -> Experiment:
+    """Return a log with the torques of the model, plus noise: a second of motion over and over, since the shortest has no more."""
+    reference = didim.Reference.random_fourier(harmonics=10, period_s=1.0, seed=1, **LIMITS)
+    t = np.arange(duration_s * int(RATE_HZ)) / RATE_HZ
+    q, dq, ddq = reference.at(t % reference.duration)
+    tau = didim.inverse_dynamics(task.robot, q, dq, ddq, task.x)
+    tau += TORQUE_NOISE * np.random.default_rng(1).standard_normal(tau.shape)
+    return Experiment(
+        name="simulated",
+        robot=task.robot,
+        recordings=(Recording.from_arrays(q, tau, rate_hz=RATE_HZ, name="log"),),
+        signal=SignalProcessing(cutoff_hz=60.0, trim_start=50, trim_end=50, decimation=(5, 10)),
+    )
+
+
+def _loop(task: Task, duration_s: float) -> ClosedLoop:
+    """Return the closed loop of the task for as long as that."""
+    reference = didim.Reference.random_fourier(
+        harmonics=20, period_s=10.0, duration_s=max(10.0, duration_s), seed=1, **LIMITS
+    )
+    return ClosedLoop.of(
+        task.robot,
+        reference,
+        task.loop.law,
+        rate_hz=RATE_HZ,
+        duration_s=duration_s,
+        step=STEP_S,
+        fine_step=STEP_S,
+    )
+
+
+def _simulation(loop: ClosedLoop, x: Array, candidates: int, threads: int) -> Callable[[], None]:
+    xs, one = np.tile(x, (candidates, 1)), np.ones(loop.model.n_dof)
+    q = loop.motion.at(loop.t)[0]
+    tau = np.zeros_like(q)
+
+    def run() -> None:
+        found, _ = loop.costs(xs, q, tau, weight_q=one, weight_tau=one, threads=threads)
+        if not np.isfinite(found).all():
+            raise SystemExit("a closed loop did not run to its end")
+
+    return run
+
+
+def measure(curve: Curve, rounds: int) -> dict[int, Figures]:
+    """Seconds by size."""
+    contestants = [
+        Contestant(name=str(size), measure=seconds(run), unit="s", rounds=rounds)
+        for size, run in curve.runs.items()
+    ]
+    contestants[0].measure()
+    if curve.one_core:
+        with one_core():
+            found = alternate(contestants)
+    else:
+        found = alternate(contestants)
+    return {int(name): figures for name, figures in found.items()}
+
+
+def exponent(figures: Mapping[int, Figures]) -> float | None:
+    """Slope in the larger half of the sizes; None where there are fewer than three of them."""
+    sizes = sorted(figures)
+    if len(sizes) < 3:
+        return None
+    upper = sizes[(len(sizes) - 1) // 2 :]
+    smallest = [figures[size].smallest for size in upper]
+    return float(np.polyfit(np.log(upper), np.log(smallest), 1)[0])
+
+
+def tell(curve: Curve, figures: Mapping[int, Figures]) -> None:
+    """Print a curve."""
+    power = exponent(figures)
+    print(f"{curve.name}, by {curve.over}{'' if power is None else f': exponent {power:.2f}'}")
+    print(f"  {'':>8} {'smallest':>10} {'median':>10} s")
+    for size, figure in figures.items():
+        print(f"  {size:8d} {figure.smallest:10.4g} {figure.median:10.4g}", flush=True)
+
+
+def record(curve: Curve, figures: Mapping[int, Figures]) -> dict[str, Any]:
+    """Return a curve as JSON has it."""
+    return {
+        "name": curve.name,
+        "over": curve.over,
+        "one_core": curve.one_core,
+        "exponent": exponent(figures),
+        "sizes": list(figures),
+        "smallest_s": [figure.smallest for figure in figures.values()],
+        "median_s": [figure.median for figure in figures.values()],
+        "rounds_s": [figure.rounds for figure in figures.values()],
+    }
+
+
+def plot(measured: list[tuple[Curve, dict[int, Figures]]], file: Path) -> None:
+    """Draw the curves, a panel per thing that is counted."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    mpl.rcParams |= {"svg.fonttype": "none", "svg.hashsalt": "growth"}
+    from matplotlib import pyplot
+
+    panels = [
+        (title, [(curve, figures) for curve, figures in measured if curve.over.startswith(title)])
+        for title in ("seconds", "joints", "candidates", "threads")
+    ]
+    figure, axes = pyplot.subplots(1, len(panels), figsize=(13.0, 3.4), layout="constrained")
+    for axis, (title, curves) in zip(axes, panels, strict=True):
+        for curve, figures in curves:
+            sizes = list(figures)
+            power = exponent(figures)
+            label = curve.name if power is None else f"{curve.name}: exponent {power:.2f}"
+            (line,) = axis.plot(sizes, [figures[size].smallest for size in sizes], marker=".", label=label)
+            spread = ([figures[size].smallest for size in sizes], [figures[size].median for size in sizes])
+            axis.fill_between(sizes, *spread, color=line.get_color(), alpha=0.2, linewidth=0.0)
+        if title == "threads":
+            axis.set_ylim(bottom=0.0)
+        else:
+            axis.set_xscale("log")
+            axis.set_yscale("log")
+            axis.set_ylim(top=HEADROOM * axis.get_ylim()[1])
+        if title in TICKS:
+            axis.set_xticks(TICKS[title], [str(tick) for tick in TICKS[title]])
+            axis.minorticks_off()
+        axis.set_xlabel(f"{title} of log or motion, 1 kHz" if title == "seconds" else title)
+        axis.legend(fontsize=6, frameon=False, loc="lower right" if title == "threads" else "upper left")
+        axis.grid(alpha=0.3)
+    axes[0].set_ylabel("s, smallest to median")
+    figure.savefig(file, metadata={"Date": None} if file.suffix == ".svg" else None)
+    pyplot.close(figure)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""What `didim check` looks for in a log, one idea per module; `didim.check` runs them in order."""

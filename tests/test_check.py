@@ -1,0 +1,452 @@
+"""``didim check`` names planted defects by kind, joint, column and sample, and is silent on clean logs."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import didim
+from didim import Experiment, Finding, FitError, Recording, SignalProcessing, check, load_experiment
+from didim.checks.finding import KINDS
+from didim.cli import main
+from didim.compare import PACKAGED, measured, simulated_log
+from planted import SIGNAL, Log, log_of, tx40_exact
+from test_documented import tables
+
+Array = NDArray[np.float64]
+REDUCTION = didim.load_robot("tx40").reduction
+
+
+@pytest.fixture(scope="module")
+def exact() -> Experiment:
+    return tx40_exact()
+
+
+@pytest.fixture(scope="module")
+def log(exact: Experiment) -> Log:
+    return log_of(exact)
+
+
+@pytest.fixture(scope="module")
+def arm(project: Path) -> Experiment:
+    """The planar arm without noise, of which `measured` makes logs with encoder steps."""
+    experiment = load_experiment(project / "examples" / "planar2_simulation.toml")
+    signal = SignalProcessing(cutoff_hz=50, trim_start=50, trim_end=50, decimation=(10,))
+    experiment = replace(experiment, signal=signal)
+    return simulated_log(experiment, experiment.robot.parameter_set("reference"), noise=False)
+
+
+def turned(joint: int) -> Callable[[Array, Array], object]:
+    def plant(q: Array, tau: Array) -> None:
+        tau[:, joint - 1] *= -1.0
+
+    return plant
+
+
+def exchanged(i: int, j: int, *, positions: bool, torques: bool) -> Callable[[Array, Array], object]:
+    def plant(q: Array, tau: Array) -> None:
+        for values, wanted in ((q, positions), (tau, torques)):
+            if wanted:
+                values[:, [i - 1, j - 1]] = values[:, [j - 1, i - 1]]
+
+    return plant
+
+
+def geared(joint: int, factor: float) -> Callable[[Array, Array], object]:
+    """The gear ratio is declared ``factor`` times too small: positions too large, torques too small."""
+
+    def plant(q: Array, tau: Array) -> None:
+        q[:, joint - 1] *= factor
+        tau[:, joint - 1] /= factor
+
+    return plant
+
+
+def stuck(joint: int, start: int, stop: int) -> Callable[[Array, Array], object]:
+    def plant(q: Array, tau: Array) -> None:
+        q[start:stop, joint - 1] = q[start, joint - 1]
+
+    return plant
+
+
+def late(log: Log, samples: int) -> Log:
+    return replace(log, t=log.t[samples:], q=log.q[samples:], tau=log.tau[:-samples])
+
+
+def without(log: Log, start: int, stop: int) -> Log:
+    kept = np.r_[0:start, stop : len(log.t)]
+    return replace(log, t=log.t[kept], q=log.q[kept], tau=log.tau[kept])
+
+
+def every(log: Log, step: int) -> Log:
+    return replace(log, t=log.t[::step], q=log.q[::step], tau=log.tau[::step], rate_hz=1000.0 / step)
+
+
+def on_motor_side(log: Log) -> Log:
+    assert REDUCTION is not None
+    return replace(log, q=log.q @ REDUCTION.T, tau=log.tau @ np.linalg.inv(REDUCTION))
+
+
+def clip(limit: float) -> Callable[[Array, Array], object]:
+    def plant(q: Array, tau: Array) -> None:
+        tau[:, 1] = np.clip(tau[:, 1], -limit, limit)
+
+    return plant
+
+
+def alone(found: didim.Findings, kind: str, joints: tuple[int, ...] = ()) -> Finding:
+    """The one finding, which must be of this kind and of these joints."""
+    assert [(item.kind, item.joints) for item in found] == [(kind, joints)], str(found)
+    return found[0]
+
+
+def test_nothing_is_found_on_a_clean_log(
+    log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = log.write(tmp_path)
+    assert main(["check", str(path), "--json", str(tmp_path / "found.json")]) == 0
+    assert capsys.readouterr().out == "log: nothing found.\n"
+    found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
+    assert found == {"schema": 1, "experiment": "log", "findings": []}
+    assert not check(replace(log, timed=False).write(tmp_path))
+    assert not check(path, "didim")
+
+
+@pytest.mark.parametrize(
+    ("seed", "signal"),
+    [
+        (1, SignalProcessing(cutoff_hz=60, trim_start=50, trim_end=50, decimation=(5, 10))),
+        (2, SignalProcessing(cutoff_hz=30, trim_start=50, trim_end=50, decimation=(10,))),
+        (3, SignalProcessing(cutoff_hz=150, trim_start=50, trim_end=50, decimation=(20,))),
+    ],
+)
+def test_other_noise_and_filters_raise_no_alarm(
+    exact: Experiment, seed: int, signal: SignalProcessing
+) -> None:
+    assert not check(replace(measured(exact, seed), signal=signal))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_another_robot_raises_no_alarm(arm: Experiment, seed: int) -> None:
+    assert not check(measured(arm, seed))
+
+
+def test_logs_without_noise_raise_no_alarm(arm: Experiment) -> None:
+    assert not check(arm)
+
+
+def test_degrees_for_radians(log: Log, tmp_path: Path) -> None:
+    item = alone(check(replace(log, q=np.degrees(log.q)).write(tmp_path)), "unit", (1, 2, 3, 4, 5, 6))
+    assert "were in deg, not in rad" in item.sentence
+    assert 'unit = "deg"' in item.advice
+
+
+def test_radians_for_degrees(log: Log, tmp_path: Path) -> None:
+    item = alone(check(replace(log, unit="deg").write(tmp_path)), "unit", (1, 2, 3, 4, 5, 6))
+    assert "were in rad, not in deg" in item.sentence
+
+
+@pytest.mark.parametrize("joint", [1, 4, 6])
+def test_torque_of_the_wrong_sign(log: Log, tmp_path: Path, joint: int) -> None:
+    alone(check(log.change(turned(joint)).write(tmp_path)), "torque-sign", (joint,))
+
+
+def test_wrong_sign_of_a_small_robot(arm: Experiment) -> None:
+    (recording,) = measured(arm).recordings
+    assert recording.tau is not None
+    for joint in (1, 2):
+        tau = recording.tau * np.where(np.arange(2) == joint - 1, -1.0, 1.0)
+        alone(check(replace(arm, recordings=(replace(recording, tau=tau),))), "torque-sign", (joint,))
+    item = alone(
+        check(replace(arm, recordings=(replace(recording, tau=-recording.tau),))), "torque-sign", (1, 2)
+    )
+    assert "friction would drive" in item.sentence
+
+
+def test_position_of_the_wrong_sign(log: Log, tmp_path: Path) -> None:
+    def plant(q: Array, tau: Array) -> None:
+        q[:, 3] *= -1.0
+
+    alone(check(log.change(plant).write(tmp_path)), "position-sign", (4,))
+
+    def both(q: Array, tau: Array) -> None:
+        q[:, 1] *= -1.0
+        tau[:, 1] *= -1.0
+
+    alone(check(log.change(both).write(tmp_path)), "joint-sign", (2,))
+
+
+@pytest.mark.parametrize(
+    ("positions", "torques", "kind"),
+    [
+        (False, True, "swapped-torques"),
+        (True, False, "swapped-positions"),
+        (True, True, "swapped-joints"),
+    ],
+)
+@pytest.mark.parametrize("pair", [(2, 5)])
+def test_columns_exchanged(
+    log: Log, tmp_path: Path, pair: tuple[int, int], positions: bool, torques: bool, kind: str
+) -> None:
+    spoiled = log.change(exchanged(*pair, positions=positions, torques=torques))
+    alone(check(spoiled.write(tmp_path)), kind, pair)
+
+
+def test_motor_side_declared_as_joint_side(log: Log, tmp_path: Path) -> None:
+    item = alone(check(on_motor_side(log).write(tmp_path)), "side")
+    assert "positions and torques look as if they were those of the motors" in item.sentence
+    assert 'side = "motor"' in item.advice
+    motor_torques = replace(log, tau=on_motor_side(log).tau)
+    item = alone(check(motor_torques.write(tmp_path)), "side")
+    assert "the torques look as if they were those of the motors" in item.sentence
+    item = alone(check(replace(log, side="motor").write(tmp_path)), "side")
+    assert "those of the joints, not of the motors" in item.sentence
+
+
+def test_a_log_of_the_motors_is_clean(log: Log, tmp_path: Path) -> None:
+    assert not check(replace(on_motor_side(log), side="motor").write(tmp_path))
+
+
+@pytest.mark.parametrize("samples", [5, -3])
+def test_delay(log: Log, tmp_path: Path, samples: int) -> None:
+    early = replace(log, t=log.t[:samples], q=log.q[:samples], tau=log.tau[-samples:])
+    spoiled = late(log, samples) if samples > 0 else early
+    item = alone(check(spoiled.write(tmp_path)), "delay")
+    # The estimate is one of filtered motion (docs/check.md): half a sample is its bias here.
+    assert item.value == pytest.approx(samples, abs=0.8)
+    assert ("behind" if samples > 0 else "ahead of") in item.sentence
+    compensated = replace(spoiled, more="", signal=f"{SIGNAL}\n[delay]\ncompensate_samples = {samples}\n")
+    assert not check(compensated.write(tmp_path))
+
+
+@pytest.mark.parametrize(("start", "stop"), [(3000, 3400), (9000, 10001), (0, 700)])
+def test_stuck_encoder(log: Log, tmp_path: Path, start: int, stop: int) -> None:
+    item = alone(check(log.change(stuck(3, start, stop)).write(tmp_path)), "stuck", (3,))
+    assert (item.file, item.column, item.sample, item.last_sample) == ("log.csv", "q3", start, stop - 1)
+
+
+def test_dead_encoder(log: Log, tmp_path: Path) -> None:
+    item = alone(check(log.change(stuck(4, 0, 10001)).write(tmp_path)), "excitation", (4,))
+    assert "its encoder is dead" in item.advice
+
+
+@pytest.mark.parametrize("limit", [40.0, 65.0])
+def test_clipped_torque(log: Log, tmp_path: Path, limit: float) -> None:
+    spoiled = log.change(clip(limit))
+    item = alone(check(spoiled.write(tmp_path)), "clipped", (2,))
+    assert (item.file, item.column) == ("log.csv", "tau2")
+    assert item.sample == int(np.argmax(np.abs(log.tau[:, 1]) >= limit))
+    assert f"{limit:g}" in item.sentence
+
+
+def test_clipped_current_of_a_motor_is_found_behind_the_coupling(log: Log, tmp_path: Path) -> None:
+    motors = replace(on_motor_side(log), side="motor")
+    limit = 0.8 * np.abs(motors.tau[:, 4]).max()
+
+    def plant(q: Array, tau: Array) -> None:
+        tau[:, 4] = np.clip(tau[:, 4], -limit, limit)
+
+    item = alone(check(motors.change(plant).write(tmp_path)), "clipped", (5,))
+    assert "motor 5" in item.sentence
+    assert item.column == "tau5"
+
+
+def test_gaps(log: Log, tmp_path: Path) -> None:
+    item = alone(check(without(log, 4000, 4007).write(tmp_path)), "gap")
+    assert (item.file, item.sample) == ("log.csv", 3999)
+    assert "7 samples are missing after row 4000" in item.sentence
+    found = check(without(without(log, 8000, 8001), 4000, 4007).write(tmp_path))
+    assert [(item.kind, item.sample) for item in found] == [("gap", 3999), ("gap", 7992)]
+
+
+def test_gap_without_time_stamps(log: Log, tmp_path: Path) -> None:
+    spoiled = replace(without(log, 4000, 4007), timed=False)
+    item = alone(check(spoiled.write(tmp_path)), "gap", (1, 2, 3, 4, 5, 6))
+    assert item.sample is not None
+    assert abs(item.sample - 3999) <= 1
+
+
+def test_glitch_of_one_encoder(log: Log, tmp_path: Path) -> None:
+    def plant(q: Array, tau: Array) -> None:
+        q[5000, 1] += 0.01
+
+    item = alone(check(log.change(plant).write(tmp_path)), "jump", (2,))
+    assert item.column == "q2"
+    assert item.sample is not None
+    assert abs(item.sample - 5000) <= 1
+
+
+def test_uneven_time_stamps(log: Log, tmp_path: Path) -> None:
+    t = log.t + 1e-4 * np.random.default_rng(0).uniform(-1.0, 1.0, len(log.t))
+    item = alone(check(replace(log, t=t).write(tmp_path)), "uneven-time")
+    assert "sampling is uneven after row" in item.sentence
+    t = log.t.copy()
+    t[70] = t[69]
+    item = alone(check(replace(log, t=t).write(tmp_path)), "uneven-time")
+    assert "time does not grow from row 70" in item.sentence
+
+
+def test_wrong_rate(log: Log, tmp_path: Path) -> None:
+    item = alone(check(replace(log, rate_hz=500.0).write(tmp_path)), "rate")
+    assert item.value == pytest.approx(1000.0)
+    assert "rate of 1000 Hz, rate_hz says 500 Hz" in item.sentence
+    item = alone(check(replace(log, rate_hz=500.0, timed=False).write(tmp_path)), "rate")
+    assert item.value == pytest.approx(2.0, rel=0.05)
+
+
+def test_joint_that_does_not_move(tmp_path: Path) -> None:
+    source = (PACKAGED / "tx40.toml").read_text(encoding="utf-8")
+    assert "2.0, 3.5, 1.9" in source
+    (tmp_path / "still.toml").write_text(source.replace("2.0, 3.5, 1.9", "2.0, 1e-6, 1.9"), encoding="utf-8")
+    experiment = load_experiment(tmp_path / "still.toml")
+    still = simulated_log(experiment, experiment.robot.parameter_set("didim"), noise=False)
+    item = alone(check(log_of(still).write(tmp_path)), "excitation", (4,))
+    assert {"Ia4", "Fv4", "Fc4"} <= set(item.parameters)
+    # What belongs to other joints is told as well as before.
+    assert not {"ZZ1R", "Fv3", "Fc5", "Ia6"} & set(item.parameters)
+
+
+@pytest.mark.parametrize("step", [50])
+def test_too_slow_a_recording(log: Log, tmp_path: Path, step: int) -> None:
+    item = check(every(log, step).write(tmp_path))[0]
+    assert (item.kind, item.value) == ("too-slow", 1000.0 / step)
+    slow_filters = replace(every(log, step), signal="\n[signal]\ncutoff_hz = 5\n")
+    assert [item.kind for item in check(slow_filters.write(tmp_path))] == ["too-slow"]
+
+
+def test_a_recording_slower_than_its_filter(log: Log, tmp_path: Path) -> None:
+    spoiled = replace(every(log, 2), signal="\n[signal]\ncutoff_hz = 250\n")
+    item = alone(check(spoiled.write(tmp_path)), "too-slow")
+    assert "cut-off of 250 Hz" in item.sentence
+
+
+@pytest.mark.parametrize(("joint", "factor"), [(3, 0.9), (6, 0.9), (2, 1.25)])
+def test_wrong_gear_ratio(log: Log, tmp_path: Path, joint: int, factor: float) -> None:
+    item = alone(check(log.change(geared(joint, factor)).write(tmp_path)), "gear-ratio", (joint,))
+    assert item.value == pytest.approx(factor, rel=0.03)
+
+
+@pytest.mark.parametrize("joint", [1, 6])
+def test_wrong_gear_ratio_with_known_parameters(log: Log, tmp_path: Path, joint: int) -> None:
+    path = log.change(geared(joint, 0.9)).write(tmp_path)
+    item = alone(check(path, "didim"), "gear-ratio", (joint,))
+    assert item.value == pytest.approx(0.9, rel=0.02)
+
+
+def test_wrong_gain_of_one_joint_with_the_fit_of_another_log(
+    exact: Experiment, log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fit = didim.identify(measured(exact, 5))
+    fit.save(tmp_path / "fit.json")
+
+    def plant(q: Array, tau: Array) -> None:
+        tau[:, 5] *= 1.25
+
+    path = log.change(plant).write(tmp_path)
+    assert main(["check", str(path), "--parameters", str(tmp_path / "fit.json")]) == 1
+    shown = capsys.readouterr().out
+    assert shown.startswith("log: 1 finding\n- drive-gain: the torque of joint 6")
+    item = alone(check(path, fit), "drive-gain", (6,))
+    assert item.value == pytest.approx(1.0 / 1.25, rel=0.02)
+    alone(check(path, fit.parameters), "drive-gain", (6,))
+
+
+def test_several_defects_are_told_together(log: Log, tmp_path: Path) -> None:
+    spoiled = without(log.change(turned(3)).change(clip(40.0)), 4000, 4007)
+    assert {item.kind for item in check(spoiled.write(tmp_path))} == {"gap", "clipped", "torque-sign"}
+
+
+def test_limits(exact: Experiment, arm: Experiment) -> None:
+    (recording,) = measured(arm).recordings
+    assert recording.tau is not None
+    robot = arm.robot
+    narrow = replace(robot.limits[1], velocity=1.0)
+    robot = replace(robot, limits=(robot.limits[0], narrow))
+    item = alone(check(replace(arm, robot=robot, recordings=(recording,))), "limits", (2,))
+    assert "the speed of joint 2 reaches" in item.sentence
+    turns = np.column_stack([recording.q[:, 0] + np.linspace(0.0, 60.0, len(recording.q)), recording.q[:, 1]])
+    found = check(replace(arm, recordings=(replace(recording, q=turns),)))
+    assert ("range", (1,)) in [(item.kind, item.joints) for item in found]
+
+
+def test_coarse_channel(log: Log, tmp_path: Path) -> None:
+    def plant(q: Array, tau: Array) -> None:
+        tau[:, 3] = np.round(tau[:, 3])
+
+    item = alone(check(log.change(plant).write(tmp_path)), "quantised", (4,))
+    assert item.column == "tau4"
+
+
+def test_log_without_torques(exact: Experiment) -> None:
+    (recording,) = exact.recordings
+    bare = Recording.from_arrays(recording.q, rate_hz=recording.rate_hz)
+    alone(check(replace(exact, recordings=(bare,))), "no-torque")
+
+
+def test_filters_that_do_not_suit_the_log(log: Log, tmp_path: Path) -> None:
+    spoiled = replace(log, signal="\n[signal]\ncutoff_hz = 60\ntrim_start = 9000\ntrim_end = 2000\n")
+    item = alone(check(spoiled.write(tmp_path)), "signal")
+    assert "trimming 9000 and 2000 samples leaves nothing" in item.sentence
+
+
+def test_wrong_input(log: Log, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = log.write(tmp_path)
+    assert main(["check", str(tmp_path / "none.toml")]) == 2
+    assert main(["check", str(path), "--parameters", "none"]) == 2
+    assert "no parameter set 'none'" in capsys.readouterr().err
+    with pytest.raises(FitError, match="must be 86 finite numbers"):
+        check(path, np.zeros(5))
+
+
+def test_findings_as_json(log: Log, tmp_path: Path) -> None:
+    path = log.change(stuck(3, 3000, 3400)).write(tmp_path)
+    assert main(["check", str(path), "--json", str(tmp_path / "found.json")]) == 1
+    (item,) = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))["findings"]
+    assert (item["kind"], item["joints"], item["column"], item["sample"]) == ("stuck", [3], "q3", 3000)
+    assert item["sentence"]
+    assert item["advice"]
+
+
+def test_real_logs(project: Path, shared: Path) -> None:
+    assert not check(project / "examples" / "emps.toml", data=shared / "data" / "emps")
+    assert not check(project / "examples" / "tx40_log_best.toml", data=shared / "data" / "tx40")
+    # The arm rests: without a dead zone the noise decides (docs/tx40.md).
+    item = alone(
+        check(project / "examples" / "tx40_log.toml", data=shared / "data" / "tx40"),
+        "standstill",
+        (1, 2, 3, 4, 5, 6),
+    )
+    assert "dead_zone_rad_s" in item.advice
+
+
+@pytest.fixture(scope="module")
+def tx40_real(project: Path, shared: Path) -> tuple[Experiment, Recording]:
+    experiment = load_experiment(project / "examples" / "tx40_log_best.toml", data=shared / "data" / "tx40")
+    return experiment, experiment.recordings[0]
+
+
+@pytest.mark.parametrize("joint", [2, 6])
+def test_wrong_sign_in_a_real_log(tx40_real: tuple[Experiment, Recording], joint: int) -> None:
+    experiment, recording = tx40_real
+    assert recording.tau is not None
+    tau = recording.tau * np.where(np.arange(6) == joint - 1, -1.0, 1.0)
+    alone(check(replace(experiment, recordings=(replace(recording, tau=tau),))), "torque-sign", (joint,))
+
+
+def test_every_kind_is_documented(project: Path) -> None:
+    rows = tables(project / "docs" / "check.md")["kind what was seen what to do"]
+    named = [name.strip("` ") for row in rows for name in row[0].split(",")]
+    assert sorted(named) == sorted(KINDS)
+
+
+def test_the_files_of_these_tests_say_what_they_should(log: Log, tmp_path: Path) -> None:
+    content = tomllib.loads(log.write(tmp_path).read_text(encoding="utf-8"))
+    assert content["recording"][0]["position"]["columns"] == [f"q{k}" for k in range(1, 7)]
+    assert np.allclose(load_experiment(tmp_path / "log.toml").recordings[0].q, log.q, rtol=1e-9, atol=1e-15)

@@ -1,0 +1,132 @@
+"""The commands of docs/first_log.md and docs/new_robot.md run in their order and print what the pages say."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import didim
+from didim.cli import main
+from test_documented import indented, tables, words
+
+FRICTION = re.compile(r"# \[friction\]\n(# .*\n)+")
+"""What `didim init` writes about friction."""
+
+
+def run(command: str, code: int = 0) -> None:
+    program, *arguments = command.split()
+    assert program == "didim"
+    assert main(arguments) == code, command
+
+
+def commands(text: str) -> list[str]:
+    return re.findall(r"^    (didim .*)$", text, flags=re.MULTILINE)
+
+
+def fences(text: str) -> list[str]:
+    return re.findall(r"^```toml\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
+
+
+def with_friction(path: Path, block: str) -> None:
+    text, count = FRICTION.subn(block, path.read_text(encoding="utf-8"))
+    assert count == 1
+    path.write_text(text, encoding="utf-8")
+
+
+def replaced(path: Path, before: str, after: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert text.count(f"{before}\n") == 1, before
+    path.write_text(text.replace(f"{before}\n", f"{after}\n"), encoding="utf-8")
+
+
+def same(printed: str, written: str) -> None:
+    """Compare text, and its numbers to the rounding of their last digits."""
+    number = r"\d+\.\d+"
+    assert re.sub(rf" *{number}", " #", printed) == re.sub(rf" *{number}", " #", written)
+    for one, other in zip(re.findall(number, printed), re.findall(number, written), strict=True):
+        assert float(one) == pytest.approx(float(other), rel=2e-3)
+
+
+def test_from_a_log_to_parameters(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (project / "docs" / "first_log.md").read_text(encoding="utf-8")
+    shutil.copytree(project / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    simulate, simulate_other, init, check, identify, init_other, validate = commands(text)
+    run(simulate)
+    run(simulate_other)
+    capsys.readouterr()
+    run(init)
+    assert capsys.readouterr().out == indented(text, "what it took the columns for:")
+    (friction,) = fences(text)
+    with_friction(tmp_path / "log.toml", friction)
+    run(check)
+    assert capsys.readouterr().out == indented(text, f"{check}\n\nprints\n")
+    right = (tmp_path / "log.toml").read_text(encoding="utf-8")
+    assert right.count('unit = "rad"') == 2
+    (tmp_path / "log.toml").write_text(right.replace('unit = "rad"', 'unit = "deg"', 1), encoding="utf-8")
+    run(check, code=1)
+    same(capsys.readouterr().out, indented(text, "it would print\n"))
+    (tmp_path / "log.toml").write_text(right, encoding="utf-8")
+    run(identify)
+    end = text[text.index("and ends\n") : text.index("## Do they hold")].split("\n\n", 1)[1]
+    written = "\n".join(line.removeprefix("    ") for line in end.rstrip().splitlines())
+    printed = capsys.readouterr().out
+    same(printed[printed.index("relative error %") :].rstrip(), written)
+    run(init_other)
+    with_friction(tmp_path / "other.toml", friction)
+    capsys.readouterr()
+    run(validate)
+    block = text[text.index("    log, by idim-ls") : text.index("As good as on")]
+    same(capsys.readouterr().out.rstrip(), "\n".join(line[4:] for line in block.rstrip().splitlines()))
+
+
+def test_a_new_robot_without_python(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = project / "docs" / "new_robot.md"
+    text = page.read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(project / "python" / "didim" / "robots" / "tx40.toml", "my_robot.toml")
+    rows = tables(page)["line was is"]
+    assert len(rows) == 3
+    for _, before, after in rows:
+        replaced(tmp_path / "my_robot.toml", before, after)
+    shutil.copy(project / "examples" / "tx40_simulation.toml", "my_simulation.toml")
+    replaced(tmp_path / "my_simulation.toml", 'robot = "tx40"', 'robot = "my_robot.toml"')
+    base, simulate, init, check, identify, by_didim = (
+        command for command in commands(text) if command != "didim compare"
+    )
+    for command in (base, simulate, init):
+        run(command)
+    friction, reference = fences(text)
+    with_friction(tmp_path / "my_log.toml", friction)
+    run(check)
+    run(identify)
+    robot = didim.load_robot("my_robot.toml")
+    assert (robot.geometry.d[2], robot.geometry.r[3]) == (0.3, 0.25)
+    truth = robot.set_base("didim")
+    fit = didim.Identification.load("my_fit.json")
+    known = fit.relative_std_percent < 2.0
+    off = 100.0 * np.max(np.abs(fit.beta / truth - 1.0)[known])
+    assert f"{known.sum()} of the 60 parameters have standard deviations below 2 %" in words(page)
+    written = re.search(r"are within (\S+) % of the set", words(page))
+    assert written is not None
+    assert 0.9 * float(written.group(1)) < off < float(written.group(1))
+
+    simulation = Path("my_simulation.toml").read_text(encoding="utf-8")
+    loop = simulation[simulation.index("[controller]") : simulation.index("[measurement]")]
+    with Path("my_log.toml").open("a", encoding="utf-8") as file:
+        file.write(f"\n{reference}\n{loop}")
+    run(by_didim)
+    fit = didim.Identification.load("my_didim.json")
+    rms = float(np.sqrt(np.mean(((fit.beta - truth) / fit.std) ** 2)))
+    known = fit.relative_std_percent < 2.0
+    assert f"{known.sum()} parameters have standard deviations below 2 %" in words(page)
+    assert f"off by {rms:.2f} standard deviations, rms" in words(page)
+    # Not because the two robots are alike: with the lengths of the TX40 the same log gives other parameters.
+    other = didim.load_robot("tx40")
+    assert not np.allclose(other.base_parameters.matrix, robot.base_parameters.matrix)
