@@ -11,7 +11,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Material announces its successor in every build.
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help demo test lint bench docs wheel clean
+.PHONY: help demo test lint bench docs wheel wheel-check clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -22,6 +22,7 @@ help:
 	@echo "make bench   speed of the core, and beside other programs"
 	@echo "make docs    the documentation, in site/"
 	@echo "make wheel   a wheel for this machine, in dist/"
+	@echo "make wheel-check   the same, and the demo with it in an empty environment, without Rust"
 	@echo "make clean   remove everything that the targets above made"
 
 $(BIN)/maturin:
@@ -62,7 +63,10 @@ docs: $(VENV)/.built $(VENV)/.extra-docs
 	$(BIN)/mkdocs build --strict
 
 wheel: $(BIN)/maturin
-	$(BIN)/maturin build --release --out dist
+	$(BIN)/maturin build --release --strip --out dist
+
+wheel-check: wheel
+	$(BIN)/python benches/wheel_check.py
 
 clean:
 	rm -rf $(VENV) target dist site out .pytest_cache .mypy_cache .ruff_cache .hypothesis

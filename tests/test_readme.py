@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import didim
+from didim.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -37,6 +38,28 @@ def test_the_example_runs(
     assert np.mean(np.abs(fit.beta - truth) <= 3.0 * fit.std) >= 0.97
     saved = didim.Identification.load("fit.json")
     np.testing.assert_array_equal(saved.beta, fit.beta)
+    robot, q = didim.load_robot("tx40"), names["q"]
+    found = didim.parameter_files.load_parameters(robot, "found.toml")
+    np.testing.assert_array_equal(found, fit.parameters)
+    rest = np.zeros((100, 6))
+    assert isinstance(q, np.ndarray)
+    expected = didim.inverse_dynamics(robot, q, rest, rest, fit.parameters)
+    np.testing.assert_allclose(np.asarray(names["gravity"]), expected)
+
+
+def test_the_example_is_short() -> None:
+    assert len([line for line in python_block().splitlines() if line]) <= 15
+
+
+def test_its_commands_exist(capsys: pytest.CaptureFixture[str]) -> None:
+    commands = re.findall(r"^    didim (\w+) (.*)$", README, flags=re.MULTILINE)
+    assert {"base", "compare", "identify", "simulate", "validate"} <= {command for command, _ in commands}
+    for command, arguments in commands:
+        with pytest.raises(SystemExit) as ended:
+            main([command, "--help"])
+        assert ended.value.code == 0
+        shown = capsys.readouterr().out
+        assert all(option in shown for option in re.findall(r"--\w+", arguments))
 
 
 def test_every_file_it_links_to_exists() -> None:

@@ -41,7 +41,7 @@ from .validate import Validation, validate
 from .version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from . import plot, report
+    from . import formats, plot, report
 
 __all__ = [
     "CLOE",
@@ -78,6 +78,7 @@ __all__ = [
     "check",
     "compare",
     "direct_dynamics",
+    "formats",
     "identify",
     "inertia_matrix",
     "inverse_dynamics",
@@ -92,7 +93,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load `plot` and `report` when they are asked for, so that ``import didim`` stays fast."""
-    if name in ("plot", "report"):
+    """Load what has no part in an identification when it is asked for, so that ``import didim`` stays fast."""
+    if name in ("formats", "plot", "report"):
         return import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

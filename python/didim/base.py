@@ -49,6 +49,16 @@ class BaseParameters:
     unidentifiable: tuple[str, ...]
     matrix: Array
 
+    def __str__(self) -> str:
+        lines = [f"{len(self.names)} base parameters of {self.matrix.shape[1]} standard parameters", ""]
+        width_unit = max(map(len, self.units), default=0)
+        width_name = max(map(len, self.names), default=0)
+        for name, unit, grouping in zip(self.names, self.units, self.groupings, strict=True):
+            lines.append(f"{name:{width_name}}  {unit:{width_unit}}  {grouping}".rstrip())
+        if self.unidentifiable:
+            lines += ["", f"Without effect on the torques: {', '.join(self.unidentifiable)}"]
+        return "\n".join(lines)
+
     def lift(self, beta: ArrayLike) -> Array:
         """Return standard parameters with the same torques: the kept take the base values, the others zero.
 

@@ -17,6 +17,7 @@ from .errors import DidimError
 from .version import __version__
 
 if TYPE_CHECKING:
+    from .formats import Result
     from .status import Status
 
     # The type of what add_subparsers() returns has no public name.
@@ -121,6 +122,23 @@ def _check_report(options: argparse.Namespace) -> None:
         check(options.report)
 
 
+def _add_format(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--format",
+        choices=("text", "markdown", "latex", "csv"),
+        default="text",
+        help="of what is printed (default: %(default)s)",
+    )
+
+
+def _formatted(result: Result, form: str) -> str:
+    if form == "text":
+        return str(result)
+    from .formats import render
+
+    return render(result, form)
+
+
 def _add_identify(commands: Commands) -> None:
     parser = _command(
         commands, "identify", _identify, "identify the parameters of a robot from an experiment"
@@ -130,7 +148,7 @@ def _add_identify(commands: Commands) -> None:
     parser.add_argument(
         "--start",
         metavar="NAME",
-        help="initial parameters of didim and cloe: unit, idim-ls, or a set of the robot file",
+        help="initial parameters of didim and cloe: unit, idim-ls, a set of the robot file, or a file of parameters",
     )
     parser.add_argument(
         "--optimizer",
@@ -158,6 +176,13 @@ def _add_identify(commands: Commands) -> None:
         help="of cloe: save the search to a file as it goes on, and continue it from there",
     )
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the result as JSON")
+    parser.add_argument(
+        "--save-parameters",
+        metavar="FILE.toml|FILE.npz",
+        type=Path,
+        help="also write the parameters: as a set for a robot file, or as arrays with their covariance",
+    )
+    _add_format(parser)
     _add_report(parser)
     loudness = parser.add_mutually_exclusive_group()
     loudness.add_argument("--quiet", action="store_true", help="print no table")
@@ -175,6 +200,10 @@ def _identify(options: argparse.Namespace) -> int:
     if options.method not in METHODS:
         return _refuse(f"there is no method '{options.method}'; available: {', '.join(METHODS)}")
     _check_report(options)
+    if options.save_parameters is not None:
+        from .parameter_files import check_path
+
+        check_path(options.save_parameters)
     experiment = load_experiment(options.experiment, data=options.data)
     settings = {key: getattr(options, key) for key in CHOICES}
     settings = {key: value for key, value in settings.items() if value is not None}
@@ -186,12 +215,16 @@ def _identify(options: argparse.Namespace) -> int:
     # The file first: a reader of stdout that stops early must not cost the result.
     if options.json is not None:
         fit.save(options.json)
+    if options.save_parameters is not None:
+        from .parameter_files import save_parameters
+
+        save_parameters(fit, options.save_parameters)
     if options.report is not None:
         from .report import write
 
         write(options.report, fit, experiment)
     if not options.quiet:
-        print(fit)
+        print(_formatted(fit, options.format))
     return _code(fit.status)
 
 
@@ -243,6 +276,7 @@ def _add_compare(commands: Commands) -> None:
     )
     parser.add_argument("--no-noise", action="store_true", help="a log without noise")
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
+    _add_format(parser)
     _add_report(parser)
     parser.add_argument("--quiet", action="store_true", help="tell nothing on stderr")
 
@@ -274,7 +308,7 @@ def _compare(options: argparse.Namespace) -> int:
         from .report import write
 
         write(options.report, comparison)
-    print(comparison)
+    print(_formatted(comparison, options.format))
     if any(fit.status.name == "INTERRUPTED" for fit in comparison.fits.values()):
         return INTERRUPTED
     return _code(comparison.fits["didim"].status)
@@ -315,6 +349,7 @@ def _validate(options: argparse.Namespace) -> int:
 def _add_base(commands: Commands) -> None:
     parser = _command(commands, "base", _base, "list the base parameters of a robot and their groupings")
     parser.add_argument("robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file")
+    _add_format(parser)
 
 
 def _base(options: argparse.Namespace) -> int:
@@ -322,14 +357,7 @@ def _base(options: argparse.Namespace) -> int:
 
     robot = load_robot(options.robot)
     base = robot.base_parameters
-    counts = f"{len(base.names)} base parameters of {len(robot.parameter_names)} standard parameters"
-    print(f"{robot.name}: {counts}\n")
-    width_unit = max(map(len, base.units), default=0)
-    width_name = max(map(len, base.names), default=0)
-    for name, unit, grouping in zip(base.names, base.units, base.groupings, strict=True):
-        print(f"{name:{width_name}}  {unit:{width_unit}}  {grouping}".rstrip())
-    if base.unidentifiable:
-        print(f"\nWithout effect on the torques: {', '.join(base.unidentifiable)}")
+    print(f"{robot.name}: {base}" if options.format == "text" else _formatted(base, options.format))
     return CONVERGED
 
 
@@ -343,9 +371,9 @@ def _add_simulate(commands: Commands) -> None:
     _add_experiment(parser)
     parser.add_argument(
         "--parameters",
-        metavar="FIT.json|NAME",
+        metavar="FILE|NAME",
         required=True,
-        help="result of an identification, or a parameter set of the robot file",
+        help="result of an identification (.json) or its parameters (.toml, .npz), or a parameter set of the robot file",
     )
     parser.add_argument("--recording", metavar="NAME", help="recording to simulate (default: the first)")
     parser.add_argument("-o", "--output", metavar="FILE.csv", type=Path, help="write the run as CSV")

@@ -273,6 +273,12 @@ class Identification:
         text = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
         write_atomically(Path(path), text + "\n")
 
+    def save_parameters(self, path: str | Path) -> None:
+        """Write the parameters alone, as TOML or npz: see `didim.parameter_files.save_parameters`."""
+        from .parameter_files import save_parameters
+
+        save_parameters(self, path)
+
     @classmethod
     def load(cls, path: str | Path) -> Identification:
         """Restore what `save` wrote.

@@ -220,22 +220,34 @@ class Robot:
         return self._vector(name)
 
     def _vector(self, name: str) -> Array:
+        return self.parameters_by_name(self._named[name], f"{self.path.name}: [parameters.{name}]")
+
+    def parameters_by_name(self, values: Mapping[str, float], where: str = "the parameters:") -> Array:
+        """Return values by name as a full vector of standard parameters, ``(n_parameters,)``.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Standard or base parameters, SI units, joint side; what is not named is zero.
+        where : str
+            How the message of an error opens.
+
+        Raises
+        ------
+        RobotError
+            For a name that the robot has not, and for a base parameter beside the standard one it is named after.
+        """
         base = self.base_parameters
         places = dict(zip(base.names, base.indices, strict=True))
         places.update((parameter, index) for index, parameter in enumerate(self.parameter_names))
         x = np.zeros(len(self.parameter_names))
         taken: dict[int, str] = {}
-        for parameter, value in self._named[name].items():
+        for parameter, value in values.items():
             if parameter not in places:
-                raise RobotError(
-                    f"{self.path.name}: [parameters.{name}] unknown parameter {parameter!r}"
-                    f"{did_you_mean(parameter, places)}"
-                )
+                raise RobotError(f"{where} unknown parameter {parameter!r}{did_you_mean(parameter, places)}")
             index = places[parameter]
             if index in taken:
-                raise RobotError(
-                    f"{self.path.name}: [parameters.{name}] has both {taken[index]!r} and {parameter!r}"
-                )
+                raise RobotError(f"{where} has both {taken[index]!r} and {parameter!r}")
             taken[index] = parameter
             x[index] = value
         x.setflags(write=False)

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .closed_loop import ReferenceSpec, closed_loop, outside_limits
-from .errors import ExperimentError, FitError
+from .errors import ExperimentError
 from .experiment import Experiment
 from .files import write_atomically
-from .identification import Identification
+from .parameter_files import is_file, load_parameters
 from .recording import Recording
 from .reference import Reference
 from .robot import Robot
@@ -117,7 +117,7 @@ def simulate_experiment(
     experiment : Experiment
         With a reference and a controller.
     parameters : str
-        Path of a result (.json), or name of a parameter set.
+        Path of a result (.json) or of its parameters (.toml, .npz), or name of a parameter set.
     recording : str, optional
         Name of the recording that sets rate, length and, where it says so, the reference; the first by default.
 
@@ -153,23 +153,16 @@ def simulate_experiment(
 
 
 def standard_parameters(robot: Robot, source: str) -> Array:
-    """Return the standard parameters of a result file (.json) or of a parameter set of the robot, (n_parameters,).
+    """Return the standard parameters of a file (`load_parameters`) or of a parameter set of the robot, (n_parameters,).
 
     Raises
     ------
     FitError
-        When the result is of another robot.
+        When the file is of another robot.
     RobotError
         When there is no such set.
     """
-    if not source.endswith(".json"):
-        return robot.parameter_set(source)
-    fit = Identification.load(source)
-    if fit.parameter_names != robot.parameter_names:
-        other = next((name for name in fit.parameter_names if name not in robot.parameter_names), None)
-        what = f"parameter {other!r}" if other else f"{len(fit.parameter_names)} parameters"
-        raise FitError(f"{source}: it has {what}, which robot {robot.name!r} of the experiment has not")
-    return fit.parameters
+    return load_parameters(robot, source) if is_file(source) else robot.parameter_set(source)
 
 
 def recording_errors(

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from .arrays import real_array
 from .errors import FitError
 from .identification import Identification
+from .parameter_files import is_file, load_parameters
 from .robot import Robot
 from .schema import did_you_mean
 
@@ -42,8 +43,8 @@ def standard_start(robot: Robot, start: Start) -> Array:
     robot : Robot
         The robot.
     start : str, mapping, array or Identification
-        "unit" for (17), a parameter set of the robot file such as "apriori" (21), values by name, a vector of standard or
-        base parameters, or a result.
+        "unit" for (17), a parameter set of the robot file such as "apriori" (21), the path of a result or of its parameters
+        (`load_parameters`), values by name, a vector of standard or base parameters, or a result.
 
     Raises
     ------
@@ -51,10 +52,14 @@ def standard_start(robot: Robot, start: Start) -> Array:
         For an unknown name or a wrong length.
     RobotError
         For an unknown parameter set.
+    OSError
+        For a file that cannot be read.
     """
     base = robot.base_parameters
     if isinstance(start, str):
-        return unit_rotors(robot) if start == "unit" else robot.parameter_set(start)
+        if start == "unit":
+            return unit_rotors(robot)
+        return load_parameters(robot, start) if is_file(start) else robot.parameter_set(start)
     if isinstance(start, Identification):
         if start.parameter_names != robot.parameter_names:
             raise FitError(

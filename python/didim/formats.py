@@ -1,0 +1,234 @@
+"""Results as markdown, LaTeX and CSV: for pages, papers and spreadsheets.
+
+Markdown and LaTeX have the digits of the printed table, CSV has all of them. Tested in ``tests/test_formats.py``.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from .base import BaseParameters
+from .compare import Comparison
+from .compare_table import TITLES, sentence
+from .errors import FitError
+from .identification import Identification
+from .table import LARGEST_PERCENT, error_rows, parameter_rows
+
+FORMATS = ("text", "markdown", "latex", "csv")
+"""Formats of a result; text is what ``print`` shows."""
+
+Result = Identification | Comparison | BaseParameters
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of a table; `align` has a letter per column, ``l`` for text and ``r`` for numbers.
+
+    `groups` are headings over several columns each, from the first column on.
+    """
+
+    head: tuple[str, ...]
+    rows: Sequence[Sequence[str]]
+    align: str
+    groups: tuple[tuple[str, int], ...] = ()
+
+
+def render(result: Result, form: str = "text") -> str:
+    r"""Write a result as a table.
+
+    Parameters
+    ----------
+    result : Identification, Comparison or BaseParameters
+        A comparison has the form of Table II.
+    form : {"text", "markdown", "latex", "csv"}
+        ``text`` is ``str(result)``; ``markdown`` has pipe tables; ``latex`` is one ``tabular`` of the package booktabs, its
+        comments say what else there is to know; ``csv`` has a heading, and every number so that it reads back as it was.
+
+    Returns
+    -------
+    str
+        Lines without a final line feed. Values are in SI units, joint side. Standard deviations that a method does not give
+        (a simplex has none) are ``-``, and empty in CSV.
+
+    Raises
+    ------
+    FitError
+        For an unknown format.
+    """
+    if form not in FORMATS:
+        raise FitError(f"there is no format {form!r}; there are: {', '.join(FORMATS)}")
+    if form == "text":
+        return str(result)
+    if isinstance(result, Identification):
+        return _identification(result, form)
+    if isinstance(result, Comparison):
+        return _comparison(result, form)
+    rows = list(zip(result.names, result.units, result.groupings, strict=True))
+    if form == "csv":
+        return _csv([("name", "unit", "grouping"), *rows])
+    grid = Grid(("parameter", "unit", "grouping"), rows, "lll")
+    return _markdown(grid) if form == "markdown" else _latex(grid)
+
+
+def _identification(fit: Identification, form: str) -> str:
+    if form == "csv":
+        known = fit.std.any()
+        rows: list[Sequence[str]] = [("name", "unit", "value", "std", "relative_std_percent", "role")]
+        values = zip(
+            fit.names, fit.units, fit.beta, fit.std, fit.relative_std_percent, fit.roles, strict=True
+        )
+        for name, unit, value, std, percent, role in values:
+            silent = role == "estimated" and not known
+            sigmas = ("", "") if silent else (_exact(std), _exact(percent))
+            rows.append((name, unit, _exact(value), *sigmas, role))
+        return _csv(rows)
+    head, *body = parameter_rows(fit)
+    grid = Grid((*head[:-1], "remark"), body, "llrrrl")
+    errors_head, *errors = error_rows(fit)
+    title = f"{fit.name}: robot {fit.robot} by {fit.method}"
+    notes = [*fit.warnings, *fit.remarks, fit.status.value]
+    if form == "latex":
+        lines = [" ".join(row) for row in (errors_head, *errors)]
+        return _latex(grid, [title, *lines, *notes])
+    return "\n\n".join(
+        [
+            _escaped(title),
+            _markdown(grid),
+            _markdown(Grid(errors_head, errors, "l" + "r" * (len(errors_head) - 1))),
+            *map(_escaped, notes),
+        ]
+    )
+
+
+def _comparison(comparison: Comparison, form: str) -> str:
+    base = comparison.experiment.robot.base_parameters
+    fits = comparison.fits
+    if form == "csv":
+        keys = ("value", "std", "relative_std_percent", "deviation")
+        rows: list[Sequence[str]] = [
+            ("name", "unit", "truth", *(f"{method}_{key}" for method in fits for key in keys))
+        ]
+        for index, (name, unit) in enumerate(zip(base.names, base.units, strict=True)):
+            row = [name, unit, _exact(comparison.truth[index])]
+            for method, fit in fits.items():
+                percent, off = fit.relative_std_percent[index], comparison.deviations(method)[index]
+                sigmas = (fit.std[index], percent, off) if fit.std.any() else (math.nan,) * 3
+                row += [_exact(value) for value in (fit.beta[index], *sigmas)]
+            rows.append(row)
+        return _csv(rows)
+    body = []
+    for index, (name, unit) in enumerate(zip(base.names, base.units, strict=True)):
+        cells = [name, unit, f"{comparison.truth[index]:.4g}"]
+        for method, fit in fits.items():
+            off = comparison.deviations(method)[index]
+            percent = fit.relative_std_percent[index] if fit.std.any() else math.nan
+            cells += [f"{fit.beta[index]:.4g}", _percent(percent), "-" if math.isnan(off) else f"{off:.1f}"]
+        body.append(cells)
+    align = "llr" + "rrr" * len(fits)
+    titles = [TITLES.get(method, method) for method in fits]
+    notes = ["off: estimate less truth, in standard deviations", sentence(comparison), *comparison.notes]
+    if form == "latex":
+        grid = Grid(
+            ("", "", "truth", *("estimate", "sigma %", "off") * len(fits)),
+            body,
+            align,
+            (("", 3), *((title, 3) for title in titles)),
+        )
+        return _latex(grid, [comparison.experiment.name, *notes])
+    # Pipe tables have one line of headings.
+    columns = [f"{title}: {what}" for title in titles for what in ("estimate", "sigma %", "off")]
+    grid = Grid(("parameter", "unit", "truth", *columns), body, align)
+    return "\n\n".join([_escaped(comparison.experiment.name), _markdown(grid), *map(_escaped, notes)])
+
+
+def _percent(percent: float) -> str:
+    if not math.isfinite(percent):
+        return "-"
+    return f">{LARGEST_PERCENT}" if percent > LARGEST_PERCENT else f"{percent:.3g}"
+
+
+def _exact(value: float) -> str:
+    """Shortest text that reads back as the same number; empty where there is none."""
+    return repr(float(value)) if math.isfinite(value) else ""
+
+
+def _csv(rows: Sequence[Sequence[str]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().removesuffix("\n")
+
+
+def _escaped(text: str) -> str:
+    """Text that markdown shows as it is."""
+    return re.sub(r"([\\`*_|])", r"\\\1", text).replace("<", "&lt;").replace(">", "&gt;")
+
+
+def _markdown(grid: Grid) -> str:
+    rule = "|".join({"l": "---", "r": "---:"}[letter] for letter in grid.align)
+    lines = [grid.head, *grid.rows]
+    cells = ["| " + " | ".join(map(_escaped, line)) + " |" for line in lines]
+    return "\n".join([cells[0], f"|{rule}|", *cells[1:]])
+
+
+LATEX_CHARACTERS = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    **{character: f"\\{character}" for character in "&%$#_{}"},
+}
+NUMBER = re.compile(r"[<>]?-?\d+(\.\d+)?(e[+-]?\d+)?")
+
+
+def latex_text(text: str) -> str:
+    r"""Return text that LaTeX shows as it is: special characters escaped, and ``m^2`` as a power."""
+    pieces = re.split(r"\^(\d+)", text)
+    shown = ["".join(LATEX_CHARACTERS.get(character, character) for character in part) for part in pieces]
+    return "".join(f"$^{{{part}}}$" if k % 2 else part for k, part in enumerate(shown))
+
+
+def _latex_unit(unit: str) -> str:
+    """Thin spaces where the plain unit has points: ``kg.m^2``."""
+    return r"\,".join(latex_text(part) for part in unit.split("."))
+
+
+def _latex_number(cell: str) -> str:
+    """Set a number as mathematics, whose minus is one; other cells are text."""
+    if not NUMBER.fullmatch(cell):
+        return "--" if cell == "-" else latex_text(cell)
+    digits, _, power = cell.partition("e")
+    return f"${digits}\\cdot10^{{{int(power)}}}$" if power else f"${digits}$"
+
+
+def _latex_heading(text: str) -> str:
+    return (
+        r"$\sigma$" + latex_text(text.removeprefix("sigma")) if text.startswith("sigma") else latex_text(text)
+    )
+
+
+def _latex(grid: Grid, comments: Sequence[str] = ()) -> str:
+    lines = [f"% {' '.join(text.split())}" for text in (*comments, r"needs \usepackage{booktabs}")]
+    lines += [rf"\begin{{tabular}}{{{grid.align}}}", r"\toprule"]
+    if grid.groups:
+        first, rules, cells = 1, [], []
+        for title, width in grid.groups:
+            cells.append(rf"\multicolumn{{{width}}}{{c}}{{{latex_text(title)}}}")
+            if title:
+                rules.append(rf"\cmidrule(lr){{{first}-{first + width - 1}}}")
+            first += width
+        lines += [" & ".join(cells) + r" \\", " ".join(rules)]
+    lines += [" & ".join(map(_latex_heading, grid.head)) + r" \\", r"\midrule"]
+    for row in grid.rows:
+        name, unit, *others = row
+        shown = [
+            _latex_number(cell) if letter == "r" else latex_text(cell)
+            for cell, letter in zip(others, grid.align[2:], strict=True)
+        ]
+        lines.append(" & ".join([latex_text(name), _latex_unit(unit), *shown]) + r" \\")
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
