@@ -44,7 +44,7 @@ demo: $(VENV)/.built
 	$(BIN)/didim compare
 
 test: $(VENV)/.built $(VENV)/.extra-test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-lint
 	cargo fmt --check

@@ -131,7 +131,7 @@ def test_the_table_of_all_methods(arm: Comparison) -> None:
     assert title.split(maxsplit=1)[1].split("  ")[0] == "IDIM-LS"
     assert title.endswith("CLOE, Levenberg-Marquardt")
     assert text.splitlines()[-1].startswith("Shortened: Nelder-Mead ends after 1000 iterations")
-    assert "; CLOE, Levenberg-Marquardt took " in text
+    assert "; CLOE, Levenberg-Marquardt is at the optimum after " in text
     # A search without covariance has no sigma and no distance in it.
     (row,) = [line.split() for line in text.splitlines() if line.startswith("MX2 ")]
     assert row[10:12] == ["-", "-"]
