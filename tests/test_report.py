@@ -278,7 +278,7 @@ def test_numbers_of_a_comparison(comparison: Comparison, pages: dict[str, str]) 
     assert effort[1:3] == [str(fits["didim"].n_iterations), str(fits["didim"].n_simulations)]
     assert float(effort[4]) == pytest.approx(np.sqrt(np.mean(deviations**2)), abs=0.006)
     assert "CLOE, Nelder-Mead tells no standard deviations and is not drawn." in page.text
-    assert "Shortened: Nelder-Mead ends after 60 iterations" in page.text
+    assert "Shortened: Nelder-Mead ends after 1000 iterations" in page.text
 
 
 def test_numbers_of_a_validation(fit: Identification, arm: Experiment, pages: dict[str, str]) -> None:

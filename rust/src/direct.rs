@@ -15,16 +15,7 @@ use crate::lanes::{Kernel, Lanes, dispatch};
 use crate::parameters::Layout;
 use crate::robot::{MAX_DOF, Robot};
 use crate::spatial::Vector;
-
-/// The same statement for several constants.
-macro_rules! unrolled {
-    ($k:ident in $($value:literal)* => $body:expr) => {
-        $({
-            const $k: usize = $value;
-            $body
-        })*
-    };
-}
+use crate::unroll::{for_joints, unrolled};
 
 /// Memory of the direct model, and its result: nothing is cleared or copied per call.
 #[derive(Debug, Clone, Copy)]
@@ -85,9 +76,7 @@ impl<const L: usize, const F: bool> Direct<L, F> {
             self.frames.anchor(geometry, q);
         }
         drives.friction(links, dq, &mut self.ddq);
-        for j in 0..n {
-            self.ddq[j] = (tau[j] + Lanes::splat(external[j])) - self.ddq[j];
-        }
+        for_joints!(j in n => self.ddq[j] = (tau[j] + Lanes::splat(external[j])) - self.ddq[j]);
         link_wrenches::<L, F, false>(geometry, &links.bodies, &self.frames, dq, dq, &mut self.wrenches);
         let mut body = links.bodies[n - 1];
         for j in (1..n).rev() {
@@ -105,34 +94,32 @@ impl<const L: usize, const F: bool> Direct<L, F> {
     /// Column `j` of `L' D L` and of `L' y = right`, from the wrenches in frame `j`. Without loops for the usual arms.
     #[inline(always)]
     fn eliminate(&mut self, n: usize, j: usize, turns: bool, rotors: &Lower<L, F>) {
-        if turns {
-            for k in j..n {
-                self.scaled[k] = rotors[k][j] + self.columns[k].moment.z;
+        self.ddq[j] -= self.wrenches[j].felt(turns);
+        if n == 6 && turns {
+            match j {
+                0 => self.eliminate_among_six::<0>(rotors),
+                1 => self.eliminate_among_six::<1>(rotors),
+                2 => self.eliminate_among_six::<2>(rotors),
+                3 => self.eliminate_among_six::<3>(rotors),
+                4 => self.eliminate_among_six::<4>(rotors),
+                _ => self.eliminate_among_six::<5>(rotors),
             }
         } else {
             for k in j..n {
-                self.scaled[k] = rotors[k][j] + self.columns[k].force.z;
+                self.scaled[k] = rotors[k][j] + self.columns[k].felt(turns);
             }
-        }
-        self.ddq[j] -= self.wrenches[j].felt(turns);
-        match (n, j) {
-            (6, 0) => self.eliminate_among_six::<0>(),
-            (6, 1) => self.eliminate_among_six::<1>(),
-            (6, 2) => self.eliminate_among_six::<2>(),
-            (6, 3) => self.eliminate_among_six::<3>(),
-            (6, 4) => self.eliminate_among_six::<4>(),
-            (6, 5) => self.eliminate_among_six::<5>(),
-            _ => self.eliminate_among(n, j),
+            self.eliminate_among(n, j);
         }
         self.pivots[j] = self.scaled[j];
         self.inverse_pivots[j] = Lanes::splat(1.0) / self.scaled[j];
     }
 
+    /// Of a joint that turns.
     #[inline(always)]
     #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
-    fn eliminate_among_six<const J: usize>(&mut self) {
+    fn eliminate_among_six<const J: usize>(&mut self, rotors: &Lower<L, F>) {
         unrolled!(K in 5 4 3 2 1 0 => if K >= J {
-            let mut entry = self.scaled[K];
+            let mut entry = rotors[K][J] + self.columns[K].moment.z;
             unrolled!(P in 5 4 3 2 1 => if P > K {
                 entry = self.factor[P][K].neg_mul_add(self.scaled[P], entry);
             });

@@ -57,3 +57,4 @@ pub mod sensitivity;
 pub mod simulate;
 pub mod spatial;
 pub mod table;
+mod unroll;

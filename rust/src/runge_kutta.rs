@@ -4,6 +4,7 @@
 
 use crate::lanes::Lanes;
 use crate::robot::MAX_DOF;
+use crate::unroll::for_joints;
 
 /// One number per joint, on lanes.
 pub type PerJoint<const L: usize, const F: bool> = [Lanes<L, F>; MAX_DOF];
@@ -58,29 +59,37 @@ impl<const L: usize, const F: bool> Stages<L, F> {
         let n = self.n.min(MAX_DOF);
         if stage == 3 {
             let (whole, sixth, square) = (Lanes::splat(h), Lanes::splat(h / 6.0), Lanes::splat(h * h / 6.0));
-            for j in 0..n {
+            for_joints!(j in n => {
                 let way = whole.mul_add(start.dq[j], start.q[j]);
                 here.q[j] = square.mul_add(first_three[j], way);
                 here.dq[j] = sixth.mul_add(weighted[j] + ddq[j], start.dq[j]);
-                if self.integrates {
+            });
+            if self.integrates {
+                for j in 0..n {
                     here.z[j] = sixth.mul_add(weighted_z[j] + dz[j], start.z[j]);
                 }
             }
             return;
         }
         let way = Lanes::splat(h * [0.5, 0.5, 1.0][stage]);
-        for j in 0..n {
-            if stage == 0 {
+        if stage == 0 {
+            for_joints!(j in n => {
                 (start.q[j], start.dq[j]) = (here.q[j], here.dq[j]);
                 (first_three[j], weighted[j]) = (ddq[j], ddq[j]);
-            } else {
+                // The velocity of this stage carries the position to the next.
+                here.q[j] = way.mul_add(here.dq[j], here.q[j]);
+                here.dq[j] = way.mul_add(ddq[j], here.dq[j]);
+            });
+        } else {
+            for_joints!(j in n => {
                 first_three[j] += ddq[j];
                 weighted[j] += ddq[j] + ddq[j];
-            }
-            // The velocity of this stage carries the position to the next.
-            here.q[j] = way.mul_add(here.dq[j], start.q[j]);
-            here.dq[j] = way.mul_add(ddq[j], start.dq[j]);
-            if self.integrates {
+                here.q[j] = way.mul_add(here.dq[j], start.q[j]);
+                here.dq[j] = way.mul_add(ddq[j], start.dq[j]);
+            });
+        }
+        if self.integrates {
+            for j in 0..n {
                 if stage == 0 {
                     (start.z[j], weighted_z[j]) = (here.z[j], dz[j]);
                 } else {

@@ -18,6 +18,7 @@ use crate::reference::{Reference, Target};
 use crate::robot::{MAX_DOF, Robot};
 use crate::runge_kutta::{PerJoint, Point, Stages};
 use crate::schedule::{Schedule, Segment};
+use crate::unroll::for_joints;
 
 /// How often, in segments, a run asks whether it shall stop.
 const PATIENCE: usize = 256;
@@ -451,9 +452,7 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
         let Self { geometry, drives, links, stages, direct, tau, .. } = self;
         direct.solve(geometry, drives, links, &stages.here.q, &stages.here.dq, tau, &self.external, near);
         let mut smallest = self.direct.pivots[0];
-        for j in 1..n {
-            smallest = self.direct.pivots[j].min(smallest);
-        }
+        for_joints!(j in n => smallest = self.direct.pivots[j].min(smallest));
         if !smallest.all_above(0.0) {
             self.find_indefinite(t);
         }

@@ -78,6 +78,7 @@ def _cost_section(comparison: Comparison) -> Html:
     for method, fit in fits.items():
         off = off_rms(comparison, method)
         known = fit.std.any()
+        norm = comparison.norms.get(method, float("nan"))
         rows.append(
             [
                 method_title(method),
@@ -85,11 +86,12 @@ def _cost_section(comparison: Comparison) -> Html:
                 str(fit.n_simulations),
                 f"{fit.elapsed:.2f}",
                 f"{off:.2f}" if np.isfinite(off) else "-",
+                f"{norm:.3g}" if np.isfinite(norm) else "-",
                 f"{int(well_identified(fit).sum())} of {len(fit.names)}" if known else "-",
                 fit.status.value.partition(":")[0].rstrip("."),
             ]
         )
-    head = ["", "iterations", "simulations", "seconds", "off, rms", "well identified", "status"]
+    head = ["", "iterations", "simulations", "seconds", "off, rms", "norm (19)", "well identified", "status"]
     errors: list[list[Text]] = [
         [
             method_title(method),
@@ -101,7 +103,13 @@ def _cost_section(comparison: Comparison) -> Html:
         "Cost and errors",
         paragraph(
             "Off: estimate less truth in standard deviations of the method itself; its rms over all parameters is near 1 where "
-            f"sigma is honest. Well identified: sigma below {WELL_IDENTIFIED_PERCENT:.0f} %."
+            f"sigma is honest. Well identified: sigma below {WELL_IDENTIFIED_PERCENT:.0f} %. Norm (19): of the position errors "
+            "of the simulated closed loop"
+            + (
+                f"; {comparison.norms['start']:.3g} at the start of CLOE, {comparison.norms['truth']:.3g} at the truth."
+                if {"start", "truth"} <= set(comparison.norms)
+                else "."
+            )
         ),
         table(head, rows, numbers=range(1, 6)),
         table(
