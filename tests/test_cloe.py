@@ -204,6 +204,14 @@ def test_a_simplex_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
     )
     with pytest.raises(FitError, match=r"search\.npz: this checkpoint belongs to another search"):
         didim.identify(arm, didim.CLOE(optimizer="nelder-mead", start=2.0 * off(arm), checkpoint=file))
+    with np.load(file) as content:
+        arrays = dict(content)
+    np.savez(file, **{**arrays, "array_values": arrays["array_values"] + 1e-9})
+    with pytest.raises(FitError, match=r"search\.npz: this checkpoint is damaged"):
+        search(400, file)
+    np.savez(file, **{**arrays, "record": np.array(str(arrays["record"]).replace("150", "151"))})
+    with pytest.raises(FitError, match=r"search\.npz: this checkpoint is damaged"):
+        search(400, file)
     file.write_bytes(b"no checkpoint")
     with pytest.raises(FitError, match=r"search\.npz: this is no checkpoint of a search"):
         search(400, file)
