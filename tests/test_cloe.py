@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -306,3 +307,20 @@ def test_the_simplex_on_lanes_is_scipys_on_single_simulations() -> None:
     np.testing.assert_array_equal(found.points[0], expected.x)
     assert found.values[0] == expected.fun
     assert (found.iterations, found.evaluations) == (expected.nit, expected.nfev)
+
+
+def test_logs_that_nothing_can_be_weighed_by_are_told() -> None:
+    """Torques whose squares leave floating point, and too few samples for the noise."""
+    arm = short_arm()
+    (recording,) = arm.recordings
+    assert recording.tau is not None
+    tau = recording.tau.copy()
+    tau[7, 1] = 1e300
+    huge = replace(arm, recordings=(replace(recording, tau=tau),))
+    with pytest.raises(
+        FitError, match="the torques of joint 2 are too large to be squared; check their unit"
+    ):
+        didim.identify(huge, didim.CLOE(start="reference"))
+    short = replace(arm, recordings=(replace(recording, windows=((0, 5),)),))
+    with pytest.raises(FitError, match="arm: CLOE estimates the noise from more than 5 samples, got 5"):
+        didim.identify(short, didim.CLOE(start="reference"))
