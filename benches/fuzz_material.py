@@ -384,7 +384,16 @@ SCENARIOS = (
     _scenario(["simulate", "points.toml", "--parameters", "reference"], "points.toml arm.toml", 3),
     _scenario(["simulate", "sliding.toml", "--parameters", "reference"], "sliding.toml slide.toml", 2),
     _scenario(
-        ["compare", "--experiment", "loop.toml", "--parameters", "reference", "--nelder-mead", "none"],
+        [
+            "compare",
+            "--experiment",
+            "loop.toml",
+            "--parameters",
+            "reference",
+            "--nelder-mead",
+            "none",
+            "--quiet",
+        ],
         "loop.toml slide.toml",
     ),
     _scenario(["base", "arm.toml"], "arm.toml", 3),
