@@ -319,3 +319,9 @@ def test_check_of_positions_without_motion_warns_of_nothing(
     arm.write_text(EXPERIMENT.replace("cutoff_hz = 40", "cutoff_hz = 0.004"), encoding="utf-8")
     assert main(["check", str(arm), "--data", str(arm.parent / "data")]) == 1
     assert capsys.readouterr().err == ""
+
+
+def test_check_tells_torques_beyond_floating_point(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm.write_text(EXPERIMENT.replace('"N.m"', '"A"\ngain = 1e155'), encoding="utf-8")
+    assert main(["check", str(arm), "--data", str(arm.parent / "data")]) == 2
+    assert "the torques of joint 1 are too large to be squared" in one_line(capsys)
