@@ -135,6 +135,34 @@ PYTHON = (
         "(1 + psi) * centre - psi * worst",
         "tests/test_nelder_mead.py",
     ),
+    Mutation(
+        "noise passes the filter of a decimation once",
+        "python/didim/signals.py",
+        "_squared_gain(sos, power.size) ** 2",
+        "_squared_gain(sos, power.size)",
+        "tests/test_signals.py",
+    ),
+    Mutation(
+        "millimetres of a reference are centimetres",
+        "python/didim/closed_loop.py",
+        '"mm": 1e-3}',
+        '"mm": 1e-2}',
+        "tests/test_closed_loop.py",
+    ),
+    Mutation(
+        "errors of a simulation take in the trimmed end",
+        "python/didim/simulate_command.py",
+        "kept = slice(signal.trim_start, stop - start - signal.trim_end)",
+        "kept = slice(signal.trim_start, stop - start)",
+        "tests/test_simulate_command.py",
+    ),
+    Mutation(
+        "the integral of a cascade takes its time the wrong way",
+        "python/didim/control.py",
+        "[p * d, d, d / ti, a, w,",
+        "[p * d, d, d * ti, a, w,",
+        "tests/test_control.py",
+    ),
 )
 
 RUST = (
