@@ -11,14 +11,14 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Material announces its successor in every build.
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help demo test coverage lint bench docs wheel clean
+.PHONY: help demo test coverage coverage-rust lint bench docs wheel clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo    the paper's experiment: all methods on a simulated TX40, beside the truth"
 	@echo "make test    the Python tests (the Rust tests are: cargo test --release)"
-	@echo "make coverage  which lines of the Python package, and of the core if cargo-llvm-cov is there, the tests run"
+	@echo "make coverage  which lines of the Python package the tests run; make coverage-rust: of the core"
 	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
 	@echo "make bench   speed of the core, and beside other programs"
 	@echo "make docs    the documentation, in site/"
@@ -52,7 +52,10 @@ coverage: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-coverage
 	$(BIN)/coverage run -m pytest
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report
-	if cargo llvm-cov --version 2>/dev/null; then cargo llvm-cov --lib --summary-only; fi
+
+# Needs cargo-llvm-cov, and the time of a build of its own.
+coverage-rust:
+	cargo llvm-cov --lib --summary-only
 
 lint: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-lint
 	cargo fmt --check
