@@ -65,3 +65,28 @@ def test_complex_arrays_are_refused_at_every_door(call: Callable[[Any], object],
     with pytest.raises(DidimError) as caught:
         call(Q + 0j)
     assert str(caught.value) == f"{what} must be an array of real numbers, got complex numbers"
+
+
+def test_positions_beyond_any_joint_are_told() -> None:
+    """The sine of the core is no sine beyond 1e15 rad."""
+    q = np.array([[0.0, 0.0], [0.0, -1e16]])
+    with pytest.raises(
+        ShapeError, match=r"q of joint 2 is -1e\+16 at sample 2, where at most 1e\+09 rad or m"
+    ):
+        didim.inertia_matrix(ROBOT, q, X)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda bad: didim.inverse_dynamics(ROBOT, Q, bad, Q, X),
+        lambda bad: didim.regressor(ROBOT, Q, bad, Q),
+        lambda bad: didim.inertia_matrix(ROBOT, bad, X),
+        lambda bad: didim.direct_dynamics(ROBOT, Q, bad, Q, X),
+    ],
+)
+def test_numbers_that_are_none_are_told_with_their_place(call: Callable[[Any], object]) -> None:
+    bad = Q.copy()
+    bad[3, 1] = np.nan
+    with pytest.raises(ShapeError, match="is NaN at sample 4, column 2"):
+        call(bad)

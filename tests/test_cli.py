@@ -222,7 +222,17 @@ def test_wrong_arguments(arguments: list[str], message: str, capsys: pytest.Capt
         (('unit = "N.m"', 'unit = "A"\ngain = 1e200'), "the torques of joint 1 are too large to be squared"),
         (('unit = "N.m"', 'unit = "A"\ngain = 1e308'), "recording 1: tau of joint 1 is inf at sample 0"),
         (('unit = "N.m"', 'unit = "A"\ngain = 1e-200'), "the torques of joint 1 are too small to be squared"),
-        (('unit = "rad"', 'unit = "count"\ncounts_per_rev = 1e-150'), "are too large for floating point"),
+        (
+            ('unit = "rad"', 'unit = "count"\ncounts_per_rev = 1e-150'),
+            "a position is at most 1e+09 rad or m; check its unit",
+        ),
+        (
+            ("cutoff_hz = 40", "cutoff_hz = 1" + 400 * "0"),
+            "[signal] cutoff_hz must be a finite number, got 1000",
+        ),
+        (("decimation = [5]", "decimation = 1" + 400 * "0"), "decimation must be an integer of at most 922"),
+        (("cutoff_hz = 40", "cutoff_hz = 1" + 5000 * "0"), "arm.toml: not valid TOML, Exceeds the limit"),
+        (("cutoff_hz = 40", "cutoff_hz = " + 9000 * "["), "arm.toml: not valid TOML, "),
         (("log.npz", "data\\u0000.npz"), "is no file name"),
         (("planar2", "planar2\\u0000.toml"), "is no file name"),
     ],
@@ -286,3 +296,32 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         main(["--version"])
     assert caught.value.code == 0
     assert capsys.readouterr().out.startswith("didim ")
+
+
+def test_a_wrong_value_of_any_length_is_told_briefly(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm.write_text(EXPERIMENT.replace("cutoff_hz = 40", f"cutoff_hz = '{5000 * 'y'}'"), encoding="utf-8")
+    assert identify_arm(arm) == 2
+    line = one_line(capsys)
+    assert line.startswith("didim: arm.toml: [signal] cutoff_hz must be a finite number, got 'yyy")
+    assert len(line) < 1000
+
+
+def test_check_tells_torques_next_to_nothing(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm.write_text(EXPERIMENT.replace('"N.m"', '"A"\ngain = 1e-310'), encoding="utf-8")
+    assert main(["check", str(arm), "--data", str(arm.parent / "data")]) == 2
+    assert "the torques of joint 1 are too small to be squared" in one_line(capsys)
+
+
+def test_check_of_positions_without_motion_warns_of_nothing(
+    arm: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A cut-off next to zero leaves a line: an infinite condition number, and no warning of NumPy."""
+    arm.write_text(EXPERIMENT.replace("cutoff_hz = 40", "cutoff_hz = 0.004"), encoding="utf-8")
+    assert main(["check", str(arm), "--data", str(arm.parent / "data")]) == 1
+    assert capsys.readouterr().err == ""
+
+
+def test_check_tells_torques_beyond_floating_point(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm.write_text(EXPERIMENT.replace('"N.m"', '"A"\ngain = 1e155'), encoding="utf-8")
+    assert main(["check", str(arm), "--data", str(arm.parent / "data")]) == 2
+    assert "the torques of joint 1 are too large to be squared" in one_line(capsys)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -158,6 +159,9 @@ def test_stopping_keeps_the_best_point() -> None:
         (lambda: didim.CLOE(output="speed"), "output must be one of"),  # type: ignore[arg-type]
         (lambda: didim.CLOE(max_iterations=0), "max_iterations must be a whole number"),
         (lambda: didim.CLOE(tolerance=2.0), "tolerance must be at least 0"),
+        (lambda: didim.CLOE(starts=0), "starts must be a whole number of at least 1, got 0"),
+        (lambda: didim.CLOE(seed=-1), "seed must be a whole number of at least 0, got -1"),
+        (lambda: didim.CLOE(starts=2, checkpoint="a.npz"), "a checkpoint belongs to one search"),
     ],
 )
 def test_wrong_settings(make: Callable[[], object], message: str) -> None:
@@ -204,6 +208,14 @@ def test_a_simplex_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
     )
     with pytest.raises(FitError, match=r"search\.npz: this checkpoint belongs to another search"):
         didim.identify(arm, didim.CLOE(optimizer="nelder-mead", start=2.0 * off(arm), checkpoint=file))
+    with np.load(file) as content:
+        arrays = dict(content)
+    np.savez(file, **{**arrays, "array_values": arrays["array_values"] + 1e-9})
+    with pytest.raises(FitError, match=r"search\.npz: this checkpoint is damaged"):
+        search(400, file)
+    np.savez(file, **{**arrays, "record": np.array(str(arrays["record"]).replace("150", "151"))})
+    with pytest.raises(FitError, match=r"search\.npz: this checkpoint is damaged"):
+        search(400, file)
     file.write_bytes(b"no checkpoint")
     with pytest.raises(FitError, match=r"search\.npz: this is no checkpoint of a search"):
         search(400, file)
@@ -298,3 +310,44 @@ def test_the_simplex_on_lanes_is_scipys_on_single_simulations() -> None:
     np.testing.assert_array_equal(found.points[0], expected.x)
     assert found.values[0] == expected.fun
     assert (found.iterations, found.evaluations) == (expected.nit, expected.nfev)
+
+
+def test_logs_that_nothing_can_be_weighed_by_are_told() -> None:
+    """Torques whose squares leave floating point, and too few samples for the noise."""
+    arm = short_arm()
+    (recording,) = arm.recordings
+    assert recording.tau is not None
+    tau = recording.tau.copy()
+    tau[7, 1] = 1e300
+    huge = replace(arm, recordings=(replace(recording, tau=tau),))
+    with pytest.raises(
+        FitError, match="the torques of joint 2 are too large to be squared; check their unit"
+    ):
+        didim.identify(huge, didim.CLOE(start="reference"))
+    short = replace(arm, recordings=(replace(recording, windows=((0, 5),)),))
+    with pytest.raises(FitError, match="arm: CLOE estimates the noise from more than 5 samples, got 5"):
+        didim.identify(short, didim.CLOE(start="reference"))
+
+
+def test_logs_that_lack_what_is_compared_are_told() -> None:
+    arm = short_arm()
+    (recording,) = arm.recordings
+    bare = replace(arm, recordings=(replace(recording, tau=None, name="bare"),))
+    with pytest.raises(FitError, match="recording 'bare' has no torques, which output 'torque' needs"):
+        didim.identify(bare, didim.CLOE(start="reference", output="torque"))
+    unfit = replace(arm, recordings=(replace(recording, role="held-out"),))
+    with pytest.raises(FitError, match="experiment 'arm' has no recording with role 'fit'"):
+        didim.identify(unfit, didim.CLOE(start="reference"))
+    with pytest.raises(FitError, match=r"noise needs 2 positive numbers, one per joint, got \[1e-06\]"):
+        didim.identify(arm, didim.CLOE(start="reference", noise=[1e-6]))
+
+
+def test_starts_that_cannot_be_searched_from_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = short_arm()
+    nowhere = -np.ones_like(off(arm))  # negative inertias: no robot
+    monkeypatch.setattr("didim.cloe._further_starts", lambda problem, count, seed: [nowhere] * count)
+    said: list[str] = []
+    fit = didim.CLOE(start=off(arm), starts=3).run(arm, lambda iteration: False, said.append)
+    assert fit.status is Status.CONVERGED
+    assert "1 of 3 starts reached the best optimum; 2 could not be searched from" in fit.remarks[-1]
+    assert [line for line in said if line.startswith("start 3: ") and "cannot be simulated" in line]

@@ -227,6 +227,7 @@ def digital(**changes: Any) -> Digital:
             lambda: Controller.tuned([1.0, -1.0], 0.7, ONE),
             "natural_frequency_hz must be positive, got [1.0, -1",
         ),
+        (lambda: Controller.tuned([1e308, 1.0], 0.7, ONE), "kp must be finite, got [inf, "),
         (lambda: Controller.tuned(ONE, 0.0, ONE), "damping must be positive, got [0.0, 0.0]"),
         (lambda: Controller.tuned(ONE, 0.7, [1.0, -2.0]), "inertia must be positive, got [1.0, -2.0]"),
         (lambda: Controller.tuned(ONE, 0.7, ONE, gain=0.0), "gain must not be zero, got [0.0, 0.0]"),

@@ -198,12 +198,22 @@ def test_wrong_shapes() -> None:
         ('{"schema": 2}', "fit.json: schema 2 is not the schema 1"),
         ('{"schema": 1}', "fit.json: key 'parameters' is missing or unknown"),
         ('{"schema": 1, "parameters": 3}', "fit.json: "),
+        (f'{{"schema": 1{5000 * "0"}}}', "fit.json: not a JSON file: Exceeds the limit"),
+        (100_000 * "[", "fit.json: not a JSON file: "),
     ],
 )
 def test_what_is_no_result_is_told(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "fit.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(FitError, match=message):
+        Identification.load(path)
+
+
+@pytest.mark.parametrize(("key", "value"), [("output_error", [1.0]), ("relative_error", [10**400])])
+def test_wrong_values_of_a_result_are_told(tmp_path: Path, key: str, value: object) -> None:
+    path = tmp_path / "fit.json"
+    path.write_text(json.dumps({**example().to_dict(), key: value}), encoding="utf-8")
+    with pytest.raises(FitError, match=r"fit\.json: not the result of an identification: "):
         Identification.load(path)
 
 

@@ -194,3 +194,25 @@ def test_wrong_input(tmp_path: Path) -> None:
         initialise(
             "planar2", write(tmp_path / "still.csv", ["t", "q1", "q2", "tau1", "tau2"], 0.0 * T, Q, TAU)
         )
+
+
+def test_a_slide_is_read_in_millimetres_and_its_drive_has_a_gain(tmp_path: Path) -> None:
+    """What spans 20 is no metre; the gain of the EMPS is in its robot file."""
+    log = write(tmp_path / "run.csv", ["t", "q1", "voltage1"], T, 200.0 * Q[:, 0], TAU[:, 0])
+    path, draft = initialise("emps", log)
+    assert not draft.questions
+    text = path.read_text(encoding="utf-8")
+    assert 'unit = "mm" # confirm' in text
+    assert "# gain: that of the robot file" in text
+    (recording,) = load_experiment(path).recordings
+    gains = didim.load_robot("emps").gains
+    assert gains is not None
+    assert recording.tau is not None
+    np.testing.assert_allclose(recording.q[:, 0], 0.2 * Q[:, 0], atol=1e-9)
+    np.testing.assert_allclose(recording.tau[:, 0], gains[0] * TAU[:, 0], atol=1e-6)
+
+
+def test_a_folder_is_no_log(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").mkdir()
+    with pytest.raises(didim.RecordingError, match=r"run\.csv: cannot be read \(Is a directory\)"):
+        initialise("planar2", tmp_path / "run.csv")

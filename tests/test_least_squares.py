@@ -234,7 +234,7 @@ def test_too_few_rows_and_no_columns() -> None:
     [
         ({"weights": "joint"}, "weights must be 'none' or 'per-joint', got 'joint'"),
         ({"variance": "r"}, "variance must be 'r-b' or 'r-1', got 'r'"),
-        ({"reweightings": -1}, "reweightings must be a whole number of at least 0, got -1"),
+        ({"reweightings": -1}, "reweightings must be a whole number from 0 to 1000, got -1"),
         ({"reweightings": True}, "reweightings must be a whole number"),
         ({"reweightings": 1.5}, "reweightings must be a whole number"),
         ({"decimation_corrected": 1}, "decimation_corrected must be true or false, got 1"),
@@ -243,3 +243,17 @@ def test_too_few_rows_and_no_columns() -> None:
 def test_wrong_settings(options: dict[str, Any], message: str) -> None:
     with pytest.raises(FitError, match=message):
         LeastSquaresSettings(**options)
+
+
+def test_variances_of_nearly_dependent_columns_are_not_negative() -> None:
+    """Columns that differ by 1e-9 of their size: rounding in W^T W would leave nothing of the covariance."""
+    rng = np.random.default_rng(5)
+    one = system()
+    w = rng.standard_normal((200, 3))
+    w[:, 2] = w[:, 0] + w[:, 1] + 1e-9 * rng.standard_normal(200)
+    near = replace(one, w=w, y=rng.standard_normal(200), joints=(slice(0, 100), slice(100, 200)))
+    fit = solve(near, LeastSquaresSettings(), correlation=np.array([1.0, 0.3, 0.1]))
+    variances = np.diag(fit.covariance)
+    assert (variances > 0.0).all()
+    # The direction that the columns nearly share has the variance of its 200 rows of 1e-9, correlation apart.
+    assert 0.3e18 / 200.0 < variances[2] < 3e18 / 200.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,15 @@ def valley(points: Array) -> Array:
     return np.where(points[:, 0] > 1.3, np.inf, values)
 
 
+def ripples(points: Array) -> Array:
+    """A bowl with so many ripples that the simplex often finds nothing better, and shrinks."""
+    return np.asarray(np.sum(points**2 + 0.5 * np.sin(200.0 * points), axis=1))
+
+
 @pytest.mark.parametrize("adaptive", [False, True])
 @pytest.mark.parametrize("n", [2, 5, 12])
-def test_the_iterates_are_those_of_scipy(n: int, adaptive: bool) -> None:
+@pytest.mark.parametrize("function", [valley, ripples])
+def test_the_iterates_are_those_of_scipy(function: Callable[[Array], Array], n: int, adaptive: bool) -> None:
     start = np.linspace(-1.2, 1.1, n)
     start[n // 2] = 0.0
     path: list[Array] = []
@@ -31,7 +38,7 @@ def test_the_iterates_are_those_of_scipy(n: int, adaptive: bool) -> None:
     options: Any = {"adaptive": adaptive, "xatol": 1e-4, "fatol": 1e-4, "maxiter": 500, "maxfev": 10**6}
     scipys_minimize: Any = minimize
     expected = scipys_minimize(
-        lambda x: float(valley(x[None])[0]),
+        lambda x: float(function(x[None])[0]),
         start,
         method="Nelder-Mead",
         callback=lambda x: path.append(x.copy()),
@@ -44,8 +51,8 @@ def test_the_iterates_are_those_of_scipy(n: int, adaptive: bool) -> None:
         return False
 
     simplex, converged = nelder_mead.minimise(
-        valley,
-        nelder_mead.start(valley, nelder_mead.literal_simplex(start)),
+        function,
+        nelder_mead.start(function, nelder_mead.literal_simplex(start)),
         adaptive=adaptive,
         max_iterations=500,
         max_evaluations=10**6,

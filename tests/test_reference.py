@@ -184,6 +184,10 @@ def move(points: Any = ((0.0, 0.0), (1.0, 1.0)), **changes: Any) -> Reference:
             "harmonics in 1e-300 s is too long",
         ),
         (
+            lambda: Reference.fourier(np.ones((1000, 1)), np.ones((1000, 1)), period_s=1, duration_s=2),
+            "2 s with 1000 harmonics in 1 s is too long",
+        ),
+        (
             lambda: Reference.fourier(Q, Q, period_s=1, offset=[1, 2, 3]),
             "offset needs 2 numbers, one per joint",
         ),
@@ -213,3 +217,11 @@ def test_a_wrong_reference_is_one_sentence(make: Callable[[], object], message: 
         make()
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_in_a_very_long_period_positions_meet_their_limit() -> None:
+    """Where velocities and accelerations vanish, their limits say nothing, and nothing is divided by zero."""
+    slow = random(period_s=1e300, max_position=[0.5, 1.0])
+    q, dq, _ = slow.at(np.linspace(0.0, 1e300, 1001))
+    np.testing.assert_allclose(np.abs(q).max(axis=0), [0.5, 1.0], rtol=0.02)
+    assert np.abs(dq).max() < 1e-290

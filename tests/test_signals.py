@@ -345,3 +345,10 @@ def test_what_the_core_refuses_is_a_sentence() -> None:
     (stage,) = signals.decimation_stages(100, SignalProcessing(decimation=(2,)))
     with pytest.raises(SignalError, match="filter stage 0 needs more than 27 samples"):
         signals.decimate(noise(20, 1), [stage])
+
+
+@pytest.mark.parametrize("factors", [(10**6,), (10,) * 9])
+def test_noise_of_a_decimation_that_cannot_be_is_refused(factors: tuple[int, ...]) -> None:
+    """Before its spectrum takes gigabytes."""
+    with pytest.raises(SignalError, match=r"a decimation by 10+ in all is too large, 10000 is possible"):
+        signals.noise_correlation(SignalProcessing(decimation=factors))

@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import simulated
 from didim.cli import main
 from didim.closed_loop import closed_loop
 from didim.experiment import load_experiment
 from didim.identify import identify
 from didim.robot import load_robot
-from didim.simulate_command import SimulationReport, simulate_experiment
+from didim.signals import SignalProcessing, differentiate
+from didim.simulate_command import SimulationReport, recording_errors, simulate_experiment
 
 OWN_MOTION = """\
 schema = 1
@@ -386,3 +388,27 @@ def test_the_report_is_a_table(arm: Path) -> None:
     loop = closed_loop(load_experiment(arm))
     (q, _, _, _), _ = loop.run(np.asarray(load_robot("planar2").sets["reference"])[None])
     np.testing.assert_allclose(q[0], report.arrays[0], rtol=0, atol=1e-8)
+
+
+def test_errors_leave_out_what_the_experiment_trims() -> None:
+    """Spoiled up to the trimmed samples nothing is off; one sample further it is, in a window of its own too."""
+    signal = SignalProcessing(cutoff_hz=40.0, trim_start=10, trim_end=20)
+    robot = load_robot("planar2")
+    log = simulated.log(robot, robot.sets["reference"], n_samples=400, signal=signal)
+    experiment = simulated.experiment(robot, log, signal=signal)
+    assert log.tau is not None
+    window = (100, 300)
+    _, dq, ddq = differentiate(log.q[slice(*window)], log.rate_hz, signal)
+    exact = (log.q[slice(*window)], dq, ddq, log.tau[slice(*window)])
+
+    def errors(first: int, last: int) -> list[float]:
+        spoiled = tuple(values.copy() for values in exact)
+        for values in spoiled:
+            values[:first] += 1.0
+            values[len(values) - last :] += 1.0
+        found = recording_errors(experiment, log, window, (spoiled[0], spoiled[1], spoiled[2], spoiled[3]))
+        return [float(values.max()) for values in found.values()]
+
+    assert errors(10, 20) == [0.0] * 4
+    assert min(errors(11, 20)) > 0.0
+    assert min(errors(10, 21)) > 0.0

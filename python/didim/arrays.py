@@ -13,6 +13,9 @@ from didim.errors import DidimError
 
 Array = NDArray[np.float64]
 
+LARGEST_POSITION = 1e9
+"""Of a joint (rad or m): nothing is left of the digits of an angle that is much larger, and the core's sine ends at 1e15."""
+
 
 def real_array(what: str, value: ArrayLike, error: type[DidimError]) -> Array:
     """Return `value` as float64, of any shape and not necessarily finite; a copy only where needed.

@@ -68,8 +68,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+LONGEST_MESSAGE = 1000
+"""Characters: a wrong value may be a text or a list of any length."""
+
+
 def _refuse(message: str) -> int:
-    print("didim: " + " ".join(message.split()), file=sys.stderr)
+    line = " ".join(message.split())
+    if len(line) > LONGEST_MESSAGE:
+        line = f"{line[: LONGEST_MESSAGE - 300]} [...] {line[-200:]}"
+    print(f"didim: {line}", file=sys.stderr)
     return WRONG_INPUT
 
 

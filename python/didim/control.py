@@ -241,8 +241,10 @@ class Controller:
         (gain,) = _columns(gain=options.get("gain", 1.0), n=len(j))  # type: ignore[arg-type]
         if not gain.all():
             raise ControllerError(f"gain must not be zero, got {gain.tolist()}")
-        omega = 2.0 * np.pi * frequency
-        return cls.pd(j * omega**2 / gain, 2.0 * ratio * omega * j / gain, **options)  # type: ignore[arg-type]
+        with np.errstate(over="ignore", invalid="ignore"):  # told by pd
+            omega = 2.0 * np.pi * frequency
+            kp, kv = j * omega**2 / gain, 2.0 * ratio * omega * j / gain
+        return cls.pd(kp, kv, **options)  # type: ignore[arg-type]
 
     def with_feedforward(self, tau: ArrayLike, *, rate_hz: float) -> Controller:
         """Return the same controller with a torque fed forward.

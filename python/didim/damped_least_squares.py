@@ -29,6 +29,8 @@ GRADIENT = 0.03
 CORRELATED = 0.1
 """Correlation of neighbouring errors from which they no longer count as white."""
 MOST_ITERATIONS = 100
+NOISE_SAMPLES = 5
+"""Fifth differences need more samples than these."""
 
 
 def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Identification:
@@ -135,6 +137,10 @@ def weigh_by_noise(problem: OutputError) -> None:
     """Weight outputs by the noise of their measurements, given or estimated."""
     method = problem.method
     q = np.concatenate([window.q for window in problem.windows])
+    if len(q) <= NOISE_SAMPLES:
+        raise FitError(
+            f"{problem.job.experiment.name}: CLOE estimates the noise from more than {NOISE_SAMPLES} samples, got {len(q)}"
+        )
     if method.output in ("position", "both"):
         noise = white_noise(q) if method.noise is None else np.asarray(method.noise, dtype=np.float64)
         if noise.shape != (problem.robot.n_dof,) or not (noise > 0.0).all():

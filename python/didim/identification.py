@@ -292,7 +292,7 @@ class Identification:
         """
         try:
             data = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        except (ValueError, RecursionError) as error:  # no UTF-8, no JSON, an integer of thousands of digits
             raise FitError(f"{path}: not a JSON file: {error}") from None
         if not isinstance(data, dict) or "schema" not in data:
             raise FitError(f"{path}: not the result of an identification, it has no 'schema'")
@@ -304,7 +304,7 @@ class Identification:
             return cls._from_dict(data)
         except KeyError as error:
             raise FitError(f"{path}: key {error} is missing or unknown") from None
-        except (AttributeError, TypeError, ValueError) as error:
+        except (AttributeError, TypeError, ValueError, OverflowError, IndexError) as error:
             raise FitError(f"{path}: not the result of an identification: {error}") from None
 
     @classmethod

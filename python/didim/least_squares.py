@@ -38,6 +38,9 @@ Variance = Literal["r-b", "r-1"]
 # its torque.
 SMALLEST_RELATIVE_RESIDUAL = 1e-9
 
+# The weights settle within a few solutions.
+MOST_REWEIGHTINGS = 1000
+
 # A joint with fewer expected squares than this share of its rows takes the variance of all joints.
 SMALLEST_SHARE = 0.05
 
@@ -80,9 +83,11 @@ class LeastSquaresSettings:
         if (
             isinstance(self.reweightings, bool)
             or not isinstance(self.reweightings, int)
-            or self.reweightings < 0
+            or not 0 <= self.reweightings <= MOST_REWEIGHTINGS
         ):
-            raise FitError(f"reweightings must be a whole number of at least 0, got {self.reweightings!r}")
+            raise FitError(
+                f"reweightings must be a whole number from 0 to {MOST_REWEIGHTINGS}, got {self.reweightings!r}"
+            )
         if not isinstance(self.decimation_corrected, bool):
             raise FitError(f"decimation_corrected must be true or false, got {self.decimation_corrected!r}")
 
@@ -230,13 +235,13 @@ def solve(
             break
     inverse_r = np.asarray(scaled.inverse_r)
     with np.errstate(over="ignore", invalid="ignore"):  # told below
-        inverse = inverse_r @ inverse_r.T
         if settings.decimation_corrected and correlation is not None:
             covariance = _correlated_covariance(
-                system, settings, scale, residual * scale, inverse, correlation
+                system, settings, scale, residual * scale, inverse_r, correlation
             )
         else:
-            covariance = float(np.sum((residual * scale) ** 2)) / _divisor(system, settings) * inverse
+            variance = float(np.sum((residual * scale) ** 2)) / _divisor(system, settings)
+            covariance = variance * (inverse_r @ inverse_r.T)
     bad = np.flatnonzero(~(np.isfinite(beta) & np.isfinite(np.diag(covariance))))
     if bad.size:
         raise FitError(
@@ -258,21 +263,22 @@ def _correlated_covariance(
     settings: LeastSquaresSettings,
     scale: Array,
     residual: Array,
-    inverse: Array,
+    inverse_r: Array,
     correlation: Array,
 ) -> Array:
     """Covariance for noise with a correlation in each window of each joint; rows and residual are divided by the weights."""
-    b = inverse.shape[0]
+    b = inverse_r.shape[0]
     colored, plain = np.empty((len(system.joints), b, b)), np.empty((len(system.joints), b, b))
     for joint, rows in enumerate(system.joints):
-        w = system.w[rows] * scale[rows, None]
-        plain[joint] = w.T @ w
-        colored[joint] = w.T @ _apply_correlation(w, system.windows or (len(w),), correlation)
+        # In the orthonormal columns Q = W R^-1: in those of a nearly dependent W rounding would make variances negative.
+        q = (system.w[rows] * scale[rows, None]) @ inverse_r
+        plain[joint] = q.T @ q
+        colored[joint] = q.T @ _apply_correlation(q, system.windows or (len(q),), correlation)
     squares = np.array([residual[rows] @ residual[rows] for rows in system.joints])
     sizes = np.array([rows.stop - rows.start for rows in system.joints], dtype=np.float64)
-    # What is left of unit noise: the trace of (1 - H) T (1 - H) within the rows of the joint, H = W P W^T.
-    middle = inverse @ colored.sum(axis=0) @ inverse
-    expected = sizes - 2.0 * np.einsum("jab,ab->j", colored, inverse) + np.einsum("jab,ab->j", plain, middle)
+    # What is left of unit noise: the trace of (1 - H) T (1 - H) within the rows of the joint, H = Q Q^T.
+    traces = np.trace(colored, axis1=1, axis2=2)
+    expected = sizes - 2.0 * traces + np.einsum("jab,ab->j", plain, colored.sum(axis=0))
     if settings.weights == "none":
         variances = np.full(len(squares), squares.sum() / expected.sum())
     else:
@@ -280,7 +286,7 @@ def _correlated_covariance(
         pooled = squares.sum() / expected.sum()
         told_by_itself = expected > SMALLEST_SHARE * sizes
         variances = np.where(told_by_itself, squares / np.where(told_by_itself, expected, 1.0), pooled)
-    return np.asarray(inverse @ np.einsum("j,jab->ab", variances, colored) @ inverse)
+    return np.asarray(inverse_r @ np.einsum("j,jab->ab", variances, colored) @ inverse_r.T)
 
 
 def _apply_correlation(w: Array, windows: Sequence[int], correlation: Array) -> Array:

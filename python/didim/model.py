@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from .arrays import real_array
+from .arrays import LARGEST_POSITION, real_array
 from .errors import IndefiniteError, ShapeError
 from .robot import Robot
 
@@ -189,5 +189,11 @@ def _matrix(robot: Robot, name: str, value: ArrayLike) -> Array:
         raise ShapeError(
             f"{name} must have shape (n_samples, {robot.n_dof}) for robot {robot.name!r}, "
             f"got {array.shape}{hint}"
+        )
+    if name == "q" and (np.abs(array) > LARGEST_POSITION).any():
+        sample, joint = np.argwhere(np.abs(array) > LARGEST_POSITION)[0]
+        raise ShapeError(
+            f"q of joint {joint + 1} is {array[sample, joint]:g} at sample {sample + 1}, where at most "
+            f"{LARGEST_POSITION:g} rad or m is possible"
         )
     return array

@@ -291,6 +291,13 @@ def _windows(job: Job, output: Output) -> list[Window]:
             tau = (
                 np.zeros_like(q) if recording.tau is None else np.ascontiguousarray(recording.tau[start:stop])
             )
+            with np.errstate(over="ignore"):
+                sizes = np.linalg.norm(tau, axis=0)
+            if not np.isfinite(sizes).all():
+                joint = int(np.argmin(np.isfinite(sizes))) + 1
+                raise FitError(
+                    f"recording '{recording.name}': the torques of joint {joint} are too large to be squared; check their unit"
+                )
             kept = slice(job.signal.trim_start, len(q) - job.signal.trim_end)
             found.append(Window(loop, q, tau, kept))
     if not found:

@@ -17,7 +17,7 @@ from typing import Any, Literal, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from didim.arrays import real_array
+from didim.arrays import LARGEST_POSITION, real_array
 from didim.data_files import Column, DataFile, open_data_file
 from didim.errors import RecordingError
 from didim.sampling import MINIMUM_SAMPLES, TimeFault, check_time, slices, stretches, time_faults
@@ -91,6 +91,13 @@ class Recording:
             raise RecordingError(f"{self.name}: role must be 'fit' or 'held-out', got {self.role!r}")
         object.__setattr__(self, "rate_hz", _rate(self.name, self.rate_hz))
         q = self._matrix("q", self.q)
+        huge = np.argwhere(np.abs(q) > LARGEST_POSITION)
+        if len(huge):
+            sample, joint = huge[0]
+            raise RecordingError(
+                f"{self.name}: q of joint {joint + 1} is {q[sample, joint]:g} at sample {sample}, where a position is at most "
+                f"{LARGEST_POSITION:g} rad or m; check its unit"
+            )
         n_samples = len(q)
         if n_samples < MINIMUM_SAMPLES:
             raise RecordingError(

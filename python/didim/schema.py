@@ -18,6 +18,9 @@ from didim.errors import DidimError
 MISSING: Any = object()
 """Default of a key that must be there."""
 
+LARGEST_INTEGER = 2**63 - 1
+"""TOML promises no larger ones."""
+
 _Default = TypeVar("_Default")
 
 
@@ -61,7 +64,7 @@ def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
     """
     try:
         # Some editors of Windows open a file with a byte-order mark, which TOML does not know.
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        content = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         near = path.with_name(path.name + ".toml")
         hint = f"; did you mean {near.name!r}?" if near.is_file() else ""
@@ -70,10 +73,16 @@ def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
         raise error(f"{path}: cannot be read ({reason.strerror})") from None
     except UnicodeDecodeError as reason:
         text = f"not a TOML file, byte {reason.start} is not UTF-8"
-    except tomllib.TOMLDecodeError as reason:
-        text = f"not valid TOML, {reason}"
     except ValueError as reason:  # a zero byte in the name
         raise error(f"{str(path)!r} is no file name ({reason})") from None
+    else:
+        try:
+            return tomllib.loads(content)
+        except (
+            ValueError,
+            RecursionError,
+        ) as reason:  # an integer of thousands of digits, brackets within brackets
+            text = f"not valid TOML, {reason}"
     hint = "" if path.suffix == ".toml" else "; a file of this kind ends in .toml"
     raise error(f"{path.name}: {text}{hint}")
 
@@ -156,6 +165,8 @@ class Table:
             return default
         if isinstance(value, bool) or not isinstance(value, int):
             self.fail(f"{key} must be an integer, got {value!r}")
+        if abs(value) > LARGEST_INTEGER:
+            self.fail(f"{key} must be an integer of at most {LARGEST_INTEGER}, got {value}")
         self._check_range(key, value, minimum, maximum, None)
         return value
 
@@ -266,9 +277,15 @@ class Table:
         return Table(mapping, self._where, self._error, path)
 
     def _finite(self, key: str, value: object) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float):
             self.fail(f"{key} must be a finite number, got {value!r}")
-        return float(value)
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf  # an integer of more than 308 digits
+        if not math.isfinite(number):
+            self.fail(f"{key} must be a finite number, got {value!r}")
+        return number
 
     def _number_list(self, key: str, value: object, length: int | None) -> list[float]:
         if not isinstance(value, list):

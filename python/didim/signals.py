@@ -40,6 +40,9 @@ _CIRCLE = 2048
 LARGEST_ORDER = 10
 """Of the Butterworth filter: above it nothing is gained but ringing and rounding."""
 
+LARGEST_DECIMATION = 10_000
+"""Of all factors together: the spectrum of decimated noise has 2048 times as many points."""
+
 LARGEST_POLE_ERROR = 1e-5
 """How far rounding may move a pole, as a share of its distance from the unit circle."""
 
@@ -389,6 +392,11 @@ def noise_correlation(signal: SignalProcessing) -> Array | None:
     ndarray, shape (n_lags,), or None
         From lag 0, where it is 1; None without decimation, which leaves white noise white.
 
+    Raises
+    ------
+    SignalError
+        When all factors together are beyond 10 000.
+
     Notes
     -----
     The filters act forward and backward, so that the power of the noise is shaped by the fourth power of their
@@ -398,13 +406,15 @@ def noise_correlation(signal: SignalProcessing) -> Array | None:
 
     if not signal.decimation:
         return None
+    total = math.prod(signal.decimation)
+    if total > LARGEST_DECIMATION:
+        raise SignalError(f"a decimation by {total} in all is too large, {LARGEST_DECIMATION} is possible")
     power = np.ones(1)
     for factor in reversed(signal.decimation):
         # Spectra at the rate before this stage, on the circle; the later stages see it folded, and act alike on each fold.
         power = np.tile(power, factor) if power.size > 1 else np.ones(_CIRCLE * factor)
         sos = cheby1(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, DECIMATION_BAND / factor, output="sos")
         power = power * _squared_gain(sos, power.size) ** 2
-    total = int(np.prod(signal.decimation))
     folded = power.reshape(total, -1).sum(axis=0)
     correlation = np.fft.ifft(folded).real[: folded.size // 2]
     return np.asarray(correlation / correlation[0])

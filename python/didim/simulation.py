@@ -34,6 +34,10 @@ NEAR_ZERO = 10.0
 """Near zero means this many times the smoothing velocity of the friction, where the reference says how fast the robot is."""
 NEAR_ZERO_MEASURED = 5.0
 """The same where the velocities are those of the robot."""
+MOST_RECORDS = 20_000_000
+"""Values of a run per quantity, and instants at which something happens: beyond, a rate or a step is a mistake, and memory ends."""
+FINEST = 1e-4
+"""Smallest share of the step that a fine step may be: between two steps nothing is heard, not even Ctrl-C."""
 DIVERGENCE = 100.0
 """Tracking error (rad or m) that counts as divergence."""
 LARGE_ERROR = 0.01
@@ -239,8 +243,11 @@ class ClosedLoop:
         duration = reference.duration if duration_s is None else float(duration_s)
         if not (np.isfinite(rate) and rate > 0.0):
             raise SimulationError(f"rate_hz must be positive, got {rate_hz}")
-        if not (np.isfinite(duration) and duration > 0.0 and duration * rate < 1e9):
-            raise SimulationError(f"duration_s must be positive and below 1e9 records, got {duration}")
+        if not (np.isfinite(duration) and duration > 0.0 and duration * rate * n <= MOST_RECORDS):
+            raise SimulationError(
+                f"duration_s must be positive and make at most {MOST_RECORDS} records of all joints, "
+                f"got {duration} s at {rate:g} Hz"
+            )
         if not divergence > 0.0:
             raise SimulationError(f"divergence must be positive, got {divergence}")
         records = int(np.floor(duration * rate * (1.0 + 1e-12) + 1e-9)) + 1
@@ -571,6 +578,7 @@ def _schedule(
     steps: tuple[float, Sequence[float]],
     motion: Reference | None,
 ) -> _core.Schedule:
+    _check_steps(steps, controller.core.period, (records - 1) / rate)
     near = (NEAR_ZERO if motion is None else NEAR_ZERO_MEASURED) if _smooth(robot) else 0.0
     try:
         return _core.Schedule(
@@ -586,6 +594,21 @@ def _schedule(
         )
     except ValueError as reason:
         raise SimulationError(str(reason)) from None
+
+
+def _check_steps(steps: tuple[float, Sequence[float]], period: float | None, duration_s: float) -> None:
+    """Refuse steps, sample times and fine steps that are mistakes; the core refuses what is not positive."""
+    coarse, fine = steps
+    for what, interval in (("step", coarse), ("sample_time_s", period)):
+        if interval is not None and 0.0 < interval * MOST_RECORDS < duration_s:
+            raise SimulationError(
+                f"{what} of {interval:g} s is too small for a run of {duration_s:g} s: at most {MOST_RECORDS} are possible"
+            )
+    for joint, value in enumerate(fine, start=1):
+        if 0.0 < value < FINEST * coarse:
+            raise SimulationError(
+                f"fine_step of joint {joint} is {value:g} s, less than {FINEST:g} of the step of {coarse:g} s"
+            )
 
 
 def _outcomes(endings: Sequence[tuple[int, float, int]]) -> tuple[Outcome, ...]:

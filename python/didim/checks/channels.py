@@ -256,9 +256,7 @@ def _clipped(channel: Channel) -> list[Finding]:
 
 def _coarse(channel: Channel) -> list[Finding]:
     """Find a channel of few values."""
-    levels = len(
-        np.unique(channel.values.round(12 - int(np.ceil(np.log10(np.abs(channel.values).max() or 1.0)))))
-    )
+    levels = len(np.unique((channel.values / (np.abs(channel.values).max() or 1.0)).round(12)))
     if levels >= FEWEST_LEVELS or levels == 1:
         return []
     moved = np.mean(~_same(channel.values))

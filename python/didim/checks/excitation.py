@@ -120,4 +120,5 @@ def _condition(probe: Probe, reading: Reading) -> float:
     information, _, _ = probe.information(reading)
     size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     values = np.linalg.eigvalsh(information / np.outer(size, size))
-    return float(np.sqrt(values[-1] / max(values[0], np.finfo(float).tiny)))
+    with np.errstate(over="ignore"):  # infinite for a log that tells nothing of a direction
+        return float(np.sqrt(values[-1] / max(values[0], np.finfo(float).tiny)))

@@ -85,7 +85,8 @@ class Probe:
         kept = job.signal.kept_rows
         y = [decimate(part.tau, stage)[kept] for part, stage in zip(parts, stages, strict=True)]
         self._y = np.ascontiguousarray(np.concatenate(y).T)
-        self._yy = self._y @ self._y.T
+        with np.errstate(over="ignore", invalid="ignore"):  # told by the fit
+            self._yy = self._y @ self._y.T
         self.n_rows = self._y.shape[1]
         self.n_samples = sum(len(part.q) for part in parts)
         self.names = [job.robot.base_parameters.names[k] for k in job.selection.estimated]

@@ -1,0 +1,288 @@
+"""Wrong files through the command line: each case must end in a result or in one sentence.
+
+    python benches/fuzz.py [--count 10000] [--seed 0] [--jobs 1] [--first CASE]
+
+A case mutates the files of a command (`fuzz_material.py`, `fuzz_mutate.py`) one to three times and runs it in process. It must
+end with exit code 0 or 1 and nothing but sentences on stderr, or with exit code 2, nothing on stdout and one sentence on stderr:
+no traceback, no panic, no warning of NumPy or SciPy, within a limit of time and of memory. A case that runs longer is
+interrupted as by Ctrl-C; that it must hear, and it counts as long. Cases depend on the seed and on nothing else. A case that
+fails is kept with its files and its command under ``out/fuzz/``, and one that was long.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import contextlib
+import io
+import json
+import os
+import random
+import selectors
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import traceback
+import warnings
+from pathlib import Path
+from types import FrameType
+
+LIMIT_S = 5.0
+"""After this a case is interrupted; a sound one takes some milliseconds."""
+DEAF_S = 15.0
+"""After this it has not heard, and its process is ended."""
+MEMORY_GB = 3
+LONGEST_SENTENCE = 1200
+OUTPUT = Path("out", "fuzz")
+
+
+def run_case(folder: Path, material: Path, seed: int, number: int) -> tuple[str, str, list[str]]:
+    """Mutate and run one case.
+
+    Parameters
+    ----------
+    folder : Path
+        Where its files go; emptied first.
+    material : Path
+        The sound files.
+    seed, number : int
+        Which case.
+
+    Returns
+    -------
+    outcome, complaint : str
+        ``result``, ``refused``, ``long`` or ``failed``; what is wrong, for a failed one.
+    command : list of str
+        Arguments and mutations.
+    """
+    from fuzz_material import SCENARIOS
+    from fuzz_mutate import mutate
+
+    rng = random.Random(f"{seed} {number}")
+    (scenario,) = rng.choices(SCENARIOS, [item.weight for item in SCENARIOS])
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(material, folder)
+    os.chdir(folder)
+    done = [mutate(Path(rng.choice(scenario.files)), rng) for _ in range(rng.choice((1, 1, 1, 2, 3)))]
+    arguments = list(scenario.arguments)
+    if rng.random() < 0.02:
+        arguments[rng.randrange(1, len(arguments))] = rng.choice(("", "x", "nan", "-1", "log.csv", "."))
+        done.append("argument")
+    Path("command.txt").write_text(f"didim {shlex.join(arguments)}\n# {'; '.join(done)}\n", encoding="utf-8")
+    outcome, complaint = judge(arguments)
+    return outcome, complaint, done
+
+
+def judge(arguments: list[str]) -> tuple[str, str]:
+    """Run a command line in process; return its outcome, and what is wrong with it."""
+    from didim.cli import main
+
+    out, err = io.StringIO(), io.StringIO()
+    signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
+            warnings.simplefilter("always")
+            try:
+                code: object = main(arguments)
+            except SystemExit as reason:  # of argparse
+                code = reason.code
+    except KeyboardInterrupt:
+        # The alarm came while the process was between two places that hear it.
+        return "long", ""
+    except BaseException:  # a panic of the core is no Exception
+        return "failed", traceback.format_exc()
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    told = err.getvalue()
+    if code == 130:
+        return "long", ""
+    if code not in (0, 1, 2):
+        return "failed", f"exit code {code!r}\n{told}"
+    if any(word in told for word in ("Traceback", "Warning", "panicked")):
+        return "failed", told
+    if code == 2:
+        return "refused", wrong_refusal(out.getvalue(), told)
+    return "result", wrong_result()
+
+
+def wrong_refusal(out: str, told: str) -> str:
+    """What is wrong with the words of a refusal; an empty text when nothing is."""
+    if out:
+        return f"exit code 2, and a result on stdout\n{out}\n{told}"
+    if told.count("\n") != 1 or not told.startswith("didim: ") or len(told) < 15:
+        return f"exit code 2 without one sentence\n{told}"
+    if len(told) > LONGEST_SENTENCE:
+        return f"a sentence of {len(told)} characters\n{told}"
+    return ""
+
+
+def wrong_result() -> str:
+    """What is wrong with the JSON of a result; an empty text when nothing is."""
+    path = Path("out.json")
+    if not path.exists():
+        return ""
+
+    def refuse(word: str) -> None:
+        raise ValueError(f"{word} is not JSON")
+
+    try:
+        json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+    except ValueError as reason:
+        return f"out.json: {reason}"
+    return ""
+
+
+def work(seed: int, numbers: range, material: Path, folder: Path, kept: Path) -> None:
+    """Run cases in this process, each announced and answered by a line on stdout."""
+    import resource
+
+    # Now, so that no case waits for them.
+    import scipy.io
+    import scipy.signal  # noqa: F401
+
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_GB << 30,) * 2)
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGALRM, interrupt)
+    # What the core or C code prints on stderr goes past Python.
+    with tempfile.TemporaryFile() as direct:
+        os.dup2(direct.fileno(), 2)
+        for number in numbers:
+            print("begin", number, flush=True)
+            outcome, complaint, _ = run_case(folder, material, seed, number)
+            if direct.seek(0, os.SEEK_END):
+                direct.seek(0)
+                complaint += f"\nprinted past Python: {direct.read().decode(errors='replace')}"
+                direct.seek(0)
+                direct.truncate()
+            outcome = "failed" if complaint else outcome
+            if outcome != "result" and outcome != "refused":
+                keep(folder, kept, number, complaint or "long")
+            print("end", number, outcome, flush=True)
+
+
+def keep(folder: Path, kept: Path, number: int, complaint: str) -> None:
+    """Keep the files of a case, and what is wrong with it."""
+    target = kept / f"case-{number:05d}"
+    shutil.rmtree(target, ignore_errors=True)
+    shutil.copytree(folder, target)
+    (target / "complaint.txt").write_text(complaint, encoding="utf-8", errors="backslashreplace")
+
+
+class Parent(threading.Thread):
+    """Keeps one worker process going through its share of the cases, and ends it when it is deaf."""
+
+    def __init__(self, seed: int, numbers: range, material: Path, folder: Path, kept: Path) -> None:
+        super().__init__()
+        self.counts: collections.Counter[str] = collections.Counter()
+        self.bad: list[int] = []
+        self._seed, self._numbers = seed, numbers
+        self._places = material, folder, kept
+
+    def run(self) -> None:
+        """Start workers until no case is left."""
+        left = self._numbers
+        while left:
+            left = left[self._worker(left) :]
+
+    def _worker(self, numbers: range) -> int:
+        """Run one worker; return how many cases are done with."""
+        material, folder, kept = self._places
+        places = [str(place) for place in (material, folder, kept)]
+        arguments = ["--worker", *map(str, (self._seed, numbers.start, numbers.stop, numbers.step)), *places]
+        command = [sys.executable, str(Path(__file__).resolve()), *arguments]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert process.stdout is not None
+        done, current = 0, numbers.start
+        complaint = ""
+        with selectors.DefaultSelector() as selector, process:
+            selector.register(process.stdout, selectors.EVENT_READ)
+            while True:
+                # Without a buffer that selectors would not see: a line comes as it is printed.
+                if not selector.select(LIMIT_S + DEAF_S):
+                    complaint = f"not heard within {DEAF_S} s"
+                    process.kill()
+                    break
+                line = process.stdout.readline().split()
+                if not line:
+                    break
+                current = int(line[1])
+                if line[0] == "end":
+                    done += 1
+                    self._count(current, line[2])
+        if done < len(numbers):
+            keep(folder, kept, current, complaint or f"the process ended with {process.returncode}")
+            self._count(current, "failed")
+            done += 1
+        return done
+
+    def _count(self, number: int, outcome: str) -> None:
+        self.counts[outcome] += 1
+        if outcome == "failed":
+            self.bad.append(number)
+
+
+def fuzz(count: int, seed: int, jobs: int, first: int = 0) -> int:
+    """Run all cases and print what became of them; return the number of failed ones."""
+    from fuzz_material import make
+
+    kept = OUTPUT.resolve()
+    shutil.rmtree(kept, ignore_errors=True)
+    kept.mkdir(parents=True)
+    here = Path.cwd()
+    with tempfile.TemporaryDirectory() as scratch:
+        material = Path(scratch, "sound")
+        material.mkdir()
+        os.chdir(material)
+        make(material)
+        os.chdir(here)
+        # Shared out by strides, so that the jobs end together.
+        parents = [
+            Parent(
+                seed,
+                range(first + k, first + count, jobs),
+                material,
+                Path(scratch, f"case-{k}", "files"),
+                kept,
+            )
+            for k in range(min(jobs, count))
+        ]
+        for parent in parents:
+            parent.start()
+        for parent in parents:
+            parent.join()
+    counts = sum((parent.counts for parent in parents), collections.Counter[str]())
+    bad = sorted(number for parent in parents for number in parent.bad)
+    print(f"{count} cases, seed {seed}: " + ", ".join(f"{counts[key]} {key}" for key in OUTCOMES))
+    for number in bad:
+        print(f"failed: {kept / f'case-{number:05d}'}")
+    return len(bad)
+
+
+OUTCOMES = ("result", "refused", "long", "failed")
+
+
+def command_line() -> int:
+    """Read the arguments and run."""
+    if sys.argv[1:2] == ["--worker"]:
+        seed, start, stop, step = map(int, sys.argv[2:6])
+        material, folder, kept = map(Path, sys.argv[6:9])
+        work(seed, range(start, stop, step), material, folder, kept)
+        return 0
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, metavar="CASE", help="number of the first case")
+    options = parser.parse_args()
+    return 1 if fuzz(options.count, options.seed, options.jobs, options.first) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(command_line())
