@@ -523,10 +523,10 @@ def test_emps_from_one_kilogram_needs_gain_updating(emps: Experiment) -> None:
     found = identify(emps, DIDIM(gain_updating="never", max_iterations=3, tolerance=0.025))
     assert found.status is Status.NOT_CONVERGED
     full = [item.more["residual_change"] for item in found.history if item.more["step_length"] == 1.0]
-    assert min(full) < 0.025
+    assert np.nanmin(full) < 0.025
     told = "with these parameters the robot does not follow: its torques are off by 6"
-    assert found.remarks[0].startswith(told)
-    assert found.remarks[0].endswith("or let gain_updating be 'first'")
+    (remark,) = [remark for remark in found.remarks if remark.startswith(told)]
+    assert remark.endswith("or let gain_updating be 'first'")
     near = identify(emps, DIDIM(gain_updating="never", start="published"))
     assert near.converged
     assert distance(near, identify(emps, DIDIM()).beta) < 0.05

@@ -134,10 +134,9 @@ def test_didim_names_exchanged_joints(log: Experiment, i: int, j: int) -> None:
     named(with_torques(log, tau), DIDIM(max_iterations=1), EXCHANGED.format(i + 1, j + 1))
 
 
-def test_didim_that_converges_to_exchanged_joints_names_them(log: Experiment) -> None:
+def test_didim_on_exchanged_joints_names_them_before_all_else(log: Experiment) -> None:
     tau = exchanged(torques(log), 2, 5)
     fit = identify(with_torques(log, tau), DIDIM())
-    assert fit.converged
     assert fit.remarks[0].startswith(EXCHANGED.format(3, 6))
 
 

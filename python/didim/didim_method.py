@@ -44,6 +44,8 @@ POSITIVE = 1e-3
 """Share of M(q) that a full step must keep. The inertia of a start such as (17) may be a hundred times the real one."""
 ROUNDING = 1e-10
 """Share of the torques below which a residual is rounding."""
+CAREFUL = 2
+"""Where a robot cannot be simulated, all is tried again with equal steps, so many times smaller than the smallest one before."""
 MOST_HALVINGS = 20
 """How often a step is halved when the simulation after it does not reach its end."""
 
@@ -165,6 +167,9 @@ class _Run:
         self.windows = _windows(job, self.delay[0])
         self.n_simulations = 0
         self.remarks: list[str] = []
+        self.refined = False
+        self.usual: list[_Window] | None = None
+        """The windows with the steps of the experiment, while smaller ones are taken."""
         self.correlation = (
             signals.noise_correlation(job.signal) if job.settings.decimation_corrected else None
         )
@@ -177,6 +182,8 @@ class _Run:
         updating = method.gain_updating != "never"
         simulated = self._simulate(x, self._scale(x) if updating else None)
         if isinstance(simulated, Outcome):
+            if self._refine():
+                return self.result()
             raise self._no_start(f"the simulation {simulated}")
         first_error = simulated.error
         history: list[Iteration] = []
@@ -195,6 +202,9 @@ class _Run:
             moved = float(np.nanmax(np.where(std > 0.0, change, 0.0)))
             # What may be the last simulation has its check of the steps beside it, on another core.
             step, x_next, next_simulated = self._advance(x, target, largest, moved <= method.sigma_fraction)
+            if step < largest and self._refine():
+                # A step that keeps M(q) > 0 leads to a robot; that it cannot be simulated is a matter of the steps in time.
+                return self.result()
             relative_change = ratio(abs(norm - last_norm), last_norm)
             error = ratio(np.linalg.norm(fit.residual), np.linalg.norm(system.measured))
             more = {
@@ -229,6 +239,13 @@ class _Run:
             exact = error <= ROUNDING
             if sound and (exact or moved <= method.sigma_fraction or relative_change <= method.tolerance):
                 status = Status.CONVERGED
+                if self.usual is not None:
+                    # On with the steps of the experiment: the result must not tell from where it was come to.
+                    self.windows, self.usual = self.usual, None
+                    again = self._simulate(x, None)
+                    if not isinstance(again, Outcome):
+                        simulated = again
+                        continue
                 if method.stop:
                     break
             else:
@@ -255,6 +272,23 @@ class _Run:
             ),
             output_error=(first_error, simulated.error),
         )
+
+    def _refine(self) -> bool:
+        """Take small steps everywhere, once, unless it is the log that looks wrong.
+
+        Those of the experiment suit the robot of the log and its motion; one that feels less inertia is stiff elsewhere too.
+        """
+        if self.refined or self._suspicions():
+            return False
+        self.refined, self.usual = True, self.windows
+        smallest = min(min(window.loop.steps[0], *window.loop.steps[1]) for window in self.windows) / CAREFUL
+        self.windows = [replace(window, loop=window.loop.even(smallest)) for window in self.windows]
+        self.remarks.append(
+            "from this start the simulation fails with the steps of the experiment: until the end is near they are "
+            f"{1e3 * smallest:.3g} ms throughout"
+        )
+        self.say(self.remarks[-1])
+        return True
 
     def _start(self) -> Array:
         base = self.robot.base_parameters

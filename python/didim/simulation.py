@@ -289,6 +289,16 @@ class ClosedLoop:
         )
         return replace(self, schedule=schedule)
 
+    def even(self, step: float) -> ClosedLoop:
+        """Return the same loop with steps of at most `step` (s) throughout."""
+        steps = (step, [step] * self.model.n_dof)
+        schedule = _schedule(self.model, self.motion, self.law, self.rate_hz, self.n_records, steps, None)
+        return replace(self, schedule=schedule, steps=steps)
+
+    def divided(self, parts: int) -> ClosedLoop:
+        """Return the same loop with every step divided into `parts`."""
+        return replace(self, schedule=self.schedule.divided(parts))
+
     def run(
         self, x: Array, *, gain_scale: Array | None = None, threads: int | None = None, divided: int = 1
     ) -> tuple[list[Array], tuple[Outcome, ...]]:
@@ -308,7 +318,7 @@ class ClosedLoop:
             Each step in so many.
         """
         scale = self._scale_of(x, gain_scale, threads)
-        setting: ClosedLoop | _Divided = self if divided == 1 else _Divided(self, divided)
+        setting = self if divided == 1 else self.divided(divided)
         try:
             arrays, endings = _core.simulate(setting, x, scale, threads)
         except ValueError as reason:
@@ -410,42 +420,6 @@ class ClosedLoop:
         share = np.divide(error, size, out=np.zeros_like(error), where=error > 0.0)
         # A run with half the steps that ends early leaves NaN: then nothing is known about the error.
         return IntegrationError(error_q, error, float(share.max()) if np.isfinite(share).all() else np.inf)
-
-
-@dataclass(frozen=True)
-class _Divided:
-    """The same closed loop with smaller steps."""
-
-    loop: ClosedLoop
-    parts: int
-
-    @property
-    def robot(self) -> _core.Robot:
-        return self.loop.robot
-
-    @property
-    def reference(self) -> _core.Reference:
-        return self.loop.reference
-
-    @property
-    def controller(self) -> _core.Controller:
-        return self.loop.controller
-
-    @property
-    def schedule(self) -> _core.Schedule:
-        return self.loop.schedule.divided(self.parts)
-
-    @property
-    def start(self) -> tuple[Sequence[float], Sequence[float]] | None:
-        return self.loop.start
-
-    @property
-    def external(self) -> tuple[float, Array] | None:
-        return self.loop.external
-
-    @property
-    def divergence(self) -> float:
-        return self.loop.divergence
 
 
 def simulate(

@@ -32,7 +32,7 @@ use partials::partials;
 
 /// One number per joint.
 type PerJoint = [Lanes<1, false>; MAX_DOF];
-/// How often, in segments, a run asks whether it shall stop.
+/// How often, in segments and in steps within one, a run asks whether it shall stop.
 const PATIENCE: usize = 64;
 
 /// Derivatives of the records of a run along directions in the space of standard parameters, one trajectory each.
@@ -179,6 +179,9 @@ impl<'a> Run<'a> {
                 self.sample(sampled, segment.start);
             }
             for step in 0..segment.steps {
+                if step % PATIENCE == PATIENCE - 1 && cancel.requested() {
+                    return (Outcome::Cancelled { time: segment.start }, Vec::new());
+                }
                 let t = segment.start + step as f64 * segment.step;
                 for stage in 0..4 {
                     let time = Stages::<1, false>::time(stage, t, segment.step);

@@ -22,6 +22,8 @@ use crate::unroll::for_joints;
 
 /// How often, in segments, a run asks whether it shall stop.
 const PATIENCE: usize = 256;
+/// The same within a segment, in steps.
+const LONG: usize = 4096;
 /// Angle (rad) beyond which the sines of `lanes.rs` lose digits.
 const FARTHEST: f64 = 1e5;
 /// Most lanes of a group.
@@ -397,6 +399,9 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
                 self.sample(digital, sampled, segment.start);
             }
             for step in 0..segment.steps {
+                if step % LONG == LONG - 1 && cancel.requested() {
+                    return self.cancelled(segment.start);
+                }
                 let t = segment.start + step as f64 * segment.step;
                 for stage in 0..4 {
                     self.evaluate(Stages::<L, F>::time(stage, t, segment.step), stage > 0);
