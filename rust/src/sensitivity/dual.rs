@@ -56,6 +56,7 @@ impl<const N: usize> Neg for Dual<N> {
     }
 }
 
+#[allow(clippy::suspicious_arithmetic_impl)] // the product rule is a sum
 impl<const N: usize> Mul for Dual<N> {
     type Output = Self;
     fn mul(self, b: Self) -> Self {

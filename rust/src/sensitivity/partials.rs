@@ -3,6 +3,9 @@
 //! Written with rotation-free textbook recursions on standard parameters, apart from the kernels: what it agrees with, it
 //! checks. Identity that tests it: its values are those of [`crate::inverse`], its derivatives differences of them.
 
+// Numbers with 24 derivatives are large; they are passed as numbers are written, and speed is not what they are for.
+#![allow(clippy::large_types_passed_by_value)]
+
 use super::dual::Dual;
 use crate::parameters::{FRICTION, IA, Layout, M, MX, XX};
 use crate::robot::{Coupling, JointKind, MAX_DOF, Robot};
