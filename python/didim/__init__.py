@@ -8,8 +8,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .base import BaseParameters
-from .check import check
-from .checks.finding import Finding, Findings
 from .cloe import CLOE
 from .compare import Comparison, compare
 from .control import Controller, Digital
@@ -42,6 +40,8 @@ from .version import __version__ as __version__
 
 if TYPE_CHECKING:
     from . import formats, plot, report
+    from .checking import check
+    from .checks.finding import Finding, Findings
 
 __all__ = [
     "CLOE",
@@ -92,8 +92,22 @@ __all__ = [
 ]
 
 
+_LATER = {
+    "check": ".checking",
+    "Finding": ".checks.finding",
+    "Findings": ".checks.finding",
+    "formats": None,
+    "plot": None,
+    "report": None,
+}
+"""What is loaded when it is asked for, so that ``import didim`` stays fast; None for a module of its own."""
+
+
 def __getattr__(name: str) -> Any:
-    """Load what has no part in an identification when it is asked for, so that ``import didim`` stays fast."""
-    if name in ("formats", "plot", "report"):
+    """Load what is in `_LATER`."""
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    place = _LATER[name]
+    if place is None:
         return import_module(f"{__name__}.{name}")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(place, __name__), name)

@@ -446,7 +446,7 @@ def _add_check(commands: Commands) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from .check import check
+    from .checking import check
 
     found = check(options.experiment, options.parameters, data=options.data)
     if options.json is not None:
