@@ -182,6 +182,20 @@ def test_random_starts_end_there_too(project: Path, log: Experiment, fit: Identi
         assert distance(fit, found.beta) < 0.05
 
 
+def test_a_start_too_stiff_for_the_steps_takes_smaller_ones_and_ends_there_too(
+    project: Path, log: Experiment, fit: Identification
+) -> None:
+    start = calibration(project).random_starts(log, "didim", 4, seed=0)[3]
+    found = identify(log, DIDIM(start=start))
+    assert found.converged
+    assert distance(fit, found.beta) < 0.05
+    (remark,) = found.remarks
+    assert remark.startswith("from this start the simulation fails with the steps of the experiment: ")
+    assert "0.0625 ms" in remark
+    # The result is made with the steps of the experiment.
+    assert found.settings["closed_loop"]["steps"] == fit.settings["closed_loop"]["steps"]
+
+
 def test_kinds_of_starts(arm: Experiment, arm_truth: Array) -> None:
     robot = arm.robot
     values = dict(zip(robot.base_parameters.names, (2.0 * arm_truth).tolist(), strict=True))
