@@ -15,7 +15,7 @@ from didim.cli import main
 from didim.closed_loop import Measurement, closed_loop
 from didim.compare import all_methods, measured, packaged_experiment, simulated_log
 from didim.compare_table import sentence
-from didim.errors import DidimError, ExperimentError
+from didim.errors import DidimError, ExperimentError, FitError
 from didim.identification import Iteration
 
 ARM = """\
@@ -220,6 +220,18 @@ def test_the_methods_start_where_the_robot_allows(experiment: Experiment) -> Non
     assert (full.start, full.max_iterations, full.variant) == ("unit", None, "literal")
     names = [method.name for method in all_methods(experiment, simplex_iterations=0)]
     assert names == ["idim-ls", "didim", "cloe-levenberg-marquardt"]
+
+
+def test_a_method_that_cannot_start_costs_no_other_result(experiment: Experiment) -> None:
+    none = -np.asarray(experiment.robot.set_base("reference"))
+    found = compare(experiment, parameters="reference", methods=[IDIMLS(), CLOE(start=none)])
+    assert list(found.fits) == ["idim-ls"]
+    (note,) = found.notes
+    assert note.startswith("cloe-levenberg-marquardt gives no result: ")
+    assert "CLOE cannot start from these parameters" in note
+    assert note in str(found)
+    with pytest.raises(FitError, match="CLOE cannot start from these parameters"):
+        compare(experiment, parameters="reference", methods=[CLOE(start=none)])
 
 
 def test_what_cannot_be_compared(experiment: Experiment) -> None:

@@ -318,7 +318,7 @@ def _compare(options: argparse.Namespace) -> int:
     print(_formatted(comparison, options.format))
     if any(fit.status.name == "INTERRUPTED" for fit in comparison.fits.values()):
         return INTERRUPTED
-    return _code(comparison.fits["didim"].status)
+    return _code(comparison.fits["didim"].status) if "didim" in comparison.fits else NOT_CONVERGED
 
 
 def _add_validate(commands: Commands) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .cloe import CLOE, Variant
 from .closed_loop import closed_loop, measured_motion
 from .didim_method import DIDIM
-from .errors import ExperimentError
+from .errors import ExperimentError, FitError
 from .experiment import Experiment, load_experiment
 from .files import write_atomically
 from .identification import Identification, Iteration
@@ -277,7 +277,14 @@ def compare(
             if callback is not None:
                 callback(name, iteration)
 
-        fit = fits[key] = identify(log, method, callback=told, verbose=verbose)
+        try:
+            fit = fits[key] = identify(log, method, callback=told, verbose=verbose)
+        except FitError as reason:
+            # What the methods before have found is worth more than a refusal.
+            if not fits:
+                raise
+            notes.append(f"{key} gives no result: {reason}")
+            continue
         if fit.status is Status.INTERRUPTED:
             notes.append(f"Interrupted during {key}; what would have come after it was not run.")
             break
