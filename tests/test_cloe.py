@@ -13,7 +13,8 @@ from scipy.optimize import minimize
 
 import didim
 from didim import nelder_mead
-from didim.compare import packaged_experiment, simulated_log
+from didim.compare import packaged_experiment, position_norms, simulated_log
+from didim.delay import DelaySettings
 from didim.errors import FitError
 from didim.experiment import Experiment
 from didim.fitting import FitSettings
@@ -49,9 +50,8 @@ def test_levenberg_marquardt_arrives_from_21(
     assert np.abs(off[well]).max() < 3.5
     assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
     # No higher than at the truth: the norm (19) there is that of the encoder noise.
-    at_truth = didim.identify(tx40, didim.CLOE(start="didim", max_iterations=1))
-    norm = "position_error_norm"
-    assert arrived.settings["cloe"][norm] <= at_truth.settings["cloe"][norm] * (1.0 + 1e-4)
+    at_truth = position_norms(tx40, {"truth": tx40.robot.parameter_set("didim")})["truth"]
+    assert arrived.settings["cloe"]["position_error_norm"] <= at_truth * (1.0 + 1e-4)
     assert arrived.history[-1].more["cost_per_row"] == pytest.approx(1.0, abs=0.03)
     correlation = arrived.covariance / np.outer(arrived.std, arrived.std)
     assert np.abs(correlation).max() <= 1.0 + 1e-9
@@ -96,9 +96,8 @@ def test_emps_by_both_optimisers(project: Path, shared: Path) -> None:
             experiment, didim.CLOE(optimizer="nelder-mead", start=start, variant="scaled")
         )
         np.testing.assert_allclose(simplex.beta, fits[0].beta, rtol=1e-3)
-    published = didim.identify(experiment, didim.CLOE(start="published", max_iterations=1))
-    key = "position_error_norm"
-    assert fits[0].settings["cloe"][key] <= published.settings["cloe"][key]
+    published = position_norms(experiment, {"published": experiment.robot.parameter_set("published")})
+    assert fits[0].settings["cloe"]["position_error_norm"] <= published["published"]
     torque = didim.identify(experiment, didim.CLOE(output="torque", start="idim-ls"))
     assert torque.method == "clie-levenberg-marquardt"
     np.testing.assert_allclose(torque.beta, fits[0].beta, rtol=0.02)
@@ -159,6 +158,11 @@ def test_stopping_keeps_the_best_point() -> None:
         (lambda: didim.CLOE(output="speed"), "output must be one of"),  # type: ignore[arg-type]
         (lambda: didim.CLOE(max_iterations=0), "max_iterations must be a whole number"),
         (lambda: didim.CLOE(tolerance=2.0), "tolerance must be at least 0"),
+        (lambda: didim.CLOE(tolerance="a"), "tolerance must be a number, got 'a'"),  # type: ignore[arg-type]
+        (lambda: didim.CLOE(noise=["a", "b"]), "noise must be an array of real numbers"),  # type: ignore[list-item]
+        (lambda: didim.CLOE(noise=[1.0, -1.0]), "noise needs positive numbers"),
+        (lambda: didim.CLOE(checkpoint="nowhere/search.npz"), "there is no folder 'nowhere'"),
+        (lambda: didim.CLOE(starts=2, checkpoint="search.npz"), "starts must be 1 with it"),
         (lambda: didim.CLOE(starts=0), "starts must be a whole number of at least 1, got 0"),
         (lambda: didim.CLOE(seed=-1), "seed must be a whole number of at least 0, got -1"),
         (lambda: didim.CLOE(starts=2, checkpoint="a.npz"), "a checkpoint belongs to one search"),
@@ -232,6 +236,73 @@ def test_levenberg_marquardt_goes_on_from_its_checkpoint(tmp_path: Path) -> None
     np.testing.assert_array_equal(again.beta, whole.beta)
     assert again.n_iterations == whole.n_iterations
     assert again.history[0].relative_error == whole.history[0].relative_error
+
+
+def test_a_checkpoint_knows_its_problem(tmp_path: Path) -> None:
+    arm = short_arm()
+    file = tmp_path / "search.npz"
+    method = didim.CLOE(start=off(arm), checkpoint=file)
+    fit = didim.identify(arm, method)
+    assert fit.converged
+    # A search that has ended is not searched on.
+    again = didim.identify(arm, method)
+    assert again.n_iterations == fit.n_iterations
+    np.testing.assert_array_equal(again.beta, fit.beta)
+    assert isinstance(arm.controller, didim.Controller)
+    others = [
+        replace(arm, simulation=replace(arm.simulation, smoothing=(0.2, 0.2))),
+        replace(arm, simulation=replace(arm.simulation, step_s=2e-4)),
+        replace(arm, controller=replace(arm.controller, saturation=np.array([9.0, 9.0]))),
+        replace(arm, fixed={"Fv1": 1.0}),
+    ]
+    for other in others:
+        with pytest.raises(FitError, match="belongs to another search"):
+            didim.identify(other, method)
+
+
+def test_ctrl_c_during_a_restart_keeps_point_and_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm = short_arm()
+    file = tmp_path / "search.npz"
+    made: list[int] = []
+    begin = nelder_mead.start
+
+    def second_is_interrupted(
+        batch: Callable[[np.ndarray], np.ndarray], points: np.ndarray
+    ) -> nelder_mead.Simplex:
+        made.append(len(points))
+        if len(made) == 2:
+            raise KeyboardInterrupt
+        return begin(batch, points)
+
+    method = didim.CLOE(optimizer="nelder-mead", start=off(arm), checkpoint=file)
+    monkeypatch.setattr(nelder_mead, "start", second_is_interrupted)
+    fit = didim.identify(arm, method)
+    assert len(made) == 2
+    assert fit.status is Status.INTERRUPTED
+    assert fit.settings["cloe"]["position_error_norm"] == pytest.approx(fit.settings["cloe"]["final_norm"])
+    monkeypatch.undo()
+    went_on = didim.identify(arm, replace(method, max_evaluations=fit.settings["cloe"]["evaluations"] + 1))
+    assert went_on.settings["cloe"]["final_norm"] <= fit.settings["cloe"]["final_norm"]
+
+
+def test_ctrl_c_between_starts_keeps_the_first_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = short_arm()
+
+    def interrupted(*arguments: object) -> list[np.ndarray]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("didim.cloe._further_starts", interrupted)
+    fit = didim.identify(arm, didim.CLOE(start=off(arm), starts=3))
+    assert fit.status is Status.INTERRUPTED
+    assert fit.history[-1].relative_error < 0.01
+
+
+def test_torques_with_a_delay_are_refused() -> None:
+    arm = replace(short_arm(), delay=DelaySettings(compensate_samples=3))
+    with pytest.raises(FitError, match="takes no delay of the torque back, and compensate_samples is 3"):
+        didim.identify(arm, didim.CLOE(output="torque", start=off(arm)))
 
 
 @pytest.mark.parametrize("optimizer", ["levenberg-marquardt", "nelder-mead"])
@@ -338,7 +409,7 @@ def test_logs_that_lack_what_is_compared_are_told() -> None:
     unfit = replace(arm, recordings=(replace(recording, role="held-out"),))
     with pytest.raises(FitError, match="experiment 'arm' has no recording with role 'fit'"):
         didim.identify(unfit, didim.CLOE(start="reference"))
-    with pytest.raises(FitError, match=r"noise needs 2 positive numbers, one per joint, got \[1e-06\]"):
+    with pytest.raises(FitError, match=r"noise needs 2 positive numbers, one per joint, got \(1e-06,\)"):
         didim.identify(arm, didim.CLOE(start="reference", noise=[1e-6]))
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import damped_least_squares
+from .arrays import real_array
 from .errors import DidimError, FitError
 from .fitting import FitSettings, Job
 from .identification import Identification, Iteration
@@ -71,7 +73,7 @@ class CLOE:
         Levenberg-Marquardt stops when the cost falls by less than this share (20).
     noise : sequence of float, optional
         Standard deviation of the measured positions per joint (rad or m): weights of Levenberg-Marquardt. Estimated from
-        fifth differences of the measured positions by default; for torques, from the residual.
+        fifth differences of the measured positions by default, that of torques likewise.
     fixed, dropped : mapping, sequence, optional
         As in `FitSettings`.
     threads : int, optional
@@ -121,6 +123,17 @@ class CLOE:
             value = getattr(self, key)
             if isinstance(value, bool) or not isinstance(value, int) or value < least:
                 raise FitError(f"{key} must be a whole number of at least {least}, got {value!r}")
+        if self.noise is not None:
+            noise = real_array("noise", self.noise, FitError)
+            if noise.ndim != 1 or not (np.isfinite(noise) & (noise > 0.0)).all():
+                raise FitError(f"noise needs positive numbers, one per joint, got {self.noise!r}")
+            object.__setattr__(self, "noise", tuple(noise.tolist()))
+        if isinstance(self.tolerance, bool) or not isinstance(self.tolerance, Real):
+            raise FitError(f"tolerance must be a number, got {self.tolerance!r}")
+        if self.checkpoint is not None and not Path(self.checkpoint).absolute().parent.is_dir():
+            raise FitError(
+                f"checkpoint '{self.checkpoint}': there is no folder '{Path(self.checkpoint).parent}'"
+            )
         if self.checkpoint is not None and self.starts > 1:
             raise FitError("a checkpoint belongs to one search: starts must be 1 with it")
         if not 0.0 <= self.tolerance < 1.0:
@@ -146,18 +159,22 @@ class CLOE:
         first = self._search(job, None, progress, say)
         if self.starts == 1 or first.status in (Status.STOPPED, Status.INTERRUPTED):
             return first
-        problem = OutputError(self, job, lambda text: None)
-        fits = [first]
-        for number, point in enumerate(_further_starts(problem, self.starts - 1, self.seed), start=2):
-            say(f"start {number} of {self.starts}")
-            try:
-                fits.append(self._search(job, point, progress, say))
-            except DidimError as reason:
-                say(f"start {number}: {reason}")
-                continue
-            if fits[-1].status in (Status.STOPPED, Status.INTERRUPTED):
-                break
-        return _best(fits, self.starts)
+        fits, interrupted = [first], False
+        try:
+            problem = OutputError(self, job, lambda text: None)
+            for number, point in enumerate(_further_starts(problem, self.starts - 1, self.seed), start=2):
+                say(f"start {number} of {self.starts}")
+                try:
+                    fits.append(self._search(job, point, progress, say))
+                except DidimError as reason:
+                    say(f"start {number}: {reason}")
+                    continue
+                if fits[-1].status in (Status.STOPPED, Status.INTERRUPTED):
+                    break
+        except KeyboardInterrupt:
+            interrupted = True
+        best = _best(fits, self.starts)
+        return replace(best, status=Status.INTERRUPTED) if interrupted else best
 
     def _search(
         self, job: Job, start: Array | None, progress: Callable[[Iteration], bool], say: Callable[[str], None]

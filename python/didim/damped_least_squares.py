@@ -55,12 +55,14 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
     errors = every[0]
     cost = float(errors @ errors)
     initial = cost if math.isnan(initial) else initial
-    status = Status.NOT_CONVERGED
+    # A search that has ended stays where it is.
+    finished = found is not None and numbers["finished"]
+    status = Status.CONVERGED if finished else Status.NOT_CONVERGED
     normal = np.eye(point.size)
     jacobian: Array | None = None
     most, begin, done_before = method.max_iterations or MOST_ITERATIONS, time.monotonic(), len(history)
     try:
-        for number in range(len(history) + 1, most + 1):
+        for number in range(len(history) + 1, len(history) if finished else most + 1):
             jacobian = problem.derivatives(point, errors)
             normal, gradient = jacobian @ jacobian.T, jacobian @ errors
             diagonal = np.diag(normal).copy()
@@ -102,15 +104,22 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
                 f"iteration {number}: cost per row {cost / errors.size:.6g}, gradient {cosine:.2g}, damping {damping:.1g}, "
                 f"{problem.n_simulations} simulations; {each:.2g} s an iteration, at most {each * (most - number):.0f} s left"
             )
+            ended = not accepted or fall <= method.tolerance
+            # (20) alone would also be met where the damping has taken all steps away.
+            converged = bool(ended and cosine <= GRADIENT)
             if method.checkpoint is not None:
-                state = {"damping": damping, "initial": initial, "simulations": problem.n_simulations}
+                state = {
+                    "damping": damping,
+                    "initial": initial,
+                    "simulations": problem.n_simulations,
+                    "finished": converged,
+                }
                 checkpoint.save(Path(method.checkpoint), fingerprint, {"point": point}, state, history)
             if progress(history[-1]):
                 status = Status.STOPPED
                 break
-            if not accepted or fall <= method.tolerance:
-                # (20) alone would also be met where the damping has taken all steps away.
-                status = Status.CONVERGED if cosine <= GRADIENT else Status.NOT_CONVERGED
+            if ended:
+                status = Status.CONVERGED if converged else Status.NOT_CONVERGED
                 break
         if status is not Status.STOPPED or jacobian is None:
             jacobian = problem.derivatives(point, errors)
@@ -118,6 +127,8 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
     covariance, condition, remarks = _covariance(problem, normal, errors, jacobian)
+    if math.isinf(condition) and status is Status.CONVERGED:
+        status = Status.ILL_CONDITIONED
     return problem.result(
         point,
         status=status,
@@ -172,11 +183,18 @@ def _covariance(
 ) -> tuple[Array, float, list[str]]:
     """Return the covariance with the noise that each joint shows, the condition number of the scaled columns, and remarks."""
     if jacobian is None:
-        return np.zeros_like(normal), math.inf, []
+        return (
+            np.zeros_like(normal),
+            math.inf,
+            ["it ended before the derivatives that sigma is made of: there is none"],
+        )
     size = np.sqrt(np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0))
     values, vectors = np.linalg.eigh(normal / np.outer(size, size))
     if values[0] <= 1e-14 * values[-1]:
-        return np.zeros_like(normal), math.inf, []
+        names = [problem.base.names[index] for index in problem.estimated]
+        hardly = ", ".join(names[k] for k in np.flatnonzero(np.abs(vectors[:, 0]) > 0.1))
+        told = f"the outputs do not tell {hardly} apart, or not at all: there are no standard deviations; fix or drop one"
+        return np.zeros_like(normal), math.inf, [told]
     inverse = (vectors / values) @ vectors.T / np.outer(size, size)
     n = problem.robot.n_dof
     middle = np.zeros_like(normal)

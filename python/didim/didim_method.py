@@ -241,11 +241,12 @@ class _Run:
                 status = Status.CONVERGED
                 if self.usual is not None:
                     # On with the steps of the experiment: the result must not tell from where it was come to.
-                    self.windows, self.usual = self.usual, None
+                    small, self.windows, self.usual = self.windows, self.usual, None
                     again = self._simulate(x, None)
                     if not isinstance(again, Outcome):
-                        simulated = again
+                        simulated, status = again, Status.NOT_CONVERGED
                         continue
+                    self.windows = small
                 if method.stop:
                     break
             else:

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from . import _core
 from .closed_loop import closed_loop
+from .delay import align
 from .errors import FitError
-from .fitting import Job, digests, ratio, ratios
+from .fitting import Job, delay_record, digests, ratio, ratios
 from .identification import Identification, Iteration
 from .idim_ls import IDIMLS
 from .model import regressor
@@ -170,17 +171,22 @@ class OutputError:
     def fingerprint(self) -> str:
         """Digest of all that makes two searches the same problem: the log, the closed loop, what is estimated and how."""
         settings = self.settings()
-        for key in ("max_iterations", "max_evaluations", "threads", "checkpoint", "tolerance"):
+        for key in ("max_iterations", "max_evaluations", "threads", "checkpoint", "tolerance", "starts"):
             settings.pop(key)
-        digest = hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode())
+        record = {key: value for key, value in self.job.record().items() if key != "versions"}
+        asked = json.dumps([settings, record], sort_keys=True, default=str)
+        digest = hashlib.sha256(asked.encode())
         for window in self.windows:
-            law = window.loop.law.laws
+            loop = window.loop
+            law = loop.law
+            numbers = (loop.rate_hz, loop.n_records, loop.steps, loop.start, loop.divergence, law.digital)
+            digest.update(repr(numbers).encode())
+            motion = loop.motion.at(loop.t)
+            signals = [part for part in (loop.external, law.feedforward) if part is not None]
+            push = [np.append(values, rate) for rate, values in signals]
             for array in (
-                window.q,
-                window.tau,
-                np.asarray(law),
-                np.asarray(window.loop.steps[1]),
-                self.start,
+                *(window.q, window.tau, *motion, *push, law.laws, law.gain, law.saturation),
+                *(self.start, self.job.selection.values),
             ):
                 digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
@@ -221,10 +227,14 @@ class OutputError:
         beta = self.base.project(x)
         errors_tau, sizes = np.zeros(self.robot.n_dof), np.zeros(self.robot.n_dof)
         positions, n_rows, cost = [], 0, 0.0
+        torques = all(recording.tau is not None for recording in self.job.experiment.recordings)
+        delay = self.job.delay() if torques else (0.0, None)
         for window in self.windows:
             (q, _, _, tau), _ = window.loop.run(x[None], threads=self.method.threads)
-            errors_tau += np.sum((tau[0] - window.tau)[window.kept] ** 2, axis=0)
-            sizes += np.sum(window.tau[window.kept] ** 2, axis=0)
+            # The measured torque is moved back against the motion, as by the other methods.
+            (simulated,), torque = align([np.ascontiguousarray(tau[0])], window.tau, delay[0])
+            errors_tau += np.sum((simulated - torque)[window.kept] ** 2, axis=0)
+            sizes += np.sum(torque[window.kept] ** 2, axis=0)
             cost += float(np.sum((q[0] - window.q) ** 2))
             positions.append(q[0])
             n_rows += q[0].size
@@ -252,10 +262,15 @@ class OutputError:
             n_rows=n_rows,
             n_simulations=self.n_simulations,
             history=tuple(history),
+            held_out=tuple(self.job.held_out(beta, delay[0])) if torques else (),
+            delay=delay_record(*delay),
             warnings=physical_flags(
                 self.robot, beta, np.sqrt(np.diag(full)), everything[:: max(1, len(everything) // 2000)]
             ),
-            remarks=tuple(remarks),
+            remarks=(
+                *remarks,
+                *(() if torques else ("without torques in the log, torque errors mean nothing",)),
+            ),
             settings=self.job.record(
                 cloe={**self.settings(), **settings, "position_error_norm": math.sqrt(cost)}
             ),
@@ -279,6 +294,11 @@ def no_start(experiment: str, outcome: object) -> FitError:
 
 def _windows(job: Job, output: Output) -> list[Window]:
     experiment = job.experiment
+    if output != "position" and job.wish != 0.0:
+        raise FitError(
+            f"output {output!r} takes no delay of the torque back, and compensate_samples is {job.wish!r}: use output "
+            "'position', or DIDIM"
+        )
     found = []
     for recording in experiment.recordings:
         if recording.role != "fit":

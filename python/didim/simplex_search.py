@@ -62,11 +62,11 @@ class SimplexSearch:
         """Search to the end."""
         problem = self.problem
         self.fingerprint = problem.fingerprint()
-        self.begin, self.done_before = time.monotonic(), 0
-        simplex = self._continued() or self._begun()
-        self.done_before = simplex.evaluations
+        self.begin, self.done_before, self.iterations_before = time.monotonic(), 0, 0
         status = Status.NOT_CONVERGED
         try:
+            begun = self._continued() or self._begun()
+            self.done_before, self.iterations_before = begun.evaluations, begun.iterations
             while True:
                 simplex, collapsed = nelder_mead.minimise(
                     lambda points: self._values(points * self.unit),
@@ -119,12 +119,20 @@ class SimplexSearch:
 
     def _begun(self) -> Simplex:
         start = self.problem.start
-        points = nelder_mead.literal_simplex(start) if self.literal else self._edged(start, self.initial)
-        self.simplex = nelder_mead.start(lambda points: self._values(points * self.unit), points / self.unit)
-        return self.simplex
+        unit = np.ones_like(start)
+        # What an interruption before the first simplex would leave.
+        alone = np.array([self.initial])
+        self.simplex = Simplex(start[None], alone, iterations=1, evaluations=1, simulations=1)
+        if self.literal:
+            points = nelder_mead.literal_simplex(start)
+        else:
+            points, unit = self._edged(start, self.initial)
+        first = nelder_mead.start(lambda points: self._values(points * unit), points / unit)
+        self.unit, self.simplex = unit, first
+        return first
 
-    def _edged(self, point: Array, norm: float) -> Array:
-        """Return a simplex whose edges change the outputs by a share of their errors; sets the unit of the search."""
+    def _edged(self, point: Array, norm: float) -> tuple[Array, Array]:
+        """Return a simplex whose edges change the outputs by a share of their errors, and the lengths of these edges."""
         problem = self.problem
         columns = problem.derivatives(point, problem.errors(point[None])[0][0])
         sizes = np.linalg.norm(columns, axis=1)
@@ -138,8 +146,7 @@ class SimplexSearch:
             up, down = problem.safe_share(point, point + way), problem.safe_share(point, point - way)
             edges[k] *= up if up >= down else -down
         edges[edges == 0.0] = 1e-3 * problem.scale[edges == 0.0]
-        self.unit = np.abs(edges)
-        return nelder_mead.edged_simplex(point, edges)
+        return nelder_mead.edged_simplex(point, edges), np.abs(edges)
 
     def _restart(self) -> bool:
         """Begin anew from the best point: a flat simplex may lie on a slope. False where that has stopped to help."""
@@ -148,17 +155,18 @@ class SimplexSearch:
         self.patient |= self.stalled and norm > (1.0 - PROGRESS) * self.before
         if not self.stalled and norm >= (1.0 - WORTH) * self.before:
             return False
-        self.before, self.norms, self.stalled = norm, [], False
-        old, best = self.simplex, self.best
-        points = self._edged(best, norm)
-        fresh = nelder_mead.start(lambda points: self._values(points * self.unit), points / self.unit)
+        old = self.simplex
+        points, unit = self._edged(self.best, norm)
+        fresh = nelder_mead.start(lambda points: self._values(points * unit), points / unit)
+        # All at once, and only now: an interruption must leave the old simplex in its own units.
+        self.before, self.norms, self.stalled, self.unit = norm, [], False, unit
+        self.restarts += 1
         self.simplex = replace(
             fresh,
             iterations=old.iterations + 1,
             evaluations=old.evaluations + fresh.evaluations,
             simulations=old.simulations + fresh.simulations,
         )
-        self.restarts += 1
         self.problem.say(f"restart {self.restarts} from norm {norm:.6g}")
         return True
 
@@ -174,9 +182,10 @@ class SimplexSearch:
             return False
         made = now.evaluations - self.done_before
         left = (self.most_evaluations - now.evaluations) / max(1, made) * (time.monotonic() - self.begin)
-        if now.iterations:
-            by_iterations = (self.most_iterations - now.iterations) / max(1, now.iterations)
-            left = min(left, by_iterations * (time.monotonic() - self.begin))
+        by_iterations = (self.most_iterations - now.iterations) / max(
+            1, now.iterations - self.iterations_before
+        )
+        left = min(left, by_iterations * (time.monotonic() - self.begin))
         self.problem.say(
             f"iteration {now.iterations}, {now.evaluations} evaluations: norm {now.values[0]:.6g} of {self.initial:.4g}; "
             f"at most {max(0.0, left):.0f} s left"
@@ -197,9 +206,9 @@ class SimplexSearch:
         )
 
     def _save(self) -> None:
-        if self.method.checkpoint is None:
-            return
         simplex = self.simplex
+        if self.method.checkpoint is None or len(simplex.points) == 1:
+            return
         checkpoint.save(
             Path(self.method.checkpoint),
             self.fingerprint,
