@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -15,17 +13,18 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
+from arm import arm_file, arm_log
 from didim import DIDIM, IDIMLS, Experiment, Identification, Status, identify
 from didim.cli import main
-from didim.closed_loop import ReferenceSpec, SimulationSettings, closed_loop, mean_inertia
+from didim.closed_loop import ReferenceSpec, mean_inertia
 from didim.compare import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
 from didim.control import Controller
 from didim.didim_method import GainUpdating
 from didim.errors import ExperimentError, FitError, RobotError
 from didim.identification import Iteration
 from didim.reference import Reference
-from didim.signals import SignalProcessing
 from didim.starts import Start, unit_rotors
+from scripts import script
 
 Array = NDArray[np.float64]
 
@@ -67,35 +66,6 @@ def emps(project: Path, shared: Path) -> Experiment:
 def distance(fit: Identification, other: Array) -> float:
     """Largest difference of a parameter, in its standard deviations."""
     return float(np.max(np.abs(fit.beta - other) / fit.std))
-
-
-def arm_log(seed: int, *, natural_frequency_hz: float = 10.0, **settings: Any) -> Experiment:
-    """Log of a planar arm without noise that follows a recorded reference: quick to simulate."""
-    robot = didim.load_robot("planar2")
-    reference = Reference.random_fourier(
-        harmonics=8,
-        period_s=4.0,
-        max_position=[1.5, 1.5],
-        max_velocity=[4.0, 5.0],
-        max_acceleration=[30.0, 40.0],
-        seed=seed,
-    )
-    experiment = Experiment(
-        name="arm",
-        robot=robot,
-        recordings=(),
-        reference=reference,
-        controller=Controller.tuned([natural_frequency_hz] * 2, [0.7] * 2, [1.0, 0.2]),
-        signal=SignalProcessing(cutoff_hz=50.0, trim_start=25, trim_end=25, decimation=(10,)),
-        simulation=SimulationSettings(
-            rate_hz=500.0, smoothing=(0.02, 0.02), step_s=1e-3, fine_step_s=5e-4, start="reference"
-        ),
-        **settings,
-    )
-    made = simulated_log(experiment, robot.parameter_set("reference"), noise=False, refinement=1)
-    (recording,) = made.recordings
-    recording = replace(recording, name=f"log {seed}", q_ref=reference.at(recording.t)[0])
-    return replace(made, recordings=(recording,), reference=ReferenceSpec("recorded", None, {}))
 
 
 @pytest.fixture(scope="module")
@@ -163,18 +133,9 @@ def test_every_start_ends_at_the_same_parameters(log: Experiment, fit: Identific
     assert found.settings["didim"]["start"] == start
 
 
-def calibration(project: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("calibration", project / "benches" / "calibration.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_random_starts_end_there_too(project: Path, log: Experiment, fit: Identification) -> None:
     """The truth times factors of 0.3 to 3 per group, where M(q) stays positive definite; benches/calibration.py does twenty."""
-    starts = calibration(project).random_starts(log, "didim", 4, seed=5)
+    starts = script(project / "benches" / "calibration.py").random_starts(log, "didim", 4, seed=5)
     for start in starts:
         assert np.max(np.abs(start / log.robot.set_base("didim") - 1.0)) > 0.5
         found = identify(log, DIDIM(start=start))
@@ -185,7 +146,7 @@ def test_random_starts_end_there_too(project: Path, log: Experiment, fit: Identi
 def test_a_start_too_stiff_for_the_steps_takes_smaller_ones_and_ends_there_too(
     project: Path, log: Experiment, fit: Identification
 ) -> None:
-    start = calibration(project).random_starts(log, "didim", 4, seed=0)[3]
+    start = script(project / "benches" / "calibration.py").random_starts(log, "didim", 4, seed=0)[3]
     found = identify(log, DIDIM(start=start))
     assert found.converged
     assert distance(fit, found.beta) < 0.05
@@ -573,47 +534,11 @@ def test_tx40_log_agrees_with_table_2(project: Path, shared: Path) -> None:
 
 # The command.
 
-EXPERIMENT = """\
-schema = 1
-name = "arm"
-robot = "planar2"
-[[recording]]
-name = "log"
-rate_hz = 500
-position = { file = "log.npz", variable = "q", unit = "rad", side = "joint" }
-torque = { file = "log.npz", variable = "tau", unit = "N.m", side = "joint" }
-reference = { file = "log.npz", variable = "q_ref", unit = "rad", side = "joint" }
-[reference]
-kind = "recorded"
-[controller]
-kind = "pd"
-kp = KP
-kv = KV
-[simulation]
-smoothing_rad_s = 0.02
-step_s = 0.001
-fine_step_s = 0.0005
-start = "reference"
-[signal]
-cutoff_hz = 50
-trim_start = 25
-trim_end = 25
-decimation = [10]
-"""
-
 
 @pytest.fixture
 def file(tmp_path: Path, arm: Experiment) -> Path:
     """Experiment file with its log beside it."""
-    (recording,) = arm.recordings
-    assert recording.tau is not None
-    assert recording.q_ref is not None
-    np.savez(tmp_path / "log.npz", q=recording.q, tau=recording.tau, q_ref=recording.q_ref)
-    laws = closed_loop(arm, recording).law.laws
-    text = EXPERIMENT.replace("KP", str(laws[:, 0].tolist())).replace("KV", str(laws[:, 1].tolist()))
-    path = tmp_path / "arm.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
+    return arm_file(arm, tmp_path, tmp_path / "arm.toml")
 
 
 def test_command(file: Path, arm_truth: Array, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,12 +7,10 @@ from machine to machine and is given that much room; everything else is met to t
 from __future__ import annotations
 
 import csv
-import importlib.util
 import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import get_args
 
 import numpy as np
@@ -30,6 +28,7 @@ from didim.signals import Convention, Form, differentiate
 from didim.simulate_command import SimulationReport, simulate_experiment
 from didim.simulation import simulate
 from didim.validate import validate
+from scripts import script
 from test_published import DECIDED_BY_ROUNDING, deviations
 from test_simulation import tx40
 
@@ -128,18 +127,9 @@ def test_tx40_coupled_friction(
     assert f"{shaft}, {100.0 * printed.relative_error[4]:.1f} % with the printed one" in words(page)
 
 
-def sweep(project: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("tx40_sweep", project / "examples" / "tx40_sweep.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_tx40_sweep(project: Path, page: Path, experiments: dict[str, Experiment]) -> None:
     """Run the three rows that the conclusion rests on; the others take as long as all tests together."""
-    module = sweep(project)
+    module = script(project / "examples" / "tx40_sweep.py")
     written = {row[0]: row[1:] for row in tables(page)["recipe all fitted mean of parts 1 to 5"]}
     variants = dict(module.recipes(experiments["dead zone"]))
     assert list(written) == ["tx40_log.toml", *variants]

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 import didim
+from arm import arm_log, noisy
 from didim import CLOE, DIDIM, IDIMLS, Experiment, Identification, identify, plot, validate
 from didim.closed_loop import SimulationSettings
 from didim.errors import FitError, PlotError, ShapeError
@@ -28,17 +29,12 @@ from didim.signals import DECIMATION_RIPPLE_DB, SignalProcessing, noise_correlat
 from robots import random_motion, random_parameters, robots
 from simulated import experiment as log_experiment
 from simulated import log as simulated_log
-from test_didim import arm_log
 from twins import pinocchio_model
 
 
 @pytest.fixture(scope="module")
 def arm() -> Experiment:
-    log = arm_log(1)
-    (recording,) = log.recordings
-    assert recording.tau is not None
-    noise = np.random.default_rng(3).standard_normal(recording.tau.shape) * [0.2, 0.1]
-    return replace(log, recordings=(replace(recording, tau=recording.tau + noise),))
+    return noisy(arm_log(1))
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import didim
+from arm import arm_log, noisy
 from didim import (
     CLOE,
     DIDIM,
@@ -40,7 +41,6 @@ from simulated import RATE_HZ
 from simulated import experiment as log_experiment
 from simulated import log as simulated_log
 from test_compare import ARM
-from test_didim import arm_log
 
 Row = list[str]
 REPORTS = ("identify", "compare", "validate")
@@ -100,11 +100,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def arm() -> Experiment:
     """Noise on a log whose robot, controller and reference are known."""
-    log = arm_log(1)
-    (recording,) = log.recordings
-    assert recording.tau is not None
-    noise = np.random.default_rng(3).standard_normal(recording.tau.shape) * [0.2, 0.1]
-    return replace(log, recordings=(replace(recording, tau=recording.tau + noise),))
+    return noisy(arm_log(1))
 
 
 @pytest.fixture(scope="module")

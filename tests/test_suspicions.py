@@ -12,12 +12,12 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
+from arm import arm_log
 from didim import DIDIM, IDIMLS, Experiment, FitError, identify
 from didim.compare import measured, packaged_experiment, simulated_log
 from didim.least_squares import LinearSystem, solve
 from didim.observations import linear_system
 from didim.suspicions import suspicions
-from test_didim import arm_log
 
 Array = NDArray[np.float64]
 

@@ -10,38 +10,10 @@ import numpy as np
 import pytest
 
 import didim
+from arm import arm_file, arm_log
 from didim import DIDIM, Experiment, FitError, Identification, identify, validate
 from didim.cli import main
-from didim.closed_loop import SimulationSettings, closed_loop
-from test_didim import arm_log
-
-EXPERIMENT = """\
-schema = 1
-name = "another day"
-robot = "planar2"
-[[recording]]
-name = "another day"
-rate_hz = 500
-position = { file = "log.npz", variable = "q", unit = "rad", side = "joint" }
-torque = { file = "log.npz", variable = "tau", unit = "N.m", side = "joint" }
-reference = { file = "log.npz", variable = "q_ref", unit = "rad", side = "joint" }
-[reference]
-kind = "recorded"
-[controller]
-kind = "pd"
-kp = KP
-kv = KV
-[simulation]
-smoothing_rad_s = 0.02
-step_s = 0.001
-fine_step_s = 0.0005
-start = "reference"
-[signal]
-cutoff_hz = 50
-trim_start = 25
-trim_end = 25
-decimation = [10]
-"""
+from didim.closed_loop import SimulationSettings
 
 
 @pytest.fixture(scope="module")
@@ -174,20 +146,14 @@ def test_emps(project: Path, shared: Path) -> None:
 @pytest.fixture
 def files(tmp_path: Path, fit: Identification, other: Experiment) -> Path:
     """A result, and an experiment whose data are elsewhere."""
-    (recording,) = other.recordings
-    assert recording.tau is not None
-    assert recording.q_ref is not None
     (tmp_path / "data").mkdir()
-    np.savez(tmp_path / "data" / "log.npz", q=recording.q, tau=recording.tau, q_ref=recording.q_ref)
-    laws = closed_loop(other, recording).law.laws
-    text = EXPERIMENT.replace("KP", str(laws[:, 0].tolist())).replace("KV", str(laws[:, 1].tolist()))
-    (tmp_path / "other.toml").write_text(text, encoding="utf-8")
+    arm_file(other, tmp_path / "data", tmp_path / "another day.toml")
     fit.save(tmp_path / "fit.json")
     return tmp_path
 
 
 def run(files: Path, *options: str) -> int:
-    command = ["validate", str(files / "fit.json"), str(files / "other.toml")]
+    command = ["validate", str(files / "fit.json"), str(files / "another day.toml")]
     return main([*command, "--data", str(files / "data"), *options])
 
 
@@ -231,7 +197,7 @@ def test_wrong_commands_are_one_line_and_exit_2(
         assert err.count("\n") == 1
         return err
 
-    experiment = files / "other.toml"
+    experiment = files / "another day.toml"
     experiment.write_text(experiment.read_text(encoding="utf-8").replace('kind = "pd"', 'kind = "dp"'))
     assert run(files) == 2
     assert "[controller]" in refused()

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+from scripts import script
+
 
 @pytest.fixture(scope="module")
 def check(project: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("wheel_check", project / "benches" / "wheel_check.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script(project / "benches" / "wheel_check.py")
 
 
 def test_the_newest_wheel_is_taken(check: ModuleType, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from . import damped_least_squares
 from .arrays import real_array
 from .errors import DidimError, FitError
-from .fitting import FitSettings, Job
+from .fitting import FitSettings
 from .identification import Identification, Iteration
 from .output_error import OutputError
 from .schema import counted
@@ -115,12 +115,10 @@ class CLOE:
         ):
             if getattr(self, key) not in known:
                 raise FitError(f"{key} must be one of {', '.join(known)}, got {getattr(self, key)!r}")
-        for key in ("max_iterations", "max_evaluations"):
+        for key, least in (("max_iterations", 1), ("max_evaluations", 1), ("starts", 1), ("seed", 0)):
             value = getattr(self, key)
-            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
-                raise FitError(f"{key} must be a whole number of at least 1, got {value!r}")
-        for key, least in (("starts", 1), ("seed", 0)):
-            value = getattr(self, key)
+            if value is None and key in ("max_iterations", "max_evaluations"):
+                continue
             if isinstance(value, bool) or not isinstance(value, int) or value < least:
                 raise FitError(f"{key} must be a whole number of at least {least}, got {value!r}")
         if self.noise is not None:
@@ -156,16 +154,16 @@ class CLOE:
         """
         settings = FitSettings(fixed=self.fixed, dropped=self.dropped)
         job = settings.job(experiment, experiment.simulation.robot(experiment.robot))
-        first = self._search(job, None, progress, say)
+        problem = OutputError(self, job, say)
+        first = self._search(problem, progress)
         if self.starts == 1 or first.status in (Status.STOPPED, Status.INTERRUPTED):
             return first
         fits, interrupted = [first], False
         try:
-            problem = OutputError(self, job, lambda text: None)
             for number, point in enumerate(_further_starts(problem, self.starts - 1, self.seed), start=2):
                 say(f"start {number} of {self.starts}")
                 try:
-                    fits.append(self._search(job, point, progress, say))
+                    fits.append(self._search(problem.begun_at(point), progress))
                 except DidimError as reason:
                     say(f"start {number}: {reason}")
                     continue
@@ -176,12 +174,7 @@ class CLOE:
         best = _best(fits, self.starts)
         return replace(best, status=Status.INTERRUPTED) if interrupted else best
 
-    def _search(
-        self, job: Job, start: Array | None, progress: Callable[[Iteration], bool], say: Callable[[str], None]
-    ) -> Identification:
-        problem = OutputError(self, job, say)
-        if start is not None:
-            problem.start = start
+    def _search(self, problem: OutputError, progress: Callable[[Iteration], bool]) -> Identification:
         if self.optimizer == "nelder-mead":
             return SimplexSearch(problem, progress).run()
         return damped_least_squares.search(problem, progress)

@@ -107,7 +107,8 @@ class SimulationSettings:
         Largest step (s).
     fine_step_s : tuple of float or None
         Largest step where the velocity of a joint is near zero (s), one for all joints or one per joint. What is near zero is
-        read off the measured motion where there is one and it is filtered, off the reference otherwise.
+        read off the measured motion where there is one that can tell, as measured or filtered, and off the reference
+        otherwise.
     rate_hz : float or None
         Records per second of a run without a recording, which has its own; 1000 by default.
     duration_s : float or None

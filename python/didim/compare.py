@@ -117,7 +117,7 @@ def simulated_log(
     loop = closed_loop(experiment)
     recording: Recording | None = None
     for _ in range(MOST_PILOTS):
-        arrays, outcomes = loop.run(x[None], divided=refinement)
+        arrays, outcomes = loop.divided(refinement).run(x[None])
         if not outcomes[0].completed:
             raise ExperimentError(f"{experiment.name}: the log cannot be simulated: the run {outcomes[0]}")
         before = recording
@@ -296,10 +296,11 @@ def compare(
                 f"Shortened: Nelder-Mead ends after {SHORT_SIMPLEX} iterations, where fminsearch would go on to 200 per "
                 "parameter; --nelder-mead full lets it."
             )
-    norms = position_norms(log, {"truth": x, **{name: fit.parameters for name, fit in fits.items()}})
+    sets = {"truth": x, **{name: fit.parameters for name, fit in fits.items()}}
     for method in methods:
         if isinstance(method, CLOE) and isinstance(method.start, str) and method.start != "idim-ls":
-            norms |= position_norms(log, {"start": standard_start(log.robot, method.start)})
+            sets["start"] = standard_start(log.robot, method.start)
+    norms = position_norms(log, sets)
     return Comparison(log, log.robot.base_parameters.project(x), fits, tuple(notes), norms)
 
 

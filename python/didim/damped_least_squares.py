@@ -8,15 +8,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import checkpoint
 from .errors import FitError
 from .identification import Identification, Iteration
-from .output_error import OutputError, no_start
+from .output_error import OutputError
 from .signals import white_noise
 from .status import Status
 
@@ -38,8 +36,8 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
     method = problem.method
     weigh_by_noise(problem)
     point, damping, history, initial = problem.start, 1e-3, list[Iteration](), math.nan
-    fingerprint = problem.fingerprint()
-    found = None if method.checkpoint is None else checkpoint.load(Path(method.checkpoint), fingerprint)
+    checkpoint = problem.checkpoint()
+    found = checkpoint.load()
     if found is not None:
         arrays, numbers, history = found
         point, damping, initial = arrays["point"], numbers["damping"], numbers["initial"]
@@ -47,11 +45,7 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
         problem.say(f"goes on from iteration {len(history)} of {method.checkpoint}")
     every, completed = problem.errors(point[None])
     if not completed[0]:
-        x = problem.standard(point[None])
-        outcomes = [window.loop.run(x)[1][0] for window in problem.windows]
-        raise no_start(
-            problem.job.experiment.name, next(outcome for outcome in outcomes if not outcome.completed)
-        )
+        raise problem.no_start()
     errors = every[0]
     cost = float(errors @ errors)
     initial = cost if math.isnan(initial) else initial
@@ -60,6 +54,7 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
     status = Status.CONVERGED if finished else Status.NOT_CONVERGED
     normal = np.eye(point.size)
     jacobian: Array | None = None
+    accepted = False
     most, begin, done_before = method.max_iterations or MOST_ITERATIONS, time.monotonic(), len(history)
     try:
         for number in range(len(history) + 1, len(history) if finished else most + 1):
@@ -107,21 +102,20 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
             ended = not accepted or fall <= method.tolerance
             # (20) alone would also be met where the damping has taken all steps away.
             converged = bool(ended and cosine <= GRADIENT)
-            if method.checkpoint is not None:
-                state = {
-                    "damping": damping,
-                    "initial": initial,
-                    "simulations": problem.n_simulations,
-                    "finished": converged,
-                }
-                checkpoint.save(Path(method.checkpoint), fingerprint, {"point": point}, state, history)
+            state = {
+                "damping": damping,
+                "initial": initial,
+                "simulations": problem.n_simulations,
+                "finished": converged,
+            }
+            checkpoint.save({"point": point}, state, history)
             if progress(history[-1]):
                 status = Status.STOPPED
                 break
             if ended:
                 status = Status.CONVERGED if converged else Status.NOT_CONVERGED
                 break
-        if status is not Status.STOPPED or jacobian is None:
+        if jacobian is None or (accepted and status is not Status.STOPPED):
             jacobian = problem.derivatives(point, errors)
             normal = jacobian @ jacobian.T
     except KeyboardInterrupt:
@@ -154,7 +148,7 @@ def weigh_by_noise(problem: OutputError) -> None:
         )
     if method.output in ("position", "both"):
         noise = white_noise(q) if method.noise is None else np.asarray(method.noise, dtype=np.float64)
-        if noise.shape != (problem.robot.n_dof,) or not (noise > 0.0).all():
+        if noise.shape != (problem.robot.n_dof,):
             raise FitError(
                 f"noise needs {problem.robot.n_dof} positive numbers, one per joint, got {method.noise!r}"
             )

@@ -26,6 +26,7 @@ from .least_squares import LinearSystem, WeightedFit, solve
 from .model import inertia_matrix
 from .observations import Segment, linear_system
 from .robot import Robot
+from .safe_step import safe_step, thinned
 from .schema import counted
 from .simulation import LARGE_ERROR, ClosedLoop, Outcome
 from .starts import Start, standard_start
@@ -40,8 +41,6 @@ GainUpdating = Literal["first", "always", "never"]
 
 CHECKED_POSITIONS = 500
 """Positions along a simulated motion at which M(q) is kept positive definite."""
-POSITIVE = 1e-3
-"""Share of M(q) that a full step must keep. The inertia of a start such as (17) may be a hundred times the real one."""
 ROUNDING = 1e-10
 """Share of the torques below which a residual is rounding."""
 CAREFUL = 2
@@ -358,7 +357,7 @@ class _Run:
     def _finer(self, x: Array, scale: Array | None) -> Array:
         """Torques along the first window, simulated with half the steps; NaN after an early end."""
         window = self.windows[0]
-        arrays, _ = window.loop.run(x[None], gain_scale=None if scale is None else scale[None], divided=2)
+        arrays, _ = window.loop.divided(2).run(x[None], gain_scale=None if scale is None else scale[None])
         return np.asarray(arrays[3][0][window.kept])
 
     def _system(self, simulated: _Simulated) -> LinearSystem:
@@ -379,10 +378,7 @@ class _Run:
     def _safe_step(self, simulated: _Simulated, x: Array, target: Array) -> float:
         """Return the largest step towards the least-squares solution that keeps M(q) positive definite along the motion."""
         q = _thinned(np.concatenate([motion[0] for motion in simulated.motions]))
-        core = self.robot.core
-        if _core.largest_safe_step(core, q, x, target, POSITIVE) == 1.0:
-            return 1.0
-        return float(_core.largest_safe_step(core, q, x, target, self.method.margin))
+        return safe_step(self.robot, q, x, target, self.method.margin)
 
     def _advance(
         self, x: Array, target: Array, largest: float, checked: bool
@@ -503,4 +499,4 @@ def _windows(job: Job, delay: float) -> list[_Window]:
 
 
 def _thinned(q: Array) -> Array:
-    return np.ascontiguousarray(q[:: max(1, len(q) // CHECKED_POSITIONS)])
+    return thinned(q, CHECKED_POSITIONS)

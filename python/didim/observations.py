@@ -94,25 +94,43 @@ def segments(recording: Recording, signal: SignalProcessing, delay_samples: floa
         with told(place):
             found_motion = signals.differentiate(recording.q[start:stop], recording.rate_hz, signal)
             motion, tau = align(found_motion, recording.tau[start:stop], delay_samples)
-        kept = slice(signal.trim_start, tau.shape[0] - signal.trim_end)
-        if kept.stop <= kept.start:
-            raise FitError(
-                f"{place}: trimming {signal.trim_start} and {signal.trim_end} samples leaves nothing of "
-                f"{counted(tau.shape[0], 'sample')}"
-            )
-        q, dq, ddq = (np.ascontiguousarray(values[kept]) for values in motion)
-        found.append(
-            Segment(
-                name=recording.name,
-                place=place,
-                rate_hz=recording.rate_hz,
-                q=q,
-                dq=dq,
-                ddq=ddq,
-                tau=np.ascontiguousarray(tau[kept]),
-            )
-        )
+        found.append(trimmed(recording, place, signal, motion, tau))
     return found
+
+
+def trimmed(
+    recording: Recording, place: str, signal: SignalProcessing, motion: Sequence[Array], tau: Array
+) -> Segment:
+    """Return the segment of aligned motion and torque, without the samples that trimming takes off its ends.
+
+    Parameters
+    ----------
+    recording : Recording
+        Gives name and rate.
+    place : str
+        Recording and window, for messages.
+    signal : SignalProcessing
+        Trimming.
+    motion : sequence of (n, n_dof) arrays
+        ``q dq ddq``, joint side.
+    tau : (n, n_dof) array
+        Joint torques (N.m or N).
+
+    Raises
+    ------
+    FitError
+        When trimming leaves nothing.
+    """
+    kept = slice(signal.trim_start, tau.shape[0] - signal.trim_end)
+    if kept.stop <= kept.start:
+        raise FitError(
+            f"{place}: trimming {signal.trim_start} and {signal.trim_end} samples leaves nothing of "
+            f"{counted(tau.shape[0], 'sample')}"
+        )
+    q, dq, ddq, torque = (np.ascontiguousarray(values[kept]) for values in (*motion, tau))
+    return Segment(
+        name=recording.name, place=place, rate_hz=recording.rate_hz, q=q, dq=dq, ddq=ddq, tau=torque
+    )
 
 
 def linear_system(

@@ -5,17 +5,19 @@ Tested in ``tests/test_cloe.py``.
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
+from .checkpoint import Checkpoint
 from .closed_loop import closed_loop
 from .delay import align
 from .errors import FitError
@@ -24,6 +26,7 @@ from .identification import Identification, Iteration
 from .idim_ls import IDIMLS
 from .model import regressor
 from .physics import physical_flags
+from .safe_step import safe_step, thinned
 from .simulation import ClosedLoop
 from .starts import standard_start
 from .status import Status
@@ -71,6 +74,7 @@ class OutputError:
         self.robot, self.base = job.robot, job.robot.base_parameters
         self.estimated = job.selection.estimated
         self.windows = _windows(job, method.output)
+        self.checked = thinned(np.concatenate([window.q for window in self.windows]), CHECKED_POSITIONS)
         self.n_simulations = 0
         self.start = self._start()
         self.scale = self._scale()
@@ -151,22 +155,29 @@ class OutputError:
 
     def safe_share(self, point: Array, target: Array) -> float:
         """Return the share of the way to a target that keeps M(q) positive definite."""
-        q = np.concatenate([window.q for window in self.windows])
-        q = np.ascontiguousarray(q[:: max(1, len(q) // CHECKED_POSITIONS)])
         x, y = self.standard(np.stack([point, target]))
-        if _core.largest_safe_step(self.robot.core, q, x, y, 1e-3) == 1.0:
-            return 1.0
-        return float(_core.largest_safe_step(self.robot.core, q, x, y, 0.1))
+        return safe_step(self.robot, self.checked, x, y)
 
-    def position_norm(self, point: Array) -> float:
-        """Return the norm (19) of the position errors at a point (rad or m)."""
-        x = self.standard(point[None])
-        ones, zeros = np.ones(self.robot.n_dof), np.zeros(self.robot.n_dof)
-        total = sum(
-            float(window.loop.costs(x, window.q, window.tau, weight_q=ones, weight_tau=zeros)[0][0])
-            for window in self.windows
+    def begun_at(self, point: Array) -> OutputError:
+        """Return the same problem with another start, and no simulations yet."""
+        other = copy.copy(self)
+        other.start, other.n_simulations = point, 0
+        return other
+
+    def no_start(self) -> FitError:
+        """Return the error for a start that cannot be simulated, with what becomes of its run."""
+        x = self.standard(self.start[None])
+        outcomes = [window.loop.run(x)[1][0] for window in self.windows]
+        ended = next((outcome for outcome in outcomes if not outcome.completed), "gives no number")
+        return FitError(
+            f"{self.job.experiment.name}: CLOE cannot start from these parameters: the robot cannot be simulated with "
+            f"them, the run {ended}"
         )
-        return math.sqrt(total)
+
+    def checkpoint(self) -> Checkpoint:
+        """Return the file of the search, which knows this problem; of no file it need not."""
+        path = self.method.checkpoint
+        return Checkpoint(None, "") if path is None else Checkpoint(Path(path), self.fingerprint())
 
     def fingerprint(self) -> str:
         """Digest of all that makes two searches the same problem: the log, the closed loop, what is estimated and how."""
@@ -283,13 +294,6 @@ class OutputError:
         asked["start"] = self.method.start if isinstance(self.method.start, str) else "given"
         asked["checkpoint"] = None if self.method.checkpoint is None else str(self.method.checkpoint)
         return asked
-
-
-def no_start(experiment: str, outcome: object) -> FitError:
-    """Return the error for a start that cannot be simulated."""
-    return FitError(
-        f"{experiment}: CLOE cannot start from these parameters: the robot cannot be simulated with them, the run {outcome}"
-    )
 
 
 def _windows(job: Job, output: Output) -> list[Window]:

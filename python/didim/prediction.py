@@ -18,7 +18,7 @@ from .closed_loop import closed_loop
 from .delay import align
 from .errors import FitError
 from .fitting import FitSettings, ratios
-from .observations import Segment, linear_system, segments
+from .observations import Segment, linear_system, segments, trimmed
 from .selection import select
 from .signals import SignalProcessing
 from .simulation import Simulation
@@ -205,17 +205,7 @@ def _simulated(
     motion, tau = align(
         [simulation.q, simulation.dq, simulation.ddq], _torque(recording)[slice(*window)], delay
     )
-    kept = slice(experiment.signal.trim_start, len(tau) - experiment.signal.trim_end)
-    q, dq, ddq = (np.ascontiguousarray(values[kept]) for values in motion)
-    return Segment(
-        name=recording.name,
-        place=place,
-        rate_hz=recording.rate_hz,
-        q=q,
-        dq=dq,
-        ddq=ddq,
-        tau=np.ascontiguousarray(tau[kept]),
-    )
+    return trimmed(recording, place, experiment.signal, motion, tau)
 
 
 def _torque(recording: Recording) -> Array:

@@ -9,15 +9,14 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import checkpoint, nelder_mead
+from . import nelder_mead
 from .identification import Identification, Iteration
 from .nelder_mead import Simplex
-from .output_error import OutputError, no_start
+from .output_error import OutputError
 from .status import Status
 
 Array = NDArray[np.float64]
@@ -53,15 +52,12 @@ class SimplexSearch:
         self.unit = np.ones(n)
         self.initial = float(self._values(problem.start[None])[0])
         if not math.isfinite(self.initial):
-            x = problem.standard(problem.start[None])
-            outcomes = [window.loop.run(x)[1][0] for window in problem.windows]
-            ended = next((outcome for outcome in outcomes if not outcome.completed), "gives no number")
-            raise no_start(problem.job.experiment.name, ended)
+            raise problem.no_start()
 
     def run(self) -> Identification:
         """Search to the end."""
         problem = self.problem
-        self.fingerprint = problem.fingerprint()
+        self.checkpoint = problem.checkpoint()
         self.begin, self.done_before, self.iterations_before = time.monotonic(), 0, 0
         status = Status.NOT_CONVERGED
         try:
@@ -207,11 +203,9 @@ class SimplexSearch:
 
     def _save(self) -> None:
         simplex = self.simplex
-        if self.method.checkpoint is None or len(simplex.points) == 1:
+        if len(simplex.points) == 1:
             return
-        checkpoint.save(
-            Path(self.method.checkpoint),
-            self.fingerprint,
+        self.checkpoint.save(
             {
                 "points": simplex.points,
                 "values": simplex.values,
@@ -232,9 +226,7 @@ class SimplexSearch:
 
     def _continued(self) -> Simplex | None:
         """Where an earlier run of the same search has stopped, if it left a checkpoint."""
-        if self.method.checkpoint is None:
-            return None
-        found = checkpoint.load(Path(self.method.checkpoint), self.fingerprint)
+        found = self.checkpoint.load()
         if found is None:
             return None
         arrays, numbers, self.history = found

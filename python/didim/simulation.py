@@ -300,7 +300,7 @@ class ClosedLoop:
         return replace(self, schedule=self.schedule.divided(parts))
 
     def run(
-        self, x: Array, *, gain_scale: Array | None = None, threads: int | None = None, divided: int = 1
+        self, x: Array, *, gain_scale: Array | None = None, threads: int | None = None
     ) -> tuple[list[Array], tuple[Outcome, ...]]:
         """Trajectories ``q dq ddq tau`` of candidates, each (n_candidates, n_records, n_dof), and their outcomes.
 
@@ -314,13 +314,10 @@ class ClosedLoop:
             Factor of the controller's gains (gain updating).
         threads : int, optional
             All cores by default; the bits do not depend on it.
-        divided : int
-            Each step in so many.
         """
         scale = self._scale_of(x, gain_scale, threads)
-        setting = self if divided == 1 else self.divided(divided)
         try:
-            arrays, endings = _core.simulate(setting, x, scale, threads)
+            arrays, endings = _core.simulate(self, x, scale, threads)
         except ValueError as reason:
             raise SimulationError(str(reason)) from None
         outcomes = _outcomes(endings)
@@ -412,7 +409,7 @@ class ClosedLoop:
 
         The method is of fourth order: the difference to half the step is 15/16 of the error.
         """
-        (fine_q, _, _, fine_tau), _ = self.run(x[None], gain_scale=gain_scale, threads=threads, divided=2)
+        (fine_q, _, _, fine_tau), _ = self.divided(2).run(x[None], gain_scale=gain_scale, threads=threads)
         factor = 16.0 / 15.0
         error_q = factor * np.abs(fine_q[0] - q).max(axis=0)
         error = factor * np.sqrt(np.mean((fine_tau[0] - tau) ** 2, axis=0))

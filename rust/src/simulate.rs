@@ -550,4 +550,4 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from didim import plot
-from didim.compare_table import sentence
+from didim.compare_table import duration, sentence
 from didim.plot.style import percent
 from didim.prediction import predict
 from didim.schema import counted
@@ -64,7 +64,7 @@ def off_rms(comparison: Comparison, method: str) -> float:
 def _tiles(comparison: Comparison) -> list[tuple[str, str]]:
     return [
         (
-            f"{fit.elapsed:.2g} s" if fit.elapsed < 100.0 else f"{fit.elapsed:.0f} s",
+            duration(fit.elapsed),
             f"{method_title(method)}: {counted(fit.n_simulations, 'simulation')}",
         )
         for method, fit in comparison.fits.items()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from didim import plot
-from didim.compare_table import TITLES
+from didim.compare_table import TITLES, duration
 from didim.errors import FitError
 from didim.plot.estimates import estimate_correlation
 from didim.plot.style import percent
@@ -129,9 +129,7 @@ def tiles(fit: Identification) -> list[tuple[str, str]]:
     if np.isfinite(fit.condition_number):
         found.append((f"{fit.condition_number:.3g}", "condition number"))
     if fit.elapsed > 0.0:
-        found.append(
-            (f"{fit.elapsed:.2g} s" if fit.elapsed < 100.0 else f"{fit.elapsed:.0f} s", "computing time")
-        )
+        found.append((duration(fit.elapsed), "computing time"))
     return found
 
 

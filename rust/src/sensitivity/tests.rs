@@ -1,55 +1,14 @@
 use super::*;
 use crate::control::Signal;
-use crate::reference::{Fourier, Reference};
-use crate::robot::{Friction, Joint, JointKind, Robot};
 use crate::schedule::{Plan, Schedule};
+use crate::simulate::tests::{PD, parameters, reference, robot};
 use crate::simulate::{Trajectories, simulate};
 
-const LAW: Law = Law {
-    position: 300.0,
-    velocity: 30.0,
-    integral: 0.0,
-    acceleration: 0.0,
-    reference_velocity: 1.0,
-    integrated_position: 1.0,
-    integrated_velocity: 0.0,
-    limit: f64::INFINITY,
-    gain: 1.0,
-};
-
-/// Two bent revolute joints, whose motors are coupled, and a sliding one.
-fn robot() -> Robot {
-    let joint = |kind, alpha, d| Joint { kind, alpha, d, theta: 0.1, r: 0.2 };
-    let joints = vec![
-        joint(JointKind::Revolute, 0.3, 0.0),
-        joint(JointKind::Revolute, -1.1, 0.4),
-        joint(JointKind::Prismatic, 0.7, 0.3),
-    ];
-    let coupling = [vec![1.0, 0.0, 0.0], vec![1.0, 1.0, 0.0], vec![0.0, 0.0, 1.0]];
-    let friction = Friction { smoothing: vec![0.5; 3], ..Friction::sign(3) };
-    Robot::new(joints, [0.0, 0.0, -9.81], &coupling, friction).unwrap()
-}
-
-fn parameters(robot: &Robot) -> Vec<f64> {
-    let one = [0.5, 0.05, -0.03, 0.6, 0.04, 0.4, 0.3, -0.2, 0.1, 2.0, 0.2, 0.4, 0.3, 0.1];
-    let mut x: Vec<f64> = (0..3).flat_map(|_| one).collect();
-    x.resize(Layout::of(robot).count(), 0.1);
-    x
-}
-
-fn reference() -> Reference {
-    let series = Fourier {
-        period: 2.0,
-        offset: &[0.3, -0.2, 0.1],
-        sine: &[0.4, 0.3, 0.1, -0.1, 0.1, 0.05],
-        cosine: &[0.1, -0.2, 0.1, 0.1, 0.05, -0.05],
-    };
-    Reference::fourier(3, series, 1.0, 1000).unwrap()
-}
+const LAW: Law = Law { position: 300.0, velocity: 30.0, ..PD };
 
 /// Exact derivatives along every parameter against central differences of the simulation, relative to the norm of the column.
 fn worst(controller: &Controller, external: Option<&Signal>) -> f64 {
-    let (robot, reference) = (robot(), reference());
+    let (robot, reference) = (robot(0.5), reference());
     let plan = Plan {
         rate: 50.0,
         records: 51,
@@ -70,7 +29,7 @@ fn worst(controller: &Controller, external: Option<&Signal>) -> f64 {
         start: Some((&start.0, &start.1)),
         divergence: 100.0,
     };
-    let (x, scale) = (parameters(&robot), [1.1, 0.9, 1.0]);
+    let (x, scale) = (parameters(&robot, 1.0), [1.1, 0.9, 1.0]);
     let units: Vec<Vec<f64>> =
         (0..x.len()).map(|k| (0..x.len()).map(|i| if i == k { 1.0 } else { 0.0 }).collect()).collect();
     let directions: Vec<&[f64]> = units.iter().map(Vec::as_slice).collect();
@@ -141,7 +100,7 @@ fn digital_control() {
 
 #[test]
 fn a_run_that_ends_has_no_derivatives() {
-    let (robot, reference) = (robot(), reference());
+    let (robot, reference) = (robot(0.5), reference());
     let plan = Plan {
         rate: 50.0,
         records: 51,
@@ -162,7 +121,7 @@ fn a_run_that_ends_has_no_derivatives() {
         start: None,
         divergence: 100.0,
     };
-    let mut x = parameters(&robot);
+    let mut x = parameters(&robot, 1.0);
     x[Layout::of(&robot).joint(2) + crate::parameters::IA] = -10.0;
     let direction = vec![1.0; x.len()];
     let candidate = Candidate { x: &x, scale: &[1.0; 3] };

@@ -4,7 +4,7 @@ use crate::reference::{Fourier, PointToPoint};
 use crate::robot::{Friction, Joint, JointKind};
 use crate::schedule::Plan;
 
-const PD: Law = Law {
+pub(crate) const PD: Law = Law {
     position: 0.0,
     velocity: 0.0,
     integral: 0.0,
@@ -16,8 +16,8 @@ const PD: Law = Law {
     gain: 1.0,
 };
 
-/// Two bent revolute joints and a sliding one.
-fn robot(smoothing: f64) -> Robot {
+/// Two bent revolute joints, whose motors are coupled, and a sliding one.
+pub(crate) fn robot(smoothing: f64) -> Robot {
     let joint = |kind, alpha, d| Joint { kind, alpha, d, theta: 0.1, r: 0.2 };
     let joints = vec![
         joint(JointKind::Revolute, 0.3, 0.0),
@@ -30,14 +30,14 @@ fn robot(smoothing: f64) -> Robot {
 }
 
 /// Bodies that exist; friction and rotors too.
-fn parameters(robot: &Robot, factor: f64) -> Vec<f64> {
+pub(crate) fn parameters(robot: &Robot, factor: f64) -> Vec<f64> {
     let one = [0.5, 0.05, -0.03, 0.6, 0.04, 0.4, 0.3, -0.2, 0.1, 2.0, 0.2, 0.4, 0.3, 0.1];
     let mut x: Vec<f64> = (0..3).flat_map(|_| one.map(|value| value * factor)).collect();
     x.resize(Layout::of(robot).count(), 0.1);
     x
 }
 
-fn reference() -> Reference {
+pub(crate) fn reference() -> Reference {
     let series = Fourier {
         period: 2.0,
         offset: &[0.3, -0.2, 0.1],
