@@ -302,6 +302,8 @@ fn number(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bodies::tests::robot as bodies;
+    use crate::inverse::inverse_dynamics;
     use crate::parameters::names;
     use crate::robot::Friction;
     use std::f64::consts::FRAC_PI_2;
@@ -332,6 +334,97 @@ mod tests {
         assert_eq!(text, [" Ia1", "d2^2 M2"]);
         assert_eq!(base.terms[zz1][1].coefficient, 0.25);
         assert!(base.unidentifiable.iter().any(|&c| names[c] == "MZ2"));
+    }
+
+    /// The value of a symbol, read as it is written: `2 r4 sin(alpha4)`, `(d3^2 + r3^2)`, or a number.
+    fn read(robot: &Robot, text: &str) -> f64 {
+        if let Some(sum) = text.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) {
+            return match sum.split_once(" + ") {
+                Some((a, b)) => read(robot, a) + read(robot, b),
+                None => sum.split_once(" - ").map(|(a, b)| read(robot, a) - read(robot, b)).unwrap(),
+            };
+        }
+        let (sign, product) = text.strip_prefix('-').map_or((1.0, text), |rest| (-1.0, rest));
+        let joint = |number: &str| robot.joints()[number.parse::<usize>().unwrap() - 1];
+        let angle = |name: &str| match name.strip_prefix("alpha") {
+            Some(number) => joint(number).alpha,
+            None => joint(name.strip_prefix("theta").unwrap()).theta,
+        };
+        let factor = |text: &str| {
+            let inside = |function: &str| text.strip_prefix(function)?.strip_suffix(')');
+            match (text.strip_prefix('d'), text.strip_prefix('r'), inside("cos("), inside("sin(")) {
+                (Some(number), ..) => joint(number).d,
+                (_, Some(number), ..) => joint(number).r,
+                (.., Some(name), _) => angle(name).cos(),
+                (.., Some(name)) => angle(name).sin(),
+                _ => text.parse().unwrap(),
+            }
+        };
+        product.split_whitespace().fold(sign, |value, text| match text.strip_suffix("^2") {
+            Some(root) => value * factor(root) * factor(root),
+            None => value * factor(text),
+        })
+    }
+
+    #[test]
+    fn base_parameters_make_the_same_torques_and_symbols_say_their_value() {
+        let (o, i) = (false, true);
+        let both = |robot: &Robot| {
+            let coupling = [vec![1.0, 0.5], vec![0.25, 1.0]];
+            Robot::new(robot.joints().to_vec(), robot.gravity(), &coupling, robot.friction().clone()).unwrap()
+        };
+        let mut symbols = Vec::new();
+        for robot in [
+            bodies(&[i, o, o]),
+            bodies(&[o, i, o, i]),
+            bodies(&[o, o, o, o]),
+            bodies(&[i, i, i, o]),
+            both(&bodies(&[o, o])),
+        ] {
+            let base = base_parameters(&robot).unwrap();
+            let (n, p) = (robot.n_dof(), Layout::of(&robot).count());
+            let x: Vec<f64> = (0..p).map(|k| (0.7 * (k * k) as f64).sin()).collect();
+            let mut grouped = vec![0.0; p];
+            for (&kept, terms) in base.kept.iter().zip(&base.terms) {
+                grouped[kept] =
+                    x[kept] + terms.iter().map(|term| term.coefficient * x[term.column]).sum::<f64>();
+                for term in terms {
+                    let value = read(&robot, &term.symbol);
+                    assert!((value - term.coefficient).abs() < 1e-9, "{value} {term:?}");
+                    symbols.push(term.symbol.clone());
+                }
+            }
+            // Other states than those the columns were judged on.
+            let motion = |a: f64| (0..20 * n).map(|k| (a * k as f64 + a).sin() * 2.0).collect::<Vec<_>>();
+            let torques = |x: &[f64]| {
+                let mut tau = vec![0.0; 20 * n];
+                inverse_dynamics(&robot, &motion(1.1), &motion(0.7), &motion(1.7), x, &mut tau).unwrap();
+                tau
+            };
+            for (got, want) in torques(&grouped).iter().zip(torques(&x)) {
+                assert!((got - want).abs() < 1e-8 * (1.0 + want.abs()), "{got} {want}");
+            }
+            // Every parameter is kept, in a group, or without effect.
+            let regrouped: Vec<usize> = base.terms.iter().flatten().map(|term| term.column).collect();
+            let found = |column| {
+                [
+                    base.kept.contains(&column),
+                    regrouped.contains(&column),
+                    base.unidentifiable.contains(&column),
+                ]
+            };
+            assert!((0..p).all(|column| found(column).iter().filter(|&&yes| yes).count() == 1));
+        }
+        for symbol in [
+            "2 r3",
+            "sin(theta2)^2",
+            "-2 cos(theta4) sin(theta4)",
+            "(d3^2 + r3^2)",
+            "(r3^2 + d3^2 cos(theta2)^2)",
+            "(2 sin(theta4)^2 - 1)",
+        ] {
+            assert!(symbols.iter().any(|found| found == symbol), "{symbol}");
+        }
     }
 
     #[test]

@@ -393,7 +393,7 @@ impl<const L: usize, const F: bool> Links<L, F> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use crate::direct::direct_dynamics;
     use crate::inverse::inverse_dynamics;
     use crate::parameters::Layout;
@@ -402,7 +402,7 @@ mod tests {
     use std::f64::consts::FRAC_PI_2;
 
     /// Every kind of step; `slides` says which joints are prismatic.
-    fn robot(slides: &[bool]) -> Robot {
+    pub(crate) fn robot(slides: &[bool]) -> Robot {
         let n = slides.len();
         let alphas = [0.2, FRAC_PI_2, 0.0, -FRAC_PI_2, 0.7, 2.0 * FRAC_PI_2];
         let joint = |j: usize| Joint {
@@ -431,6 +431,24 @@ mod tests {
         Robot::new((0..n).map(joint).collect(), [1.0, 2.0, -9.81], &coupling, friction).unwrap()
     }
 
+    /// Each link a body that exists, seen from a distance.
+    pub(crate) fn parameters(robot: &Robot) -> Vec<f64> {
+        let link = [0.5, 0.05, -0.03, 0.6, 0.04, 0.4, 0.3, -0.2, 0.1, 2.0, 0.2, 0.4, 0.3, 0.1];
+        let (joints, count) = (14 * robot.n_dof(), Layout::of(robot).count());
+        (0..count).map(|k| if k < joints { link[k % 14] } else { 0.1 }).collect()
+    }
+
+    /// A slider along an axis that turns, and parameters with which `M(q)` is `diag(inertia + mass q2^2, mass + rotor)`.
+    pub(crate) fn polar([inertia, mass, rotor]: [f64; 3]) -> (Robot, Vec<f64>) {
+        let joint = |kind, alpha| Joint { kind, alpha, d: 0.0, theta: 0.0, r: 0.0 };
+        let joints = vec![joint(JointKind::Revolute, 0.0), joint(JointKind::Prismatic, FRAC_PI_2)];
+        let identity = [vec![1.0, 0.0], vec![0.0, 1.0]];
+        let robot = Robot::new(joints, [0.0; 3], &identity, Friction::sign(2)).unwrap();
+        let mut x = vec![0.0; 28];
+        (x[5], x[14 + 9], x[14 + 10]) = (inertia, mass, rotor);
+        (robot, x)
+    }
+
     #[test]
     fn regrouping_changes_no_torque_and_the_direct_model_is_the_inverse() {
         let (o, i) = (false, true);
@@ -450,9 +468,7 @@ mod tests {
             let motion =
                 |a: f64| (0..samples * n).map(|k| (a * k as f64 + a).sin() * 2.0).collect::<Vec<_>>();
             let (q, dq, ddq) = (motion(1.1), motion(0.7), motion(1.7));
-            // Each link a body that exists, seen from a distance.
-            let link = [0.5, 0.05, -0.03, 0.6, 0.04, 0.4, 0.3, -0.2, 0.1, 2.0, 0.2, 0.4, 0.3, 0.1];
-            let x: Vec<f64> = (0..p).map(|k| if k < 14 * n { link[k % 14] } else { 0.1 }).collect();
+            let x = parameters(&robot);
             let (mut tau, mut w) = (vec![0.0; samples * n], vec![0.0; samples * n * p]);
             inverse_dynamics(&robot, &q, &dq, &ddq, &x, &mut tau).unwrap();
             regressor(&robot, &q, &dq, &ddq, &mut w).unwrap();

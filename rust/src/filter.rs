@@ -264,7 +264,7 @@ fn step<const L: usize>(states: &mut [State<L>], sections: &[Section], v: [f64; 
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
 
@@ -278,7 +278,7 @@ mod tests {
         ([b0, b1, b2, 1.0, a1, a2], [b1 - a1 + s2, s2])
     }
 
-    fn stage(n_sections: usize, padding: usize, factor: usize, first: usize) -> Stage {
+    pub(crate) fn stage(n_sections: usize, padding: usize, factor: usize, first: usize) -> Stage {
         let (sos, zi) =
             (0..n_sections).map(|s| low_pass(0.5 + 0.08 * s as f64, 0.3 + 0.1 * s as f64)).unzip();
         Stage { sos, zi, padding, factor, first }
@@ -377,6 +377,13 @@ mod tests {
             zero_phase_lanes(&mut y, &stages, &mut workspace);
             assert_eq!(y, run(&x, &stages));
         }
+    }
+
+    #[test]
+    fn nothing_stays_nothing() {
+        let mut x: Vec<[f64; 2]> = Vec::new();
+        zero_phase_lanes(&mut x, &[stage(2, 0, 1, 0)], &mut Workspace::new());
+        assert!(x.is_empty());
     }
 
     #[test]

@@ -484,10 +484,108 @@ mod tests {
 
     #[test]
     fn turning_is_a_transposition() {
-        let turned = dispatch(Turned);
-        for l in 0..4 {
-            assert_eq!(turned[l], std::array::from_fn(|k| 10.0 * k as f64 + l as f64));
+        for turned in [dispatch(Turned), Turned.run::<4, false>()] {
+            for l in 0..4 {
+                assert_eq!(turned[l], std::array::from_fn(|k| 10.0 * k as f64 + l as f64));
+            }
         }
+    }
+
+    /// Every operation on these numbers, and whether all of the first are above 1.
+    struct Operations([[f64; 8]; 3]);
+    impl Kernel for Operations {
+        type Output = (Vec<Vec<f64>>, Vec<bool>);
+        #[inline(always)]
+        fn run<const L: usize, const F: bool>(self) -> Self::Output {
+            let (mut results, mut above) = (vec![Vec::new(); 17], Vec::new());
+            for first in (0..8).step_by(L) {
+                let [a, b, c] = self.0.map(|numbers| Lanes::<L, F>::from_slice(&numbers[first..]));
+                let all = [
+                    a + b,
+                    a - b,
+                    a * b,
+                    a / b,
+                    -a,
+                    a.mul_add(b, c),
+                    a.mul_sub(b, c),
+                    a.neg_mul_add(b, c),
+                    a.abs(),
+                    a.min(b),
+                    a.max(b),
+                    a.copysign(b),
+                    a.where_above(b, c),
+                    a.or_where_not_above(b, c),
+                    a.sin_cos().0,
+                    a.sin_cos().1,
+                    a.tanh(),
+                ];
+                for (result, lanes) in results.iter_mut().zip(all) {
+                    result.extend(lanes.to_array());
+                }
+                above.push(a.all_above(1.0));
+            }
+            (results, above)
+        }
+    }
+
+    #[test]
+    fn vectors_give_what_single_numbers_give() {
+        let numbers = [
+            [0.3, -2.0, 30.0, -1e3, 1.5, 2.5, 3.5, 4.5],
+            [-0.7, 1.1, 0.25, -3.0, 1.5, -2.5, 1e-3, 7.0],
+            [0.1, 1.1, -0.4, 2.0, 1.6, 0.0, -0.0, 7.5],
+        ];
+        let (vectors, above) = dispatch(Operations(numbers));
+        let (single, above_single) = dispatch_on::<1, _>(Operations(numbers));
+        for (operation, (vector, single)) in vectors.iter().zip(&single).enumerate() {
+            for l in 0..8 {
+                assert_eq!(vector[l].to_bits(), single[l].to_bits(), "operation {operation}, number {l}");
+            }
+        }
+        // Without fused operations, the oldest processor's way: the same but for rounding.
+        let (unfused, above_unfused) = Operations(numbers).run::<4, false>();
+        for (operation, (vector, unfused)) in vectors.iter().zip(&unfused).enumerate() {
+            for l in 0..8 {
+                let (got, want) = (unfused[l], vector[l]);
+                assert!(
+                    (got - want).abs() <= 1e-15 * (1.0 + want.abs()),
+                    "operation {operation}: {got} {want}"
+                );
+            }
+        }
+        let [a, b, c] = numbers;
+        for l in 0..8 {
+            let want = [
+                a[l] + b[l],
+                a[l] - b[l],
+                a[l] * b[l],
+                a[l] / b[l],
+                -a[l],
+                a[l] * b[l] + c[l],
+                a[l] * b[l] - c[l],
+                c[l] - a[l] * b[l],
+                a[l].abs(),
+                a[l].min(b[l]),
+                a[l].max(b[l]),
+                a[l].copysign(b[l]),
+                if b[l] > c[l] { a[l] } else { 0.0 },
+                if c[l] > 0.0 { a[l] } else { b[l] },
+                a[l].sin(),
+                a[l].cos(),
+                a[l].tanh(),
+            ];
+            for (operation, (result, want)) in vectors.iter().zip(want).enumerate() {
+                let got = result[l];
+                assert!(
+                    (got - want).abs() <= 1e-15 * (1.0 + want.abs()),
+                    "operation {operation}: {got} {want}"
+                );
+            }
+        }
+        assert_eq!(above, [false, true]);
+        assert_eq!(above_unfused, above);
+        assert_eq!(above_single, [false, false, true, false, true, true, true, true]);
+        assert!(!Lanes::<4>([2.0, 2.0, f64::NAN, 2.0]).all_above(1.0));
     }
 
     #[test]

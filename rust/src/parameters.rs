@@ -162,6 +162,25 @@ mod tests {
     }
 
     #[test]
+    fn units_are_those_of_the_kind_and_the_friction() {
+        let joint = |kind| Joint { kind, alpha: 0.0, d: 0.0, theta: 0.0, r: 0.0 };
+        let joints = vec![joint(JointKind::Revolute), joint(JointKind::Prismatic)];
+        let coupling = [vec![1.0, 0.0], vec![1.0, 1.0]];
+        let friction = Friction { asymmetric: true, ..Friction::sign(2) };
+        let robot = Robot::new(joints, [0.0; 3], &coupling, friction).unwrap();
+        let named: Vec<String> =
+            names(&robot).iter().zip(units(&robot)).map(|(name, unit)| format!("{name} {unit}")).collect();
+        assert_eq!(
+            named[9..15],
+            ["M1 kg", "Ia1 kg.m^2", "Fv1+ N.m.s/rad", "Fc1+ N.m", "Fv1- N.m.s/rad", "Fc1- N.m"]
+        );
+        assert_eq!(
+            named[24..],
+            ["M2 kg", "Ia2 kg", "Fv2+ N.s/m", "Fc2+ N", "Fv2- N.s/m", "Fc2- N", "Fvm2 N.s/m", "Fcm2 N"]
+        );
+    }
+
+    #[test]
     fn every_column_has_its_owner() {
         for robot in [robot(1, true), robot(3, false), robot(2, true)] {
             let layout = Layout::of(&robot);

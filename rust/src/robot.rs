@@ -293,6 +293,32 @@ mod tests {
     }
 
     #[test]
+    fn numbers_and_lengths_are_checked_one_by_one() {
+        let one = [vec![1.0]];
+        let friction = |smoothing, dead_zone| Friction { smoothing, dead_zone, ..Friction::sign(1) };
+        assert_eq!(
+            message(vec![joint()], &one, friction(vec![0.0; 2], vec![0.0])),
+            "smoothing needs 1 entries, one per joint, got 2"
+        );
+        assert_eq!(
+            message(vec![joint()], &one, friction(vec![0.0], vec![f64::NAN])),
+            "dead zone of joint 1 is not a finite number"
+        );
+        let transmission = |rows: &[Vec<f64>]| message(vec![joint(); 2], rows, Friction::sign(2));
+        assert_eq!(transmission(&one), "transmission needs 2 entries, one per joint, got 1");
+        assert_eq!(
+            transmission(&[vec![1.0, 0.0], vec![1.0]]),
+            "a row of transmission needs 2 entries, one per joint, got 1"
+        );
+        assert_eq!(
+            transmission(&[vec![1.0, 0.0], vec![f64::NAN, 1.0]]),
+            "transmission of joint 2 is not a finite number"
+        );
+        let weightless = Robot::new(vec![joint()], [0.0, f64::INFINITY, 0.0], &one, Friction::sign(1));
+        assert_eq!(weightless.unwrap_err().to_string(), "gravity must be three finite numbers");
+    }
+
+    #[test]
     fn right_angles_are_exact() {
         assert_eq!(Twist::new(-FRAC_PI_2), Twist::Minus);
         assert_eq!(Twist::new(3.0 * FRAC_PI_2), Twist::Minus);
@@ -306,5 +332,6 @@ mod tests {
             Robot::new(vec![joint(); 2], [0.0; 3], &[vec![45.0, 0.0], vec![32.0, 32.0]], Friction::sign(2))
                 .unwrap();
         assert_eq!(robot.coupled(), &[CoupledMotor { motor: 1, others: vec![(0, 1.0)] }]);
+        assert_eq!(robot.transmission(), &[vec![1.0, 0.0], vec![1.0, 1.0]]);
     }
 }

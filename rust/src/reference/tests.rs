@@ -107,3 +107,60 @@ fn wrong_references_say_what_is_wrong() {
         message(Reference::point_to_point(1, moves)).contains("velocity of joint 1 must be positive, got 0")
     );
 }
+
+#[test]
+fn wrong_lengths_and_counts_are_named() {
+    let message = |result: Result<Reference, ReferenceError>| result.unwrap_err().to_string();
+    let knots = |n: usize, times: Vec<f64>, count: usize| {
+        let zeros = vec![0.0; count];
+        message(Reference::from_knots(n, times, &zeros, &zeros, &zeros))
+    };
+    assert_eq!(knots(0, vec![0.0, 1.0], 0), "a reference has 1 to 12 joints, got 0");
+    assert_eq!(knots(13, vec![0.0, 1.0], 26), "a reference has 1 to 12 joints, got 13");
+    assert_eq!(knots(1, vec![0.0], 1), "a reference needs at least two different points, got 1");
+    assert_eq!(knots(2, vec![0.0, 1.0], 3), "position of the reference needs 4 numbers, got 3");
+    assert!(knots(1, vec![0.0, f64::NAN], 2).ends_with("knot 2 does not come after the one before"));
+    assert!(knots(1, vec![0.0, f64::INFINITY], 2).contains("knot 2"));
+    let series = |offset: &[f64], sine: &[f64], cosine: &[f64]| {
+        message(Reference::fourier(2, Fourier { period: 1.0, offset, sine, cosine }, 1.0, 10))
+    };
+    assert_eq!(series(&[0.0; 2], &[0.0; 4], &[0.0; 2]), "cosine of the reference needs 4 numbers, got 2");
+    assert!(series(&[0.0; 2], &[0.0; 3], &[0.0; 3]).starts_with("sine of the reference"));
+    assert_eq!(series(&[0.0; 3], &[0.0; 4], &[0.0; 4]), "offset of the reference needs 2 numbers, got 3");
+    let moves = |points: &[f64], velocity: &[f64]| {
+        message(Reference::point_to_point(
+            2,
+            PointToPoint { points, velocity, acceleration: &[1.0; 2], dwell: 0.0 },
+        ))
+    };
+    assert!(moves(&[0.0; 2], &[1.0; 2]).ends_with("at least two different points, got 1"));
+    assert_eq!(moves(&[0.0; 4], &[1.0]), "velocity of the reference needs 2 numbers, got 1");
+    // The same point twice, and no rest: nothing moves and no time passes.
+    assert!(moves(&[0.5; 4], &[1.0; 2]).ends_with("at least two different points, got 1"));
+}
+
+#[test]
+fn a_joint_that_stays_waits_for_the_others() {
+    let points = [0.0, 0.7, 1.0, 0.7];
+    let moves = PointToPoint { points: &points, velocity: &[0.5; 2], acceleration: &[2.0; 2], dwell: 0.0 };
+    let reference = Reference::point_to_point(2, moves).unwrap();
+    assert_eq!(reference.span(), (0.0, 2.25));
+    for t in [0.0, 0.1, 1.0, 2.2] {
+        let target = at(&reference, t);
+        assert_eq!((target.q[1], target.dq[1], target.ddq[1]), (0.7, 0.0, 0.0));
+    }
+}
+
+#[test]
+fn a_search_may_start_at_any_piece() {
+    let times: Vec<f64> = (0..9).map(f64::from).collect();
+    let q: Vec<f64> = times.iter().map(|t| t.sin()).collect();
+    let reference = Reference::from_knots(1, times, &q, &[0.0; 9], &[0.0; 9]).unwrap();
+    for (t, want) in [(-1.0, 0), (0.5, 0), (3.0, 3), (3.5, 3), (7.9, 7), (8.0, 7), (20.0, 7)] {
+        for start in 0..8 {
+            let (mut piece, mut target) = (start, Target::zero());
+            reference.at(t, &mut piece, &mut target);
+            assert_eq!((piece, target), (want, at(&reference, t)), "{t} from {start}");
+        }
+    }
+}

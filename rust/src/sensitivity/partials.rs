@@ -190,7 +190,7 @@ mod tests {
     use crate::inverse::inverse_dynamics;
     use crate::robot::{Friction, Joint};
 
-    fn robot(asymmetric: bool, coupling: Coupling) -> Robot {
+    fn robot(friction: Friction) -> Robot {
         let joint = |kind, alpha, d, theta, r| Joint { kind, alpha, d, theta, r };
         let joints = vec![
             joint(JointKind::Revolute, 0.0, 0.0, 0.2, 0.1),
@@ -204,16 +204,24 @@ mod tests {
             vec![0.0, 0.0, 1.0, 0.0],
             vec![0.5, -0.3, 0.0, 1.0],
         ];
-        let friction = Friction { asymmetric, coupling, smoothing: vec![0.3; 4], ..Friction::sign(4) };
         Robot::new(joints, [1.0, -2.0, -9.81], &transmission, friction).unwrap()
     }
 
     #[test]
     fn values_are_those_of_the_kernel_and_derivatives_differences_of_them() {
-        for (asymmetric, coupling) in
-            [(false, Coupling::Shaft), (true, Coupling::Shaft), (false, Coupling::Printed)]
-        {
-            let robot = robot(asymmetric, coupling);
+        let sign = Friction::sign(4);
+        let smooth = Friction { smoothing: vec![0.3; 4], ..sign.clone() };
+        // The second joint is within its dead zone.
+        let dead_zone = vec![0.25; 4];
+        for friction in [
+            smooth.clone(),
+            Friction { asymmetric: true, ..smooth.clone() },
+            Friction { coupling: Coupling::Printed, ..smooth.clone() },
+            Friction { dead_zone: dead_zone.clone(), ..smooth },
+            Friction { dead_zone, asymmetric: true, ..sign.clone() },
+            sign,
+        ] {
+            let robot = robot(friction);
             let x: Vec<f64> = (0..Layout::of(&robot).count()).map(|k| ((k * k) as f64 * 0.7).sin()).collect();
             let (q, dq, ddq) = ([0.3, -0.7, 0.2, 1.1], [0.4, -0.2, 0.3, -0.6], [1.0, -2.0, 0.5, 3.0]);
             let model = |q: &[f64], dq: &[f64]| {

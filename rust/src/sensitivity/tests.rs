@@ -1,7 +1,9 @@
 use super::*;
 use crate::control::Signal;
+use crate::parameters::{FRICTION, M};
+use crate::reference::{PointToPoint, Reference};
 use crate::schedule::{Plan, Schedule};
-use crate::simulate::tests::{PD, parameters, reference, robot};
+use crate::simulate::tests::{PD, parameters, reference, robot, slider};
 use crate::simulate::{Trajectories, simulate};
 
 const LAW: Law = Law { position: 300.0, velocity: 30.0, ..PD };
@@ -89,6 +91,65 @@ fn integrators_and_saturation() {
 }
 
 #[test]
+fn the_derivative_of_an_integrator_waits_with_it() {
+    // The reference accelerates more than the limit allows: when it is reached and left does not depend on the parameters.
+    let law = Law { position: 20.0, velocity: 4.0, integral: 40.0, acceleration: 4.0, limit: 3.0, ..PD };
+    let controller = Controller::new(vec![law], Timing::Continuous, None).unwrap();
+    let moves = PointToPoint { points: &[0.0, 0.5], velocity: &[0.5], acceleration: &[2.0], dwell: 0.1 };
+    let reference = Reference::point_to_point(1, moves).unwrap();
+    let (robot, mut x) = slider();
+    x[FRICTION] = 0.5;
+    let plan = Plan {
+        rate: 100.0,
+        records: 141,
+        period: None,
+        coarse: 1e-3,
+        fine: &[1e-3],
+        slow: &[0.0],
+        motion: None,
+    };
+    let schedule = Schedule::new(&robot, &reference, plan).unwrap();
+    let simulation = Simulation {
+        robot: &robot,
+        reference: &reference,
+        controller: &controller,
+        schedule: &schedule,
+        external: None,
+        start: None,
+        divergence: 100.0,
+    };
+    let run = |x: &[f64]| {
+        let candidate = [Candidate { x, scale: &[1.0] }];
+        simulate(simulation, &candidate, 1, &Cancel::never(), |_| Trajectories::new(1, 141, 1))
+            .unwrap()
+            .remove(0)
+            .1
+            .lanes
+            .remove(0)
+    };
+    let held = run(&x).tau.iter().filter(|tau| tau.abs() == 3.0).count();
+    assert!((40..60).contains(&held), "{held}"); // twice a quarter of a second
+    for column in [M, FRICTION] {
+        let mut direction = vec![0.0; x.len()];
+        direction[column] = 1.0;
+        let candidate = Candidate { x: &x, scale: &[1.0] };
+        let exact =
+            sensitivities(simulation, candidate, &[&direction], 1, &Cancel::never()).unwrap().1.remove(0);
+        let moved = |by: f64| {
+            let mut x = x.clone();
+            x[column] += by;
+            run(&x)
+        };
+        let (ahead, behind) = (moved(1e-4), moved(-1e-4));
+        let largest = exact.q.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+        for (k, value) in exact.q.iter().enumerate() {
+            let difference = (ahead.q[k] - behind.q[k]) / 2e-4;
+            assert!((difference - value).abs() < 1e-5 * largest, "{column} {k}: {difference} {value}");
+        }
+    }
+}
+
+#[test]
 fn digital_control() {
     let digital =
         Digital { period: 4e-3, delay: 1, smoothing: vec![0.5, 0.3, 0.2], resolution: vec![0.0; 3] };
@@ -130,4 +191,50 @@ fn a_run_that_ends_has_no_derivatives() {
     assert!(found.is_empty());
     let short = sensitivities(simulation, candidate, &[&direction[1..]], 1, &Cancel::never());
     assert!(short.unwrap_err().to_string().contains("a direction has 43 entries where 44 are needed"));
+    // A loop that pushes away from its reference.
+    let x = parameters(&robot, 1.0);
+    let candidate = Candidate { x: &x, scale: &[1.0; 3] };
+    let away = Law { position: -3e4, velocity: -10.0, ..PD };
+    let controller = Controller::new(vec![away; 3], Timing::Continuous, None).unwrap();
+    let simulation = Simulation { controller: &controller, ..simulation };
+    let (outcome, found) = sensitivities(simulation, candidate, &[&direction], 1, &Cancel::never()).unwrap();
+    assert!(matches!(outcome, Outcome::Diverged { time, .. } if time > 0.0 && time < 1.0), "{outcome:?}");
+    assert!(found.is_empty());
+}
+
+#[test]
+fn a_request_to_stop_is_heard_before_and_within_a_segment() {
+    let (robot, reference) = (robot(0.5), reference());
+    // 500 steps from the first record to the second.
+    let plan = Plan {
+        rate: 2.0,
+        records: 3,
+        period: None,
+        coarse: 0.5,
+        fine: &[1e-3; 3],
+        slow: &[10.0; 3],
+        motion: None,
+    };
+    let schedule = Schedule::new(&robot, &reference, plan).unwrap();
+    let controller = Controller::new(vec![LAW; 3], Timing::Continuous, None).unwrap();
+    let simulation = Simulation {
+        robot: &robot,
+        reference: &reference,
+        controller: &controller,
+        schedule: &schedule,
+        external: None,
+        start: None,
+        divergence: 100.0,
+    };
+    let x = parameters(&robot, 1.0);
+    let (direction, candidate) = (vec![1.0; x.len()], Candidate { x: &x, scale: &[1.0; 3] });
+    for patience in [0, 1, 5] {
+        let asked = std::sync::atomic::AtomicUsize::new(0);
+        let poll = || asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) >= patience;
+        let (outcome, found) =
+            sensitivities(simulation, candidate, &[&direction], 1, &Cancel::when(&poll)).unwrap();
+        assert_eq!((outcome, found), (Outcome::Cancelled { time: 0.0 }, Vec::new()));
+        // Raised once, the flag is not asked for again.
+        assert_eq!(asked.into_inner(), patience + 1);
+    }
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::bodies::tests::polar;
 use crate::control::{Digital, Law};
 use crate::reference::{Fourier, PointToPoint};
 use crate::robot::{Friction, Joint, JointKind};
@@ -199,8 +200,100 @@ fn a_request_to_stop_is_heard() {
     assert_eq!(outcomes, [Outcome::Cancelled { time: 0.0 }]);
 }
 
+#[test]
+fn a_request_to_stop_is_heard_within_a_long_segment() {
+    let (robot, x) = slider();
+    let (reference, controller) = (rest(1.0), Controller::new(vec![PD], Timing::Continuous, None).unwrap());
+    // 10 000 steps between two records.
+    let plan =
+        Plan { rate: 1.0, records: 2, period: None, coarse: 1.0, fine: &[1e-4], slow: &[0.1], motion: None };
+    let schedule = Schedule::new(&robot, &reference, plan).unwrap();
+    let simulation = whole(&robot, &reference, &controller, &schedule);
+    let candidate = Candidate { x: &x, scale: &[1.0] };
+    let run = |patience: usize| {
+        let asked = std::sync::atomic::AtomicUsize::new(0);
+        let poll = || asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) >= patience;
+        let mut records = Trajectories::new(1, 2, 1);
+        let outcomes = run_group::<1>(simulation, &[candidate], &Cancel::when(&poll), &mut records);
+        (outcomes[0], records.lanes[0].q.len())
+    };
+    let cancelled = Outcome::Cancelled { time: 0.0 };
+    assert_eq!(
+        [run(0), run(1), run(2), run(3)],
+        [(cancelled, 0), (cancelled, 1), (cancelled, 1), (Outcome::Completed, 2)]
+    );
+}
+
+#[test]
+fn no_candidates_have_no_outcomes() {
+    let (robot, reference, controller) = (robot(0.01), reference(), pd(300.0, 30.0));
+    let schedule = schedule(&robot, &reference, 1e-3);
+    let simulation = whole(&robot, &reference, &controller, &schedule);
+    assert_eq!(run(simulation, &[], 2), (vec![], vec![]));
+    assert_eq!(run_group::<4>(simulation, &[], &Cancel::never(), &mut Trajectories::default()), []);
+}
+
+#[test]
+fn a_processor_without_fused_operations_runs_the_same_candidates() {
+    let (robot, reference, controller) = (robot(0.1), reference(), pd(300.0, 30.0));
+    let schedule = schedule(&robot, &reference, 1e-3);
+    let simulation = whole(&robot, &reference, &controller, &schedule);
+    let mut xs: Vec<Vec<f64>> = (0..3).map(|k| parameters(&robot, 1.0 + 0.2 * f64::from(k))).collect();
+    xs[1][2 * 14 + 10] = -9.0; // indefinite, as above
+    let (outcomes, together) = run(simulation, &xs, 1);
+    let scale = [1.0; 3];
+    let candidates: Vec<Candidate<'_>> = xs.iter().map(|x| Candidate { x, scale: &scale }).collect();
+    let mut plain = Trajectories::new(3, 21, 3);
+    assert_eq!(portable(simulation, &candidates, &Cancel::never(), &mut plain), outcomes);
+    let (q, tau) = (&together[0].q, &together[0].tau);
+    let measured = Measured { q, tau, weight_q: &[1.0, 2.0, 3.0], weight_tau: &[0.0, 0.5, 0.0] };
+    let (mut cost, mut plain_cost) = (Cost::new(measured, 3), Cost::new(measured, 3));
+    run_group::<WIDTH>(simulation, &candidates, &Cancel::never(), &mut cost);
+    portable(simulation, &candidates, &Cancel::never(), &mut plain_cost);
+    for lane in [0, 2] {
+        let (got, want) = (&plain.lanes[lane], &together[lane]);
+        assert_eq!(got.q.len(), 63);
+        assert!(distance(&got.q, &want.q) < 1e-10 && distance(&got.tau, &want.tau) < 1e-8);
+        assert!((plain_cost.sums[lane] - cost.sums[lane]).abs() < 1e-8 * (1.0 + cost.sums[lane]));
+    }
+    assert!(cost.sums[2] > 1e-3); // the third is not the first
+}
+
+#[test]
+fn a_run_that_is_lost_within_a_step_has_diverged_and_one_that_is_not_is_indefinite() {
+    // 4 - q^2 of a polar arm falls below zero on the way out.
+    let (robot, x) = polar([4.0, -1.0, 2.0]);
+    let controller = Controller::new(vec![PD; 2], Timing::Continuous, None).unwrap();
+    let zeros = [0.0; 4];
+    let reference = Reference::from_knots(2, vec![0.0, 1.0], &zeros, &zeros, &zeros).unwrap();
+    let plan = Plan {
+        rate: 10.0,
+        records: 11,
+        period: None,
+        coarse: 1e-2,
+        fine: &[1e-2; 2],
+        slow: &[0.0; 2],
+        motion: None,
+    };
+    let schedule = Schedule::new(&robot, &reference, plan).unwrap();
+    let outcome = |speed: f64| {
+        let start: Option<(&[f64], &[f64])> = Some((&[0.0; 2], &[0.0, speed]));
+        let simulation = Simulation { start, ..whole(&robot, &reference, &controller, &schedule) };
+        run(simulation, std::slice::from_ref(&x), 1).0[0]
+    };
+    let lost = outcome(1e9);
+    assert!(matches!(lost, Outcome::Diverged { time, joint: 1 } if (time - 0.005).abs() < 1e-9), "{lost:?}");
+    // 2 m are passed between 0.09 s and the middle of the next step.
+    let seen = outcome(21.5);
+    assert!(
+        matches!(seen, Outcome::Indefinite { time, joint: 0 } if (time - 0.095).abs() < 1e-9),
+        "{seen:?}"
+    );
+    assert_eq!(outcome(1.0), Outcome::Completed);
+}
+
 /// A sliding mass without friction: closed forms exist.
-fn slider() -> (Robot, Vec<f64>) {
+pub(crate) fn slider() -> (Robot, Vec<f64>) {
     let joint = Joint { kind: JointKind::Prismatic, alpha: 0.0, d: 0.0, theta: 0.0, r: 0.0 };
     let robot = Robot::new(vec![joint], [0.0; 3], &[vec![1.0]], Friction::sign(1)).unwrap();
     let mut x = vec![0.0; 14];
@@ -356,4 +449,10 @@ fn parts_that_do_not_fit_are_refused() {
     assert!(refused(Simulation { start, ..simulation }, &x).contains("initial positions has 2"));
     let signal = Signal { rate: 1.0, n: 2, values: vec![0.0; 4] };
     assert!(refused(Simulation { external: Some(&signal), ..simulation }, &x).contains("external torque"));
+    let digital = Digital { period: 0.01, delay: 0, smoothing: vec![1.0], resolution: vec![0.0; 3] };
+    let sampled = Controller::new(vec![PD; 3], Timing::Digital(digital), None).unwrap();
+    assert!(
+        refused(Simulation { controller: &sampled, ..simulation }, &x)
+            .contains("made for another controller")
+    );
 }
