@@ -454,6 +454,7 @@ mod tests {
         let base = base_parameters(&robot).unwrap();
         for term in base.terms.iter().flatten() {
             assert!(!term.symbol.contains('.'), "{term:?}");
+            assert!((read(&robot, &term.symbol) - term.coefficient).abs() < 1e-12, "{term:?}");
         }
     }
 }

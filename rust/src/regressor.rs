@@ -266,7 +266,7 @@ mod tests {
         }
     }
 
-    /// Entries one by one, as the trait hands them over by itself; some are handed over once more, with their coupled motor's part.
+    /// Entries one by one, as the trait hands them over by itself; the rotor of a coupled motor comes twice, and the last one holds.
     struct OneByOne(Vec<Option<f64>>, usize);
 
     impl<const L: usize, const F: bool> Entries<L, F> for OneByOne {
