@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 import simulated
 from didim.errors import FitError, RankError, SignalError
 from didim.identification import Iteration
-from didim.identify import METHODS, identify
+from didim.identify import identify
 from didim.idim_ls import IDIMLS
+from didim.methods import METHODS
 from didim.recording import Recording
 from didim.robot import Robot, load_robot
 from didim.signals import SignalProcessing

@@ -14,7 +14,7 @@ import pytest
 import didim
 from didim.cli import main
 from didim.formats import FORMATS, render
-from didim.identify import METHODS
+from didim.methods import METHODS
 from robots import random_motion, random_parameters
 from test_cli import arm as arm_fixture
 from test_cli import identify_arm

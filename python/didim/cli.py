@@ -202,7 +202,8 @@ CHOICES = ("start", "optimizer", "output", "variant", "starts", "checkpoint")
 
 def _identify(options: argparse.Namespace) -> int:
     from .experiment import load_experiment
-    from .identify import METHODS, identify
+    from .identify import identify
+    from .methods import METHODS
 
     if options.method not in METHODS:
         return _refuse(f"there is no method '{options.method}'; available: {', '.join(METHODS)}")

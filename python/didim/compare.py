@@ -5,27 +5,24 @@ Tested in ``tests/test_compare.py``.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .cloe import CLOE, Variant
-from .closed_loop import closed_loop, measured_motion
-from .didim_method import DIDIM
 from .errors import ExperimentError, FitError
-from .experiment import Experiment, load_experiment
 from .files import write_atomically
-from .identification import Identification, Iteration
 from .identify import Method, identify
-from .idim_ls import IDIMLS
-from .recording import Recording
-from .starts import standard_start
-from .status import Status
+
+# `import didim` loads this module, so that what only a comparison needs is loaded by it.
+if TYPE_CHECKING:
+    from .cloe import Variant
+    from .experiment import Experiment
+    from .identification import Identification, Iteration
+    from .recording import Recording
 
 Array = NDArray[np.float64]
 
@@ -47,6 +44,8 @@ def packaged_experiment(robot: str) -> Experiment:
     ExperimentError
         When there is none.
     """
+    from .experiment import load_experiment
+
     known = {path.stem: path for path in sorted(PACKAGED.glob("*.toml"))}
     if robot not in known:
         raise ExperimentError(
@@ -73,6 +72,10 @@ def all_methods(
     variants : sequence of str
         Of the simplex; one method each.
     """
+    from .cloe import CLOE
+    from .didim_method import DIDIM
+    from .idim_ls import IDIMLS
+
     start = "apriori" if "apriori" in experiment.robot.sets else "unit"
     simplexes = [
         CLOE(optimizer="nelder-mead", variant=variant, max_iterations=simplex_iterations or None, start=start)
@@ -114,6 +117,9 @@ def simulated_log(
     ExperimentError
         When the closed loop is not complete, or the run does not reach its end.
     """
+    from .closed_loop import closed_loop, measured_motion
+    from .recording import Recording
+
     loop = closed_loop(experiment)
     recording: Recording | None = None
     for _ in range(MOST_PILOTS):
@@ -213,6 +219,8 @@ class Comparison:
 
     def save(self, path: Path) -> None:
         """Write as JSON."""
+        import json
+
         write_atomically(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
 
     def __str__(self) -> str:
@@ -259,6 +267,10 @@ def compare(
     DidimError
         One of its kinds.
     """
+    from .cloe import CLOE
+    from .starts import standard_start
+    from .status import Status
+
     if isinstance(experiment, str):
         experiment = packaged_experiment(experiment)
     x = experiment.robot.parameter_set(parameters)
@@ -306,6 +318,8 @@ def compare(
 
 def position_norms(log: Experiment, parameters: Mapping[str, Array]) -> dict[str, float]:
     """Return the norm (19) of position errors, simulated less measured (rad or m), by name; infinite where no run completes."""
+    from .closed_loop import closed_loop
+
     (recording,) = log.recordings
     loop = closed_loop(log, recording)
     ones = np.ones(log.robot.n_dof)

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from .delay import DelayEstimate, DelaySettings, estimate_delay
@@ -215,6 +214,8 @@ class Job:
 
     def record(self, **more: Any) -> dict[str, Any]:
         """Return settings and recordings of this run, as JSON has them (lists, no tuples)."""
+        import scipy  # loads subprocess and more
+
         asked = {
             "versions": {"didim": __version__, "numpy": np.__version__, "scipy": scipy.__version__},
             "experiment": self.experiment.name,

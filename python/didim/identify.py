@@ -8,17 +8,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
-from .cloe import CLOE
-from .didim_method import DIDIM
-from .idim_ls import IDIMLS
-
 if TYPE_CHECKING:
     from .experiment import Experiment
     from .identification import Identification, Iteration
 
 
 class Method(Protocol):
-    """Settings of a method, and how it runs; a new one needs no more than this and a place in `METHODS`."""
+    """Settings of a method, and how it runs; a new one needs no more than this and a place in `methods.METHODS`."""
 
     @property
     def name(self) -> str:
@@ -31,10 +27,6 @@ class Method(Protocol):
         say: Callable[[str], None],
     ) -> Identification:
         """Identify, telling every iteration to ``progress`` (True stops) and what goes on to ``say``."""
-
-
-METHODS: dict[str, Callable[..., Method]] = {"idim-ls": IDIMLS, "didim": DIDIM, "cloe": CLOE}
-"""Methods by name, with the settings of the experiment file."""
 
 
 def identify(
@@ -72,6 +64,8 @@ def identify(
     ``test_identify.py`` recovers the parameters of simulated logs.
     """
     if method is None:
+        from .idim_ls import IDIMLS
+
         method = IDIMLS()
 
     def say(text: str) -> None:

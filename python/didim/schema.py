@@ -6,7 +6,6 @@ The messages are one sentence that names the file, the table and the key, as in
 
 from __future__ import annotations
 
-import difflib
 import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -31,6 +30,8 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def _nearest(word: str, known: Iterable[str]) -> str | None:
+    import difflib
+
     # Upper and lower case are the commonest slip: they count as equal here, and only here.
     folded = {name.lower(): name for name in known}
     near = difflib.get_close_matches(word.lower(), folded, n=1, cutoff=0.6)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Real
@@ -126,6 +125,8 @@ def _index(robot: Robot, name: str) -> int:
             f"{name} is a standard parameter of robot '{robot.name}' that regroups into {', '.join(into)}: "
             "fix or drop base parameters"
         )
+    import difflib
+
     near = difflib.get_close_matches(name, base.names, n=1)
     hint = f"; did you mean {near[0]}?" if near else f"; `didim base {robot.name}` lists them"
     raise FitError(f"robot '{robot.name}' has no base parameter {name}{hint}")

@@ -11,15 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .closed_loop import closed_loop
 from .errors import FitError
-from .fitting import FitSettings, ratio, ratios
-from .identification import Identification
-from .simulate_command import recording_errors
-from .simulation import Outcome
 
+# `import didim` loads this module, so that what only a validation needs is loaded by it.
 if TYPE_CHECKING:
     from .experiment import Experiment
+    from .identification import Identification
+    from .simulation import Outcome
 
 Array = NDArray[np.float64]
 
@@ -132,6 +130,10 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     DidimError
         As for an identification of the experiment.
     """
+    from .closed_loop import closed_loop
+    from .fitting import FitSettings, ratio, ratios
+    from .simulate_command import recording_errors
+
     robot = experiment.simulation.robot(experiment.robot)
     if fit.parameter_names != robot.parameter_names:
         raise FitError(
