@@ -10,8 +10,9 @@ import pytest
 
 import didim
 from didim import signals
-from didim.arrays import real_array
+from didim.arrays import LARGEST_POSITION, real_array, surely_within
 from didim.errors import DidimError, ShapeError
+from didim.model import standard_vector
 
 ROBOT = didim.load_robot("planar2")
 X = ROBOT.sets["reference"]
@@ -74,6 +75,36 @@ def test_positions_beyond_any_joint_are_told() -> None:
         ShapeError, match=r"q of joint 2 is -1e\+16 at sample 2, where at most 1e\+09 rad or m"
     ):
         didim.inertia_matrix(ROBOT, q, X)
+
+
+def test_positions_up_to_the_limit_are_taken() -> None:
+    q = Q.copy()
+    q[3] = LARGEST_POSITION, -LARGEST_POSITION
+    assert np.isfinite(didim.inertia_matrix(ROBOT, q, X)).all()
+    for q[3, 1] in (np.nextafter(-LARGEST_POSITION, -np.inf), -1e300, -np.inf):
+        with pytest.raises(ShapeError, match=r"^q of joint 2 is -.* at sample 4, where at most"):
+            didim.inertia_matrix(ROBOT, q, X)
+
+
+def test_parameters_whose_squares_overflow_are_taken() -> None:
+    x = np.full_like(X, -1e200)
+    assert standard_vector(ROBOT, x) is x
+    for x[2] in (np.inf, -np.inf, np.nan):
+        with pytest.raises(ShapeError, match=rf"^x has {x[2]} for parameter {ROBOT.parameter_names[2]}$"):
+            standard_vector(ROBOT, x)
+
+
+@pytest.mark.parametrize("limit", [LARGEST_POSITION, 1e150])
+def test_one_sum_never_passes_what_the_numbers_would_not(limit: float) -> None:
+    assert surely_within(np.zeros((0, 6)), limit)
+    rng = np.random.default_rng(3)
+    for n in (1, 7, 1000):
+        values = rng.uniform(-limit, limit, (n, 6)) / np.sqrt(6.0 * n)
+        assert surely_within(values, limit)
+        assert surely_within(values[::-1, ::2], limit)
+        for wrong in (np.nextafter(limit, np.inf), -1e300, np.inf, -np.inf, np.nan):
+            values[n // 2, 4] = wrong
+            assert not surely_within(values, limit)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 LARGEST_POSITION = 1e9
 """Of a joint (rad or m): nothing is left of the digits of an angle that is much larger, and the core's sine ends at 1e15."""
 
+_FLOAT64 = np.dtype(np.float64)
+
 
 def real_array(what: str, value: ArrayLike, error: type[DidimError]) -> Array:
     """Return `value` as float64, of any shape and not necessarily finite; a copy only where needed.
@@ -34,6 +36,8 @@ def real_array(what: str, value: ArrayLike, error: type[DidimError]) -> Array:
     DidimError
         Of class `error`, for complex numbers, texts, objects and rows of different length.
     """
+    if type(value) is np.ndarray and value.dtype is _FLOAT64:  # by far the most frequent: nothing to look at
+        return value
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):  # such as rows of different length
@@ -42,3 +46,12 @@ def real_array(what: str, value: ArrayLike, error: type[DidimError]) -> Array:
         kind = "complex numbers" if array.dtype.kind == "c" else f"values of type {array.dtype}"
         raise error(f"{what} must be an array of real numbers, got {kind}")
     return np.asarray(array, dtype=np.float64)
+
+
+def surely_within(array: Array, limit: float) -> bool:
+    """Tell by one sum of squares that every number is finite and at most `limit` in size.
+
+    False says only that each must be looked at, as for the largest ones within the limit, or where the sum overflows.
+    No square may be larger than the sum: half the limit's leaves room for rounding.
+    """
+    return bool(np.vdot(array, array) <= 0.5 * limit * limit)

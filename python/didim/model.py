@@ -6,11 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from .arrays import LARGEST_POSITION, real_array
+from .arrays import LARGEST_POSITION, real_array, surely_within
 from .errors import IndefiniteError, ShapeError
 from .robot import Robot
 
 Array = NDArray[np.float64]
+
+LARGEST_SQUARED = 1e150
+"""Its square is far from where floating point ends."""
 
 
 def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, x: ArrayLike) -> Array:
@@ -172,6 +175,8 @@ def standard_vector(robot: Robot, x: ArrayLike) -> Array:
         raise ShapeError(
             f"x must have shape ({len(names)},) for robot {robot.name!r}, got {vector.shape}{hint}"
         )
+    if surely_within(vector, LARGEST_SQUARED):
+        return vector
     bad = np.flatnonzero(~np.isfinite(vector))
     if bad.size:
         raise ShapeError(f"x has {vector[bad[0]]} for parameter {names[bad[0]]}")
@@ -190,8 +195,12 @@ def _matrix(robot: Robot, name: str, value: ArrayLike) -> Array:
             f"{name} must have shape (n_samples, {robot.n_dof}) for robot {robot.name!r}, "
             f"got {array.shape}{hint}"
         )
-    if name == "q" and (np.abs(array) > LARGEST_POSITION).any():
-        sample, joint = np.argwhere(np.abs(array) > LARGEST_POSITION)[0]
+    # What is not finite in any of them is told by the core.
+    if name != "q" or surely_within(array, LARGEST_POSITION):
+        return array
+    beyond = np.argwhere(np.abs(array) > LARGEST_POSITION)
+    if beyond.size:
+        sample, joint = beyond[0]
         raise ShapeError(
             f"q of joint {joint + 1} is {array[sample, joint]:g} at sample {sample + 1}, where at most "
             f"{LARGEST_POSITION:g} rad or m is possible"
