@@ -189,6 +189,16 @@ def test_correlation_that_decimated_noise_has(factors: tuple[int, ...]) -> None:
     assert correlation[1] > 0.15
 
 
+@pytest.mark.parametrize("factor", [2, 3, 10, 100])
+@pytest.mark.parametrize("size", [20_000, 20_001])
+def test_the_gain_of_the_decimation_filter_is_that_of_its_sections(factor: int, size: int) -> None:
+    sos = signals._decimation_filter(factor)[0]
+    _, response = scipy.signal.sosfreqz(sos, worN=size, whole=True)
+    np.testing.assert_allclose(
+        signals._squared_gain(factor, size), np.abs(response) ** 2, rtol=1e-6, atol=1e-10
+    )
+
+
 @pytest.mark.parametrize(
     ("cutoff", "rate", "message"),
     [

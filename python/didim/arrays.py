@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 LARGEST_POSITION = 1e9
 """Of a joint (rad or m): nothing is left of the digits of an angle that is much larger, and the core's sine ends at 1e15."""
 
+LARGEST_SQUARED = 1e150
+"""The squares of what is no larger are far from where floating point ends."""
+
 _FLOAT64 = np.dtype(np.float64)
 
 

@@ -129,7 +129,9 @@ class CsvFile:
         self.names = [cells[0].removeprefix("#").strip(), *cells[1:]] if header else None
         self._n_rows = self._body.count(b"\n") + (not header)
         self._wanted: dict[int, None] = {}
-        self._read: dict[int, Array] = {}
+        # Columns that were read, and their values, (n_samples, n_read).
+        self._read: list[int] = []
+        self._values: Array | None = None
 
     def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
         """Announce columns."""
@@ -138,12 +140,13 @@ class CsvFile:
     def get(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> Array:
         """Columns as (n_samples, count)."""
         indices = self._indices(columns, variable, count)
-        if any(index not in self._read for index in indices):
+        if self._values is None or not set(indices) <= set(self._read):
             self._wanted.update(dict.fromkeys(indices))
-            usecols = sorted(self._wanted)
-            values = self._load(usecols)
-            self._read = {column: values[:, i] for i, column in enumerate(usecols)}
-        return np.column_stack([self._read[index] for index in indices])
+            self._read = sorted(self._wanted)
+            self._values = self._load(self._read)
+        if indices == self._read:
+            return self._values
+        return self._values.take([self._read.index(index) for index in indices], axis=1)
 
     def _fail(self, text: str) -> NoReturn:
         raise RecordingError(f"{self.name}: {text}")

@@ -6,14 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from .arrays import LARGEST_POSITION, real_array, surely_within
+from .arrays import LARGEST_POSITION, LARGEST_SQUARED, real_array, surely_within
 from .errors import IndefiniteError, ShapeError
 from .robot import Robot
 
 Array = NDArray[np.float64]
-
-LARGEST_SQUARED = 1e150
-"""Its square is far from where floating point ends."""
 
 
 def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, x: ArrayLike) -> Array:

@@ -77,7 +77,13 @@ def _indefinite(robot: Robot, x: Array, q: Array) -> list[str]:
     chosen = np.unique(
         np.linspace(0, q.shape[0] - 1, min(q.shape[0], MOST_CONFIGURATIONS)).round().astype(int)
     )
-    smallest = np.linalg.eigvalsh(inertia_matrix(robot, q[chosen], x))[:, 0]
+    matrices = inertia_matrix(robot, q[chosen], x)
+    try:
+        np.linalg.cholesky(matrices)  # far less work than the eigenvalues, which say how bad it is
+    except np.linalg.LinAlgError:
+        smallest = np.linalg.eigvalsh(matrices)[:, 0]
+    else:
+        return []
     bad = smallest <= 0.0
     if not bad.any():
         return []

@@ -91,9 +91,8 @@ class Recording:
             raise RecordingError(f"{self.name}: role must be 'fit' or 'held-out', got {self.role!r}")
         object.__setattr__(self, "rate_hz", _rate(self.name, self.rate_hz))
         q = self._matrix("q", self.q)
-        huge = np.argwhere(np.abs(q) > LARGEST_POSITION)
-        if len(huge):
-            sample, joint = huge[0]
+        if (np.abs(q) > LARGEST_POSITION).any():
+            sample, joint = np.argwhere(np.abs(q) > LARGEST_POSITION)[0]
             raise RecordingError(
                 f"{self.name}: q of joint {joint + 1} is {q[sample, joint]:g} at sample {sample}, where a position is at most "
                 f"{LARGEST_POSITION:g} rad or m; check its unit"
@@ -178,9 +177,8 @@ class Recording:
             raise RecordingError(
                 f"{self.name}: {key} must have shape (n_samples, n_dof), got {matrix.shape}; transpose it?"
             )
-        bad = np.argwhere(~np.isfinite(matrix))
-        if len(bad):
-            sample, joint = bad[0]
+        if not np.isfinite(matrix).all():
+            sample, joint = np.argwhere(~np.isfinite(matrix))[0]
             raise RecordingError(
                 f"{self.name}: {key} of joint {joint + 1} is {matrix[sample, joint]} at sample {sample}"
             )

@@ -277,7 +277,9 @@ class Robot:
 
     def with_friction_table(self, table: Table) -> Robot:
         """Return the same robot with the friction options of a table, whose errors name its file."""
-        return replace(self, friction=_friction(table, self.geometry.kinds, self.friction))
+        friction = _friction(table, self.geometry.kinds, self.friction)
+        # What is known of this robot by now, such as its base parameters, need not be found again.
+        return self if friction == self.friction else replace(self, friction=friction)
 
 
 def load_robot(name: str | Path) -> Robot:

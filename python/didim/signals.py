@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from numbers import Integral, Real
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ Stage = tuple[Array, Array, int, int, int]
 """A filter of the core: sections (s, 6), their steady states (s, 2), padding, factor, first kept sample."""
 
 # The Chebyshev I filter of both ``decimate``: order, ripple, cut-off over the new Nyquist frequency.
-DECIMATION_ORDER = 8
+DECIMATION_ORDER = 8  # as in _squared_gain
 DECIMATION_RIPPLE_DB = 0.05
 DECIMATION_BAND = 0.8
 
@@ -166,7 +166,7 @@ def zero_phase_butterworth(
     ``test_signals.py`` compares it with ``scipy.signal.sosfiltfilt``, and with ``filtfilt`` of the transfer
     function.
     """
-    from scipy.signal import butter, filtfilt, sosfilt_zi
+    from scipy.signal import butter, filtfilt, sosfilt_zi, zpk2sos, zpk2tf
 
     _check_order(order)
     if not 0.0 < cutoff_hz < rate_hz / 2.0:
@@ -185,9 +185,13 @@ def zero_phase_butterworth(
     transfer = form == "transfer-function"
     sound = 0.0 < share < 1.0  # the division may have rounded to either
     if sound:
-        b, a = butter(order, share)
-        sos = np.ascontiguousarray(butter(order, share, output="sos"))
-        sound = _poles_survive(butter(order, share, output="zpk")[1], [a] if transfer else sos[:, 3:])
+        # Any, because scipy-stubs know real poles only.
+        design: Any = butter(order, share, output="zpk")
+        if transfer:
+            b, a = zpk2tf(*design)
+        else:
+            sos = np.ascontiguousarray(zpk2sos(*design))
+        sound = _poles_survive(design[1], [a] if transfer else sos[:, 3:])
     if not sound:
         raise SignalError(
             f"rounding spoils a filter of order {order} at {cutoff_hz:g} Hz, sampled at {rate_hz:g} Hz: move "
@@ -329,26 +333,34 @@ def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:
 @lru_cache(maxsize=64)
 def _stages(n_samples: int, factors: tuple[int, ...], convention: Convention) -> tuple[Stage, ...]:
     """Stages of `decimation_stages`; designing them takes longer than a small log takes to filter, and `check` filters often."""
-    from scipy.signal import cheby1, sosfilt_zi
-
     matlab = convention == "matlab"
+    padlen = _padding(DECIMATION_ORDER, convention)
     stages: list[Stage] = []
     for factor in factors:
         stage = f"stage {len(stages) + 1} of {len(factors)} gets {n_samples}"
-        padlen = _padding(DECIMATION_ORDER, convention)
         needed = max(padlen, factor - 1)
         if n_samples <= needed:
             raise SignalError(f"decimation by {factor} needs more than {needed} samples, {stage}")
-        design = DECIMATION_ORDER, DECIMATION_RIPPLE_DB, DECIMATION_BAND / factor
-        sos = np.ascontiguousarray(cheby1(*design, output="sos"))
-        if not _poles_survive(cheby1(*design, output="zpk")[1], sos[:, 3:]):
-            raise SignalError(f"rounding spoils the filter of a decimation by {factor}: take several stages")
+        sos, zi = _decimation_filter(factor)
         kept = -(-n_samples // factor)
         # MATLAB's grid ends on the last sample.
         first = n_samples - factor * (kept - 1) - 1 if matlab else 0
-        stages.append((sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen, factor, first))
+        stages.append((sos, zi, padlen, factor, first))
         n_samples = kept
     return tuple(stages)
+
+
+@lru_cache(maxsize=64)
+def _decimation_filter(factor: int) -> tuple[Array, Array]:
+    """Sections of the filter before a decimation, (4, 6), and their steady states, (4, 2)."""
+    from scipy.signal import cheby1, sosfilt_zi, zpk2sos
+
+    share = DECIMATION_BAND / factor
+    design: Any = cheby1(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, share, output="zpk")  # likewise
+    sos = np.ascontiguousarray(zpk2sos(*design))
+    if not _poles_survive(design[1], sos[:, 3:]):
+        raise SignalError(f"rounding spoils the filter of a decimation by {factor}: take several stages")
+    return sos, np.ascontiguousarray(sosfilt_zi(sos))
 
 
 def decimate(x: Array, stages: Sequence[Stage]) -> Array:
@@ -402,8 +414,6 @@ def noise_correlation(signal: SignalProcessing) -> Array | None:
     The filters act forward and backward, so that the power of the noise is shaped by the fourth power of their
     gain, and each decimation folds what lies beyond the new band. ``test_signals.py`` compares with filtered noise.
     """
-    from scipy.signal import cheby1
-
     if not signal.decimation:
         return None
     total = math.prod(signal.decimation)
@@ -413,23 +423,27 @@ def noise_correlation(signal: SignalProcessing) -> Array | None:
     for factor in reversed(signal.decimation):
         # Spectra at the rate before this stage, on the circle; the later stages see it folded, and act alike on each fold.
         power = np.tile(power, factor) if power.size > 1 else np.ones(_CIRCLE * factor)
-        sos = cheby1(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, DECIMATION_BAND / factor, output="sos")
-        power = power * _squared_gain(sos, power.size) ** 2
+        gain = _squared_gain(factor, power.size)
+        power *= gain * gain
     folded = power.reshape(total, -1).sum(axis=0)
     correlation = np.fft.ifft(folded).real[: folded.size // 2]
     return np.asarray(correlation / correlation[0])
 
 
-def _squared_gain(sos: Array, size: int) -> Array:
-    """Squared gain of second-order sections at ``size`` points of the circle, from DC on."""
-    cosine = np.cos(2.0 * np.pi * np.arange(size // 2 + 1) / size)
-    gain = np.ones_like(cosine)
-    for b0, b1, b2, a0, a1, a2 in sos:
-        # |p0 + p1 z + p2 z^2|^2 on the circle, a square of p1 taken out: it vanishes at the filter's zeros exactly.
-        for power, (p0, p1, p2) in ((1, (b0, b1, b2)), (-1, (a0, a1, a2))):
-            sides = p0 + p2
-            squared = (p1 + sides * cosine) ** 2 + (p0 - p2) ** 2 * (1.0 - cosine**2)
-            gain *= squared**power
+def _squared_gain(factor: int, size: int) -> Array:
+    """Squared gain of the filter before a decimation at ``size`` points of the circle, from DC on."""
+    # Chebyshev I: 1 / (1 + e^2 T_8(x)^2), where x is the frequency over the cut-off as the bilinear transform warps both.
+    x = np.arange(size // 2 + 1) * (np.pi / size)
+    np.tan(x, out=x)  # in place: the circle is long, and memory is touched once
+    x /= math.tan(0.5 * np.pi * DECIMATION_BAND / factor)
+    with np.errstate(over="ignore"):  # towards half the rate, where the gain vanishes
+        for _ in range(3):  # T_8(x) = T_2(T_2(T_2(x))), T_2(x) = 2 x^2 - 1
+            x *= x
+            x *= 2.0
+            x -= 1.0
+        x *= x
+    x *= 10.0 ** (0.1 * DECIMATION_RIPPLE_DB) - 1.0
+    gain = 1.0 / (1.0 + x)
     # The other half of the circle mirrors this one.
     return np.concatenate([gain, gain[-2 if size % 2 == 0 else -1 : 0 : -1]])
 
@@ -474,7 +488,7 @@ def _columns(x: Array) -> Array:
     x = np.ascontiguousarray(real_array("signals", x, SignalError))
     if x.ndim != 2:
         raise SignalError(f"signals must have shape (n_samples, m), got {x.shape}")
-    bad = np.argwhere(~np.isfinite(x))
-    if bad.size:
-        raise SignalError(f"sample {bad[0][0]} of signal {bad[0][1]} is not a finite number")
+    if not np.isfinite(x).all():
+        sample, signal = np.argwhere(~np.isfinite(x))[0]
+        raise SignalError(f"sample {sample} of signal {signal} is not a finite number")
     return x

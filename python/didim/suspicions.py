@@ -8,6 +8,7 @@ as with the errors of a real log, friction cannot: it would drive the joint. Tes
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -40,6 +41,8 @@ def suspicions(system: LinearSystem, fit: WeightedFit) -> list[str]:
 
 def _contradiction(system: LinearSystem) -> list[str]:
     """Return the change of one sign, or the exchange of two joints, that takes most of the residual away."""
+    from scipy.linalg import solve_triangular
+
     n = len(system.joints)
     sizes = system.norms(system.y)
     if n < 2 or not (sizes > 0.0).all():
@@ -47,20 +50,27 @@ def _contradiction(system: LinearSystem) -> list[str]:
     length = system.joints[0].stop - system.joints[0].start
     w = (system.w / np.linalg.norm(system.w, axis=0)).reshape(n, length, -1)
     y = system.y.reshape(n, length)
-    grams = np.einsum("jra,jrb->jab", w, w)
+    grams = w.transpose(0, 2, 1) @ w
     # What of each joint's torque, put in each joint's rows, the columns see: every combination below is a sum of these.
-    seen = np.einsum("jrb,ir->ijb", w, y)
+    seen = (y @ w).transpose(1, 0, 2)
+
+    @cache
+    def factored(order: tuple[int, ...]) -> Array | None:
+        """Cholesky factor of the normal equations, the same whatever the signs are."""
+        try:
+            return np.linalg.cholesky(np.tensordot(sizes[list(order)] ** -2.0, grams, 1))
+        except np.linalg.LinAlgError:
+            return None
 
     def solved(order: Sequence[int], signs: Array) -> tuple[float, Array]:
         """Residual and solution with the torque of joint ``order[j]`` in the rows of joint j; joints count alike."""
-        weights = 1.0 / sizes[list(order)] ** 2
-        told = np.einsum("j,jb->b", signs * weights, seen[list(order), range(n)])
-        try:
-            factor = np.linalg.cholesky(np.einsum("j,jab->ab", weights, grams))
-        except np.linalg.LinAlgError:
+        told = (signs * sizes[list(order)] ** -2.0) @ seen[list(order), range(n)]
+        factor = factored(tuple(order))
+        if factor is None:
             return float("inf"), np.zeros_like(told)
-        half = np.linalg.solve(factor, told)
-        return float(np.sqrt(max(0.0, n - float(half @ half)))), np.linalg.solve(factor.T, half)
+        half = solve_triangular(factor, told, lower=True, check_finite=False)
+        solution = solve_triangular(factor, half, lower=True, trans="T", check_finite=False)
+        return float(np.sqrt(max(0.0, n - float(half @ half)))), solution
 
     places, ones = list(range(n)), np.ones(n)
     as_logged, _ = solved(places, ones)
