@@ -101,5 +101,4 @@ GOALS = (
     Goal("IDIM-LS, TX40 log, peak memory (MB)", "IDIM-LS, TX40 log, peak memory", wanted=150.0),
     Goal("DIDIM, simulated TX40 (s)", "DIDIM, simulated TX40, both cores", wanted=0.25),
     Goal("import didim, beyond NumPy (s)", "import didim, beyond NumPy", wanted=0.15),
-    Goal("with what IDIM-LS needs (s)", "import of what IDIM-LS needs, beyond NumPy", wanted=0.15),
 )
