@@ -20,7 +20,7 @@ help:
 	@echo "make test    the Python tests (the Rust tests are: cargo test --release)"
 	@echo "make coverage  which lines of the Python package the tests run; make coverage-rust: of the core"
 	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
-	@echo "make bench   speed of the core, and beside other programs"
+	@echo "make bench   speed of the core, its instructions (where valgrind is installed), and speed beside other programs"
 	@echo "make docs    the documentation, in site/"
 	@echo "make wheel   a wheel for this machine, in dist/"
 	@echo "make wheel-check   the same, and the demo with it in an empty environment, without Rust"
@@ -69,6 +69,7 @@ lint: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-lint
 
 bench: $(VENV)/.built $(VENV)/.extra-peers
 	cargo bench
+	cargo bench -- --instructions
 	$(BIN)/python benches/peers.py
 
 docs: $(VENV)/.built $(VENV)/.extra-docs

@@ -1,0 +1,129 @@
+//! Instructions of the hottest kernels, counted by valgrind: `cargo bench -- --instructions`.
+//!
+//! The program runs itself under callgrind, once with some rounds of a kernel and once with twice as many. Start and set-up
+//! are the same in both, so the difference belongs to the kernel alone, which is the code that `cargo bench` times. Counts do
+//! not depend on the load of the machine; they depend on the compiler and on the instruction set that the core chooses.
+//!
+//! A program of our own: gungraun would bring 16 crates into every build of the tests, and a runner of 170.
+
+use crate::tx40::{Batch, ClosedLoop, FEW, SAMPLES, STEPS};
+use std::env::current_exe;
+use std::error::Error;
+use std::process::{Command, Stdio};
+
+/// callgrind counts an instruction that repeats itself once per byte: the C library shall clear and copy memory without.
+const NO_REPEATS: &str =
+    "glibc.cpu.x86_rep_stosb_threshold=0x40000000:glibc.cpu.x86_rep_movsb_threshold=0x40000000";
+
+/// A kernel, and how it is counted.
+struct Kernel {
+    name: &'static str,
+    /// What the count is of.
+    unit: &'static str,
+    /// Such units in a round.
+    units: usize,
+    /// Rounds of the shorter run.
+    rounds: usize,
+    /// Sets up and runs so many rounds.
+    run: fn(usize),
+}
+
+const KERNELS: [Kernel; 4] = [
+    Kernel {
+        name: "closed loop, 4 lanes",
+        unit: "Runge-Kutta step and lane",
+        units: STEPS * 4,
+        rounds: 1,
+        run: |rounds| repeat(rounds, ClosedLoop::new(), |it| it.run::<4>()),
+    },
+    Kernel {
+        name: "closed loop, 1 lane",
+        unit: "Runge-Kutta step",
+        units: STEPS,
+        rounds: 1,
+        run: |rounds| repeat(rounds, ClosedLoop::new(), |it| it.run::<1>()),
+    },
+    Kernel {
+        name: "regressor",
+        unit: "sample",
+        units: FEW,
+        rounds: 64,
+        run: |rounds| repeat(rounds, Batch::new(), Batch::regressor),
+    },
+    Kernel {
+        name: "inverse dynamics",
+        unit: "sample",
+        units: SAMPLES,
+        rounds: 4,
+        run: |rounds| repeat(rounds, Batch::new(), Batch::inverse_dynamics),
+    },
+];
+
+/// Calls `round` on `it` so many times.
+fn repeat<T>(rounds: usize, mut it: T, round: fn(&mut T)) {
+    for _ in 0..rounds {
+        round(&mut it);
+    }
+}
+
+/// Instructions of this program under callgrind with `rounds` rounds of kernel `k`, and what it says of its processor.
+fn count(k: usize, rounds: usize) -> Result<(u64, String), Box<dyn Error>> {
+    let output = Command::new("valgrind")
+        .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
+        .arg(current_exe()?)
+        .args(["--instructions", &k.to_string(), &rounds.to_string()])
+        .env("GLIBC_TUNABLES", NO_REPEATS)
+        .output()?;
+    let said = String::from_utf8_lossy(&output.stderr);
+    // "==PID== Collected : 12345678"
+    let collected = said.lines().find_map(|line| line.split_once("Collected : ")?.1.trim().parse().ok());
+    match collected {
+        Some(instructions) if output.status.success() => {
+            Ok((instructions, String::from_utf8(output.stdout)?.trim().to_owned()))
+        }
+        _ => {
+            eprint!("{said}");
+            Err(format!("valgrind did not count: {}", output.status).into())
+        }
+    }
+}
+
+/// The code that this processor gets, as `rust/src/lanes.rs` chooses it.
+fn instruction_set() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    if matches!(pulp::Arch::new(), pulp::Arch::V3(_)) {
+        return "AVX2 and FMA";
+    }
+    if cfg!(target_arch = "aarch64") { "Neon" } else { "portable code, no vectors" }
+}
+
+/// Counts all kernels; as the child of a count, whose arguments are a kernel and a number of rounds, runs that kernel.
+pub fn main(arguments: &[String]) -> Result<(), Box<dyn Error>> {
+    if let [k, rounds] = arguments {
+        println!("{}", instruction_set());
+        (KERNELS[k.parse::<usize>()?].run)(rounds.parse()?);
+        return Ok(());
+    }
+    let probe =
+        Command::new("valgrind").arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
+    if !probe.is_ok_and(|status| status.success()) {
+        println!("instructions are not counted: valgrind is not installed");
+        return Ok(());
+    }
+    let mut processor = String::new();
+    for (k, Kernel { name, unit, units, rounds, .. }) in KERNELS.iter().enumerate() {
+        let (once, _) = count(k, *rounds)?;
+        let (twice, said) = count(k, 2 * rounds)?;
+        let each = (twice - once) as f64 / (rounds * units) as f64;
+        println!("{name:<22}{each:>9.1} instructions per {unit}");
+        processor = said;
+    }
+    println!("instruction set: {processor}");
+    if processor != instruction_set() {
+        println!(
+            "valgrind hides the processor's own, {}: these counts are not of that code",
+            instruction_set()
+        );
+    }
+    Ok(())
+}
