@@ -9,11 +9,12 @@
 //! regressor, which knows nothing of it).
 //! After that, only sliding links and those that carry them have a mass.
 
-use crate::geometry::{DISPLACED, Frames, Geometry, MOMENTS, Step, by_twist};
+use crate::geometry::{Frames, Geometry, Step};
 use crate::kinematics::Angular;
 use crate::lanes::Lanes;
 use crate::parameters::{FRICTION, IA, Layout, M, MX, XX};
 use crate::robot::{MAX_DOF, Robot};
+use crate::shape::{At, DISPLACED, MINUS, MOMENTS, PLUS, Place, Shape, TURNED, ZERO, by_twist, carries_of};
 use crate::spatial::Vector;
 
 /// A symmetric matrix on lanes; only entries with `row >= column` are used.
@@ -105,6 +106,20 @@ impl<const L: usize, const F: bool> Body<L, F> {
         axis
     }
 
+    /// The same body about the origin of the frame before, in that frame, together with the link there.
+    #[inline(always)]
+    #[must_use]
+    pub fn moved_in<P: Place>(
+        &self,
+        _place: P,
+        step: &Step,
+        (s, c, t): (Lanes<L, F>, Lanes<L, F>, &Vector<L, F>),
+        link: &Self,
+    ) -> Self {
+        let moved = by_twist!(P, step, T => self.unstepped::<T>(step, s, c, t, step.form.heavy));
+        if step.form.follows_turning { link.regrouped_with(&moved) } else { link.with(&moved) }
+    }
+
     /// The same body about the origin of the frame before, in that frame.
     #[inline(always)]
     #[must_use]
@@ -131,7 +146,6 @@ impl<const L: usize, const F: bool> Body<L, F> {
 
     #[inline(always)]
     fn untwisted<const T: u8>(&self, step: &Step) -> Self {
-        use crate::geometry::{MINUS, PLUS, ZERO};
         let Self { xy, yy, xz, yz, zz, .. } = *self;
         let h = self.h.untwisted::<T>(step);
         match T {
@@ -165,17 +179,17 @@ impl<const L: usize, const F: bool> Body<L, F> {
                 Vector::new(t.x.mul_add(m, before.x), t.y.mul_add(m, before.y), t.z.mul_add(m, before.z));
         }
         let after = self.h;
-        if step.shifted[0] {
+        if step.form.shifted[0] {
             self.xx = t.x.mul_add(before.x + after.x, self.xx);
             self.xy = t.x.mul_add(after.y, self.xy);
             self.xz = t.x.mul_add(after.z, self.xz);
         }
-        if step.shifted[1] {
+        if step.form.shifted[1] {
             self.xy = t.y.mul_add(before.x, self.xy);
             self.yy = t.y.mul_add(before.y + after.y, self.yy);
             self.yz = t.y.mul_add(after.z, self.yz);
         }
-        if step.shifted[2] {
+        if step.form.shifted[2] {
             self.xz = t.z.mul_add(before.x, self.xz);
             self.yz = t.z.mul_add(before.y, self.yz);
             self.zz = t.z.mul_add(before.z + after.z, self.zz);
@@ -287,7 +301,28 @@ impl<const L: usize, const F: bool> Wrench<L, F> {
         self.inwards::<T, DISPLACED>(step, sine, cosine, t)
     }
 
-    /// The same where it is known what of it matters ([`Geometry::carries`]).
+    /// The same one frame further in, where only that is done which matters there.
+    #[inline(always)]
+    #[must_use]
+    pub fn moved_in<P: Place>(
+        &self,
+        _place: P,
+        step: &Step,
+        (s, c, t): (Lanes<L, F>, Lanes<L, F>, &Vector<L, F>),
+    ) -> Self {
+        by_twist!(P, step, T => match const { carries_of::<P>() } {
+            MOMENTS => self.inwards::<T, MOMENTS>(step, s, c, t),
+            TURNED => self.inwards::<T, TURNED>(step, s, c, t),
+            DISPLACED => self.inwards::<T, DISPLACED>(step, s, c, t),
+            _ => match step.form.carries {
+                MOMENTS => self.inwards::<T, MOMENTS>(step, s, c, t),
+                TURNED => self.inwards::<T, TURNED>(step, s, c, t),
+                _ => self.inwards::<T, DISPLACED>(step, s, c, t),
+            },
+        })
+    }
+
+    /// The same where it is known what of it matters ([`crate::shape::Form::carries`]).
     #[inline(always)]
     #[must_use]
     pub fn inwards<const T: u8, const C: u8>(
@@ -303,15 +338,15 @@ impl<const L: usize, const F: bool> Wrench<L, F> {
         }
         let force = self.force.unstepped::<T>(step, sine, cosine);
         if C == DISPLACED {
-            if step.shifted[0] {
+            if step.form.shifted[0] {
                 moment.y = t.x.neg_mul_add(force.z, moment.y);
                 moment.z = t.x.mul_add(force.y, moment.z);
             }
-            if step.shifted[1] {
+            if step.form.shifted[1] {
                 moment.x = t.y.mul_add(force.z, moment.x);
                 moment.z = t.y.neg_mul_add(force.x, moment.z);
             }
-            if step.shifted[2] {
+            if step.form.shifted[2] {
                 moment.x = t.z.neg_mul_add(force.y, moment.x);
                 moment.y = t.z.mul_add(force.x, moment.y);
             }
@@ -336,7 +371,7 @@ pub struct Links<const L: usize, const F: bool> {
 impl<const L: usize, const F: bool> Links<L, F> {
     /// From standard parameters.
     #[inline(always)]
-    pub fn of(robot: &Robot, geometry: &Geometry, x: &[Lanes<L, F>]) -> Self {
+    pub fn of<S: Shape>(robot: &Robot, geometry: &Geometry<S>, x: &[Lanes<L, F>]) -> Self {
         let layout = Layout::of(robot);
         let zero = Lanes::zero();
         let mut links = Self {
@@ -368,17 +403,17 @@ impl<const L: usize, const F: bool> Links<L, F> {
 
     /// From plain standard parameters, the same in each lane.
     #[inline(always)]
-    pub fn of_one(robot: &Robot, geometry: &Geometry, x: &[f64]) -> Self {
+    pub fn of_one<S: Shape>(robot: &Robot, geometry: &Geometry<S>, x: &[f64]) -> Self {
         let x: Vec<Lanes<L, F>> = x.iter().map(|&value| Lanes::splat(value)).collect();
         Self::of(robot, geometry, &x)
     }
 
     #[inline(always)]
-    fn regroup(&mut self, geometry: &Geometry) {
+    fn regroup<S: Shape>(&mut self, geometry: &Geometry<S>) {
         let frames = Frames::<L, F>::new(geometry);
         for j in (0..geometry.n()).rev() {
-            let step = &geometry.steps[j];
-            if !step.turns {
+            let step = &geometry.step(At(j));
+            if !step.form.turns {
                 continue;
             }
             let axis = self.bodies[j].take_axis();

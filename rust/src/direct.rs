@@ -8,14 +8,15 @@
 use crate::bodies::{Body, Links, Lower, Wrench};
 use crate::error::ShapeError;
 use crate::friction::Drives;
-use crate::geometry::{DISPLACED, Frames, Geometry, MOMENTS, Step, TURNED, by_twist};
+use crate::geometry::{Frames, Geometry, Step};
 use crate::inverse::{check_length, link_wrenches};
 use crate::kinematics::State;
 use crate::lanes::{Kernel, Lanes, dispatch};
 use crate::parameters::Layout;
 use crate::robot::{MAX_DOF, Robot};
+use crate::shape::{Place, Shape, inwards, outwards};
 use crate::spatial::Vector;
-use crate::unroll::{for_joints, unrolled};
+use crate::unroll::unrolled;
 
 /// Memory of the direct model, and its result: nothing is cleared or copied per call.
 #[derive(Debug, Clone, Copy)]
@@ -28,6 +29,8 @@ pub struct Direct<const L: usize, const F: bool> {
     columns: [Wrench<L, F>; MAX_DOF],
     /// `L`, unit diagonal not stored.
     factor: Lower<L, F>,
+    /// All that the joint at hand carries.
+    carried: Body<L, F>,
     /// Column of `D L` at hand.
     scaled: [Lanes<L, F>; MAX_DOF],
     inverse_pivots: [Lanes<L, F>; MAX_DOF],
@@ -40,13 +43,14 @@ pub struct Direct<const L: usize, const F: bool> {
 impl<const L: usize, const F: bool> Direct<L, F> {
     /// Nothing computed yet.
     #[inline(always)]
-    pub fn new(geometry: &Geometry) -> Self {
+    pub fn new<S: Shape>(geometry: &Geometry<S>) -> Self {
         let zero = [Lanes::zero(); MAX_DOF];
         Self {
             frames: Frames::new(geometry),
             wrenches: [Wrench::none(); MAX_DOF],
             columns: [Wrench::none(); MAX_DOF],
             factor: [zero; MAX_DOF],
+            carried: Body::none(),
             scaled: zero,
             inverse_pivots: zero,
             ddq: zero,
@@ -58,9 +62,9 @@ impl<const L: usize, const F: bool> Direct<L, F> {
     /// the last call that was not, as those of the later stages of a step do; only the time depends on how near.
     #[inline(always)]
     #[allow(clippy::too_many_arguments)] // the robot in three parts, and the state
-    pub fn solve(
+    pub fn solve<S: Shape>(
         &mut self,
-        geometry: &Geometry,
+        geometry: &Geometry<S>,
         drives: &Drives<'_>,
         links: &Links<L, F>,
         q: &[Lanes<L, F>; MAX_DOF],
@@ -75,67 +79,52 @@ impl<const L: usize, const F: bool> Direct<L, F> {
         } else {
             self.frames.anchor(geometry, q);
         }
-        drives.friction(links, dq, &mut self.ddq);
-        for_joints!(j in n => self.ddq[j] = (tau[j] + Lanes::splat(external[j])) - self.ddq[j]);
-        link_wrenches::<L, F, false>(geometry, &links.bodies, &self.frames, dq, dq, &mut self.wrenches);
-        let mut body = links.bodies[n - 1];
-        for j in (1..n).rev() {
-            let step = &geometry.steps[j];
-            self.columns[j] = body.unit_wrench(step.turns);
-            self.eliminate(n, j, step.turns, &links.rotors);
-            body = by_twist!(step, T => self.inwards::<T>(geometry, j, &links.bodies[j - 1], &body));
-        }
-        let turns = geometry.steps[0].turns;
-        self.columns[0] = body.unit_wrench(turns);
-        self.eliminate(n, 0, turns, &links.rotors);
-        self.substitute(n);
+        drives.friction(geometry, links, dq, &mut self.ddq);
+        outwards!(S, n, place => {
+            let j = place.index();
+            self.ddq[j] = (tau[j] + Lanes::splat(external[j])) - self.ddq[j];
+        });
+        link_wrenches::<L, F, false, S>(geometry, &links.bodies, &self.frames, dq, dq, &mut self.wrenches);
+        self.carried = links.bodies[n - 1];
+        inwards!(S, n, place => {
+            let (step, j) = (geometry.step(place), place.index());
+            self.columns[j] = self.carried.unit_wrench(step.form.turns);
+            self.eliminate(place, n, step.form.turns, &links.rotors);
+            if j > 0 {
+                let at = (self.frames.sine[j], self.frames.cosine[j], &self.frames.shift[j]);
+                columns_inwards(place, &step, at, &mut self.columns[..n]);
+                self.wrenches[j - 1] = self.wrenches[j - 1].with(&self.wrenches[j].moved_in(place, &step, at));
+                self.carried = self.carried.moved_in(place, &step, at, &links.bodies[j - 1]);
+            }
+        });
+        self.substitute::<S>(n);
     }
 
-    /// Column `j` of `L' D L` and of `L' y = right`, from the wrenches in frame `j`. Without loops for the usual arms.
+    /// Column `j` of `L' D L` and of `L' y = right`, from the wrenches in frame `j`.
     #[inline(always)]
-    fn eliminate(&mut self, n: usize, j: usize, turns: bool, rotors: &Lower<L, F>) {
+    #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
+    fn eliminate<P: Place>(&mut self, place: P, n: usize, turns: bool, rotors: &Lower<L, F>) {
+        let j = place.index();
         self.ddq[j] -= self.wrenches[j].felt(turns);
-        if n == 6 && turns {
-            match j {
-                0 => self.eliminate_among_six::<0>(rotors),
-                1 => self.eliminate_among_six::<1>(rotors),
-                2 => self.eliminate_among_six::<2>(rotors),
-                3 => self.eliminate_among_six::<3>(rotors),
-                4 => self.eliminate_among_six::<4>(rotors),
-                _ => self.eliminate_among_six::<5>(rotors),
-            }
+        if const { P::FORM.is_some() } {
+            unrolled!(K in 5 4 3 2 1 0 => if const { K >= P::INDEX } {
+                let mut entry = rotors[K][j] + self.columns[K].felt(turns);
+                unrolled!(I in 5 4 3 2 1 => if const { I > K } {
+                    entry = self.factor[I][K].neg_mul_add(self.scaled[I], entry);
+                });
+                self.scale_entry(K, j, entry);
+            });
         } else {
-            for k in j..n {
-                self.scaled[k] = rotors[k][j] + self.columns[k].felt(turns);
+            for k in (j..n).rev() {
+                let mut entry = rotors[k][j] + self.columns[k].felt(turns);
+                for i in (k + 1..n).rev() {
+                    entry = self.factor[i][k].neg_mul_add(self.scaled[i], entry);
+                }
+                self.scale_entry(k, j, entry);
             }
-            self.eliminate_among(n, j);
         }
         self.pivots[j] = self.scaled[j];
         self.inverse_pivots[j] = Lanes::splat(1.0) / self.scaled[j];
-    }
-
-    /// Of a joint that turns.
-    #[inline(always)]
-    #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
-    fn eliminate_among_six<const J: usize>(&mut self, rotors: &Lower<L, F>) {
-        unrolled!(K in 5 4 3 2 1 0 => if K >= J {
-            let mut entry = rotors[K][J] + self.columns[K].moment.z;
-            unrolled!(P in 5 4 3 2 1 => if P > K {
-                entry = self.factor[P][K].neg_mul_add(self.scaled[P], entry);
-            });
-            self.scale_entry(K, J, entry);
-        });
-    }
-
-    #[inline(always)]
-    fn eliminate_among(&mut self, n: usize, j: usize) {
-        for k in (j..n).rev() {
-            let mut entry = self.scaled[k];
-            for p in (k + 1..n).rev() {
-                entry = self.factor[p][k].neg_mul_add(self.scaled[p], entry);
-            }
-            self.scale_entry(k, j, entry);
-        }
     }
 
     #[inline(always)]
@@ -150,25 +139,24 @@ impl<const L: usize, const F: bool> Direct<L, F> {
 
     /// `ddq` from `L ddq = y / D`.
     #[inline(always)]
-    #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
-    fn substitute(&mut self, n: usize) {
-        if n == 6 {
-            unrolled!(J in 0 1 2 3 4 5 => {
-                let mut ddq = self.ddq[J] * self.inverse_pivots[J];
-                unrolled!(I in 0 1 2 3 4 => if I < J {
-                    ddq = self.factor[J][I].neg_mul_add(self.ddq[I], ddq);
-                });
-                self.ddq[J] = ddq;
+    fn substitute<S: Shape>(&mut self, n: usize) {
+        outwards!(S, n, place => self.substitute_at(place));
+    }
+
+    #[inline(always)]
+    fn substitute_at<P: Place>(&mut self, place: P) {
+        let j = place.index();
+        let mut ddq = self.ddq[j] * self.inverse_pivots[j];
+        if const { P::FORM.is_some() } {
+            unrolled!(I in 0 1 2 3 4 => if const { I < P::INDEX } {
+                ddq = self.factor[P::INDEX][I].neg_mul_add(self.ddq[I], ddq);
             });
-            return;
-        }
-        for j in 0..n {
-            let mut ddq = self.ddq[j] * self.inverse_pivots[j];
+        } else {
             for i in 0..j {
                 ddq = self.factor[j][i].neg_mul_add(self.ddq[i], ddq);
             }
-            self.ddq[j] = ddq;
         }
+        self.ddq[j] = ddq;
     }
 
     /// Accelerations that torques cause by themselves, at the state solved last.
@@ -187,44 +175,25 @@ impl<const L: usize, const F: bool> Direct<L, F> {
         }
         ddq
     }
-
-    /// Everything from frame `j` to frame `j-1`, where a link more is carried.
-    #[inline(always)]
-    fn inwards<const T: u8>(
-        &mut self,
-        geometry: &Geometry,
-        j: usize,
-        link: &Body<L, F>,
-        body: &Body<L, F>,
-    ) -> Body<L, F> {
-        let step = &geometry.steps[j];
-        let (s, c, t) = (self.frames.sine[j], self.frames.cosine[j], &self.frames.shift[j]);
-        let (before, columns) = (&mut self.wrenches[..=j], &mut self.columns[j..geometry.n()]);
-        match geometry.carries[j] {
-            MOMENTS => columns_inwards::<T, MOMENTS, L, F>(step, s, c, t, before, columns),
-            TURNED => columns_inwards::<T, TURNED, L, F>(step, s, c, t, before, columns),
-            _ => columns_inwards::<T, DISPLACED, L, F>(step, s, c, t, before, columns),
-        }
-        let body = body.unstepped::<T>(step, s, c, t, j < geometry.heavy);
-        if geometry.steps[j - 1].turns { link.regrouped_with(&body) } else { link.with(&body) }
-    }
 }
 
-/// The wrenches of columns, and that of `N` at the end of `wrenches`, one frame inwards; only moments where forces no longer matter.
+/// The columns of `M` from a joint on, one frame inwards.
 #[inline(always)]
-fn columns_inwards<const T: u8, const C: u8, const L: usize, const F: bool>(
+#[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
+fn columns_inwards<P: Place, const L: usize, const F: bool>(
+    place: P,
     step: &Step,
-    s: Lanes<L, F>,
-    c: Lanes<L, F>,
-    t: &Vector<L, F>,
-    wrenches: &mut [Wrench<L, F>],
+    at: (Lanes<L, F>, Lanes<L, F>, &Vector<L, F>),
     columns: &mut [Wrench<L, F>],
 ) {
-    for column in columns {
-        *column = column.inwards::<T, C>(step, s, c, t);
-    }
-    if let [.., before, last] = wrenches {
-        *before = before.with(&last.inwards::<T, C>(step, s, c, t));
+    if const { P::FORM.is_some() } {
+        unrolled!(K in 0 1 2 3 4 5 => if const { K >= P::INDEX } {
+            columns[K] = columns[K].moved_in(place, step, at);
+        });
+    } else {
+        for column in &mut columns[place.index()..] {
+            *column = column.moved_in(place, step, at);
+        }
     }
 }
 

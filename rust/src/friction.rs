@@ -10,9 +10,11 @@
 //! | `Fcm_m` | `sign(s) - sign(dq_m)` | `c_mi sign(s)`; as printed in (23): `c_mi sign(dq_m)` |
 
 use crate::bodies::Links;
+use crate::geometry::Geometry;
 use crate::kinematics::State;
 use crate::lanes::{Lanes, WIDTH};
 use crate::robot::{CoupledMotor, Coupling, MAX_DOF, Robot};
+use crate::shape::{Place, Shape, outwards};
 
 /// `sign`, `sign` with a dead zone, or `tanh(dq / v)`, as joint `j` has it. Between -1 and 1.
 #[inline(always)]
@@ -159,41 +161,53 @@ impl<'a> Drives<'a> {
 
     /// Friction torques at speeds `dq`, into `tau`.
     #[inline(always)]
-    pub fn friction<const L: usize, const F: bool>(
+    pub fn friction<const L: usize, const F: bool, S: Shape>(
         &self,
+        geometry: &Geometry<S>,
         links: &Links<L, F>,
         dq: &[Lanes<L, F>; MAX_DOF],
         tau: &mut [Lanes<L, F>; MAX_DOF],
     ) {
         let zero = Lanes::zero();
-        let n = self.n.min(MAX_DOF);
+        let n = geometry.n();
         // A single lane takes its joints and coupled motors side by side, to the same bits.
         let together = match &self.steepness {
-            Some(steepness) if L == 1 && F => Some(self.signs_together(steepness, dq)),
+            Some(steepness) if L == 1 && F => Some(self.signs_together(n, steepness, dq)),
             _ => None,
         };
-        for j in 0..n {
-            let s = if let Some(signs) = &together { Lanes::splat(signs[j]) } else { self.sign(j, dq[j]) };
-            let [a, b, c, d] = links.friction[j];
-            tau[j] = if self.asymmetric {
-                let forward = dq[j].max(zero).mul_add(a, s.max(zero) * b);
-                dq[j].min(zero).mul_add(c, s.min(zero).mul_add(d, forward))
-            } else {
-                dq[j].mul_add(a, s.mul_add(b, c))
+        let mut signs = [zero; MAX_DOF];
+        outwards!(S, n, place => {
+            let j = place.index();
+            signs[j] = match (&together, &self.steepness) {
+                (Some(signs), _) => Lanes::splat(signs[j]),
+                (None, Some(steepness)) => dq[j].scale(steepness[j]).tanh(),
+                (None, None) => self.sign(j, dq[j]),
             };
+        });
+        if self.asymmetric {
+            for j in 0..n {
+                let [a, b, c, d] = links.friction[j];
+                let forward = dq[j].max(zero).mul_add(a, signs[j].max(zero) * b);
+                tau[j] = dq[j].min(zero).mul_add(c, signs[j].min(zero).mul_add(d, forward));
+            }
+        } else {
+            outwards!(S, n, place => {
+                let j = place.index();
+                let [a, b, c, _] = links.friction[j];
+                tau[j] = dq[j].mul_add(a, signs[j].mul_add(b, c));
+            });
         }
         for (index, (coupled, &[fvm, fcm])) in self.coupled.iter().zip(&links.coupled).enumerate() {
             let m = coupled.motor;
             let speed = shaft_speed(coupled, dq);
-            let (turning, joint_turning) = if let Some(signs) = &together {
-                (Lanes::splat(signs[n + index]), Lanes::splat(signs[m]))
-            } else {
-                (self.sign(m, speed), self.sign(m, dq[m]))
+            let turning = match &together {
+                Some(signs) => Lanes::splat(signs[n + index]),
+                None => self.sign(m, speed),
             };
-            tau[m] = (speed - dq[m]).mul_add(fvm, (turning - joint_turning).mul_add(fcm, tau[m]));
+            tau[m] = (speed - dq[m]).mul_add(fvm, (turning - signs[m]).mul_add(fcm, tau[m]));
             let sign = match self.coupling {
                 Coupling::Shaft => turning,
-                Coupling::Printed => joint_turning,
+                Coupling::Printed => signs[m],
             };
             for &(i, c) in &coupled.others {
                 let torque = (speed - dq[i].scale(c)).mul_add(fvm, sign * fcm);
@@ -206,10 +220,10 @@ impl<'a> Drives<'a> {
     #[inline(always)]
     fn signs_together<const L: usize, const F: bool>(
         &self,
+        n: usize,
         steepness: &[f64; 2 * MAX_DOF],
         dq: &[Lanes<L, F>; MAX_DOF],
     ) -> [f64; 2 * MAX_DOF] {
-        let n = self.n.min(MAX_DOF);
         let count = (n + self.coupled.len()).min(2 * MAX_DOF);
         let mut signs = [0.0; 2 * MAX_DOF];
         for j in 0..n {

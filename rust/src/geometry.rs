@@ -2,60 +2,19 @@
 //!
 //! The step from frame `j-1` to frame `j` is a turn `Rot(x, alpha) Rot(z, theta)` about an origin displaced by
 //! `t = (d, -r sin alpha, r cos alpha)`, seen in frame `j-1`. Most components of `t` are zero and most twists right angles; a
-//! kernel asks once per joint ([`by_twist`]) and then runs through code that has no multiplication by them.
+//! kernel asks once per joint ([`crate::shape`]) and then runs through code that has no multiplication by them.
 
 use crate::lanes::{Lanes, SMALL_ANGLE, WIDTH, side_by_side};
 use crate::robot::{JointKind, MAX_DOF, Robot, Twist};
+use crate::shape::{Any, At, Form, GENERAL, MINUS, PLUS, Place, SIX, Shape, ZERO, complete, outwards};
 use crate::spatial::Vector;
-
-/// `alpha = 0`.
-pub const ZERO: u8 = 0;
-/// `alpha = pi/2`.
-pub const PLUS: u8 = 1;
-/// `alpha = -pi/2`.
-pub const MINUS: u8 = 2;
-/// Any other `alpha`.
-pub const GENERAL: u8 = 3;
-
-/// Of a wrench seen from the frame before only the moment is ever felt.
-pub const MOMENTS: u8 = 0;
-/// It turns with the frame; the origins are the same.
-pub const TURNED: u8 = 1;
-/// It turns, and the origin moves.
-pub const DISPLACED: u8 = 2;
-
-/// Runs `$body` with the constant `$t` for the twist of `$step`: each kind is compiled by itself.
-macro_rules! by_twist {
-    ($step:expr, $t:ident => $body:expr) => {
-        match $step.twist {
-            $crate::geometry::ZERO => {
-                const $t: u8 = $crate::geometry::ZERO;
-                $body
-            }
-            $crate::geometry::PLUS => {
-                const $t: u8 = $crate::geometry::PLUS;
-                $body
-            }
-            $crate::geometry::MINUS => {
-                const $t: u8 = $crate::geometry::MINUS;
-                $body
-            }
-            _ => {
-                const $t: u8 = $crate::geometry::GENERAL;
-                $body
-            }
-        }
-    };
-}
-pub(crate) use by_twist;
+use std::marker::PhantomData;
 
 /// The step to one frame from the one before.
 #[derive(Debug, Clone, Copy)]
 pub struct Step {
-    /// Does the joint turn (or slide)?
-    pub turns: bool,
-    /// [`ZERO`], [`PLUS`], [`MINUS`] or [`GENERAL`].
-    pub twist: u8,
+    /// What it does.
+    pub form: Form,
     /// Cosine of alpha.
     pub cosine: f64,
     /// Its sine.
@@ -64,21 +23,11 @@ pub struct Step {
     theta: f64,
     /// `t` at `q = 0`.
     shift: [f64; 3],
-    /// Which components of `t` can be other than zero.
-    pub shifted: [bool; 3],
 }
 
 impl Step {
     /// None at all.
-    const STILL: Self = Self {
-        turns: true,
-        twist: ZERO,
-        cosine: 1.0,
-        sine: 0.0,
-        theta: 0.0,
-        shift: [0.0; 3],
-        shifted: [false; 3],
-    };
+    const STILL: Self = Self { form: Form::STILL, cosine: 1.0, sine: 0.0, theta: 0.0, shift: [0.0; 3] };
 
     fn of(robot: &Robot, j: usize) -> Self {
         let joint = &robot.joints()[j];
@@ -91,30 +40,25 @@ impl Step {
         };
         let turns = joint.kind == JointKind::Revolute;
         let along = !turns || joint.r != 0.0;
+        let shifted = [joint.d != 0.0, along && sine != 0.0, along && cosine != 0.0];
         Self {
-            turns,
-            twist,
+            form: Form::of(turns, twist, shifted),
             cosine,
             sine,
             theta: joint.theta,
             shift: [joint.d, -joint.r * sine, joint.r * cosine],
-            shifted: [joint.d != 0.0, along && sine != 0.0, along && cosine != 0.0],
         }
     }
 }
 
 /// The steps of a robot, and what else its kernels ask for.
 #[derive(Debug, Clone, Copy)]
-pub struct Geometry {
+pub struct Geometry<S = Any> {
     n: usize,
-    /// Joint by joint.
-    pub steps: [Step; MAX_DOF],
+    steps: [Step; MAX_DOF],
     /// Acceleration of gravity in frame 0 (m/s^2).
     pub gravity: [f64; 3],
-    /// What becomes of a wrench from frame `j` to frame `j-1`: [`MOMENTS`], [`TURNED`] or [`DISPLACED`].
-    pub carries: [u8; MAX_DOF],
-    /// Joints up to which something slides further out (or there): only their links carry a mass after regrouping.
-    pub heavy: usize,
+    shape: PhantomData<S>,
 }
 
 impl Geometry {
@@ -125,26 +69,33 @@ impl Geometry {
         for (j, step) in steps.iter_mut().enumerate().take(n) {
             *step = Step::of(robot, j);
         }
-        let heavy = steps[..n].iter().rposition(|step| !step.turns).map_or(0, |j| j + 1);
-        let displaced = |step: &Step| step.shifted.contains(&true);
-        // A force matters where it has a lever arm further in, or slides a joint.
-        let force_matters =
-            |j: usize| !steps[0].turns || steps[1..j].iter().any(|s| displaced(s) || !s.turns);
-        let mut carries = [MOMENTS; MAX_DOF];
-        for (j, carries) in carries.iter_mut().enumerate().take(n).skip(1) {
-            if displaced(&steps[j]) {
-                *carries = DISPLACED;
-            } else if force_matters(j) {
-                *carries = TURNED;
-            }
+        let forms = complete(steps.map(|step| step.form), n);
+        for (step, form) in steps.iter_mut().zip(forms) {
+            step.form = form;
         }
-        Self { n, steps, gravity: robot.gravity(), carries, heavy }
+        Self { n, steps, gravity: robot.gravity(), shape: PhantomData }
     }
 
+    /// The same for kernels that know its shape, if it has that shape.
+    pub fn known<S: Shape>(&self) -> Option<Geometry<S>> {
+        let same = self.n == SIX && S::FORMS?.iter().zip(&self.steps).all(|(form, step)| *form == step.form);
+        let Self { n, steps, gravity, .. } = *self;
+        same.then_some(Geometry { n, steps, gravity, shape: PhantomData })
+    }
+}
+
+impl<S: Shape> Geometry<S> {
     /// Number of joints. The compiler sees that it is within the arrays.
     #[inline(always)]
     pub fn n(&self) -> usize {
-        self.n.min(MAX_DOF)
+        if S::KNOWN { SIX } else { self.n.min(MAX_DOF) }
+    }
+
+    /// The step to a joint's frame.
+    #[inline(always)]
+    pub fn step<P: Place>(&self, place: P) -> Step {
+        let step = self.steps[place.index()];
+        Step { form: P::FORM.unwrap_or(step.form), ..step }
     }
 }
 
@@ -164,7 +115,7 @@ pub struct Frames<const L: usize, const F: bool> {
 impl<const L: usize, const F: bool> Frames<L, F> {
     /// At `q = 0`.
     #[inline(always)]
-    pub fn new(geometry: &Geometry) -> Self {
+    pub fn new<S: Shape>(geometry: &Geometry<S>) -> Self {
         let zero = [Lanes::zero(); MAX_DOF];
         let mut frames =
             Self { sine: zero, cosine: zero, shift: [Vector::zero(); MAX_DOF], anchor: [zero; 3] };
@@ -178,49 +129,50 @@ impl<const L: usize, const F: bool> Frames<L, F> {
 
     /// Moves the joints to `q`.
     #[inline(always)]
-    pub fn place(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+    pub fn place<S: Shape>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
         if L == 1 && F {
             return self.place_together(geometry, q);
         }
-        for j in 0..geometry.n() {
-            let step = &geometry.steps[j];
-            if step.turns {
+        outwards!(S, geometry.n(), place => {
+            let (step, j) = (geometry.step(place), place.index());
+            if step.form.turns {
                 (self.sine[j], self.cosine[j]) = (q[j] + Lanes::splat(step.theta)).sin_cos();
             } else {
-                self.slide(step, j, q[j]);
+                self.slide(&step, j, q[j]);
             }
-        }
+        });
     }
 
     /// The same, and remembers it for [`Self::follow`].
     #[inline(always)]
-    pub fn anchor(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+    pub fn anchor<S: Shape>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
         self.place(geometry, q);
-        for j in 0..geometry.n() {
+        outwards!(S, geometry.n(), place => {
+            let j = place.index();
             (self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]) = (q[j], self.sine[j], self.cosine[j]);
-        }
+        });
     }
 
     /// Moves the joints to `q`, near the anchor: sums of angles are cheaper than new sines.
     #[inline(always)]
-    pub fn follow(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+    pub fn follow<S: Shape>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
         if L == 1 && F {
             return self.follow_together(geometry, q);
         }
-        for j in 0..geometry.n() {
-            let step = &geometry.steps[j];
-            if !step.turns {
-                self.slide(step, j, q[j]);
-                continue;
+        outwards!(S, geometry.n(), place => {
+            let (step, j) = (geometry.step(place), place.index());
+            if step.form.turns {
+                let from = [self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]];
+                (self.sine[j], self.cosine[j]) = near(from, q[j], Lanes::splat(step.theta));
+            } else {
+                self.slide(&step, j, q[j]);
             }
-            let from = [self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]];
-            (self.sine[j], self.cosine[j]) = near(from, q[j], Lanes::splat(step.theta));
-        }
+        });
     }
 
     /// [`Self::place`] of a single lane: the joints side by side in a register, the same bits.
     #[inline(always)]
-    fn place_together(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+    fn place_together<S: Shape>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
         for first in (0..geometry.n()).step_by(WIDTH) {
             let theta = Lanes::<WIDTH, F>(std::array::from_fn(|k| geometry.steps[first + k].theta));
             let (sine, cosine) = (side_by_side(q, first) + theta).sin_cos();
@@ -230,7 +182,7 @@ impl<const L: usize, const F: bool> Frames<L, F> {
 
     /// [`Self::follow`], likewise.
     #[inline(always)]
-    fn follow_together(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+    fn follow_together<S: Shape>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
         for first in (0..geometry.n()).step_by(WIDTH) {
             let theta = Lanes::<WIDTH, F>(std::array::from_fn(|k| geometry.steps[first + k].theta));
             let from = [0, 1, 2].map(|part: usize| side_by_side(&self.anchor[part], first));
@@ -240,20 +192,20 @@ impl<const L: usize, const F: bool> Frames<L, F> {
     }
 
     #[inline(always)]
-    fn put_together(
+    fn put_together<S: Shape>(
         &mut self,
-        geometry: &Geometry,
+        geometry: &Geometry<S>,
         first: usize,
         q: &[Lanes<L, F>; MAX_DOF],
         sine: Lanes<WIDTH, F>,
         cosine: Lanes<WIDTH, F>,
     ) {
         for k in 0..WIDTH.min(geometry.n().saturating_sub(first)) {
-            let j = first + k;
-            if geometry.steps[j].turns {
+            let (j, step) = (first + k, geometry.step(At(first + k)));
+            if S::KNOWN || step.form.turns {
                 (self.sine[j], self.cosine[j]) = (Lanes::splat(sine.0[k]), Lanes::splat(cosine.0[k]));
             } else {
-                self.slide(&geometry.steps[j], j, q[j]);
+                self.slide(&step, j, q[j]);
             }
         }
     }

@@ -9,11 +9,12 @@
 
 use crate::bodies::{Links, Lower};
 use crate::error::ShapeError;
-use crate::geometry::{Frames, Geometry, by_twist};
+use crate::geometry::{Frames, Geometry};
 use crate::inverse::check_length;
 use crate::lanes::{Kernel, Lanes, dispatch};
 use crate::parameters::Layout;
 use crate::robot::{MAX_DOF, Robot};
+use crate::shape::{At, by_twist};
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// `M(q)` of `L` positions or candidates into `matrix`.
@@ -27,18 +28,18 @@ fn inertia_matrix_lanes<const L: usize, const F: bool>(
     let n = geometry.n();
     let mut body = links.bodies[n - 1];
     for j in (0..n).rev() {
-        let mut wrench = body.unit_wrench(geometry.steps[j].turns);
+        let mut wrench = body.unit_wrench(geometry.step(At(j)).form.turns);
         for i in (0..=j).rev() {
-            let step = &geometry.steps[i];
-            matrix[j][i] = links.rotors[j][i] + wrench.felt(step.turns);
+            let step = &geometry.step(At(i));
+            matrix[j][i] = links.rotors[j][i] + wrench.felt(step.form.turns);
             if i > 0 {
                 let (s, c, t) = (frames.sine[i], frames.cosine[i], &frames.shift[i]);
                 wrench = by_twist!(step, T => wrench.unstepped::<T>(step, s, c, t));
             }
         }
         if j > 0 {
-            let (step, s, c, t) = (&geometry.steps[j], frames.sine[j], frames.cosine[j], &frames.shift[j]);
-            body = by_twist!(step, T => body.unstepped::<T>(step, s, c, t, j < geometry.heavy))
+            let (step, s, c, t) = (&geometry.step(At(j)), frames.sine[j], frames.cosine[j], &frames.shift[j]);
+            body = by_twist!(step, T => body.unstepped::<T>(step, s, c, t, step.form.heavy))
                 .with(&links.bodies[j - 1]);
         }
     }

@@ -6,11 +6,12 @@
 use crate::bodies::{Body, Links, Wrench};
 use crate::error::ShapeError;
 use crate::friction::Drives;
-use crate::geometry::{Frames, Geometry, by_twist};
+use crate::geometry::{Frames, Geometry, Step};
 use crate::kinematics::{Angular, State};
 use crate::lanes::{Kernel, Lanes, dispatch};
 use crate::parameters::Layout;
 use crate::robot::{MAX_DOF, Robot};
+use crate::shape::{Place, Shape, by_twist, inwards, outwards};
 use crate::spatial::Vector;
 
 /// What moves each link, at its origin and in its frame; of the first one only what its joint feels. Rotors are not in it.
@@ -18,86 +19,113 @@ use crate::spatial::Vector;
 /// Link `j` moves with the accelerations `a + U p` of its points: `a` is carried outwards, `U` follows from the angular velocity
 /// and acceleration. Gravity enters as an acceleration of the base. Without `MOVING`, joint accelerations are zero.
 #[inline(always)]
-pub fn link_wrenches<const L: usize, const F: bool, const MOVING: bool>(
-    geometry: &Geometry,
+pub fn link_wrenches<const L: usize, const F: bool, const MOVING: bool, S: Shape>(
+    geometry: &Geometry<S>,
     bodies: &[Body<L, F>; MAX_DOF],
     frames: &Frames<L, F>,
     dq: &[Lanes<L, F>; MAX_DOF],
     ddq: &[Lanes<L, F>; MAX_DOF],
     wrenches: &mut [Wrench<L, F>; MAX_DOF],
 ) {
-    let n = geometry.n();
     let [x, y, z] = geometry.gravity;
-    let (mut omega, mut domega, mut a) = (Vector::zero(), Vector::zero(), Vector::splat([-x, -y, -z]));
-    for j in 0..n {
-        let (step, body) = (&geometry.steps[j], &bodies[j]);
-        let (s, c) = (frames.sine[j], frames.cosine[j]);
-        let u;
-        if j == 0 {
+    let base = Vector::splat([-x, -y, -z]);
+    let mut link = Link { omega: Vector::zero(), domega: Vector::zero(), a: base, u: Angular::none() };
+    outwards!(S, geometry.n(), place => {
+        let (step, j) = (geometry.step(place), place.index());
+        let at = (frames.sine[j], frames.cosine[j], &frames.shift[j]);
+        link.move_on::<_, MOVING>(place, &step, at, dq[j], ddq[j]);
+        link.load::<MOVING>(j, &step, &bodies[j], ddq[j], &mut wrenches[j]);
+    });
+}
+
+/// How a link moves: seen from its own frame, its points have the accelerations `a + U p`.
+struct Link<const L: usize, const F: bool> {
+    omega: Vector<L, F>,
+    domega: Vector<L, F>,
+    a: Vector<L, F>,
+    u: Angular<L, F>,
+}
+
+impl<const L: usize, const F: bool> Link<L, F> {
+    /// From one link to the next.
+    #[inline(always)]
+    fn move_on<P: Place, const MOVING: bool>(
+        &mut self,
+        place: P,
+        step: &Step,
+        (s, c, t): (Lanes<L, F>, Lanes<L, F>, &Vector<L, F>),
+        dq: Lanes<L, F>,
+        ddq: Lanes<L, F>,
+    ) {
+        let Self { omega, domega, a, u } = self;
+        if place.index() == 0 {
             // The base does not turn.
-            a = by_twist!(step, T => a.stepped::<T>(step, s, c));
-            if step.turns {
-                omega.z = dq[0];
-                if MOVING {
-                    domega.z = ddq[0];
-                }
-                u = Angular::about_z(omega.z, domega.z);
-                let moment = body.h.x.mul_sub(a.y, body.h.y * a.x);
-                wrenches[0].moment.z =
-                    if MOVING { (body.xx + body.yy).mul_add(ddq[0], moment) } else { moment };
-            } else {
-                if MOVING {
-                    a.z += ddq[0];
-                }
-                u = Angular::none();
-                wrenches[0].force.z = body.m * a.z;
+            *a = by_twist!(P, step, T => a.stepped::<T>(step, s, c));
+            if step.form.turns {
+                omega.z = dq;
             }
-        } else {
-            (omega, domega, a) = by_twist!(step, T =>
-                (omega.stepped::<T>(step, s, c), domega.stepped::<T>(step, s, c), a.stepped::<T>(step, s, c)));
-            if step.turns {
-                domega.x = omega.y.mul_add(dq[j], domega.x);
-                domega.y = omega.x.neg_mul_add(dq[j], domega.y);
-                omega.z += dq[j];
-                if MOVING {
-                    domega.z += ddq[j];
-                }
-                u = Angular::of(omega, domega);
-                wrenches[j] = body.regrouped_wrench(&u, a);
-            } else {
-                let twice = dq[j] + dq[j];
-                a.x = omega.y.mul_add(twice, a.x);
-                a.y = omega.x.neg_mul_add(twice, a.y);
-                if MOVING {
-                    a.z += ddq[j];
-                }
-                u = Angular::of(omega, domega);
-                wrenches[j] = body.wrench(&u, a);
+            if MOVING {
+                *(if step.form.turns { &mut domega.z } else { &mut a.z }) += ddq;
             }
+            *u = if step.form.turns { Angular::about_z(omega.z, domega.z) } else { Angular::none() };
+            return;
         }
-        if j + 1 < n {
-            a = u.displaced(a, &geometry.steps[j + 1].shifted, &frames.shift[j + 1]);
+        *a = u.displaced(*a, &step.form.shifted, t);
+        (*omega, *domega, *a) = by_twist!(P, step, T =>
+            (omega.stepped::<T>(step, s, c), domega.stepped::<T>(step, s, c), a.stepped::<T>(step, s, c)));
+        if step.form.turns {
+            domega.x = omega.y.mul_add(dq, domega.x);
+            domega.y = omega.x.neg_mul_add(dq, domega.y);
+            omega.z += dq;
+        } else {
+            let twice = dq + dq;
+            a.x = omega.y.mul_add(twice, a.x);
+            a.y = omega.x.neg_mul_add(twice, a.y);
+        }
+        if MOVING {
+            *(if step.form.turns { &mut domega.z } else { &mut a.z }) += ddq;
+        }
+        *u = Angular::of(*omega, *domega);
+    }
+
+    /// The wrench that moves the link; of the first one only what its joint feels.
+    #[inline(always)]
+    fn load<const MOVING: bool>(
+        &self,
+        j: usize,
+        step: &Step,
+        body: &Body<L, F>,
+        ddq: Lanes<L, F>,
+        wrench: &mut Wrench<L, F>,
+    ) {
+        let (a, u) = (self.a, &self.u);
+        if j > 0 {
+            *wrench = if step.form.turns { body.regrouped_wrench(u, a) } else { body.wrench(u, a) };
+        } else if step.form.turns {
+            let moment = body.h.x.mul_sub(a.y, body.h.y * a.x);
+            wrench.moment.z = if MOVING { (body.xx + body.yy).mul_add(ddq, moment) } else { moment };
+        } else {
+            wrench.force.z = body.m * a.z;
         }
     }
 }
 
-/// Carries the wrenches in `wrenches` inwards and adds what each joint feels to `tau`.
+/// Adds up the wrenches from the last to the first, and what each joint feels of them to `tau`.
 #[inline(always)]
-fn carry<const L: usize, const F: bool>(
-    geometry: &Geometry,
+fn carry<const L: usize, const F: bool, S: Shape>(
+    geometry: &Geometry<S>,
     frames: &Frames<L, F>,
-    wrenches: &[Wrench<L, F>; MAX_DOF],
+    wrenches: &mut [Wrench<L, F>; MAX_DOF],
     tau: &mut [Lanes<L, F>; MAX_DOF],
 ) {
-    let n = geometry.n();
-    let mut carried = wrenches[n - 1];
-    for j in (1..n).rev() {
-        let step = &geometry.steps[j];
-        let (s, c, t) = (frames.sine[j], frames.cosine[j], &frames.shift[j]);
-        tau[j] += carried.felt(step.turns);
-        carried = by_twist!(step, T => carried.unstepped::<T>(step, s, c, t)).with(&wrenches[j - 1]);
-    }
-    tau[0] += carried.felt(geometry.steps[0].turns);
+    inwards!(S, geometry.n(), place => {
+        let (step, j) = (geometry.step(place), place.index());
+        tau[j] += wrenches[j].felt(step.form.turns);
+        if j > 0 {
+            let at = (frames.sine[j], frames.cosine[j], &frames.shift[j]);
+            wrenches[j - 1] = wrenches[j - 1].with(&wrenches[j].moved_in(place, &step, at));
+        }
+    });
 }
 
 /// Memory of the inverse model, and its result: nothing is cleared or copied per call.
@@ -112,7 +140,7 @@ pub struct Inverse<const L: usize, const F: bool> {
 impl<const L: usize, const F: bool> Inverse<L, F> {
     /// Nothing computed yet.
     #[inline(always)]
-    pub fn new(geometry: &Geometry) -> Self {
+    pub fn new<S: Shape>(geometry: &Geometry<S>) -> Self {
         Self {
             frames: Frames::new(geometry),
             wrenches: [Wrench::none(); MAX_DOF],
@@ -122,18 +150,18 @@ impl<const L: usize, const F: bool> Inverse<L, F> {
 
     /// Torques of `L` states.
     #[inline(always)]
-    pub fn solve(
+    pub fn solve<S: Shape>(
         &mut self,
-        geometry: &Geometry,
+        geometry: &Geometry<S>,
         drives: &Drives<'_>,
         links: &Links<L, F>,
         state: &State<L, F>,
     ) {
         let Self { frames, wrenches, tau } = self;
         frames.place(geometry, &state.q);
-        drives.friction(links, &state.dq, tau);
+        drives.friction(geometry, links, &state.dq, tau);
         drives.rotors(links, &state.ddq, tau);
-        link_wrenches::<L, F, true>(geometry, &links.bodies, frames, &state.dq, &state.ddq, wrenches);
+        link_wrenches::<L, F, true, S>(geometry, &links.bodies, frames, &state.dq, &state.ddq, wrenches);
         carry(geometry, frames, wrenches, tau);
     }
 }

@@ -54,6 +54,7 @@ pub mod robot;
 pub mod runge_kutta;
 pub mod schedule;
 pub mod sensitivity;
+pub mod shape;
 pub mod simulate;
 pub mod spatial;
 pub mod table;

@@ -31,7 +31,6 @@ pub struct Stages<const L: usize, const F: bool> {
     /// Sums weighted 1 2 2 1.
     weighted: PerJoint<L, F>,
     weighted_z: PerJoint<L, F>,
-    n: usize,
     /// Does a controller integrate?
     integrates: bool,
 }
@@ -39,10 +38,10 @@ pub struct Stages<const L: usize, const F: bool> {
 impl<const L: usize, const F: bool> Stages<L, F> {
     /// At rest at zero.
     #[inline(always)]
-    pub fn new(n: usize, integrates: bool) -> Self {
+    pub fn new(integrates: bool) -> Self {
         let zero = [Lanes::zero(); MAX_DOF];
         let point = Point { q: zero, dq: zero, z: zero };
-        Self { here: point, start: point, first_three: zero, weighted: zero, weighted_z: zero, n, integrates }
+        Self { here: point, start: point, first_three: zero, weighted: zero, weighted_z: zero, integrates }
     }
 
     /// Time of a stage; those at the ends lie just inside the step, so that a jump of the reference's acceleration there is seen
@@ -54,9 +53,8 @@ impl<const L: usize, const F: bool> Stages<L, F> {
 
     /// Takes the derivatives at a stage and moves on to the next, or to the end of the step.
     #[inline(always)]
-    pub fn advance(&mut self, stage: usize, h: f64, ddq: &PerJoint<L, F>, dz: &PerJoint<L, F>) {
+    pub fn advance(&mut self, n: usize, stage: usize, h: f64, ddq: &PerJoint<L, F>, dz: &PerJoint<L, F>) {
         let Self { here, start, first_three, weighted, weighted_z, .. } = self;
-        let n = self.n.min(MAX_DOF);
         if stage == 3 {
             let (whole, sixth, square) = (Lanes::splat(h), Lanes::splat(h / 6.0), Lanes::splat(h * h / 6.0));
             for_joints!(j in n => {

@@ -114,7 +114,7 @@ impl<'a> Run<'a> {
         let integrates = controller.laws().iter().any(|law| law.integral != 0.0);
         let tangent = |direction: &&[f64]| Tangent {
             direction: direction.iter().copied().enumerate().filter(|&(_, value)| value != 0.0).collect(),
-            stages: Stages::new(n, integrates),
+            stages: Stages::new(integrates),
             tau: nothing,
             dz: nothing,
             ddq: nothing,
@@ -137,7 +137,7 @@ impl<'a> Run<'a> {
             links: Links::of_one(robot, &geometry, candidate.x),
             scale: nothing,
             direct: Direct::new(&geometry),
-            stages: Stages::new(n, integrates),
+            stages: Stages::new(integrates),
             tau: nothing,
             dz: nothing,
             target: Target::zero(),
@@ -194,9 +194,15 @@ impl<'a> Run<'a> {
                     if segment.step == 0.0 {
                         break;
                     }
-                    self.stages.advance(stage, segment.step, &self.direct.ddq, &self.dz);
+                    self.stages.advance(self.geometry.n(), stage, segment.step, &self.direct.ddq, &self.dz);
                     for tangent in &mut self.tangents {
-                        tangent.stages.advance(stage, segment.step, &tangent.ddq, &tangent.dz);
+                        tangent.stages.advance(
+                            self.geometry.n(),
+                            stage,
+                            segment.step,
+                            &tangent.ddq,
+                            &tangent.dz,
+                        );
                     }
                 }
             }

@@ -18,7 +18,7 @@ use crate::reference::{Reference, Target};
 use crate::robot::{MAX_DOF, Robot};
 use crate::runge_kutta::{PerJoint, Point, Stages};
 use crate::schedule::{Schedule, Segment};
-use crate::unroll::for_joints;
+use crate::shape::{Elbow, Place, Shape, outwards};
 
 /// How often, in segments, a run asks whether it shall stop.
 const PATIENCE: usize = 256;
@@ -26,8 +26,6 @@ const PATIENCE: usize = 256;
 const LONG: usize = 4096;
 /// Angle (rad) beyond which the sines of `lanes.rs` lose digits.
 const FARTHEST: f64 = 1e5;
-/// Most lanes of a group.
-pub const MOST_LANES: usize = 8;
 
 /// What is simulated; candidates differ only in their parameters and the scale of their gains.
 #[derive(Clone, Copy)]
@@ -169,13 +167,13 @@ pub struct Cost<'a> {
     measured: Measured<'a>,
     n: usize,
     /// Sum of each lane.
-    pub sums: [f64; MOST_LANES],
+    pub sums: [f64; WIDTH],
 }
 
 impl<'a> Cost<'a> {
     /// Nothing summed yet.
     pub fn new(measured: Measured<'a>, n: usize) -> Self {
-        Self { measured, n, sums: [0.0; MOST_LANES] }
+        Self { measured, n, sums: [0.0; WIDTH] }
     }
 }
 
@@ -226,7 +224,14 @@ pub fn run_group<const L: usize>(
     cancel: &Cancel<'_>,
     observer: &mut dyn Observer,
 ) -> Vec<Outcome> {
-    dispatch_on::<L, _>(Run { simulation, candidates, cancel, observer })
+    if candidates.is_empty() {
+        return Vec::new();
+    }
+    let geometry = Geometry::of(simulation.robot);
+    match geometry.known::<Elbow>() {
+        Some(geometry) => dispatch_on::<L, _>(Run { simulation, geometry, candidates, cancel, observer }),
+        None => dispatch_on::<L, _>(Run { simulation, geometry, candidates, cancel, observer }),
+    }
 }
 
 /// Everything fits together.
@@ -258,26 +263,25 @@ pub(crate) fn check(
     Ok(())
 }
 
-struct Run<'a> {
+struct Run<'a, S> {
     simulation: Simulation<'a>,
+    geometry: Geometry<S>,
     candidates: &'a [Candidate<'a>],
     cancel: &'a Cancel<'a>,
     observer: &'a mut dyn Observer,
 }
 
-impl Kernel for Run<'_> {
+impl<S: Shape> Kernel for Run<'_, S> {
     type Output = Vec<Outcome>;
 
     #[inline(always)]
     fn run<const L: usize, const F: bool>(self) -> Vec<Outcome> {
-        let Self { simulation, candidates, cancel, observer } = self;
-        if candidates.is_empty() {
-            return Vec::new();
-        }
+        let Self { simulation, geometry, candidates, cancel, observer } = self;
         if !F {
             return portable(simulation, candidates, cancel, observer);
         }
-        Loop::<L, F>::new(simulation, candidates, 0).run(cancel, observer)[..candidates.len()].to_vec()
+        let outcomes = Loop::<L, F, S>::new(simulation, &geometry, candidates, 0).run(cancel, observer);
+        outcomes[..candidates.len()].to_vec()
     }
 }
 
@@ -290,16 +294,17 @@ fn portable(
 ) -> Vec<Outcome> {
     let mut outcomes = Vec::with_capacity(candidates.len());
     for (lane, one) in candidates.iter().enumerate() {
-        let one = Loop::<1, false>::new(simulation, std::slice::from_ref(one), lane);
+        let geometry = Geometry::of(simulation.robot);
+        let one = Loop::<1, false, _>::new(simulation, &geometry, std::slice::from_ref(one), lane);
         outcomes.extend(one.run(cancel, observer));
     }
     outcomes
 }
 
 /// The state of a run, and its memory: nothing is allocated once it runs.
-struct Loop<'a, const L: usize, const F: bool> {
+struct Loop<'a, const L: usize, const F: bool, S> {
     simulation: Simulation<'a>,
-    geometry: Geometry,
+    geometry: Geometry<S>,
     drives: Drives<'a>,
     links: Links<L, F>,
     scale: PerJoint<L, F>,
@@ -308,7 +313,6 @@ struct Loop<'a, const L: usize, const F: bool> {
     outcomes: [Outcome; L],
     running: usize,
     stages: Stages<L, F>,
-    direct: Direct<L, F>,
     /// Torques of the drives; those of a digital controller hold between its samples.
     tau: PerJoint<L, F>,
     dz: PerJoint<L, F>,
@@ -319,12 +323,17 @@ struct Loop<'a, const L: usize, const F: bool> {
     feedforward: [f64; MAX_DOF],
     external: [f64; MAX_DOF],
     /// Positions, velocities, accelerations and torques for the observer.
-    buffers: [[f64; MAX_DOF * MOST_LANES]; 4],
+    buffers: [[f64; MAX_DOF * WIDTH]; 4],
 }
 
-impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
+impl<'a, const L: usize, const F: bool, S: Shape> Loop<'a, L, F, S> {
     #[inline(always)]
-    fn new(simulation: Simulation<'a>, candidates: &[Candidate<'_>], first: usize) -> Self {
+    fn new(
+        simulation: Simulation<'a>,
+        geometry: &Geometry<S>,
+        candidates: &[Candidate<'_>],
+        first: usize,
+    ) -> Self {
         let n = simulation.robot.n_dof();
         let last = candidates.len().saturating_sub(1);
         // Lanes without a candidate of their own repeat the last one.
@@ -332,21 +341,19 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
             Lanes(std::array::from_fn(|l| pick(&candidates[l.min(last)], k)))
         };
         let nothing = [Lanes::zero(); MAX_DOF];
-        let geometry = Geometry::of(simulation.robot);
         let x: Vec<Lanes<L, F>> =
             (0..candidates[0].x.len()).map(|k| lane(|candidate, k| candidate.x[k], k)).collect();
         let integrates = simulation.controller.laws().iter().any(|law| law.integral != 0.0);
         let mut this = Self {
             simulation,
-            geometry,
+            geometry: *geometry,
             drives: Drives::of(simulation.robot),
-            links: Links::of(simulation.robot, &geometry, &x),
+            links: Links::of(simulation.robot, geometry, &x),
             scale: nothing,
             first,
             outcomes: [Outcome::Completed; L],
             running: L,
-            stages: Stages::new(n, integrates),
-            direct: Direct::new(&geometry),
+            stages: Stages::new(integrates),
             tau: nothing,
             dz: nothing,
             target: Target::zero(),
@@ -354,7 +361,7 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
             piece: 0,
             feedforward: [0.0; MAX_DOF],
             external: [0.0; MAX_DOF],
-            buffers: [[0.0; MAX_DOF * MOST_LANES]; 4],
+            buffers: [[0.0; MAX_DOF * WIDTH]; 4],
         };
         this.aim(0.0);
         for j in 0..n {
@@ -378,6 +385,8 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
                 Some((digital, Sampled::start(digital, &self.stages.here.q, &self.stages.here.dq)))
             }
         };
+        // On its own, not a part of `self`: what no one asks for is then never stored.
+        let mut direct = Direct::new(&self.geometry);
         // The last record needs one more evaluation: a segment without length, whose step ends after its first stage.
         let end = schedule.end();
         let last =
@@ -404,15 +413,15 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
                 }
                 let t = segment.start + step as f64 * segment.step;
                 for stage in 0..4 {
-                    self.evaluate(Stages::<L, F>::time(stage, t, segment.step), stage > 0);
+                    self.evaluate(&mut direct, Stages::<L, F>::time(stage, t, segment.step), stage > 0);
                     if stage == 0 && step == 0 && segment.record {
-                        self.hand_over(records, observer);
+                        self.hand_over(records, &direct.ddq, observer);
                         records += 1;
                     }
                     if segment.step == 0.0 {
                         break;
                     }
-                    self.stages.advance(stage, segment.step, &self.direct.ddq, &self.dz);
+                    self.stages.advance(self.geometry.n(), stage, segment.step, &direct.ddq, &self.dz);
                 }
             }
         }
@@ -421,14 +430,15 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
 
     /// Gives the observer where the run stands, with the torques and accelerations evaluated there.
     #[inline(always)]
-    fn hand_over(&mut self, k: usize, observer: &mut dyn Observer) {
-        let n = self.simulation.robot.n_dof();
-        let all = [&self.stages.here.q, &self.stages.here.dq, &self.direct.ddq, &self.tau];
-        for (buffer, values) in self.buffers.iter_mut().zip(all) {
-            for j in 0..n {
+    fn hand_over(&mut self, k: usize, ddq: &PerJoint<L, F>, observer: &mut dyn Observer) {
+        let n = self.geometry.n();
+        let Point { q, dq, .. } = &self.stages.here;
+        outwards!(S, n, place => {
+            let j = place.index();
+            for (buffer, values) in self.buffers.iter_mut().zip([q, dq, ddq, &self.tau]) {
                 buffer[j * L..(j + 1) * L].copy_from_slice(&values[j].0);
             }
-        }
+        });
         let [q, dq, ddq, tau] = &self.buffers;
         let (q, dq, ddq, tau) = (&q[..n * L], &dq[..n * L], &ddq[..n * L], &tau[..n * L]);
         observer.record(k, &Record { first: self.first, lanes: L, q, dq, ddq, tau });
@@ -436,7 +446,7 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
 
     /// Torques and accelerations at one time; `near` the positions of the evaluation that started the step, or at them.
     #[inline(always)]
-    fn evaluate(&mut self, t: f64, near: bool) {
+    fn evaluate(&mut self, direct: &mut Direct<L, F>, t: f64, near: bool) {
         let Simulation { controller, external, .. } = self.simulation;
         let n = self.geometry.n();
         if let Timing::Continuous = controller.timing() {
@@ -447,19 +457,22 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
                 feedforward: controller.feedforward().map(|_| &self.feedforward),
                 scale: &self.scale,
             };
-            for (j, one) in controller.laws()[..n].iter().enumerate() {
-                (self.tau[j], self.dz[j]) = law(one, &instant, j, q[j], dq[j], z[j]);
-            }
+            let laws = &controller.laws()[..n];
+            outwards!(S, n, place => {
+                let j = place.index();
+                (self.tau[j], self.dz[j]) = law(&laws[j], &instant, j, q[j], dq[j], z[j]);
+            });
         }
         if let Some(external) = external {
             external.at(t, &mut self.external);
         }
-        let Self { geometry, drives, links, stages, direct, tau, .. } = self;
+        let Self { geometry, drives, links, stages, tau, .. } = self;
         direct.solve(geometry, drives, links, &stages.here.q, &stages.here.dq, tau, &self.external, near);
-        let mut smallest = self.direct.pivots[0];
-        for_joints!(j in n => smallest = self.direct.pivots[j].min(smallest));
+        let mut smallest = direct.pivots[0];
+        outwards!(S, n, place => smallest = direct.pivots[place.index()].min(smallest));
         if !smallest.all_above(0.0) {
-            self.find_indefinite(t);
+            let pivots = direct.pivots;
+            self.find_indefinite(t, &pivots);
         }
     }
 
@@ -489,7 +502,7 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
     }
 
     #[cold]
-    fn find_indefinite(&mut self, time: f64) {
+    fn find_indefinite(&mut self, time: f64, pivots: &PerJoint<L, F>) {
         let n = self.geometry.n();
         for l in 0..L {
             // Within one step a run can diverge so far that sines mean nothing, nor do the pivots made of them.
@@ -497,7 +510,7 @@ impl<'a, const L: usize, const F: bool> Loop<'a, L, F> {
                 let q = self.stages.here.q[j].0[l].abs();
                 q.is_nan() || q > FARTHEST
             });
-            let joint = (0..n).find(|&j| self.direct.pivots[j].0[l] <= 0.0);
+            let joint = (0..n).find(|&j| pivots[j].0[l] <= 0.0);
             if let (Some(joint), Some(_)) = (lost, joint) {
                 self.end(l, Outcome::Diverged { time, joint });
             } else if let Some(joint) = joint {

@@ -4,6 +4,7 @@ use crate::control::{Digital, Law};
 use crate::reference::{Fourier, PointToPoint};
 use crate::robot::{Friction, Joint, JointKind};
 use crate::schedule::Plan;
+use std::f64::consts::FRAC_PI_2;
 
 pub(crate) const PD: Law = Law {
     position: 0.0,
@@ -124,11 +125,82 @@ fn lanes_and_threads_have_the_same_bits() {
         let alone = run(simulation, std::slice::from_ref(x), 1).1;
         assert_eq!(alone[0], *trajectory);
     }
-    let scale = [1.0; 3];
-    let candidates: Vec<Candidate<'_>> = xs.iter().map(|x| Candidate { x, scale: &scale }).collect();
-    let mut eight = Trajectories::new(7, 21, 3);
-    run_group::<8>(simulation, &candidates, &Cancel::never(), &mut eight);
-    assert_eq!(eight.lanes, together);
+}
+
+/// The arm whose shape is known to the compiler, of other lengths than the TX40.
+fn elbow() -> Robot {
+    let rows = [
+        (0.0, 0.0, 0.2, 0.0),
+        (-FRAC_PI_2, 0.0, -1.2, 0.0),
+        (0.0, 0.4, 1.5, -0.1),
+        (FRAC_PI_2, 0.0, 0.1, 0.3),
+        (-FRAC_PI_2, 0.0, 0.0, 0.0),
+        (FRAC_PI_2, 0.0, 3.0, 0.0),
+    ];
+    let joint = |&(alpha, d, theta, r)| Joint { kind: JointKind::Revolute, alpha, d, theta, r };
+    let mut coupling: Vec<Vec<f64>> =
+        (0..6).map(|m| (0..6).map(|j| f64::from(u8::from(m == j))).collect()).collect();
+    coupling[5][4] = 0.7;
+    let friction = Friction { smoothing: vec![0.02; 6], ..Friction::sign(6) };
+    Robot::new(rows.iter().map(joint).collect(), [0.5, 0.0, -9.81], &coupling, friction).unwrap()
+}
+
+#[test]
+fn a_shape_that_is_known_changes_no_bit() {
+    let robot = elbow();
+    let series = Fourier {
+        period: 1.0,
+        offset: &[0.3, -0.2, 0.1, 0.0, 0.5, -0.4],
+        sine: &[0.4, 0.3, 0.1, -0.3, 0.2, 0.5],
+        cosine: &[0.1, -0.2, 0.3, 0.4, -0.5, 0.1],
+    };
+    let reference = Reference::fourier(6, series, 1.0, 1000).unwrap();
+    let controller =
+        Controller::new(vec![Law { position: 900.0, velocity: 60.0, ..PD }; 6], Timing::Continuous, None)
+            .unwrap();
+    let plan = Plan {
+        rate: 20.0,
+        records: 21,
+        period: None,
+        coarse: 1e-3,
+        fine: &[5e-4; 6],
+        slow: &[0.1; 6],
+        motion: None,
+    };
+    let schedule = Schedule::new(&robot, &reference, plan).unwrap();
+    let simulation = whole(&robot, &reference, &controller, &schedule);
+    let link = [0.5, 0.05, -0.03, 0.6, 0.04, 0.4, 0.1, -0.2, 0.1, 2.0, 0.5, 0.4, 0.3, 0.1];
+    let x: Vec<Vec<f64>> = (1..=4)
+        .map(|k| {
+            let mut x: Vec<f64> = (0..6).flat_map(|_| link.map(|value| value * f64::from(k))).collect();
+            x.resize(Layout::of(&robot).count(), 0.1);
+            x
+        })
+        .collect();
+    let scale = [1.0; 6];
+    let candidates: Vec<Candidate<'_>> = x.iter().map(|x| Candidate { x, scale: &scale }).collect();
+    let cancel = Cancel::never();
+    let geometry = Geometry::of(&robot);
+    assert!(geometry.known::<Elbow>().is_some());
+    for lanes in [1, 4] {
+        let (mut known, mut any) = (Trajectories::new(lanes, 21, 6), Trajectories::new(lanes, 21, 6));
+        let candidates = &candidates[..lanes];
+        let of_any = Run { simulation, geometry, candidates, cancel: &cancel, observer: &mut any };
+        let outcomes = if lanes == 1 {
+            assert_eq!(dispatch_on::<1, _>(of_any), [Outcome::Completed]);
+            run_group::<1>(simulation, candidates, &cancel, &mut known)
+        } else {
+            assert_eq!(dispatch_on::<WIDTH, _>(of_any), [Outcome::Completed; 4]);
+            run_group::<WIDTH>(simulation, candidates, &cancel, &mut known)
+        };
+        assert_eq!(outcomes, vec![Outcome::Completed; lanes]);
+        assert!(known.lanes[0].q.iter().any(|q| q.abs() > 0.5));
+        assert_eq!(known.lanes, any.lanes);
+    }
+    // An arm with an offset more is not of that shape.
+    let mut joints = robot.joints().to_vec();
+    joints[1].d = 0.1;
+    assert!(Geometry::of(&robot.with_joints(joints).unwrap()).known::<Elbow>().is_none());
 }
 
 #[test]
