@@ -65,7 +65,7 @@ def check(
     experiment : Experiment, str or Path
         An experiment, or its file. Only a file can have wrong time stamps: an `Experiment` has none.
     parameters : str, Path, Identification or array, optional
-        Known parameters: result (or its .json), name of a parameter set of the robot, or standard parameters, (n_parameters,).
+        Known parameters: result (or its .json, .toml or .npz), name of a set of the robot, or standard ones, (n_parameters,).
         With them the scale of each joint is told, which a log alone can often not tell.
     data : str or Path, optional
         Folder of the data files of an experiment file.

@@ -440,8 +440,9 @@ def _add_check(commands: Commands) -> None:
     _add_experiment(parser)
     parser.add_argument(
         "--parameters",
-        metavar="FIT.json|NAME",
-        help="known parameters, which tell the scale of each joint: a result, or a parameter set of the robot file",
+        metavar="FILE|NAME",
+        help="known parameters, which tell the scale of each joint: result of an identification (.json) or its parameters "
+        "(.toml, .npz), or a parameter set of the robot file",
     )
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the findings as JSON")
 

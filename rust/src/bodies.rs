@@ -360,8 +360,8 @@ impl<const L: usize, const F: bool> Wrench<L, F> {
 pub struct Links<const L: usize, const F: bool> {
     /// Links, regrouped.
     pub bodies: [Body<L, F>; MAX_DOF],
-    /// Friction parameters of each joint.
-    pub friction: [[Lanes<L, F>; 4]; MAX_DOF],
+    /// The friction parameters, each of all joints.
+    pub friction: [[Lanes<L, F>; MAX_DOF]; 4],
     /// `Fvm Fcm` of each coupled motor.
     pub coupled: [[Lanes<L, F>; 2]; MAX_DOF],
     /// What rotors add to the inertia matrix: `Ia`, and off the diagonal what coupled ones put there (24).
@@ -376,14 +376,16 @@ impl<const L: usize, const F: bool> Links<L, F> {
         let zero = Lanes::zero();
         let mut links = Self {
             bodies: [Body::none(); MAX_DOF],
-            friction: [[zero; 4]; MAX_DOF],
+            friction: [[zero; MAX_DOF]; 4],
             coupled: [[zero; 2]; MAX_DOF],
             rotors: [[zero; MAX_DOF]; MAX_DOF],
         };
         for j in 0..geometry.n() {
             let block = &x[layout.joint(j)..layout.joint(j) + layout.per_joint()];
             links.bodies[j] = Body::of_link(block);
-            links.friction[j][..block.len() - FRICTION].copy_from_slice(&block[FRICTION..]);
+            for (parameters, &value) in links.friction.iter_mut().zip(&block[FRICTION..]) {
+                parameters[j] = value;
+            }
             links.rotors[j][j] = block[IA];
         }
         for (index, coupled) in robot.coupled().iter().enumerate() {

@@ -11,9 +11,11 @@
 //! Tested against closed forms in `simulate/tests.rs` and against the EMPS in the Python tests.
 
 use crate::error::ControlError;
-use crate::lanes::Lanes;
+use crate::geometry::Geometry;
+use crate::lanes::{Lanes, WIDTH, side_by_side};
 use crate::reference::Target;
 use crate::robot::MAX_DOF;
+use crate::shape::{Place, Shape, outwards};
 
 /// The law of one joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -220,6 +222,82 @@ pub fn law<const L: usize, const F: bool>(
         u = clipped;
     }
     (u.scale(law.gain), dz)
+}
+
+/// The laws of a controller that only compares: no integrator, no limit, nothing fed forward. Joint by joint in arrays.
+#[derive(Debug, Clone, Copy)]
+pub struct PlainLaws {
+    position: [f64; MAX_DOF],
+    velocity: [f64; MAX_DOF],
+    acceleration: [f64; MAX_DOF],
+    reference_velocity: [f64; MAX_DOF],
+    gain: [f64; MAX_DOF],
+}
+
+impl PlainLaws {
+    /// Of a controller, if it is such a one.
+    pub fn of(controller: &Controller) -> Option<Self> {
+        let plain = |law: &Law| law.integral == 0.0 && law.limit == f64::INFINITY;
+        if controller.feedforward.is_some() || !controller.laws.iter().all(plain) {
+            return None;
+        }
+        let all = |pick: fn(&Law) -> f64| std::array::from_fn(|j| controller.laws.get(j).map_or(0.0, pick));
+        Some(Self {
+            position: all(|law| law.position),
+            velocity: all(|law| law.velocity),
+            acceleration: all(|law| law.acceleration),
+            reference_velocity: all(|law| law.reference_velocity),
+            gain: all(|law| law.gain),
+        })
+    }
+
+    /// Torques (joint side), to the bits of [`law`].
+    #[inline(always)]
+    pub fn torques<const L: usize, const F: bool, S: Shape>(
+        &self,
+        geometry: &Geometry<S>,
+        target: &Target,
+        scale: &[Lanes<L, F>; MAX_DOF],
+        q: &[Lanes<L, F>; MAX_DOF],
+        dq: &[Lanes<L, F>; MAX_DOF],
+        tau: &mut [Lanes<L, F>; MAX_DOF],
+    ) {
+        if L == 1 && F {
+            // A single lane takes its joints side by side.
+            for first in (0..geometry.n()).step_by(WIDTH) {
+                let block = |values: &[f64; MAX_DOF]| Lanes::<WIDTH, F>::from_slice(&values[first..]);
+                let [q, dq, scale] = [q, dq, scale].map(|values| side_by_side(values, first));
+                let gains = [block(&self.position), block(&self.velocity), block(&self.acceleration)];
+                let aim = [
+                    block(&target.q),
+                    block(&self.reference_velocity) * block(&target.dq),
+                    block(&target.ddq),
+                ];
+                let u = compared(gains, aim, q, dq) * scale * block(&self.gain);
+                for k in 0..WIDTH {
+                    tau[first + k] = Lanes::splat(u.0[k]);
+                }
+            }
+            return;
+        }
+        outwards!(S, geometry.n(), place => {
+            let j = place.index();
+            let gains = [self.position[j], self.velocity[j], self.acceleration[j]].map(Lanes::splat);
+            let aim = [target.q[j], self.reference_velocity[j] * target.dq[j], target.ddq[j]].map(Lanes::splat);
+            tau[j] = (compared(gains, aim, q[j], dq[j]) * scale[j]).scale(self.gain[j]);
+        });
+    }
+}
+
+/// What a law without integrator asks for: gains of position, velocity and acceleration, and what they aim at.
+#[inline(always)]
+fn compared<const L: usize, const F: bool>(
+    [position, velocity, acceleration]: [Lanes<L, F>; 3],
+    [aim_q, aim_dq, aim_ddq]: [Lanes<L, F>; 3],
+    q: Lanes<L, F>,
+    dq: Lanes<L, F>,
+) -> Lanes<L, F> {
+    (aim_q - q).mul_add(position, (aim_dq - dq).mul_add(velocity, acceleration * aim_ddq))
 }
 
 /// Memory of a digital controller on lanes.

@@ -264,6 +264,7 @@ mod tests {
     use crate::bodies::tests::{parameters, polar, robot};
     use crate::inverse::inverse_dynamics;
     use crate::robot::Joint;
+    use crate::shape::{At, DISPLACED, MOMENTS};
 
     #[test]
     fn axes_that_meet_in_a_point_need_no_forces() {
@@ -273,7 +274,8 @@ mod tests {
             if j < 3 { Joint { d: 0.0, r: 0.0, ..*joint } } else { Joint { d: 0.3, ..*joint } }
         };
         let robot = arm.with_joints(arm.joints().iter().enumerate().map(bend).collect()).unwrap();
-        assert_eq!(Geometry::of(&robot).carries[1..5], [MOMENTS, MOMENTS, DISPLACED, DISPLACED]);
+        let carries = [1, 2, 3, 4].map(|j| Geometry::of(&robot).step(At(j)).form.carries);
+        assert_eq!(carries, [MOMENTS, MOMENTS, DISPLACED, DISPLACED]);
         let motion = |a: f64| (0..35).map(|k| (a * f64::from(k) + a).sin() * 2.0).collect::<Vec<_>>();
         let (q, dq, ddq, x) = (motion(1.1), motion(0.7), motion(1.7), parameters(&robot));
         let (mut tau, mut back) = (vec![0.0; 35], vec![0.0; 35]);

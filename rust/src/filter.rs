@@ -80,11 +80,21 @@ pub enum StageError {
     },
 }
 
+/// A sample of `L` columns, a line of the cache for eight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(64))]
+pub struct Row<const L: usize>(pub [f64; L]);
+
+impl<const L: usize> Row<L> {
+    /// Zeros.
+    pub const ZERO: Self = Self([0.0; L]);
+}
+
 /// Memory that [`zero_phase_lanes`] reuses from call to call.
 #[derive(Clone, Default)]
 pub struct Workspace<const L: usize> {
     /// Odd extension after the last sample, filtered forward.
-    tail: Vec<[f64; L]>,
+    tail: Vec<Row<L>>,
     /// Sections and states of a cascade that is too long for local variables.
     sections: Vec<Section>,
     states: Vec<State<L>>,
@@ -130,25 +140,26 @@ pub fn check_stages(n_samples: usize, stages: &[Stage]) -> Result<(), StageError
     Ok(())
 }
 
-/// Runs `stages` on `L` columns side by side; afterwards `x` holds the samples that are kept.
+/// Runs `stages` on `L` columns side by side; afterwards `x` begins with the samples that are kept. Returns how many.
 ///
 /// The stages must have passed [`check_stages`] for `x.len()` samples.
 #[inline(always)]
 pub fn zero_phase_lanes<const L: usize>(
-    x: &mut Vec<[f64; L]>,
+    x: &mut [Row<L>],
     stages: &[Stage],
     workspace: &mut Workspace<L>,
-) {
+) -> usize {
+    let mut length = x.len();
     for stage in stages {
-        filter_both_ways(x, stage, workspace);
+        filter_both_ways(&mut x[..length], stage, workspace);
         if stage.factor > 1 || stage.first > 0 {
-            let kept = (x.len() - stage.first).div_ceil(stage.factor);
-            for k in 0..kept {
+            length = (length - stage.first).div_ceil(stage.factor);
+            for k in 0..length {
                 x[k] = x[stage.first + k * stage.factor];
             }
-            x.truncate(kept);
         }
     }
+    length
 }
 
 /// Coefficients of one section, without a0 = 1.
@@ -171,7 +182,7 @@ type State<const L: usize> = [[f64; L]; 2];
 
 /// One stage without its decimation.
 #[inline(always)]
-fn filter_both_ways<const L: usize>(x: &mut [[f64; L]], stage: &Stage, workspace: &mut Workspace<L>) {
+fn filter_both_ways<const L: usize>(x: &mut [Row<L>], stage: &Stage, workspace: &mut Workspace<L>) {
     match stage.sos.len() {
         1 => unrolled::<L, 1>(x, stage, &mut workspace.tail),
         2 => unrolled::<L, 2>(x, stage, &mut workspace.tail),
@@ -190,7 +201,7 @@ fn filter_both_ways<const L: usize>(x: &mut [[f64; L]], stage: &Stage, workspace
 
 /// A cascade whose length the compiler knows: its loops unroll and its states stay in registers.
 #[inline(always)]
-fn unrolled<const L: usize, const S: usize>(x: &mut [[f64; L]], stage: &Stage, tail: &mut Vec<[f64; L]>) {
+fn unrolled<const L: usize, const S: usize>(x: &mut [Row<L>], stage: &Stage, tail: &mut Vec<Row<L>>) {
     let sections: [Section; S] = std::array::from_fn(|s| Section::new(stage, s));
     let mut states = [[[0.0; L]; 2]; S];
     both_passes(x, &sections, &mut states, stage.padding, tail);
@@ -199,11 +210,11 @@ fn unrolled<const L: usize, const S: usize>(x: &mut [[f64; L]], stage: &Stage, t
 /// Forward over head, record and tail, then backward; the head is never stored, since no kept sample needs it.
 #[inline(always)]
 fn both_passes<const L: usize>(
-    x: &mut [[f64; L]],
+    x: &mut [Row<L>],
     sections: &[Section],
     states: &mut [State<L>],
     padding: usize,
-    tail: &mut Vec<[f64; L]>,
+    tail: &mut Vec<Row<L>>,
 ) {
     let (Some(&first), Some(&last)) = (x.first(), x.last()) else {
         return;
@@ -231,13 +242,13 @@ fn both_passes<const L: usize>(
 
 /// Point reflection of `v` at `centre`.
 #[inline(always)]
-fn reflect<const L: usize>(centre: [f64; L], v: [f64; L]) -> [f64; L] {
-    std::array::from_fn(|l| 2.0 * centre[l] - v[l])
+fn reflect<const L: usize>(centre: Row<L>, v: Row<L>) -> Row<L> {
+    Row(std::array::from_fn(|l| 2.0 * centre.0[l] - v.0[l]))
 }
 
 /// The steady state of a constant input `v`.
 #[inline(always)]
-fn settle<const L: usize>(states: &mut [State<L>], sections: &[Section], v: [f64; L]) {
+fn settle<const L: usize>(states: &mut [State<L>], sections: &[Section], Row(v): Row<L>) {
     for (state, section) in states.iter_mut().zip(sections) {
         for l in 0..L {
             state[0][l] = section.zi[0] * v[l];
@@ -248,8 +259,7 @@ fn settle<const L: usize>(states: &mut [State<L>], sections: &[Section], v: [f64
 
 /// One sample through the whole cascade: the sections of successive samples overlap in the pipeline.
 #[inline(always)]
-fn step<const L: usize>(states: &mut [State<L>], sections: &[Section], v: [f64; L]) -> [f64; L] {
-    let mut v = v;
+fn step<const L: usize>(states: &mut [State<L>], sections: &[Section], Row(mut v): Row<L>) -> Row<L> {
     for (state, section) in states.iter_mut().zip(sections) {
         let ([b0, b1, b2], [a1, a2]) = (section.b, section.a);
         for l in 0..L {
@@ -260,7 +270,7 @@ fn step<const L: usize>(states: &mut [State<L>], sections: &[Section], v: [f64; 
             v[l] = y;
         }
     }
-    v
+    Row(v)
 }
 
 #[cfg(test)]
@@ -284,11 +294,19 @@ pub(crate) mod tests {
         Stage { sos, zi, padding, factor, first }
     }
 
+    fn filtered<const L: usize>(
+        x: &[[f64; L]],
+        stages: &[Stage],
+        workspace: &mut Workspace<L>,
+    ) -> Vec<[f64; L]> {
+        let mut rows: Vec<Row<L>> = x.iter().map(|&v| Row(v)).collect();
+        let kept = zero_phase_lanes(&mut rows, stages, workspace);
+        rows[..kept].iter().map(|row| row.0).collect()
+    }
+
     fn run<const L: usize>(x: &[[f64; L]], stages: &[Stage]) -> Vec<[f64; L]> {
         check_stages(x.len(), stages).expect("stages fit the record");
-        let mut x = x.to_vec();
-        zero_phase_lanes(&mut x, stages, &mut Workspace::new());
-        x
+        filtered(x, stages, &mut Workspace::new())
     }
 
     /// The definition, one column: extend, filter section by section, turn round, filter again, cut, keep.
@@ -373,17 +391,13 @@ pub(crate) mod tests {
         let mut workspace = Workspace::new();
         for n_sections in [6, 2, 5, 6] {
             let stages = [stage(n_sections, 7, 2, 1)];
-            let mut y = x.clone();
-            zero_phase_lanes(&mut y, &stages, &mut workspace);
-            assert_eq!(y, run(&x, &stages));
+            assert_eq!(filtered(&x, &stages, &mut workspace), run(&x, &stages));
         }
     }
 
     #[test]
     fn nothing_stays_nothing() {
-        let mut x: Vec<[f64; 2]> = Vec::new();
-        zero_phase_lanes(&mut x, &[stage(2, 0, 1, 0)], &mut Workspace::new());
-        assert!(x.is_empty());
+        assert!(filtered::<2>(&[], &[stage(2, 0, 1, 0)], &mut Workspace::new()).is_empty());
     }
 
     #[test]

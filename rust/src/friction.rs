@@ -12,7 +12,7 @@
 use crate::bodies::Links;
 use crate::geometry::Geometry;
 use crate::kinematics::State;
-use crate::lanes::{Lanes, WIDTH};
+use crate::lanes::{Lanes, WIDTH, side_by_side};
 use crate::robot::{CoupledMotor, Coupling, MAX_DOF, Robot};
 use crate::shape::{Place, Shape, outwards};
 
@@ -176,25 +176,37 @@ impl<'a> Drives<'a> {
             _ => None,
         };
         let mut signs = [zero; MAX_DOF];
-        outwards!(S, n, place => {
-            let j = place.index();
-            signs[j] = match (&together, &self.steepness) {
-                (Some(signs), _) => Lanes::splat(signs[j]),
-                (None, Some(steepness)) => dq[j].scale(steepness[j]).tanh(),
-                (None, None) => self.sign(j, dq[j]),
-            };
-        });
-        if self.asymmetric {
-            for j in 0..n {
-                let [a, b, c, d] = links.friction[j];
-                let forward = dq[j].max(zero).mul_add(a, signs[j].max(zero) * b);
-                tau[j] = dq[j].min(zero).mul_add(c, signs[j].min(zero).mul_add(d, forward));
+        if let Some(together) = &together {
+            for (sign, &value) in signs.iter_mut().zip(together) {
+                *sign = Lanes::splat(value);
             }
         } else {
             outwards!(S, n, place => {
                 let j = place.index();
-                let [a, b, c, _] = links.friction[j];
-                tau[j] = dq[j].mul_add(a, signs[j].mul_add(b, c));
+                signs[j] = match &self.steepness {
+                    Some(steepness) => dq[j].scale(steepness[j]).tanh(),
+                    None => self.sign(j, dq[j]),
+                };
+            });
+        }
+        let [a, b, c, d] = &links.friction;
+        if self.asymmetric {
+            for j in 0..n {
+                let forward = dq[j].max(zero).mul_add(a[j], signs[j].max(zero) * b[j]);
+                tau[j] = dq[j].min(zero).mul_add(c[j], signs[j].min(zero).mul_add(d[j], forward));
+            }
+        } else if L == 1 && F {
+            for first in (0..n).step_by(WIDTH) {
+                let [a, b, c, dq, s] = [a, b, c, dq, &signs].map(|values| side_by_side(values, first));
+                let torque = dq.mul_add(a, s.mul_add(b, c));
+                for k in 0..WIDTH {
+                    tau[first + k] = Lanes::splat(torque.0[k]);
+                }
+            }
+        } else {
+            outwards!(S, n, place => {
+                let j = place.index();
+                tau[j] = dq[j].mul_add(a[j], signs[j].mul_add(b[j], c[j]));
             });
         }
         for (index, (coupled, &[fvm, fcm])) in self.coupled.iter().zip(&links.coupled).enumerate() {

@@ -8,6 +8,7 @@ use crate::spatial::Vector;
 
 /// Positions, velocities and accelerations of the joints on lanes.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(32))] // as `Vector`
 pub struct State<const L: usize, const F: bool> {
     /// Positions (rad or m).
     pub q: [Lanes<L, F>; MAX_DOF],
@@ -28,10 +29,16 @@ impl<const L: usize, const F: bool> State<L, F> {
     /// Takes rows `row` to `row + L - 1` of row-major `(n_samples, n_dof)` arrays.
     #[inline(always)]
     pub fn load(&mut self, n: usize, row: usize, q: &[f64], dq: &[f64], ddq: &[f64]) {
-        for j in 0..n {
-            self.q[j] = Lanes::gather(q, n, row, j);
-            self.dq[j] = Lanes::gather(dq, n, row, j);
-            self.ddq[j] = Lanes::gather(ddq, n, row, j);
+        let (n, last) = (n.min(MAX_DOF), q.len() / n - 1);
+        for (values, rows) in [(&mut self.q, q), (&mut self.dq, dq), (&mut self.ddq, ddq)] {
+            // The last row stands in past the end.
+            let mut block = [[0.0; MAX_DOF]; L];
+            for l in 0..L {
+                block[l][..n].copy_from_slice(&rows[(row + l).min(last) * n..][..n]);
+            }
+            for j in 0..n {
+                values[j] = Lanes(std::array::from_fn(|l| block[l][j]));
+            }
         }
     }
 

@@ -14,18 +14,30 @@ pub fn available_threads() -> usize {
 /// Units are handed out one by one, so that units of uneven length keep every thread busy; the longest should come first. One
 /// thread, or one unit, starts no thread at all. A panic in `work` reaches the caller.
 pub fn map<R: Send>(n: usize, threads: usize, work: impl Fn(usize) -> R + Sync) -> Vec<R> {
+    map_with(n, threads, || (), |(), index| work(index))
+}
+
+/// The same with memory that a thread uses from unit to unit; what a unit finds there must not matter.
+pub fn map_with<R: Send, M>(
+    n: usize,
+    threads: usize,
+    memory: impl Fn() -> M + Sync,
+    work: impl Fn(&mut M, usize) -> R + Sync,
+) -> Vec<R> {
     let threads = threads.min(n);
     if threads <= 1 {
-        return (0..n).map(work).collect();
+        let mut memory = memory();
+        return (0..n).map(|index| work(&mut memory, index)).collect();
     }
     let mut slots: Vec<Option<R>> = (0..n).map(|_| None).collect();
     let queue = Mutex::new(slots.iter_mut().enumerate());
     let worker = || {
+        let mut memory = memory();
         loop {
             // The lock is released before the work starts.
             let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
             let Some((index, slot)) = next else { break };
-            *slot = Some(work(index));
+            *slot = Some(work(&mut memory, index));
         }
     };
     std::thread::scope(|scope| {

@@ -103,6 +103,14 @@ pub(crate) trait Entries<const L: usize, const F: bool> {
             self.put(row, first + k, value);
         }
     }
+
+    /// Takes neighbouring entries of a drive.
+    #[inline(always)]
+    fn put_drive(&mut self, row: usize, first: usize, values: [Lanes<L, F>; 4]) {
+        for (k, value) in values.into_iter().enumerate() {
+            self.put(row, first + k, value);
+        }
+    }
 }
 
 /// Hands over every entry of the regressor that is not zero by structure.
@@ -135,10 +143,10 @@ pub(crate) fn drive_lanes<const L: usize, const F: bool>(
     let layout = Layout::of(robot);
     for j in 0..robot.n_dof() {
         let first = layout.joint(j);
-        entries.put(j, first + IA, state.ddq[j]);
-        let columns = own_columns(robot, j, state.dq[j]);
-        for k in FRICTION..layout.per_joint() {
-            entries.put(j, first + k, columns[k - FRICTION]);
+        let [a, b, c, d] = own_columns(robot, j, state.dq[j]);
+        entries.put_drive(j, first + IA, [state.ddq[j], a, b, c]);
+        if layout.per_joint() > FRICTION + 3 {
+            entries.put(j, first + FRICTION + 3, d);
         }
     }
     for (index, coupled) in robot.coupled().iter().enumerate() {
@@ -158,19 +166,28 @@ pub(crate) fn drive_lanes<const L: usize, const F: bool>(
     }
 }
 
-/// Entries go to the rows of each sample.
+/// Entries go to the rows of each of `L` samples.
 struct Rows<'a> {
     out: &'a mut [f64],
-    n: usize,
+    /// Entries of a row, and of all rows of a sample.
     p: usize,
-    samples: usize,
+    sample: usize,
+}
+
+impl Rows<'_> {
+    /// Columns `first` to `first + width - 1` of a row of a sample.
+    #[inline(always)]
+    fn part(&mut self, sample: usize, row: usize, first: usize, width: usize) -> &mut [f64] {
+        let start = sample * self.sample + (row * self.p + first);
+        &mut self.out[start..start + width]
+    }
 }
 
 impl<const L: usize, const F: bool> Entries<L, F> for Rows<'_> {
     #[inline(always)]
     fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>) {
-        for l in 0..self.samples {
-            self.out[(l * self.n + row) * self.p + column] = value.0[l];
+        for l in 0..L {
+            self.part(l, row, column, 1)[0] = value.0[l];
         }
     }
 
@@ -179,12 +196,19 @@ impl<const L: usize, const F: bool> Entries<L, F> for Rows<'_> {
     fn put_link(&mut self, row: usize, first: usize, v: &[Lanes<L, F>; INERTIAL]) {
         let parts = [[v[0], v[1], v[2], v[3]], [v[4], v[5], v[6], v[7]], [v[6], v[7], v[8], v[9]]];
         let [a, b, c] = [Lanes::turned(parts[0]), Lanes::turned(parts[1]), Lanes::turned(parts[2])];
-        for l in 0..self.samples.min(L) {
-            let start = (l * self.n + row) * self.p + first;
-            let out = &mut self.out[start..start + INERTIAL];
+        for l in 0..L {
+            let out = self.part(l, row, first, INERTIAL);
             out[..4].copy_from_slice(&a[l]);
             out[4..8].copy_from_slice(&b[l]);
             out[6..].copy_from_slice(&c[l]);
+        }
+    }
+
+    #[inline(always)]
+    fn put_drive(&mut self, row: usize, first: usize, values: [Lanes<L, F>; 4]) {
+        let values = Lanes::turned(values);
+        for l in 0..L {
+            self.part(l, row, first, 4).copy_from_slice(&values[l]);
         }
     }
 }
@@ -203,11 +227,17 @@ impl Kernel for Batch<'_> {
     fn run<const L: usize, const F: bool>(self) {
         let n = self.robot.n_dof();
         let p = Layout::of(self.robot).count();
+        // What is left of the last block goes through a block of its own.
+        let mut spare = vec![0.0; if self.w.len().is_multiple_of(n * p * L) { 0 } else { n * p * L }];
         for (block, out) in self.w.chunks_mut(n * p * L).enumerate() {
             let state = State::<L, F>::gather(n, block * L, self.q, self.dq, self.ddq);
-            out.fill(0.0);
-            let samples = out.len() / (n * p);
-            regressor_lanes(self.robot, &state, &mut Rows { out, n, p, samples });
+            let whole = out.len() == n * p * L;
+            let rows = if whole { &mut *out } else { &mut spare[..] };
+            rows.fill(0.0);
+            regressor_lanes(self.robot, &state, &mut Rows { out: rows, p, sample: n * p });
+            if !whole {
+                out.copy_from_slice(&spare[..out.len()]);
+            }
         }
     }
 }

@@ -11,6 +11,7 @@ pub type PerJoint<const L: usize, const F: bool> = [Lanes<L, F>; MAX_DOF];
 
 /// Where a simulation stands.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(32))] // as `Vector`
 pub struct Point<const L: usize, const F: bool> {
     /// Positions.
     pub q: PerJoint<L, F>,

@@ -6,7 +6,7 @@
 
 use crate::bodies::Links;
 use crate::cancel::Cancel;
-use crate::control::{Controller, Instant, Sampled, Signal, Timing, check_signal, law};
+use crate::control::{Controller, Instant, PlainLaws, Sampled, Signal, Timing, check_signal, law};
 use crate::direct::Direct;
 use crate::error::SimulationError;
 use crate::friction::Drives;
@@ -308,6 +308,8 @@ struct Loop<'a, const L: usize, const F: bool, S> {
     drives: Drives<'a>,
     links: Links<L, F>,
     scale: PerJoint<L, F>,
+    /// The laws, where they are plain and continuous.
+    plain: Option<PlainLaws>,
     /// Lane of the group that this one is, where it is one of several.
     first: usize,
     outcomes: [Outcome; L],
@@ -350,6 +352,7 @@ impl<'a, const L: usize, const F: bool, S: Shape> Loop<'a, L, F, S> {
             drives: Drives::of(simulation.robot),
             links: Links::of(simulation.robot, geometry, &x),
             scale: nothing,
+            plain: PlainLaws::of(simulation.controller),
             first,
             outcomes: [Outcome::Completed; L],
             running: L,
@@ -452,16 +455,18 @@ impl<'a, const L: usize, const F: bool, S: Shape> Loop<'a, L, F, S> {
         if let Timing::Continuous = controller.timing() {
             self.aim(t);
             let Point { q, dq, z } = &self.stages.here;
-            let instant = Instant {
-                target: &self.target,
-                feedforward: controller.feedforward().map(|_| &self.feedforward),
-                scale: &self.scale,
-            };
-            let laws = &controller.laws()[..n];
-            outwards!(S, n, place => {
-                let j = place.index();
-                (self.tau[j], self.dz[j]) = law(&laws[j], &instant, j, q[j], dq[j], z[j]);
-            });
+            if let Some(laws) = &self.plain {
+                laws.torques(&self.geometry, &self.target, &self.scale, q, dq, &mut self.tau);
+            } else {
+                let instant = Instant {
+                    target: &self.target,
+                    feedforward: controller.feedforward().map(|_| &self.feedforward),
+                    scale: &self.scale,
+                };
+                for (j, one) in controller.laws()[..n].iter().enumerate() {
+                    (self.tau[j], self.dz[j]) = law(one, &instant, j, q[j], dq[j], z[j]);
+                }
+            }
         }
         if let Some(external) = external {
             external.at(t, &mut self.external);

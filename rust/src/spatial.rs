@@ -5,7 +5,10 @@ use crate::robot::Twist;
 use std::ops::{Add, Sub};
 
 /// A vector in some frame.
+///
+/// It is aligned, and with it all that contains one: a vector register that is stored across a line of the cache takes twice as long.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(32))]
 pub struct Vector<const L: usize, const F: bool> {
     /// Component along x.
     pub x: Lanes<L, F>,
