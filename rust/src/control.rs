@@ -379,10 +379,81 @@ impl<const L: usize, const F: bool> Sampled<L, F> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lanes::{Kernel, dispatch_on};
+    use crate::robot::{Friction, Joint, JointKind, Robot};
     use crate::simulate::tests::PD;
 
     fn digital() -> Digital {
         Digital { period: 1e-3, delay: 0, smoothing: vec![1.0], resolution: vec![0.0; 2] }
+    }
+
+    /// Torques by [`law`] and by [`PlainLaws`].
+    struct Both<'a> {
+        controller: &'a Controller,
+        target: &'a Target,
+        numbers: &'a [f64],
+    }
+
+    impl Kernel for Both<'_> {
+        type Output = [Vec<Vec<f64>>; 2];
+        #[inline(always)]
+        fn run<const L: usize, const F: bool>(self) -> Self::Output {
+            let n = self.controller.laws.len();
+            let joints = vec![Joint { kind: JointKind::Revolute, alpha: 0.0, d: 0.0, theta: 0.0, r: 0.0 }; n];
+            let unit: Vec<Vec<f64>> =
+                (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();
+            let geometry = Geometry::of(&Robot::new(joints, [0.0; 3], &unit, Friction::sign(n)).unwrap());
+            let lanes = |part: usize| -> [Lanes<L, F>; MAX_DOF] {
+                std::array::from_fn(|j| Lanes(std::array::from_fn(|l| self.numbers[(part * 12 + j) * 4 + l])))
+            };
+            let [q, dq, scale] = [0, 1, 2].map(lanes);
+            let mut plain = [Lanes::zero(); MAX_DOF];
+            PlainLaws::of(self.controller).unwrap().torques(
+                &geometry,
+                self.target,
+                &scale,
+                &q,
+                &dq,
+                &mut plain,
+            );
+            let instant = Instant { target: self.target, feedforward: None, scale: &scale };
+            let by_law = |j: usize| law(&self.controller.laws[j], &instant, j, q[j], dq[j], Lanes::zero()).0;
+            [
+                (0..n).map(|j| plain[j].to_array().to_vec()).collect(),
+                (0..n).map(|j| by_law(j).to_array().to_vec()).collect(),
+            ]
+        }
+    }
+
+    #[test]
+    fn plain_laws_have_the_bits_of_laws() {
+        let number = |k: usize| (1.3 * k as f64 + 0.2).sin() * 3.0;
+        let numbers: Vec<f64> = (0..144).map(number).collect();
+        for n in [1, 4, 6, 7, 12] {
+            let one = |j: usize| Law {
+                position: 100.0 * number(j),
+                velocity: 10.0 * number(j + 12),
+                acceleration: number(j + 24),
+                reference_velocity: number(j + 36),
+                gain: number(j + 48),
+                ..PD
+            };
+            let laws: Vec<Law> = (0..n).map(one).collect();
+            let controller = Controller::new(laws.clone(), Timing::Continuous, None).unwrap();
+            let mut target = Target::zero();
+            for j in 0..n {
+                (target.q[j], target.dq[j], target.ddq[j]) = (number(j + 60), number(j + 72), number(j + 84));
+            }
+            let both = || Both { controller: &controller, target: &target, numbers: &numbers };
+            let [plain, by_law] = dispatch_on::<1, _>(both());
+            assert_eq!(plain, by_law);
+            let [plain, by_law] = dispatch_on::<WIDTH, _>(both());
+            assert_eq!(plain, by_law);
+            assert!(plain.iter().flatten().any(|u| u.abs() > 1.0));
+            let mut limited = laws;
+            limited[n - 1].limit = 5.0;
+            assert!(PlainLaws::of(&Controller::new(limited, Timing::Continuous, None).unwrap()).is_none());
+        }
     }
 
     #[test]

@@ -80,6 +80,12 @@ pub enum ShapeError {
         /// Columns there are.
         count: usize,
     },
+    /// A column that is asked for more than once.
+    #[error("column {column} is asked for twice")]
+    Twice {
+        /// Column asked for, counted from 0.
+        column: usize,
+    },
 }
 
 /// A reference motion that cannot be followed.

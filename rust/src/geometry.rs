@@ -106,7 +106,7 @@ pub struct Frames<const L: usize, const F: bool> {
     pub sine: [Lanes<L, F>; MAX_DOF],
     /// Its cosine.
     pub cosine: [Lanes<L, F>; MAX_DOF],
-    /// `t`, of which only [`Step::shifted`] components are used.
+    /// `t`, of which only [`Form::shifted`] components are used.
     pub shift: [Vector<L, F>; MAX_DOF],
     /// Positions, sines and cosines that [`Self::follow`] starts from.
     anchor: [[Lanes<L, F>; MAX_DOF]; 3],
@@ -202,7 +202,7 @@ impl<const L: usize, const F: bool> Frames<L, F> {
     ) {
         for k in 0..WIDTH.min(geometry.n().saturating_sub(first)) {
             let (j, step) = (first + k, geometry.step(At(first + k)));
-            if S::KNOWN || step.form.turns {
+            if step.form.turns {
                 (self.sine[j], self.cosine[j]) = (Lanes::splat(sine.0[k]), Lanes::splat(cosine.0[k]));
             } else {
                 self.slide(&step, j, q[j]);

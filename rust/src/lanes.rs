@@ -7,7 +7,7 @@
 //! `FUSED` says whether `a * b + c` rounds once. It follows the processor, not the number of lanes or threads,
 //! so that one machine gives one result. On x86-64 it also says that the processor has AVX2, so that four lanes can be held in
 //! a vector register: left to itself the compiler takes arrays apart and puts only some of them together again
-//! (docs/performance.md). For that reason only [`dispatch`] and [`dispatch_one`] start fused lanes.
+//! (docs/performance.md). For that reason only [`dispatch`] and [`dispatch_on`] start fused lanes.
 
 // Vector instructions need `unsafe` for what the compiler cannot see: that `FUSED` was granted by the processor at run time.
 #![allow(unsafe_code)]
@@ -33,6 +33,9 @@ pub trait Kernel {
 
 /// Lanes that fill the vector registers of most processors without spilling them.
 pub const WIDTH: usize = 4;
+
+const _: () =
+    assert!(crate::robot::MAX_DOF.is_multiple_of(WIDTH), "joints are taken side by side in whole registers");
 
 struct Vectorised<K, const L: usize, const FUSED: bool>(K);
 

@@ -73,6 +73,10 @@ pub fn observation(
     if let Some(&column) = columns.iter().find(|&&column| column >= count) {
         return Err(crate::error::ShapeError::Column { column, count }.into());
     }
+    if let Some((_, &column)) = columns.iter().enumerate().find(|&(k, column)| columns[..k].contains(column))
+    {
+        return Err(crate::error::ShapeError::Twice { column }.into());
+    }
     check_stages(samples, stages)?;
     let kept = output_length(samples, stages);
     let mut w = vec![0.0; n * kept * columns.len()];

@@ -3,7 +3,7 @@
 //! A kernel for any robot goes through the joints in a loop and asks at each what it has to do. For the shapes at the end of this
 //! file it is compiled once more from the same source, joint by joint, with the answers written in: no counter, no question, and
 //! what nobody asks for is left out. Numbers such as lengths are read from the robot in both. What it gains stands in
-//! docs/performance.md; that the results are the same is tested in `direct.rs` and `simulate/tests.rs`.
+//! docs/performance.md; that the results are the same to the bit is tested in `simulate/tests.rs`.
 
 use crate::robot::MAX_DOF;
 

@@ -308,7 +308,7 @@ struct Loop<'a, const L: usize, const F: bool, S> {
     drives: Drives<'a>,
     links: Links<L, F>,
     scale: PerJoint<L, F>,
-    /// The laws, where they are plain and continuous.
+    /// The laws, where they are plain; a digital controller asks for its own.
     plain: Option<PlainLaws>,
     /// Lane of the group that this one is, where it is one of several.
     first: usize,
@@ -336,6 +336,7 @@ impl<'a, const L: usize, const F: bool, S: Shape> Loop<'a, L, F, S> {
         candidates: &[Candidate<'_>],
         first: usize,
     ) -> Self {
+        const { assert!(L <= WIDTH, "buffers and costs have room for so many lanes") };
         let n = simulation.robot.n_dof();
         let last = candidates.len().saturating_sub(1);
         // Lanes without a candidate of their own repeat the last one.
