@@ -264,7 +264,7 @@ class _Run:
                 status=status,
                 history=history,
                 delay=self.delay,
-                q=q[:: max(1, len(q) // 2000)],
+                q=thinned(q, 2000),
                 beta=beta,
                 settings=self._settings(),
                 remarks=findings,

@@ -276,7 +276,7 @@ class OutputError:
             held_out=tuple(self.job.held_out(beta, delay[0])) if torques else (),
             delay=delay_record(*delay),
             warnings=physical_flags(
-                self.robot, beta, np.sqrt(np.diag(full)), everything[:: max(1, len(everything) // 2000)]
+                self.robot, beta, np.sqrt(np.diag(full)), thinned(everything, 2000)
             ),
             remarks=(
                 *remarks,

@@ -9,7 +9,7 @@
 //! regressor, which knows nothing of it).
 //! After that, only sliding links and those that carry them have a mass.
 
-use crate::geometry::{Frames, Geometry, Step};
+use crate::geometry::{Frames, Geometry, Pose, Step};
 use crate::kinematics::Angular;
 use crate::lanes::Lanes;
 use crate::parameters::{FRICTION, IA, Layout, M, MX, XX};
@@ -109,13 +109,7 @@ impl<const L: usize, const F: bool> Body<L, F> {
     /// The same body about the origin of the frame before, in that frame, together with the link there.
     #[inline(always)]
     #[must_use]
-    pub fn moved_in<P: Place>(
-        &self,
-        _place: P,
-        step: &Step,
-        (s, c, t): (Lanes<L, F>, Lanes<L, F>, &Vector<L, F>),
-        link: &Self,
-    ) -> Self {
+    pub fn moved_in<P: Place>(&self, _place: P, step: &Step, (s, c, t): Pose<'_, L, F>, link: &Self) -> Self {
         let moved = by_twist!(P, step, T => self.unstepped::<T>(step, s, c, t, step.form.heavy));
         if step.form.follows_turning { link.regrouped_with(&moved) } else { link.with(&moved) }
     }
@@ -288,28 +282,10 @@ impl<const L: usize, const F: bool> Wrench<L, F> {
         Self { force: self.force + other.force, moment: self.moment + other.moment }
     }
 
-    /// The same wrench at the origin of the frame before, in that frame.
+    /// The same wrench at the origin of the frame before, in that frame, where only that is done which matters further in.
     #[inline(always)]
     #[must_use]
-    pub fn unstepped<const T: u8>(
-        &self,
-        step: &Step,
-        sine: Lanes<L, F>,
-        cosine: Lanes<L, F>,
-        t: &Vector<L, F>,
-    ) -> Self {
-        self.inwards::<T, DISPLACED>(step, sine, cosine, t)
-    }
-
-    /// The same one frame further in, where only that is done which matters there.
-    #[inline(always)]
-    #[must_use]
-    pub fn moved_in<P: Place>(
-        &self,
-        _place: P,
-        step: &Step,
-        (s, c, t): (Lanes<L, F>, Lanes<L, F>, &Vector<L, F>),
-    ) -> Self {
+    pub fn moved_in<P: Place>(&self, _place: P, step: &Step, (s, c, t): Pose<'_, L, F>) -> Self {
         by_twist!(P, step, T => match const { carries_of::<P>() } {
             MOMENTS => self.inwards::<T, MOMENTS>(step, s, c, t),
             TURNED => self.inwards::<T, TURNED>(step, s, c, t),
@@ -324,8 +300,7 @@ impl<const L: usize, const F: bool> Wrench<L, F> {
 
     /// The same where it is known what of it matters ([`crate::shape::Form::carries`]).
     #[inline(always)]
-    #[must_use]
-    pub fn inwards<const T: u8, const C: u8>(
+    fn inwards<const T: u8, const C: u8>(
         &self,
         step: &Step,
         sine: Lanes<L, F>,

@@ -12,7 +12,7 @@
 
 use crate::error::ControlError;
 use crate::geometry::Geometry;
-use crate::lanes::{Lanes, WIDTH, side_by_side};
+use crate::lanes::{Lanes, WIDTH, side_by_side, spread};
 use crate::reference::Target;
 use crate::robot::MAX_DOF;
 use crate::shape::{Place, Shape, outwards};
@@ -273,10 +273,7 @@ impl PlainLaws {
                     block(&self.reference_velocity) * block(&target.dq),
                     block(&target.ddq),
                 ];
-                let u = compared(gains, aim, q, dq) * scale * block(&self.gain);
-                for k in 0..WIDTH {
-                    tau[first + k] = Lanes::splat(u.0[k]);
-                }
+                spread(compared(gains, aim, q, dq) * scale * block(&self.gain), tau, first);
             }
             return;
         }

@@ -8,14 +8,13 @@
 use crate::bodies::{Body, Links, Lower, Wrench};
 use crate::error::ShapeError;
 use crate::friction::Drives;
-use crate::geometry::{Frames, Geometry, Step};
+use crate::geometry::{Frames, Geometry, Pose, Step};
 use crate::inverse::{check_length, link_wrenches};
 use crate::kinematics::State;
 use crate::lanes::{Kernel, Lanes, dispatch};
 use crate::parameters::Layout;
 use crate::robot::{MAX_DOF, Robot};
 use crate::shape::{Place, Shape, inwards, outwards};
-use crate::spatial::Vector;
 use crate::unroll::unrolled;
 
 /// Memory of the direct model, and its result: nothing is cleared or copied per call.
@@ -91,13 +90,13 @@ impl<const L: usize, const F: bool> Direct<L, F> {
             self.columns[j] = self.carried.unit_wrench(step.form.turns);
             self.eliminate(place, n, step.form.turns, &links.rotors);
             if j > 0 {
-                let at = (self.frames.sine[j], self.frames.cosine[j], &self.frames.shift[j]);
+                let at = self.frames.pose(j);
                 columns_inwards(place, &step, at, &mut self.columns[..n]);
                 self.wrenches[j - 1] = self.wrenches[j - 1].with(&self.wrenches[j].moved_in(place, &step, at));
                 self.carried = self.carried.moved_in(place, &step, at, &links.bodies[j - 1]);
             }
         });
-        self.substitute::<S>(n);
+        outwards!(S, n, place => self.substitute(place));
     }
 
     /// Column `j` of `L' D L` and of `L' y = right`, from the wrenches in frame `j`.
@@ -137,14 +136,9 @@ impl<const L: usize, const F: bool> Direct<L, F> {
         }
     }
 
-    /// `ddq` from `L ddq = y / D`.
+    /// `ddq` of a joint from `L ddq = y / D`, once that of those before is known.
     #[inline(always)]
-    fn substitute<S: Shape>(&mut self, n: usize) {
-        outwards!(S, n, place => self.substitute_at(place));
-    }
-
-    #[inline(always)]
-    fn substitute_at<P: Place>(&mut self, place: P) {
+    fn substitute<P: Place>(&mut self, place: P) {
         let j = place.index();
         let mut ddq = self.ddq[j] * self.inverse_pivots[j];
         if const { P::FORM.is_some() } {
@@ -183,7 +177,7 @@ impl<const L: usize, const F: bool> Direct<L, F> {
 fn columns_inwards<P: Place, const L: usize, const F: bool>(
     place: P,
     step: &Step,
-    at: (Lanes<L, F>, Lanes<L, F>, &Vector<L, F>),
+    at: Pose<'_, L, F>,
     columns: &mut [Wrench<L, F>],
 ) {
     if const { P::FORM.is_some() } {

@@ -12,7 +12,7 @@
 use crate::bodies::Links;
 use crate::geometry::Geometry;
 use crate::kinematics::State;
-use crate::lanes::{Lanes, WIDTH, side_by_side};
+use crate::lanes::{Lanes, WIDTH, side_by_side, spread};
 use crate::robot::{CoupledMotor, Coupling, MAX_DOF, Robot};
 use crate::shape::{Place, Shape, outwards};
 
@@ -198,10 +198,7 @@ impl<'a> Drives<'a> {
         } else if L == 1 && F {
             for first in (0..n).step_by(WIDTH) {
                 let [a, b, c, dq, s] = [a, b, c, dq, &signs].map(|values| side_by_side(values, first));
-                let torque = dq.mul_add(a, s.mul_add(b, c));
-                for k in 0..WIDTH {
-                    tau[first + k] = Lanes::splat(torque.0[k]);
-                }
+                spread(dq.mul_add(a, s.mul_add(b, c)), tau, first);
             }
         } else {
             outwards!(S, n, place => {

@@ -112,7 +112,16 @@ pub struct Frames<const L: usize, const F: bool> {
     anchor: [[Lanes<L, F>; MAX_DOF]; 3],
 }
 
+/// Where a frame is seen from the one before: sine and cosine of the angle about z, and the displacement `t`.
+pub type Pose<'a, const L: usize, const F: bool> = (Lanes<L, F>, Lanes<L, F>, &'a Vector<L, F>);
+
 impl<const L: usize, const F: bool> Frames<L, F> {
+    /// Where frame `j` is seen from the one before.
+    #[inline(always)]
+    pub fn pose(&self, j: usize) -> Pose<'_, L, F> {
+        (self.sine[j], self.cosine[j], &self.shift[j])
+    }
+
     /// At `q = 0`.
     #[inline(always)]
     pub fn new<S: Shape>(geometry: &Geometry<S>) -> Self {

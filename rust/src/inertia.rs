@@ -14,7 +14,7 @@ use crate::inverse::check_length;
 use crate::lanes::{Kernel, Lanes, dispatch};
 use crate::parameters::Layout;
 use crate::robot::{MAX_DOF, Robot};
-use crate::shape::{At, by_twist};
+use crate::shape::At;
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// `M(q)` of `L` positions or candidates into `matrix`.
@@ -33,14 +33,11 @@ fn inertia_matrix_lanes<const L: usize, const F: bool>(
             let step = &geometry.step(At(i));
             matrix[j][i] = links.rotors[j][i] + wrench.felt(step.form.turns);
             if i > 0 {
-                let (s, c, t) = (frames.sine[i], frames.cosine[i], &frames.shift[i]);
-                wrench = by_twist!(step, T => wrench.unstepped::<T>(step, s, c, t));
+                wrench = wrench.moved_in(At(i), step, frames.pose(i));
             }
         }
         if j > 0 {
-            let (step, s, c, t) = (&geometry.step(At(j)), frames.sine[j], frames.cosine[j], &frames.shift[j]);
-            body = by_twist!(step, T => body.unstepped::<T>(step, s, c, t, step.form.heavy))
-                .with(&links.bodies[j - 1]);
+            body = body.moved_in(At(j), &geometry.step(At(j)), frames.pose(j), &links.bodies[j - 1]);
         }
     }
 }

@@ -6,7 +6,7 @@
 use crate::bodies::{Body, Links, Wrench};
 use crate::error::ShapeError;
 use crate::friction::Drives;
-use crate::geometry::{Frames, Geometry, Step};
+use crate::geometry::{Frames, Geometry, Pose, Step};
 use crate::kinematics::{Angular, State};
 use crate::lanes::{Kernel, Lanes, dispatch};
 use crate::parameters::Layout;
@@ -32,8 +32,7 @@ pub fn link_wrenches<const L: usize, const F: bool, const MOVING: bool, S: Shape
     let mut link = Link { omega: Vector::zero(), domega: Vector::zero(), a: base, u: Angular::none() };
     outwards!(S, geometry.n(), place => {
         let (step, j) = (geometry.step(place), place.index());
-        let at = (frames.sine[j], frames.cosine[j], &frames.shift[j]);
-        link.move_on::<_, MOVING>(place, &step, at, dq[j], ddq[j]);
+        link.move_on::<_, MOVING>(place, &step, frames.pose(j), dq[j], ddq[j]);
         link.load::<MOVING>(j, &step, &bodies[j], ddq[j], &mut wrenches[j]);
     });
 }
@@ -53,7 +52,7 @@ impl<const L: usize, const F: bool> Link<L, F> {
         &mut self,
         place: P,
         step: &Step,
-        (s, c, t): (Lanes<L, F>, Lanes<L, F>, &Vector<L, F>),
+        (s, c, t): Pose<'_, L, F>,
         dq: Lanes<L, F>,
         ddq: Lanes<L, F>,
     ) {
@@ -122,8 +121,7 @@ fn carry<const L: usize, const F: bool, S: Shape>(
         let (step, j) = (geometry.step(place), place.index());
         tau[j] += wrenches[j].felt(step.form.turns);
         if j > 0 {
-            let at = (frames.sine[j], frames.cosine[j], &frames.shift[j]);
-            wrenches[j - 1] = wrenches[j - 1].with(&wrenches[j].moved_in(place, &step, at));
+            wrenches[j - 1] = wrenches[j - 1].with(&wrenches[j].moved_in(place, &step, frames.pose(j)));
         }
     });
 }

@@ -394,6 +394,18 @@ pub(crate) fn side_by_side<const L: usize, const F: bool>(
     Lanes(std::array::from_fn(|k| values[first + k].0[0]))
 }
 
+/// Back: the lanes of a register into entries `first`, `first + 1`, ... of an array of single lanes.
+#[inline(always)]
+pub(crate) fn spread<const L: usize, const F: bool>(
+    lanes: Lanes<WIDTH, F>,
+    values: &mut [Lanes<L, F>],
+    first: usize,
+) {
+    for k in 0..WIDTH {
+        values[first + k] = Lanes::splat(lanes.0[k]);
+    }
+}
+
 #[inline(always)]
 fn fused<const F: bool>(a: f64, b: f64, c: f64) -> f64 {
     if F { a.mul_add(b, c) } else { a * b + c }

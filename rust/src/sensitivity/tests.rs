@@ -8,9 +8,8 @@ use crate::simulate::{Trajectories, simulate};
 
 const LAW: Law = Law { position: 300.0, velocity: 30.0, ..PD };
 
-/// Exact derivatives along every parameter against central differences of the simulation, relative to the norm of the column.
-fn worst(controller: &Controller, external: Option<&Signal>) -> f64 {
-    let (robot, reference) = (robot(0.5), reference());
+/// A second in steps of 2 ms.
+fn schedule(robot: &Robot, reference: &Reference, controller: &Controller) -> Schedule {
     let plan = Plan {
         rate: 50.0,
         records: 51,
@@ -20,16 +19,18 @@ fn worst(controller: &Controller, external: Option<&Signal>) -> f64 {
         slow: &[0.0; 3],
         motion: None,
     };
-    let schedule = Schedule::new(&robot, &reference, plan).unwrap();
+    Schedule::new(robot, reference, plan).unwrap()
+}
+
+/// Exact derivatives along every parameter against central differences of the simulation, relative to the norm of the column.
+fn worst(controller: &Controller, external: Option<&Signal>) -> f64 {
+    let (robot, reference) = (robot(0.5), reference());
+    let schedule = schedule(&robot, &reference, controller);
     let start = ([0.35, -0.1, 0.1], [0.2, -0.1, 0.0]);
     let simulation = Simulation {
-        robot: &robot,
-        reference: &reference,
-        controller,
-        schedule: &schedule,
         external,
         start: Some((&start.0, &start.1)),
-        divergence: 100.0,
+        ..whole(&robot, &reference, controller, &schedule)
     };
     let (x, scale) = (parameters(&robot, 1.0), [1.1, 0.9, 1.0]);
     let units: Vec<Vec<f64>> =
@@ -109,15 +110,7 @@ fn the_derivative_of_an_integrator_waits_with_it() {
         motion: None,
     };
     let schedule = Schedule::new(&robot, &reference, plan).unwrap();
-    let simulation = Simulation {
-        robot: &robot,
-        reference: &reference,
-        controller: &controller,
-        schedule: &schedule,
-        external: None,
-        start: None,
-        divergence: 100.0,
-    };
+    let simulation = whole(&robot, &reference, &controller, &schedule);
     let run = |x: &[f64]| {
         let candidate = [Candidate { x, scale: &[1.0] }];
         simulate(simulation, &candidate, 1, &Cancel::never(), |_| Trajectories::new(1, 141, 1))
@@ -162,26 +155,9 @@ fn digital_control() {
 #[test]
 fn a_run_that_ends_has_no_derivatives() {
     let (robot, reference) = (robot(0.5), reference());
-    let plan = Plan {
-        rate: 50.0,
-        records: 51,
-        period: None,
-        coarse: 2e-3,
-        fine: &[2e-3; 3],
-        slow: &[0.0; 3],
-        motion: None,
-    };
-    let schedule = Schedule::new(&robot, &reference, plan).unwrap();
     let controller = Controller::new(vec![LAW; 3], Timing::Continuous, None).unwrap();
-    let simulation = Simulation {
-        robot: &robot,
-        reference: &reference,
-        controller: &controller,
-        schedule: &schedule,
-        external: None,
-        start: None,
-        divergence: 100.0,
-    };
+    let schedule = schedule(&robot, &reference, &controller);
+    let simulation = whole(&robot, &reference, &controller, &schedule);
     let mut x = parameters(&robot, 1.0);
     x[Layout::of(&robot).joint(2) + crate::parameters::IA] = -10.0;
     let direction = vec![1.0; x.len()];
@@ -217,15 +193,7 @@ fn a_request_to_stop_is_heard_before_and_within_a_segment() {
     };
     let schedule = Schedule::new(&robot, &reference, plan).unwrap();
     let controller = Controller::new(vec![LAW; 3], Timing::Continuous, None).unwrap();
-    let simulation = Simulation {
-        robot: &robot,
-        reference: &reference,
-        controller: &controller,
-        schedule: &schedule,
-        external: None,
-        start: None,
-        divergence: 100.0,
-    };
+    let simulation = whole(&robot, &reference, &controller, &schedule);
     let x = parameters(&robot, 1.0);
     let (direction, candidate) = (vec![1.0; x.len()], Candidate { x: &x, scale: &[1.0; 3] });
     for patience in [0, 1, 5] {

@@ -82,7 +82,7 @@ fn run(simulation: Simulation<'_>, xs: &[Vec<f64>], threads: usize) -> (Vec<Outc
     (outcomes, trajectories)
 }
 
-fn whole<'a>(
+pub(crate) fn whole<'a>(
     robot: &'a Robot,
     reference: &'a Reference,
     controller: &'a Controller,
