@@ -13,8 +13,8 @@ import time
 
 import numpy as np
 
-from didim.closed_loop import closed_loop
-from didim.compare import packaged_experiment, simulated_log
+from didim.experiment.loop import closed_loop
+from didim.studies.simulated_log import packaged_experiment, simulated_log
 
 
 def main() -> None:

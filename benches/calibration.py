@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import didim
-from didim.closed_loop import closed_loop
-from didim.compare import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
-from didim.identify import Method
-from didim.starts import Start
+from didim.experiment.loop import closed_loop
+from didim.methods.method import Method
+from didim.methods.start import Start
+from didim.studies.simulated_log import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
 
 Array = NDArray[np.float64]
 

@@ -79,7 +79,7 @@ def run_case(folder: Path, material: Path, seed: int, number: int) -> tuple[str,
 
 def judge(arguments: list[str]) -> tuple[str, str]:
     """Run a command line in process; return its outcome, and what is wrong with it."""
-    from didim.cli import main
+    from didim.cli.main import main
 
     out, err = io.StringIO(), io.StringIO()
     signal.setitimer(signal.ITIMER_REAL, LIMIT_S)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import didim
-from didim.cli import main
-from didim.robot import PACKAGED
+from didim.cli.main import main
+from didim.robot.robot_file import PACKAGED
 
 Array = NDArray[np.float64]
 

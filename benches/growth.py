@@ -27,12 +27,12 @@ from peer.task import Task, tx40
 from peer.timing import Contestant, Figures, alternate, one_core, seconds
 
 import didim
-from didim.closed_loop import mean_inertia
-from didim.experiment import Experiment
-from didim.recording import Recording
-from didim.robot import Geometry, Robot
-from didim.signals import SignalProcessing
-from didim.simulation import ClosedLoop
+from didim.experiment.experiment import Experiment
+from didim.log.recording import Recording
+from didim.loop.closed_loop import ClosedLoop
+from didim.loop.tuning import mean_inertia
+from didim.robot.robot import Geometry, Robot
+from didim.signal.processing import SignalProcessing
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from robots import make_robot, random_motion, random_parameters

@@ -17,12 +17,13 @@ from itertools import product
 import numpy as np
 
 import didim
-from didim.closed_loop import ReferenceSpec, mean_inertia
-from didim.compare import packaged_experiment, simulated_log
-from didim.control import Controller
-from didim.experiment import Experiment
-from didim.recording import Recording
-from didim.reference import Reference
+from didim.experiment.experiment import Experiment
+from didim.experiment.specs import ReferenceSpec
+from didim.log.recording import Recording
+from didim.loop.controller import Controller
+from didim.loop.reference import Reference
+from didim.loop.tuning import mean_inertia
+from didim.studies.simulated_log import packaged_experiment, simulated_log
 
 
 def main() -> None:

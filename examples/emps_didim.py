@@ -14,8 +14,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 import didim
-from didim.closed_loop import closed_loop
-from didim.signals import differentiate
+from didim.experiment.loop import closed_loop
+from didim.signal.filters import differentiate
 
 EXAMPLE = Path(__file__).parent / "emps.toml"
 # What is enlarged: a stop and the way back, where friction turns.

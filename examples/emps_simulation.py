@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import didim
-from didim.signals import differentiate
-from didim.simulate_command import simulate_experiment
+from didim.signal.filters import differentiate
+from didim.studies.run import simulate_experiment
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,12 @@ import numpy as np
 
 import didim
 from didim import Experiment
-from didim.closed_loop import ReferenceSpec, SimulationSettings, closed_loop
-from didim.compare import simulated_log
-from didim.control import Controller
-from didim.reference import Reference
-from didim.signals import SignalProcessing
+from didim.experiment.loop import closed_loop
+from didim.experiment.specs import ReferenceSpec, SimulationSettings
+from didim.loop.controller import Controller
+from didim.loop.reference import Reference
+from didim.signal.processing import SignalProcessing
+from didim.studies.simulated_log import simulated_log
 
 FILE = """\
 schema = 1

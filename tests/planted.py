@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from didim.compare import measured, packaged_experiment, simulated_log
-from didim.experiment import Experiment
+from didim.experiment.experiment import Experiment
+from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,8 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from didim.robot import Friction, Geometry, JointLimits, Robot
+from didim.robot.friction import Friction
+from didim.robot.robot import Geometry, JointLimits, Robot
 
 Array = NDArray[np.float64]
 

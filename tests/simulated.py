@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from didim import _core
-from didim.experiment import Experiment
-from didim.recording import Recording, Role
-from didim.robot import Robot
-from didim.signals import SignalProcessing, differentiate
+from didim.experiment.experiment import Experiment
+from didim.log.recording import Recording, Role
+from didim.robot.robot import Robot
+from didim.signal.filters import differentiate
+from didim.signal.processing import SignalProcessing
 
 Array = NDArray[np.float64]
 

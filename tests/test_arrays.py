@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import didim
-from didim import signals
-from didim.arrays import LARGEST_POSITION, real_array, surely_within
+from didim._tools.arrays import LARGEST_POSITION, real_array, surely_within
 from didim.errors import DidimError, ShapeError
-from didim.model import standard_vector
+from didim.model.dynamics import standard_vector
+from didim.signal.filters import central_differences
 
 ROBOT = didim.load_robot("planar2")
 X = ROBOT.sets["reference"]
@@ -55,7 +55,7 @@ def test_anything_else_is_refused(value: Any, got: str) -> None:
         (lambda bad: didim.direct_dynamics(ROBOT, Q, Q, bad, X), "tau"),
         (lambda bad: ROBOT.base_parameters.lift(np.zeros(len(ROBOT.base_parameters.names)) + 0j), "beta"),
         (lambda bad: ROBOT.base_parameters.project(X + 0j), "x"),
-        (lambda bad: signals.central_differences(bad, 0.1), "signals"),
+        (lambda bad: central_differences(bad, 0.1), "signals"),
         (lambda bad: didim.Recording.from_arrays(bad, rate_hz=1.0), "recording: q"),
         (lambda bad: didim.Recording.from_arrays(Q, bad, rate_hz=1.0), "recording: tau"),
         (lambda bad: didim.Recording.from_arrays(Q, Q, q_ref=bad, rate_hz=1.0), "recording: q_ref"),

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import didim
-from didim.robot import Geometry, Robot
+from didim.robot.robot import Geometry, Robot
 from robots import make_robot, random_motion, random_parameters, relative, robots
 
 # Joint by joint, in our order: that of (3), with the friction of coupled motors last.

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 import didim
 from didim import Experiment, Finding, FitError, Recording, SignalProcessing, check, load_experiment
-from didim.checks.finding import KINDS
-from didim.cli import main
-from didim.compare import PACKAGED, measured, simulated_log
+from didim.cli.main import main
+from didim.diagnosis.finding import KINDS
+from didim.studies.simulated_log import PACKAGED, measured, simulated_log
 from planted import SIGNAL, Log, log_of, tx40_exact
 from test_documented import tables
 

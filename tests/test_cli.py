@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import simulated
-from didim.cli import main
-from didim.identification import Identification
-from didim.robot import load_robot
-from didim.status import Status
+from didim.cli.main import main
+from didim.result.identification import Identification
+from didim.result.status import Status
+from didim.robot.robot_file import load_robot
 
 EXPERIMENT = """\
 schema = 1
@@ -129,7 +129,7 @@ def test_not_converged_is_exit_1(
     arm: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # By its name in sys.modules: `didim.identify` is the function.
-    module = importlib.import_module("didim.identify")
+    module = importlib.import_module("didim.methods.identify")
     identify = module.identify
     monkeypatch.setattr(
         module,
@@ -146,7 +146,7 @@ def test_interrupted_is_exit_130(
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(importlib.import_module("didim.identify"), "identify", interrupted)
+    monkeypatch.setattr(importlib.import_module("didim.methods.identify"), "identify", interrupted)
     assert identify_arm(arm) == 130
     assert one_line(capsys) == "didim: interrupted"
 

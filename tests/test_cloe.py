@@ -12,16 +12,18 @@ import pytest
 from scipy.optimize import minimize
 
 import didim
-from didim import nelder_mead
-from didim.compare import packaged_experiment, position_norms, simulated_log
-from didim.delay import DelaySettings
 from didim.errors import FitError
-from didim.experiment import Experiment
-from didim.fitting import FitSettings
-from didim.identification import Identification, Iteration
-from didim.output_error import OutputError
-from didim.signals import white_noise
-from didim.status import Status
+from didim.experiment.experiment import Experiment
+from didim.methods.cloe import nelder_mead
+from didim.methods.cloe.output_error import OutputError
+from didim.methods.method import FitSettings
+from didim.result.identification import Identification
+from didim.result.iteration import Iteration
+from didim.result.status import Status
+from didim.signal.align import DelaySettings
+from didim.signal.noise import white_noise
+from didim.studies.compare import position_norms
+from didim.studies.simulated_log import packaged_experiment, simulated_log
 
 
 @pytest.fixture(scope="module")
@@ -266,7 +268,7 @@ def test_ctrl_c_during_a_restart_keeps_point_and_checkpoint(
     arm = short_arm()
     file = tmp_path / "search.npz"
     made: list[int] = []
-    begin = nelder_mead.start
+    begin = nelder_mead.started
 
     def second_is_interrupted(
         batch: Callable[[np.ndarray], np.ndarray], points: np.ndarray
@@ -277,7 +279,7 @@ def test_ctrl_c_during_a_restart_keeps_point_and_checkpoint(
         return begin(batch, points)
 
     method = didim.CLOE(optimizer="nelder-mead", start=off(arm), checkpoint=file)
-    monkeypatch.setattr(nelder_mead, "start", second_is_interrupted)
+    monkeypatch.setattr("didim.methods.cloe.simplex.started", second_is_interrupted)
     fit = didim.identify(arm, method)
     assert len(made) == 2
     assert fit.status is Status.INTERRUPTED
@@ -293,7 +295,7 @@ def test_ctrl_c_between_starts_keeps_the_first_result(monkeypatch: pytest.Monkey
     def interrupted(*arguments: object) -> list[np.ndarray]:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("didim.cloe._further_starts", interrupted)
+    monkeypatch.setattr("didim.methods.cloe.cloe._further_starts", interrupted)
     fit = didim.identify(arm, didim.CLOE(start=off(arm), starts=3))
     assert fit.status is Status.INTERRUPTED
     assert fit.history[-1].relative_error < 0.01
@@ -369,7 +371,7 @@ def test_the_simplex_on_lanes_is_scipys_on_single_simulations() -> None:
     def batch(points: np.ndarray) -> np.ndarray:
         return np.sqrt(problem.costs(points))
 
-    first = nelder_mead.start(batch, nelder_mead.literal_simplex(problem.start))
+    first = nelder_mead.started(batch, nelder_mead.literal_simplex(problem.start))
     found, _ = nelder_mead.minimise(batch, first, max_iterations=40, max_evaluations=10_000)
     scipys_minimize: Any = minimize
     expected = scipys_minimize(
@@ -416,7 +418,9 @@ def test_logs_that_lack_what_is_compared_are_told() -> None:
 def test_starts_that_cannot_be_searched_from_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     arm = short_arm()
     nowhere = -np.ones_like(off(arm))  # negative inertias: no robot
-    monkeypatch.setattr("didim.cloe._further_starts", lambda problem, count, seed: [nowhere] * count)
+    monkeypatch.setattr(
+        "didim.methods.cloe.cloe._further_starts", lambda problem, count, seed: [nowhere] * count
+    )
     said: list[str] = []
     fit = didim.CLOE(start=off(arm), starts=3).run(arm, lambda iteration: False, said.append)
     assert fit.status is Status.CONVERGED

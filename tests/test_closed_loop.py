@@ -11,23 +11,19 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
-from didim.closed_loop import (
-    ControllerSpec,
-    Measurement,
-    ReferenceSpec,
-    SimulationSettings,
-    closed_loop,
-    mean_inertia,
-    outside_limits,
-)
-from didim.control import Controller, Digital
 from didim.errors import DidimError, ExperimentError
-from didim.experiment import Experiment, load_experiment
-from didim.recording import Recording
-from didim.reference import Reference
-from didim.robot import load_robot
-from didim.signals import SignalProcessing, differentiate
-from didim.simulation import ClosedLoop
+from didim.experiment.experiment import Experiment
+from didim.experiment.experiment_file import load_experiment
+from didim.experiment.loop import closed_loop, outside_limits
+from didim.experiment.specs import ControllerSpec, Measurement, ReferenceSpec, SimulationSettings
+from didim.log.recording import Recording
+from didim.loop.closed_loop import ClosedLoop
+from didim.loop.controller import Controller, Digital
+from didim.loop.reference import Reference
+from didim.loop.tuning import mean_inertia
+from didim.robot.robot_file import load_robot
+from didim.signal.filters import differentiate
+from didim.signal.processing import SignalProcessing
 
 Array = NDArray[np.float64]
 

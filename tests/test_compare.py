@@ -11,12 +11,14 @@ import pytest
 
 import didim
 from didim import CLOE, DIDIM, IDIMLS, Comparison, Experiment, Identification, compare
-from didim.cli import main
-from didim.closed_loop import Measurement, closed_loop
-from didim.compare import all_methods, measured, packaged_experiment, simulated_log
-from didim.compare_table import sentence
+from didim.cli.main import main
 from didim.errors import DidimError, ExperimentError, FitError
-from didim.identification import Iteration
+from didim.experiment.loop import closed_loop
+from didim.experiment.specs import Measurement
+from didim.result.iteration import Iteration
+from didim.studies.compare import all_methods
+from didim.studies.comparison import sentence
+from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 
 ARM = """\
 schema = 1

@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
-from didim.control import Controller, Digital
 from didim.errors import ControllerError
-from didim.reference import Reference
-from didim.robot import Geometry, Robot
-from didim.simulation import Simulation
+from didim.loop.controller import Controller, Digital
+from didim.loop.reference import Reference
+from didim.loop.simulation import Simulation
+from didim.robot.robot import Geometry, Robot
 from robots import make_robot
 
 Array = NDArray[np.float64]

@@ -9,13 +9,14 @@ import pytest
 
 import simulated
 from didim import _core
-from didim.delay import DelaySettings, align
 from didim.errors import FitError
-from didim.identify import identify
-from didim.idim_ls import IDIMLS
-from didim.recording import Recording
-from didim.robot import Robot, load_robot
-from didim.signals import SignalProcessing
+from didim.log.recording import Recording
+from didim.methods.identify import identify
+from didim.methods.idim_ls import IDIMLS
+from didim.robot.robot import Robot
+from didim.robot.robot_file import load_robot
+from didim.signal.align import DelaySettings, align
+from didim.signal.processing import SignalProcessing
 
 # Trimmed far enough that neither edges of the filter nor the interpolation matter.
 SIGNAL = replace(simulated.SIGNAL, trim_start=200, trim_end=200)

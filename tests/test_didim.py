@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 import didim
 from arm import arm_file, arm_log
 from didim import DIDIM, IDIMLS, Experiment, Identification, Status, identify
-from didim.cli import main
-from didim.closed_loop import ReferenceSpec, mean_inertia
-from didim.compare import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
-from didim.control import Controller
-from didim.didim_method import GainUpdating
+from didim.cli.main import main
 from didim.errors import ExperimentError, FitError, RobotError
-from didim.identification import Iteration
-from didim.reference import Reference
-from didim.starts import Start, unit_rotors
+from didim.experiment.specs import ReferenceSpec
+from didim.loop.controller import Controller
+from didim.loop.reference import Reference
+from didim.loop.tuning import mean_inertia
+from didim.methods.didim import GainUpdating
+from didim.methods.start import Start, unit_rotors
+from didim.result.iteration import Iteration
+from didim.studies.simulated_log import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
 from scripts import script
 
 Array = NDArray[np.float64]

@@ -16,18 +16,20 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from didim.cli import main
-from didim.compare import compare
-from didim.didim_method import DIDIM
-from didim.experiment import Experiment, load_experiment
-from didim.identification import Identification
-from didim.identify import identify
-from didim.idim_ls import IDIMLS
-from didim.recording import Recording
-from didim.signals import Convention, Form, differentiate
-from didim.simulate_command import SimulationReport, simulate_experiment
-from didim.simulation import simulate
-from didim.validate import validate
+from didim.cli.main import main
+from didim.experiment.experiment import Experiment
+from didim.experiment.experiment_file import load_experiment
+from didim.log.recording import Recording
+from didim.loop.simulation import simulate
+from didim.methods.didim import DIDIM
+from didim.methods.identify import identify
+from didim.methods.idim_ls import IDIMLS
+from didim.result.identification import Identification
+from didim.signal.filters import differentiate
+from didim.signal.processing import Convention, Form
+from didim.studies.compare import compare
+from didim.studies.run import SimulationReport, simulate_experiment
+from didim.studies.validation import validate
 from scripts import script
 from test_published import DECIDED_BY_ROUNDING, deviations
 from test_simulation import tx40

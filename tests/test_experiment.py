@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 
 import didim
-from didim.closed_loop import ControllerSpec, Measurement, ReferenceSpec, SimulationSettings
-from didim.delay import DelaySettings
 from didim.errors import DidimError, ExperimentError, FitError
-from didim.experiment import Experiment, load_experiment
-from didim.least_squares import LeastSquaresSettings
-from didim.recording import Recording
-from didim.robot import load_robot
-from didim.signals import SignalProcessing
+from didim.experiment.experiment import Experiment
+from didim.experiment.experiment_file import load_experiment
+from didim.experiment.specs import ControllerSpec, Measurement, ReferenceSpec, SimulationSettings
+from didim.log.recording import Recording
+from didim.regression.settings import LeastSquaresSettings
+from didim.robot.robot_file import load_robot
+from didim.signal.align import DelaySettings
+from didim.signal.processing import SignalProcessing
 
 N = 60
 LOG = """\

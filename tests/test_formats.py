@@ -15,7 +15,7 @@ import pytest
 
 import didim
 from didim import DIDIM, IDIMLS, Comparison, FitError, Identification
-from didim.cli import main
+from didim.cli.main import main
 from didim.formats import FORMATS, Result, latex_text, render
 from test_cli import arm as arm_fixture
 from test_cli import identify_arm

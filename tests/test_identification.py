@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from didim.errors import FitError
-from didim.identification import HeldOut, Identification, Iteration
-from didim.status import Status
+from didim.result.identification import Identification
+from didim.result.iteration import HeldOut, Iteration
+from didim.result.status import Status
 
 
 def example() -> Identification:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import didim
 from didim import _core
-from didim.robot import Robot
+from didim.robot.robot import Robot
 from robots import random_motion, random_parameters, relative, robots
 
 seeds = st.integers(0, 2**32 - 1)
@@ -143,7 +143,8 @@ def test_observation_without_filters_is_the_regressor_joint_by_joint(
 def test_the_bits_do_not_depend_on_the_number_of_threads() -> None:
     robot = didim.load_robot("tx40")
     motion = random_motion(np.random.default_rng(1), 400, 6)
-    from didim.signals import SignalProcessing, decimation_stages
+    from didim.signal.decimation import decimation_stages
+    from didim.signal.processing import SignalProcessing
 
     stages = decimation_stages(400, SignalProcessing(decimation=(5,)))
     columns = list(robot.base_parameters.indices)

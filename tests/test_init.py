@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 import didim
 from didim import ExperimentError, load_experiment
-from didim.cli import main
-from didim.init_command import column, initialise
+from didim.cli.main import main
+from didim.experiment.draft import initialise
+from didim.experiment.draft_columns import column
 
 Array = NDArray[np.float64]
 T = np.arange(2000) / 500.0

@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from didim import _core, signals
+from didim import _core
 from didim.errors import FitError, RankError
-from didim.least_squares import LeastSquaresSettings, LinearSystem, residual_std, row_weights, solve
+from didim.regression.least_squares import residual_std, row_weights, solve
+from didim.regression.linear_system import LinearSystem
+from didim.regression.settings import LeastSquaresSettings
+from didim.signal.decimation import decimate, decimation_stages
+from didim.signal.noise import noise_correlation
+from didim.signal.processing import SignalProcessing
 
 Array = NDArray[np.float64]
 
@@ -140,24 +145,24 @@ def test_a_joint_without_noise_or_torque_gets_a_finite_weight() -> None:
 
 def coverage(settings: LeastSquaresSettings, decimated: bool, seeds: int = 400) -> float:
     """Rms error of the estimates, in units of the standard deviations that the fits report."""
-    signal = signals.SignalProcessing(decimation=(10,) if decimated else ())
+    signal = SignalProcessing(decimation=(10,) if decimated else ())
     rng = np.random.default_rng(7)
     n_samples = 20_000 if decimated else 200
-    stages = signals.decimation_stages(n_samples, signal)
+    stages = decimation_stages(n_samples, signal)
     t = np.linspace(0.0, 1.0, n_samples)
     # Slow columns go through the decimation filter unchanged.
-    w = signals.decimate(np.column_stack([np.sin(9.0 * t), np.cos(14.0 * t), np.ones_like(t)]), stages)
+    w = decimate(np.column_stack([np.sin(9.0 * t), np.cos(14.0 * t), np.ones_like(t)]), stages)
     w = np.concatenate([w, w[::-1] * [1.0, -2.0, 0.5]])
     half = w.shape[0] // 2
     joints = (slice(0, half), slice(half, 2 * half))
     errors = []
     for _ in range(seeds):
-        noise = signals.decimate(rng.standard_normal((n_samples, 2)) * [0.3, 3.0], stages)
+        noise = decimate(rng.standard_normal((n_samples, 2)) * [0.3, 3.0], stages)
         y = w @ BETA + noise.T.reshape(-1)
         fit = solve(
             LinearSystem(w=np.ascontiguousarray(w), y=y, joints=joints, names=NAMES),
             settings,
-            correlation=signals.noise_correlation(signal),
+            correlation=noise_correlation(signal),
         )
         errors.append((fit.solution - BETA) / np.sqrt(np.diag(fit.covariance)))
     return float(np.sqrt(np.mean(np.square(errors))))

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from didim import nelder_mead
+from didim.methods.cloe import nelder_mead
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ def test_the_iterates_are_those_of_scipy(function: Callable[[Array], Array], n: 
 
     simplex, converged = nelder_mead.minimise(
         function,
-        nelder_mead.start(function, nelder_mead.literal_simplex(start)),
+        nelder_mead.started(function, nelder_mead.literal_simplex(start)),
         adaptive=adaptive,
         max_iterations=500,
         max_evaluations=10**6,
@@ -68,7 +68,9 @@ def test_the_iterates_are_those_of_scipy(function: Callable[[Array], Array], n: 
 
 
 def test_a_search_goes_on_where_it_was_left() -> None:
-    start = nelder_mead.start(valley, nelder_mead.edged_simplex(np.array([-1.2, 1.0]), np.array([0.1, 0.2])))
+    start = nelder_mead.started(
+        valley, nelder_mead.edged_simplex(np.array([-1.2, 1.0]), np.array([0.1, 0.2]))
+    )
     whole, _ = nelder_mead.minimise(valley, start, max_iterations=80, max_evaluations=10_000)
     half, converged = nelder_mead.minimise(valley, start, max_iterations=40, max_evaluations=10_000)
     assert not converged

@@ -13,11 +13,11 @@ import pytest
 
 import didim
 from didim import DIDIM, FitError, Identification, RobotError
-from didim.cli import main
-from didim.compare import simulated_log
-from didim.parameter_files import load_parameters, save_parameters
-from didim.simulate_command import simulate_experiment
-from didim.starts import standard_start
+from didim.cli.main import main
+from didim.methods.start import standard_start
+from didim.robot.parameter_file import load_parameters
+from didim.studies.run import simulate_experiment
+from didim.studies.simulated_log import simulated_log
 from test_cli import arm as arm_fixture
 from test_cli import identify_arm, one_line
 from test_compare import ARM
@@ -99,7 +99,7 @@ def test_names_that_toml_must_quote(fit: Identification, tmp_path: Path) -> None
         parameters=robot.base_parameters.lift(beta),
     )
     path = tmp_path / 'a "b" c.toml'
-    save_parameters(other, path)
+    other.save_parameters(path)
     text = path.read_text(encoding="utf-8")
     assert list(tomllib.loads(text)["parameters"]) == ['a "b" c']
     assert text.count("standard deviation unknown") == 3

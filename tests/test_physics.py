@@ -9,11 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 import simulated
-from didim.identify import identify
-from didim.idim_ls import IDIMLS
-from didim.model import inertia_matrix
-from didim.physics import physical_flags
-from didim.robot import Robot, load_robot
+from didim.methods.identify import identify
+from didim.methods.idim_ls import IDIMLS
+from didim.model.dynamics import inertia_matrix
+from didim.model.physics import physical_flags
+from didim.robot.robot import Robot
+from didim.robot.robot_file import load_robot
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import didim
-from didim.robot import Robot
+from didim.robot.robot import Robot
 from robots import random_motion, random_parameters, relative, robots
 from twins import PINOCCHIO_ORDER, pinocchio_model
 

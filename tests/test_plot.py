@@ -19,13 +19,15 @@ from matplotlib.figure import Figure
 import didim
 from arm import arm_log, noisy
 from didim import CLOE, DIDIM, IDIMLS, Experiment, Identification, identify, plot, validate
-from didim.closed_loop import SimulationSettings
 from didim.errors import FitError, PlotError, ShapeError
-from didim.kinematics import frames
+from didim.experiment.specs import SimulationSettings
+from didim.model.kinematics import frames
 from didim.plot.style import MOST_POINTS, line, thin
-from didim.prediction import autocorrelation, predict, relative_errors, simulate_window
-from didim.robot import Robot
-from didim.signals import DECIMATION_RIPPLE_DB, SignalProcessing, noise_correlation
+from didim.robot.robot import Robot
+from didim.signal.decimation import DECIMATION_RIPPLE_DB
+from didim.signal.noise import noise_correlation
+from didim.signal.processing import SignalProcessing
+from didim.studies.prediction import autocorrelation, predict, relative_errors, simulate_window
 from robots import random_motion, random_parameters, robots
 from simulated import experiment as log_experiment
 from simulated import log as simulated_log

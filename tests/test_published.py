@@ -13,15 +13,16 @@ import pytest
 from numpy.typing import NDArray
 
 from didim import _core
-from didim.cli import main
-from didim.experiment import load_experiment
-from didim.identification import Identification
-from didim.identify import identify
-from didim.idim_ls import IDIMLS
-from didim.least_squares import solve
-from didim.observations import linear_system, segments
-from didim.selection import select
-from didim.signals import Convention, Form
+from didim.cli.main import main
+from didim.experiment.experiment_file import load_experiment
+from didim.methods.identify import identify
+from didim.methods.idim_ls import IDIMLS
+from didim.regression.least_squares import solve
+from didim.regression.linear_system import linear_system
+from didim.regression.selection import select
+from didim.result.identification import Identification
+from didim.signal.processing import Convention, Form
+from didim.signal.segments import segments
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import didim
-from didim.cli import main
+from didim.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -39,7 +39,7 @@ def test_the_example_runs(
     saved = didim.Identification.load("fit.json")
     np.testing.assert_array_equal(saved.beta, fit.beta)
     robot, q = didim.load_robot("tx40"), names["q"]
-    found = didim.parameter_files.load_parameters(robot, "found.toml")
+    found = didim.load_parameters(robot, "found.toml")
     np.testing.assert_array_equal(found, fit.parameters)
     rest = np.zeros((100, 6))
     assert isinstance(q, np.ndarray)

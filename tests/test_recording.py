@@ -15,10 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from didim._tools.toml import Table
 from didim.errors import DidimError, ExperimentError, RecordingError
-from didim.recording import DataFolder, Recording, read_recording, read_reduction
-from didim.sampling import check_time
-from didim.schema import Table
+from didim.log.recording import Recording
+from didim.log.recording_file import DataFolder, read_recording, read_reduction
+from didim.log.sampling import check_time
 
 Array = NDArray[np.float64]
 N = 50

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from didim.errors import ReferenceError
-from didim.reference import Reference
+from didim.loop.reference import Reference
 
 Array = NDArray[np.float64]
 

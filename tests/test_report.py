@@ -28,15 +28,15 @@ from didim import (
     report,
     validate,
 )
-from didim.cli import main
-from didim.compare import packaged_experiment
-from didim.compare_table import sentence
+from didim.cli.main import main
 from didim.errors import FitError, PlotError
-from didim.prediction import Prediction, predict
 from didim.report.fit import correlated_joints, judged
 from didim.report.page import Html, table
-from didim.signals import noise_correlation
-from didim.status import Status
+from didim.result.status import Status
+from didim.signal.noise import noise_correlation
+from didim.studies.comparison import sentence
+from didim.studies.prediction import Prediction, predict
+from didim.studies.simulated_log import packaged_experiment
 from simulated import RATE_HZ
 from simulated import experiment as log_experiment
 from simulated import log as simulated_log

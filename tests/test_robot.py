@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import didim
-from didim.robot import PACKAGED
+from didim.robot.robot_file import PACKAGED
 from robots import random_motion, relative
 
 ARM = """

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from didim._tools.toml import Table, read_toml
 from didim.errors import ExperimentError, RobotError
-from didim.schema import Table, read_toml
 
 
 def table(**content: Any) -> Table:

@@ -13,9 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from didim import _core, signals
+from didim import _core
 from didim.errors import SignalError
-from didim.signals import Form, SignalProcessing
+from didim.signal.decimation import _decimation_filter, decimate, decimation_stages
+from didim.signal.filters import central_differences, differentiate, zero_phase_butterworth
+from didim.signal.noise import _squared_gain, noise_correlation
+from didim.signal.processing import Form, SignalProcessing
 
 Array = NDArray[np.float64]
 
@@ -30,7 +33,7 @@ def noise(n_samples: int, columns: int, seed: int = 0) -> Array:
 def test_butterworth_with_default_padding_is_scipys_sosfiltfilt(order: int, columns: int) -> None:
     x = noise(300, columns, order)
     expected = scipy.signal.sosfiltfilt(scipy.signal.butter(order, 50.0, fs=1000.0, output="sos"), x, axis=0)
-    filtered = signals.zero_phase_butterworth(x, 1000.0, 50.0, order)
+    filtered = zero_phase_butterworth(x, 1000.0, 50.0, order)
     assert filtered.shape == x.shape
     np.testing.assert_allclose(filtered, expected, rtol=0, atol=1e-11 * np.abs(x).max())
 
@@ -40,10 +43,10 @@ def test_butterworth_with_matlab_padding_is_filtfilt_of_the_transfer_function(or
     x = noise(400, 2)
     b, a = scipy.signal.butter(order, 100.0, fs=1000.0)
     expected = scipy.signal.filtfilt(b, a, x, axis=0, padlen=3 * (max(len(a), len(b)) - 1))
-    filtered = signals.zero_phase_butterworth(x, 1000.0, 100.0, order, "matlab")
+    filtered = zero_phase_butterworth(x, 1000.0, 100.0, order, "matlab")
     np.testing.assert_allclose(filtered, expected, rtol=0, atol=1e-10 * np.abs(x).max())
     # The two conventions differ at the edges, and only in their padding.
-    other = signals.zero_phase_butterworth(x, 1000.0, 100.0, order, "scipy")
+    other = zero_phase_butterworth(x, 1000.0, 100.0, order, "scipy")
     assert np.abs(other - filtered).max() > 1e-9
     np.testing.assert_allclose(other[150:250], filtered[150:250], rtol=0, atol=1e-9)
 
@@ -75,17 +78,17 @@ def test_core_filters_and_keeps_as_defined(
 @pytest.mark.parametrize("n_samples", [100, 101, 109])
 def test_decimation_is_scipys(factor: int, n_samples: int) -> None:
     x = noise(n_samples, 3)
-    stages = signals.decimation_stages(n_samples, SignalProcessing(decimation=(factor,)))
+    stages = decimation_stages(n_samples, SignalProcessing(decimation=(factor,)))
     expected = scipy.signal.decimate(x, factor, axis=0, zero_phase=True)
-    np.testing.assert_allclose(signals.decimate(x, stages), expected, rtol=0, atol=1e-10 * np.abs(x).max())
+    np.testing.assert_allclose(decimate(x, stages), expected, rtol=0, atol=1e-10 * np.abs(x).max())
 
 
 def test_two_stages_are_scipys_two_calls() -> None:
     x = noise(4500, 2)
-    stages = signals.decimation_stages(4500, SignalProcessing(decimation=(10, 10)))
+    stages = decimation_stages(4500, SignalProcessing(decimation=(10, 10)))
     once = scipy.signal.decimate(x, 10, axis=0, zero_phase=True)
     expected = scipy.signal.decimate(once, 10, axis=0, zero_phase=True)
-    np.testing.assert_allclose(signals.decimate(x, stages), expected, rtol=0, atol=1e-10 * np.abs(x).max())
+    np.testing.assert_allclose(decimate(x, stages), expected, rtol=0, atol=1e-10 * np.abs(x).max())
 
 
 @pytest.mark.parametrize("n_samples", [200, 201, 204, 209])
@@ -99,7 +102,7 @@ def test_matlab_decimation_ends_on_the_last_sample(n_samples: int) -> None:
     kept = int(np.ceil(n_samples / factor))
     begin = factor - (factor * kept - n_samples)
     expected = filtered[begin - 1 :: factor]
-    decimated = signals.decimate(x, signals.decimation_stages(n_samples, signal))
+    decimated = decimate(x, decimation_stages(n_samples, signal))
     assert decimated.shape == (kept, 2)
     # Order 8 as a transfer function has lost several digits already.
     np.testing.assert_allclose(decimated, expected, rtol=0, atol=1e-6 * np.abs(x).max())
@@ -112,25 +115,25 @@ def test_matlab_decimation_ends_on_the_last_sample(n_samples: int) -> None:
 def test_decimation_by_a_hundred_is_sound_in_sections() -> None:
     t = np.arange(45000) / 5000.0
     x = np.column_stack([np.sin(2 * np.pi * 0.5 * t), np.cos(2 * np.pi * 1.3 * t)])
-    stages = signals.decimation_stages(t.size, SignalProcessing(decimation=(100,)))
+    stages = decimation_stages(t.size, SignalProcessing(decimation=(100,)))
     inside = slice(30, -30)
     # The pass band ripples by 0.05 dB a pass: 1.2 % for both.
-    np.testing.assert_allclose(signals.decimate(x, stages)[inside], x[::100][inside], atol=0.012)
+    np.testing.assert_allclose(decimate(x, stages)[inside], x[::100][inside], atol=0.012)
 
 
 def test_linear_relations_survive_the_parallel_filter() -> None:
     w = noise(1000, 7)
     beta = np.arange(1.0, 8.0)
-    stages = signals.decimation_stages(1000, SignalProcessing(decimation=(4, 3)))
-    y = signals.decimate((w @ beta)[:, None], stages)[:, 0]
-    np.testing.assert_allclose(signals.decimate(w, stages) @ beta, y, atol=1e-9 * np.abs(y).max())
+    stages = decimation_stages(1000, SignalProcessing(decimation=(4, 3)))
+    y = decimate((w @ beta)[:, None], stages)[:, 0]
+    np.testing.assert_allclose(decimate(w, stages) @ beta, y, atol=1e-9 * np.abs(y).max())
 
 
 def test_derivatives_of_a_sine() -> None:
     rate = 1000.0
     t = np.arange(3000) / rate
     omega = 2 * np.pi * np.array([0.5, 1.0])
-    q, dq, ddq = signals.differentiate(np.sin(t[:, None] * omega), rate, SignalProcessing(cutoff_hz=100.0))
+    q, dq, ddq = differentiate(np.sin(t[:, None] * omega), rate, SignalProcessing(cutoff_hz=100.0))
     inside = slice(100, -100)
     np.testing.assert_allclose(q[inside], np.sin(t[:, None] * omega)[inside], atol=1e-7)
     # Central differences damp by (omega dt)^2 / 6.
@@ -140,16 +143,16 @@ def test_derivatives_of_a_sine() -> None:
 
 def test_without_cut_off_positions_stay_as_they_are() -> None:
     x = noise(50, 2)
-    q, dq, ddq = signals.differentiate(x, 10.0, SignalProcessing(cutoff_hz=None))
+    q, dq, ddq = differentiate(x, 10.0, SignalProcessing(cutoff_hz=None))
     np.testing.assert_array_equal(q, x)
-    np.testing.assert_array_equal(dq, signals.central_differences(x, 0.1))
-    np.testing.assert_array_equal(ddq, signals.central_differences(dq, 0.1))
+    np.testing.assert_array_equal(dq, central_differences(x, 0.1))
+    np.testing.assert_array_equal(ddq, central_differences(dq, 0.1))
 
 
 def test_central_differences_are_exact_for_parabolas() -> None:
     dt = 0.01
     t = dt * np.arange(20)[:, None]
-    dx = signals.central_differences(3.0 * t**2 - t, dt)
+    dx = central_differences(3.0 * t**2 - t, dt)
     np.testing.assert_allclose(dx[1:-1], (6.0 * t - 1.0)[1:-1], atol=1e-12)
     # One-sided at the ends: the slope half a sample inside.
     np.testing.assert_allclose(
@@ -159,17 +162,17 @@ def test_central_differences_are_exact_for_parabolas() -> None:
 
 def test_no_decimation_is_a_copy() -> None:
     x = noise(5, 2)
-    kept = signals.decimate(x, signals.decimation_stages(5, SignalProcessing()))
+    kept = decimate(x, decimation_stages(5, SignalProcessing()))
     np.testing.assert_array_equal(kept, x)
     assert kept is not x
-    assert signals.noise_correlation(SignalProcessing()) is None
+    assert noise_correlation(SignalProcessing()) is None
 
 
 def test_the_ends_of_decimated_noise_are_left_out_for_a_reason() -> None:
     signal = SignalProcessing(decimation=(5, 10))
-    stages = signals.decimation_stages(5000, signal)
+    stages = decimation_stages(5000, signal)
     rng = np.random.default_rng(0)
-    kept = np.stack([signals.decimate(rng.standard_normal((5000, 6)), stages) for _ in range(100)])
+    kept = np.stack([decimate(rng.standard_normal((5000, 6)), stages) for _ in range(100)])
     variance = np.mean(kept**2, axis=(0, 2))
     middle = np.median(variance)
     assert variance[0] > 30.0 * middle
@@ -180,8 +183,8 @@ def test_the_ends_of_decimated_noise_are_left_out_for_a_reason() -> None:
 def test_correlation_that_decimated_noise_has(factors: tuple[int, ...]) -> None:
     x = np.random.default_rng(3).standard_normal((400_000, 4))
     signal = SignalProcessing(decimation=factors)
-    kept = signals.decimate(x, signals.decimation_stages(x.shape[0], signal))
-    correlation = signals.noise_correlation(signal)
+    kept = decimate(x, decimation_stages(x.shape[0], signal))
+    correlation = noise_correlation(signal)
     assert correlation is not None
     for lag in range(6):
         found = np.mean(kept[: len(kept) - lag] * kept[lag:]) / np.mean(kept**2)
@@ -192,11 +195,9 @@ def test_correlation_that_decimated_noise_has(factors: tuple[int, ...]) -> None:
 @pytest.mark.parametrize("factor", [2, 3, 10, 100])
 @pytest.mark.parametrize("size", [20_000, 20_001])
 def test_the_gain_of_the_decimation_filter_is_that_of_its_sections(factor: int, size: int) -> None:
-    sos = signals._decimation_filter(factor)[0]
+    sos = _decimation_filter(factor)[0]
     _, response = scipy.signal.sosfreqz(sos, worN=size, whole=True)
-    np.testing.assert_allclose(
-        signals._squared_gain(factor, size), np.abs(response) ** 2, rtol=1e-6, atol=1e-10
-    )
+    np.testing.assert_allclose(_squared_gain(factor, size), np.abs(response) ** 2, rtol=1e-6, atol=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -208,47 +209,43 @@ def test_the_gain_of_the_decimation_filter_is_that_of_its_sections(factor: int, 
 )
 def test_cut_off_above_nyquist_is_told(cutoff: float, rate: float, message: str) -> None:
     with pytest.raises(SignalError) as error:
-        signals.zero_phase_butterworth(noise(100, 2), rate, cutoff)
+        zero_phase_butterworth(noise(100, 2), rate, cutoff)
     assert str(error.value) == message
 
 
 @pytest.mark.parametrize(("padding", "needed"), [("scipy", 15), ("matlab", 12)])
 def test_too_few_samples_for_the_filter_are_told(padding: Literal["scipy", "matlab"], needed: int) -> None:
-    signals.zero_phase_butterworth(noise(needed + 1, 1), 1000.0, 100.0, 4, padding)
+    zero_phase_butterworth(noise(needed + 1, 1), 1000.0, 100.0, 4, padding)
     with pytest.raises(SignalError) as error:
-        signals.zero_phase_butterworth(noise(needed, 1), 1000.0, 100.0, 4, padding)
+        zero_phase_butterworth(noise(needed, 1), 1000.0, 100.0, 4, padding)
     message = f"the zero-phase filter of order 4 needs more than {needed} samples, the record has {needed}"
     assert str(error.value) == message
 
 
 def test_too_few_samples_for_decimation_are_told() -> None:
     with pytest.raises(SignalError) as error:
-        signals.decimation_stages(270, SignalProcessing(decimation=(10, 10)))
+        decimation_stages(270, SignalProcessing(decimation=(10, 10)))
     assert str(error.value) == "decimation by 10 needs more than 27 samples, stage 2 of 2 gets 27"
     with pytest.raises(SignalError, match="needs more than 24 samples, stage 1 of 1 gets 24"):
-        signals.decimation_stages(24, SignalProcessing(decimation=(10,), decimation_convention="matlab"))
+        decimation_stages(24, SignalProcessing(decimation=(10,), decimation_convention="matlab"))
 
 
 def test_shape_and_content_are_checked() -> None:
     with pytest.raises(SignalError, match=r"must have shape \(n_samples, m\), got \(5,\)"):
-        signals.central_differences(np.zeros(5), 0.1)
+        central_differences(np.zeros(5), 0.1)
     with pytest.raises(SignalError, match="at least 2 samples, got 1"):
-        signals.central_differences(np.zeros((1, 2)), 0.1)
+        central_differences(np.zeros((1, 2)), 0.1)
     x = noise(50, 3)
     x[17, 2] = np.nan
     with pytest.raises(SignalError, match="sample 17 of signal 2 is not a finite number"):
-        signals.zero_phase_butterworth(x, 1000.0, 100.0)
+        zero_phase_butterworth(x, 1000.0, 100.0)
 
 
 def test_strides_and_precision_do_not_matter() -> None:
     x = noise(200, 6)
-    expected = signals.zero_phase_butterworth(x, 1000.0, 100.0)
-    np.testing.assert_array_equal(
-        signals.zero_phase_butterworth(np.asfortranarray(x), 1000.0, 100.0), expected
-    )
-    np.testing.assert_array_equal(
-        signals.zero_phase_butterworth(x[:, ::-1], 1000.0, 100.0), expected[:, ::-1]
-    )
+    expected = zero_phase_butterworth(x, 1000.0, 100.0)
+    np.testing.assert_array_equal(zero_phase_butterworth(np.asfortranarray(x), 1000.0, 100.0), expected)
+    np.testing.assert_array_equal(zero_phase_butterworth(x[:, ::-1], 1000.0, 100.0), expected[:, ::-1])
 
 
 @pytest.mark.parametrize(
@@ -302,7 +299,7 @@ def test_a_sound_filter_leaves_constants_as_they_are(
     order: int, cutoff: float, rate: float, form: Form
 ) -> None:
     x = np.ones((100, 2))
-    filtered = signals.zero_phase_butterworth(x, rate, cutoff, order, "scipy", form)
+    filtered = zero_phase_butterworth(x, rate, cutoff, order, "scipy", form)
     np.testing.assert_allclose(filtered, x, rtol=0, atol=1e-6)
 
 
@@ -320,7 +317,7 @@ def test_a_sound_filter_leaves_constants_as_they_are(
 )
 def test_a_filter_that_rounding_spoils_is_refused(order: int, cutoff: float, rate: float, form: Form) -> None:
     with pytest.raises(SignalError) as error:
-        signals.zero_phase_butterworth(noise(100, 1), rate, cutoff, order, "scipy", form)
+        zero_phase_butterworth(noise(100, 1), rate, cutoff, order, "scipy", form)
     said = f"rounding spoils a filter of order {order} at {cutoff:g} Hz, sampled at {rate:g} Hz: move the "
     assert str(error.value).startswith(said + "cut-off away from zero and from half the sampling rate")
     assert str(error.value).endswith("use form 'sections'") is (form == "transfer-function")
@@ -328,37 +325,37 @@ def test_a_filter_that_rounding_spoils_is_refused(order: int, cutoff: float, rat
 
 def test_the_order_of_a_direct_call_is_bounded_too() -> None:
     with pytest.raises(SignalError, match=r"^order must be 1 to 10, got 1000$"):
-        signals.zero_phase_butterworth(noise(100, 1), 1000.0, 100.0, 1000)
+        zero_phase_butterworth(noise(100, 1), 1000.0, 100.0, 1000)
 
 
 def test_a_decimation_beyond_the_record_or_beyond_rounding() -> None:
     with pytest.raises(
         SignalError, match=r"decimation by 1000 needs more than 999 samples, stage 1 of 1 gets 9"
     ):
-        signals.decimation_stages(900, SignalProcessing(decimation=(1000,)))
+        decimation_stages(900, SignalProcessing(decimation=(1000,)))
     huge = SignalProcessing(decimation=(10**400,))
     with pytest.raises(SignalError, match="needs more than 9999"):
-        signals.decimation_stages(900, huge)
-    signals.decimation_stages(10**7, SignalProcessing(decimation=(10**4,)))
+        decimation_stages(900, huge)
+    decimation_stages(10**7, SignalProcessing(decimation=(10**4,)))
     with pytest.raises(
         SignalError, match="rounding spoils the filter of a decimation by 1000000: take several"
     ):
-        signals.decimation_stages(10**7, SignalProcessing(decimation=(10**6,)))
+        decimation_stages(10**7, SignalProcessing(decimation=(10**6,)))
 
 
 def test_derivatives_that_overflow_are_told() -> None:
     with pytest.raises(SignalError, match=r"^derivatives at a sampling time of 1e-300 s are too large"):
-        signals.differentiate(noise(50, 2), 1e300, SignalProcessing())
+        differentiate(noise(50, 2), 1e300, SignalProcessing())
 
 
 def test_what_the_core_refuses_is_a_sentence() -> None:
-    (stage,) = signals.decimation_stages(100, SignalProcessing(decimation=(2,)))
+    (stage,) = decimation_stages(100, SignalProcessing(decimation=(2,)))
     with pytest.raises(SignalError, match="filter stage 0 needs more than 27 samples"):
-        signals.decimate(noise(20, 1), [stage])
+        decimate(noise(20, 1), [stage])
 
 
 @pytest.mark.parametrize("factors", [(10**6,), (10,) * 9])
 def test_noise_of_a_decimation_that_cannot_be_is_refused(factors: tuple[int, ...]) -> None:
     """Before its spectrum takes gigabytes."""
     with pytest.raises(SignalError, match=r"a decimation by 10+ in all is too large, 10000 is possible"):
-        signals.noise_correlation(SignalProcessing(decimation=factors))
+        noise_correlation(SignalProcessing(decimation=factors))

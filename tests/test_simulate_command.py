@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 import simulated
-from didim.cli import main
-from didim.closed_loop import closed_loop
-from didim.experiment import load_experiment
-from didim.identify import identify
-from didim.robot import load_robot
-from didim.signals import SignalProcessing, differentiate
-from didim.simulate_command import SimulationReport, recording_errors, simulate_experiment
+from didim.cli.main import main
+from didim.experiment.experiment_file import load_experiment
+from didim.experiment.loop import closed_loop
+from didim.methods.identify import identify
+from didim.robot.robot_file import load_robot
+from didim.signal.filters import differentiate
+from didim.signal.processing import SignalProcessing
+from didim.studies.run import SimulationReport, recording_errors, simulate_experiment
 
 OWN_MOTION = """\
 schema = 1
@@ -337,7 +338,7 @@ def test_interrupted_is_exit_130(
     def interrupted(*arguments: object) -> SimulationReport:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(importlib.import_module("didim.simulate_command"), "simulate_experiment", interrupted)
+    monkeypatch.setattr(importlib.import_module("didim.studies.run"), "simulate_experiment", interrupted)
     assert simulate(arm) == 130
     assert one_line(capsys) == "didim: interrupted"
 

@@ -20,13 +20,15 @@ from scipy.integrate import cumulative_simpson
 from scipy.special import ellipj, ellipk
 
 import didim
-from didim.closed_loop import closed_loop, mean_inertia
-from didim.compare import packaged_experiment
-from didim.control import Controller, Digital
 from didim.errors import ShapeError, SimulationError
-from didim.reference import Reference
-from didim.robot import Geometry, Robot
-from didim.simulation import ClosedLoop, Outcome, Simulation, SimulationStatus, StepWarning
+from didim.experiment.loop import closed_loop
+from didim.loop.closed_loop import ClosedLoop, Outcome, SimulationStatus
+from didim.loop.controller import Controller, Digital
+from didim.loop.reference import Reference
+from didim.loop.simulation import Simulation, StepWarning
+from didim.loop.tuning import mean_inertia
+from didim.robot.robot import Geometry, Robot
+from didim.studies.simulated_log import packaged_experiment
 from robots import make_robot
 
 Array = NDArray[np.float64]
@@ -312,7 +314,7 @@ def test_what_ends_early_is_not_a_number_from_there_on_and_leaves_its_neighbours
 MEMORY = """
 import json, resource, sys
 import numpy as np
-from didim.simulation import ClosedLoop
+from didim.loop.closed_loop import ClosedLoop
 sys.path.insert(0, {tests!r})
 from test_simulation import planar
 robot, x, reference, controller = planar()
@@ -342,7 +344,7 @@ def test_the_memory_of_costs_does_not_grow_with_records_times_candidates() -> No
 LONG = """
 import sys
 import numpy as np
-from didim.simulation import ClosedLoop
+from didim.loop.closed_loop import ClosedLoop
 sys.path.insert(0, {tests!r})
 from test_simulation import tx40
 robot, x, reference, controller = tx40()

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 import didim
 from arm import arm_log
 from didim import DIDIM, IDIMLS, Experiment, FitError, identify
-from didim.compare import measured, packaged_experiment, simulated_log
-from didim.least_squares import LinearSystem, solve
-from didim.observations import linear_system
-from didim.suspicions import suspicions
+from didim.regression.least_squares import solve
+from didim.regression.linear_system import LinearSystem, linear_system
+from didim.regression.suspicions import suspicions
+from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import didim
-from didim.cli import main
+from didim.cli.main import main
 from test_documented import indented, tables, words
 
 FRICTION = re.compile(r"# \[friction\]\n(# .*\n)+")

@@ -12,8 +12,8 @@ import pytest
 import didim
 from arm import arm_file, arm_log
 from didim import DIDIM, Experiment, FitError, Identification, identify, validate
-from didim.cli import main
-from didim.closed_loop import SimulationSettings
+from didim.cli.main import main
+from didim.experiment.specs import SimulationSettings
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from didim.robot import Robot
+from didim.robot.robot import Robot
 
 Array = NDArray[np.float64]
 INERTIAL = 10

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.linalg import lstsq
 from scipy.optimize import minimize
 
-from didim import _core, nelder_mead
+from didim import _core
+from didim.methods.cloe import nelder_mead
 
 from .task import Task
 from .timing import Contestant, seconds
@@ -78,7 +79,12 @@ def _simplex(task: Task, rounds: int, iterations: int) -> list[Contestant]:
 
     def ours() -> Array:
         simplex, _ = nelder_mead.minimise(
-            batch, nelder_mead.start(batch, start), adaptive=True, x_tolerance=0.0, f_tolerance=0.0, **limits
+            batch,
+            nelder_mead.started(batch, start),
+            adaptive=True,
+            x_tolerance=0.0,
+            f_tolerance=0.0,
+            **limits,
         )
         return np.asarray(simplex.points[0])
 

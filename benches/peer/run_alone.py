@@ -63,7 +63,7 @@ def didim_simulated() -> dict[str, float]:
     """DIDIM on the simulated TX40 of `didim compare` twice, (s), without the making of the log."""
     _import_scipy()
     import didim
-    from didim.compare import LOG_REFINEMENT, packaged_experiment, simulated_log
+    from didim.studies.simulated_log import LOG_REFINEMENT, packaged_experiment, simulated_log
 
     experiment = packaged_experiment("tx40")
     log = simulated_log(experiment, experiment.robot.parameter_set("didim"), refinement=LOG_REFINEMENT)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import didim
-from didim.closed_loop import mean_inertia
-from didim.robot import Robot
-from didim.simulation import ClosedLoop
+from didim.loop.closed_loop import ClosedLoop
+from didim.loop.tuning import mean_inertia
+from didim.robot.robot import Robot
 
 from .timing import DisagreementError
 

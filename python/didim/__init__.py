@@ -7,8 +7,7 @@ parameters (3), observation matrix (6), base parameters (7), least squares and c
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-# Functions with the name of their module: loaded later, the module would take the place of the function.
-from .compare import Comparison, compare
+from ._tools.version import __version__ as __version__
 from .errors import (
     DidimError,
     ExperimentError,
@@ -20,29 +19,36 @@ from .errors import (
     ShapeError,
     SignalError,
 )
-from .identify import identify
-from .validate import Validation, validate
-from .version import __version__ as __version__
 
 if TYPE_CHECKING:
     from . import formats, plot, report
-    from .base import BaseParameters
-    from .checking import check
-    from .checks.finding import Finding, Findings
-    from .cloe import CLOE
-    from .control import Controller, Digital
-    from .didim_method import DIDIM
-    from .experiment import Experiment, load_experiment
-    from .identification import Identification
-    from .idim_ls import IDIMLS
-    from .least_squares import LeastSquaresSettings
-    from .model import direct_dynamics, inertia_matrix, inverse_dynamics, regressor
-    from .recording import Recording
-    from .reference import Reference
-    from .robot import Friction, Robot, load_robot
-    from .signals import SignalProcessing
-    from .simulation import Simulation, SimulationStatus, StepWarning, simulate
-    from .status import Status
+    from .diagnosis.check import check
+    from .diagnosis.finding import Finding, Findings
+    from .experiment.experiment import Experiment
+    from .experiment.experiment_file import load_experiment
+    from .log.recording import Recording
+    from .loop.closed_loop import SimulationStatus
+    from .loop.controller import Controller, Digital
+    from .loop.reference import Reference
+    from .loop.simulation import Simulation, StepWarning, simulate
+    from .methods.cloe.cloe import CLOE
+    from .methods.didim import DIDIM
+    from .methods.identify import identify
+    from .methods.idim_ls import IDIMLS
+    from .model.dynamics import direct_dynamics, inertia_matrix, inverse_dynamics, regressor
+    from .regression.settings import LeastSquaresSettings
+    from .result.identification import Identification
+    from .result.status import Status
+    from .robot.base_parameters import BaseParameters
+    from .robot.friction import Friction
+    from .robot.parameter_file import load_parameters
+    from .robot.robot import Robot
+    from .robot.robot_file import load_robot
+    from .signal.processing import SignalProcessing
+    from .studies.compare import compare
+    from .studies.comparison import Comparison
+    from .studies.simulated_log import packaged_experiment, simulated_log
+    from .studies.validation import Validation, validate
 
 __all__ = [
     "CLOE",
@@ -84,44 +90,55 @@ __all__ = [
     "inertia_matrix",
     "inverse_dynamics",
     "load_experiment",
+    "load_parameters",
     "load_robot",
+    "packaged_experiment",
     "plot",
     "regressor",
     "report",
     "simulate",
+    "simulated_log",
     "validate",
 ]
 
 
 _LATER = {
-    "CLOE": "cloe",
-    "DIDIM": "didim_method",
-    "IDIMLS": "idim_ls",
-    "BaseParameters": "base",
-    "Controller": "control",
-    "Digital": "control",
-    "Experiment": "experiment",
-    "Finding": "checks.finding",
-    "Findings": "checks.finding",
-    "Friction": "robot",
-    "Identification": "identification",
-    "LeastSquaresSettings": "least_squares",
-    "Recording": "recording",
-    "Reference": "reference",
-    "Robot": "robot",
-    "SignalProcessing": "signals",
-    "Simulation": "simulation",
-    "SimulationStatus": "simulation",
-    "Status": "status",
-    "StepWarning": "simulation",
-    "check": "checking",
-    "direct_dynamics": "model",
-    "inertia_matrix": "model",
-    "inverse_dynamics": "model",
-    "load_experiment": "experiment",
-    "load_robot": "robot",
-    "regressor": "model",
-    "simulate": "simulation",
+    "CLOE": "methods.cloe.cloe",
+    "DIDIM": "methods.didim",
+    "IDIMLS": "methods.idim_ls",
+    "BaseParameters": "robot.base_parameters",
+    "Comparison": "studies.comparison",
+    "Controller": "loop.controller",
+    "Digital": "loop.controller",
+    "Experiment": "experiment.experiment",
+    "Finding": "diagnosis.finding",
+    "Findings": "diagnosis.finding",
+    "Friction": "robot.friction",
+    "Identification": "result.identification",
+    "LeastSquaresSettings": "regression.settings",
+    "Recording": "log.recording",
+    "Reference": "loop.reference",
+    "Robot": "robot.robot",
+    "SignalProcessing": "signal.processing",
+    "Simulation": "loop.simulation",
+    "SimulationStatus": "loop.closed_loop",
+    "Status": "result.status",
+    "StepWarning": "loop.simulation",
+    "Validation": "studies.validation",
+    "check": "diagnosis.check",
+    "compare": "studies.compare",
+    "direct_dynamics": "model.dynamics",
+    "identify": "methods.identify",
+    "inertia_matrix": "model.dynamics",
+    "inverse_dynamics": "model.dynamics",
+    "load_experiment": "experiment.experiment_file",
+    "load_parameters": "robot.parameter_file",
+    "load_robot": "robot.robot_file",
+    "packaged_experiment": "studies.simulated_log",
+    "regressor": "model.dynamics",
+    "simulate": "loop.simulation",
+    "simulated_log": "studies.simulated_log",
+    "validate": "studies.validation",
 }
 """Modules of the names that are loaded when they are asked for: a program waits for the parts it uses, and for no others."""
 

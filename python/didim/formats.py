@@ -12,12 +12,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .base import BaseParameters
-from .compare import Comparison
-from .compare_table import TITLES, sentence
 from .errors import FitError
-from .identification import Identification
-from .table import LARGEST_PERCENT, error_rows, parameter_rows
+from .result.identification import Identification
+from .result.table import LARGEST_PERCENT
+from .robot.base_parameters import BaseParameters
+from .studies.comparison import TITLES, Comparison, sentence
 
 FORMATS = ("text", "markdown", "latex", "csv")
 """Formats of a result; text is what ``print`` shows."""
@@ -87,9 +86,9 @@ def _identification(fit: Identification, form: str) -> str:
             sigmas = ("", "") if silent else (_exact(std), _exact(percent))
             rows.append((name, unit, _exact(value), *sigmas, role))
         return _csv(rows)
-    head, *body = parameter_rows(fit)
+    head, *body = fit.parameter_rows()
     grid = Grid((*head[:-1], "remark"), body, "llrrrl")
-    errors_head, *errors = error_rows(fit)
+    errors_head, *errors = fit.error_rows()
     title = f"{fit.name}: robot {fit.robot} by {fit.method}"
     notes = [*fit.warnings, *fit.remarks, fit.status.value]
     if form == "latex":

@@ -7,6 +7,8 @@ matplotlib is the extra ``plot`` of the package: ``pip install didim[plot]``. No
 SI, on the joint side. Tested in ``tests/test_plot.py``.
 """
 
+from __future__ import annotations
+
 from .estimates import convergence, correlation, parameters
 from .logs import overlay, residuals, torques
 from .skeleton import robot

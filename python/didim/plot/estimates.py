@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from didim.errors import PlotError
-from didim.table import WELL_IDENTIFIED_PERCENT
-
+from .._tools.arrays import Array
+from ..errors import PlotError
+from ..result.identification import Identification
+from ..result.table import WELL_IDENTIFIED_PERCENT
 from .logs import CONFIDENCE
 from .style import CYCLE, FAINT, GOOD, MARKERS, RESIDUAL, WIDTH_IN, new_figure, styled
 
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from didim.identification import Identification
-
-Array = NDArray[np.float64]
 
 ROWS_PER_COLUMN = 20
 ROW_IN = 0.19

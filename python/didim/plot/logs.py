@@ -6,22 +6,20 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from didim.errors import PlotError
-from didim.prediction import Prediction, autocorrelation, predict, relative_errors
-
+from .._tools.arrays import Array
+from ..errors import PlotError
+from ..experiment.experiment import Experiment
+from ..log.recording import Recording
+from ..loop.simulation import Simulation
+from ..result.identification import Identification
+from ..studies.prediction import Prediction, autocorrelation, predict, relative_errors
 from .style import FAINT, MEASURED, MODEL, RESIDUAL, line, new_figure, per_row, percent, styled, units
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from didim.experiment import Experiment
-    from didim.identification import Identification
-    from didim.recording import Recording
-    from didim.simulation import Simulation
 
-Array = NDArray[np.float64]
 Pieces = list[tuple[Array, Array, Array]]
 """Times, measured and modelled values, (n,) and (n, n_dof), of each window."""
 
@@ -45,7 +43,7 @@ def torques(
     experiment : Experiment
         The log.
     predictions : sequence of Prediction, optional
-        From `didim.prediction.predict`; by default those of the recordings of the fit, on the rows that the fit is made of.
+        From `didim.studies.prediction.predict`; by default those of the recordings of the fit, on the rows that the fit is made of.
 
     Returns
     -------
@@ -55,7 +53,7 @@ def torques(
     Raises
     ------
     DidimError
-        As for `didim.prediction.predict`; a `PlotError` without matplotlib.
+        As for `didim.studies.prediction.predict`; a `PlotError` without matplotlib.
     """
     found = list(predict(fit, experiment) if predictions is None else predictions)
     kinds = experiment.robot.joint_kinds

@@ -5,20 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from didim.arrays import real_array
-from didim.errors import PlotError
-from didim.kinematics import frames
-
+from .._tools.arrays import Array, real_array
+from ..errors import PlotError
+from ..model.kinematics import frames
+from ..robot.robot import Robot
 from .style import FAINT, MODEL, RESIDUAL, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from didim.robot import Robot
-
-Array = NDArray[np.float64]
 
 AXIS_SHARE = 0.13
 """Length of a joint's axis, as a share of the picture."""

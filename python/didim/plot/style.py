@@ -8,15 +8,15 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from didim.errors import PlotError
+from .._tools.arrays import Array
+from ..errors import PlotError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
+
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 

@@ -8,17 +8,14 @@ is what ``--report fit.html`` does on the command line. Needs matplotlib, the ex
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from didim.errors import PlotError
-from didim.files import write_atomically
-from didim.identification import Identification
-from didim.plot.style import require
-from didim.validate import Validation
-
-if TYPE_CHECKING:
-    from didim.compare import Comparison
-    from didim.experiment import Experiment
+from .._tools.files import write_atomically
+from ..errors import PlotError
+from ..experiment.experiment import Experiment
+from ..plot.style import require
+from ..result.identification import Identification
+from ..studies.comparison import Comparison
+from ..studies.validation import Validation
 
 __all__ = ["check", "render", "write"]
 
@@ -45,7 +42,7 @@ def render(result: Identification | Comparison | Validation, experiment: Experim
     DidimError
         When the experiment is of another robot.
     """
-    from didim.compare import Comparison
+    from ..studies.comparison import Comparison
 
     require()
     if isinstance(result, Comparison):

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from didim import plot
-from didim.compare_table import duration, sentence
-from didim.plot.style import percent
-from didim.prediction import predict
-from didim.schema import counted
-from didim.table import WELL_IDENTIFIED_PERCENT
+import didim.plot as plot
 
+from .._tools.words import counted
+from ..plot.style import percent
+from ..result.identification import Identification
+from ..result.table import WELL_IDENTIFIED_PERCENT
+from ..studies.comparison import Comparison, duration, sentence
+from ..studies.prediction import predict
 from .fit import aligned_rows, method_title, provenance_section, robot_section, well_identified
 from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
-
-if TYPE_CHECKING:
-    from didim.compare import Comparison
-    from didim.identification import Identification
 
 FAR_OFF = 3.0
 """Standard deviations beyond which an estimate is marked: with 60 parameters one in six lists has one by chance."""

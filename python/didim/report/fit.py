@@ -4,40 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from didim import plot
-from didim.compare_table import TITLES, duration
-from didim.errors import FitError
-from didim.plot.estimates import estimate_correlation
-from didim.plot.style import percent
-from didim.prediction import Prediction, autocorrelation, predict, relative_errors
-from didim.schema import counted
-from didim.table import WELL_IDENTIFIED_PERCENT, aligned, error_rows, parameter_rows
+import didim.plot as plot
 
-from .page import (
-    Html,
-    Level,
-    Text,
-    beside,
-    code,
-    details,
-    page,
-    paragraph,
-    picture,
-    section,
-    table,
-    verdict,
-)
-
-if TYPE_CHECKING:
-    from didim.experiment import Experiment
-    from didim.identification import Identification
-
-Array = NDArray[np.float64]
+from .._tools.words import counted
+from ..errors import FitError
+from ..experiment.experiment import Experiment
+from ..plot.estimates import estimate_correlation
+from ..plot.style import percent
+from ..result.identification import Identification
+from ..result.table import WELL_IDENTIFIED_PERCENT, aligned
+from ..studies.comparison import TITLES, duration
+from ..studies.prediction import Prediction, autocorrelation, predict, relative_errors
+from .page import Html, Level, Text, beside, code, details, page, paragraph, picture, section, table, verdict
 
 STRONG_CORRELATION = 0.8
 MOST_PAIRS = 10
@@ -151,7 +133,7 @@ def torque_section(fit: Identification, experiment: Experiment, predictions: Seq
     """Show torques measured and predicted, and their errors per joint."""
     if not predictions:
         return Html("")
-    rows = error_rows(fit)
+    rows = fit.error_rows()
     motion = {
         "measured": "predicted along the filtered measured motion",
         "simulated": "of the closed loop that is simulated with the estimate",
@@ -191,7 +173,7 @@ def aligned_rows(rows: Sequence[Sequence[str]], first: int) -> list[list[Text]]:
 
 def parameter_section(fit: Identification, experiment: Experiment) -> Html:
     """Show the parameters, their intervals, and what they are made of."""
-    head, *rows = parameter_rows(fit)
+    head, *rows = fit.parameter_rows()
     shown = aligned_rows([row[:5] for row in rows], 2)
     remarks = {"*": "weak", "": ""}
     full: list[list[Text]] = [

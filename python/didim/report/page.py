@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from didim.plot.style import svg
+from ..plot.style import svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 Level = Literal["good", "caution", "bad"]
 

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from didim import plot
-from didim.plot.style import percent
-from didim.prediction import predict, simulate_window
+import didim.plot as plot
 
+from ..experiment.experiment import Experiment
+from ..log.recording import Recording
+from ..plot.style import percent
+from ..studies.prediction import predict, simulate_window
+from ..studies.validation import RecordingValidation, Validation
 from .fit import method_title, provenance_section, robot_section
 from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
-
-if TYPE_CHECKING:
-    from didim.experiment import Experiment
-    from didim.recording import Recording
-    from didim.validate import RecordingValidation, Validation
 
 
 def validation_page(validation: Validation, experiment: Experiment) -> str:

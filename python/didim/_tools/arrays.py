@@ -1,0 +1,67 @@
+"""Arrays from users: real numbers as float64, anything else refused in one sentence.
+
+NumPy would drop the imaginary part of a complex number, read the text "1.5" as a number and make NaN of None.
+Tested in ``tests/test_arrays.py``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import DidimError
+
+Array = NDArray[np.float64]
+
+LARGEST_POSITION = 1e9
+"""Of a joint (rad or m): nothing is left of the digits of an angle that is much larger, and the core's sine ends at 1e15."""
+
+LARGEST_SQUARED = 1e150
+"""The squares of what is no larger are far from where floating point ends."""
+
+_FLOAT64 = np.dtype(np.float64)
+
+
+def real_array(what: str, value: ArrayLike, error: type[DidimError]) -> Array:
+    """Return `value` as float64, of any shape and not necessarily finite; a copy only where needed.
+
+    Parameters
+    ----------
+    what : str
+        How messages name it.
+    value : array_like
+        Real numbers.
+    error : type of DidimError
+        Class of the error to raise.
+
+    Raises
+    ------
+    DidimError
+        Of class `error`, for complex numbers, texts, objects and rows of different length.
+    """
+    if type(value) is np.ndarray and value.dtype is _FLOAT64:  # by far the most frequent: nothing to look at
+        return value
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):  # such as rows of different length
+        raise error(f"{what} must be an array of real numbers") from None
+    if array.dtype.kind not in "fiub":
+        kind = "complex numbers" if array.dtype.kind == "c" else f"values of type {array.dtype}"
+        raise error(f"{what} must be an array of real numbers, got {kind}")
+    return np.asarray(array, dtype=np.float64)
+
+
+def surely_within(array: Array, limit: float) -> bool:
+    """Tell by one sum of squares that every number is finite and at most `limit` in size.
+
+    False says only that each must be looked at, as for the largest ones within the limit, or where the sum overflows.
+    No square may be larger than the sum: half the limit's leaves room for rounding.
+    """
+    return bool(np.vdot(array, array) <= 0.5 * limit * limit)
+
+
+def relative_percent(std: Array, values: Array) -> Array:
+    """Equation (11): standard deviations in percent of the size of their values; NaN where a value is zero."""
+    size = np.abs(values)
+    with np.errstate(over="ignore"):  # infinite where the value is next to nothing
+        return 100.0 * np.divide(std, size, out=np.full_like(size, np.nan), where=size > 0.0)

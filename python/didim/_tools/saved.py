@@ -1,0 +1,33 @@
+"""JSON of saved results: read, and refused where it is of another kind. Tested in ``tests/test_identification.py``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ..errors import FitError
+
+SCHEMA = 1
+"""Version of the format that this code writes and reads."""
+
+
+def read_saved(path: str | Path) -> dict[str, Any]:
+    """Read the JSON of a result.
+
+    Raises
+    ------
+    FitError
+        When the file is not JSON, or not that of a result of this schema.
+    OSError
+        When it cannot be read.
+    """
+    try:
+        data = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, an integer of thousands of digits
+        raise FitError(f"{path}: not a JSON file: {error}") from None
+    if not isinstance(data, dict) or "schema" not in data:
+        raise FitError(f"{path}: not the result of an identification, it has no 'schema'")
+    if data["schema"] != SCHEMA:
+        raise FitError(f"{path}: schema {data['schema']} is not the schema {SCHEMA} that this version reads")
+    return data

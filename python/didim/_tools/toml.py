@@ -1,0 +1,282 @@
+"""Strict reading of TOML tables: a key is asked for with its type, and a key nobody asked for is an error.
+
+The messages are one sentence that names the file, the table and the key, as in
+``emps.toml: [signal] unknown key 'cutof_hz'; did you mean 'cutoff_hz'?`` (``tests/test_schema.py``).
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+from ..errors import DidimError
+from .words import counted, did_you_mean, listing, nearest
+
+MISSING: Any = object()
+"""Default of a key that must be there."""
+
+LARGEST_INTEGER = 2**63 - 1
+"""TOML promises no larger ones."""
+
+_Default = TypeVar("_Default")
+
+
+def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    error
+        Class of the error to raise.
+
+    Raises
+    ------
+    DidimError
+        Of class `error`, when the file is missing, unreadable, or not TOML (with its line and column).
+    """
+    try:
+        # Some editors of Windows open a file with a byte-order mark, which TOML does not know.
+        content = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        near = path.with_name(path.name + ".toml")
+        hint = f"; did you mean {near.name!r}?" if near.is_file() else ""
+        raise error(f"{path}: no such file{hint}") from None
+    except OSError as reason:
+        raise error(f"{path}: cannot be read ({reason.strerror})") from None
+    except UnicodeDecodeError as reason:
+        text = f"not a TOML file, byte {reason.start} is not UTF-8"
+    except ValueError as reason:  # a zero byte in the name
+        raise error(f"{str(path)!r} is no file name ({reason})") from None
+    else:
+        try:
+            return tomllib.loads(content)
+        except (
+            ValueError,
+            RecursionError,
+        ) as reason:  # an integer of thousands of digits, brackets within brackets
+            text = f"not valid TOML, {reason}"
+    hint = "" if path.suffix == ".toml" else "; a file of this kind ends in .toml"
+    raise error(f"{path.name}: {text}{hint}")
+
+
+class Table:
+    """Strict reader of one TOML table.
+
+    Parameters
+    ----------
+    mapping
+        The table as `tomllib` gives it.
+    where
+        File name that opens each message.
+    error
+        Class of the errors raised.
+    path
+        Dotted name of the table inside the file; empty for the file itself.
+    """
+
+    def __init__(
+        self, mapping: Mapping[str, Any], where: str, error: type[DidimError], path: str = ""
+    ) -> None:
+        self._mapping = mapping
+        self._asked: dict[str, None] = {}
+        self._where = where
+        self._error = error
+        self._path = path
+
+    def fail(self, text: str) -> NoReturn:
+        """Raise this table's error, opened by the file and the table's name."""
+        raise self._error(f"{self.prefix} {text}")
+
+    @property
+    def prefix(self) -> str:
+        """File and table, as messages open: ``emps.toml: [signal]``."""
+        return f"{self._where}: [{self._path}]" if self._path else f"{self._where}:"
+
+    def has(self, key: str) -> bool:
+        """Whether the table holds `key`; counts as asking for it."""
+        self._asked[key] = None
+        return key in self._mapping
+
+    def raw(self, key: str, default: object = MISSING) -> Any:
+        """Value as `tomllib` gives it."""
+        self._asked[key] = None
+        if key in self._mapping:
+            return self._mapping[key]
+        if default is MISSING:
+            # A misspelt key is both missing and unknown: say the second, which is the cure.
+            near = nearest(key, self._unknown())
+            self.fail(f"key {key!r} is missing" + (f"; is {near!r} meant to be it?" if near else ""))
+        return default
+
+    def number(
+        self,
+        key: str,
+        default: _Default = MISSING,
+        minimum: float | None = None,
+        maximum: float | None = None,
+        above: float | None = None,
+    ) -> float | _Default:
+        """Finite number within `minimum` <= value <= `maximum`, and value > `above`."""
+        value = self.raw(key, default)
+        if key not in self._mapping:
+            return default
+        number = self._finite(key, value)
+        self._check_range(key, number, minimum, maximum, above)
+        return number
+
+    def integer(
+        self,
+        key: str,
+        default: _Default = MISSING,
+        minimum: int | None = None,
+        maximum: int | None = None,
+    ) -> int | _Default:
+        """Integer within `minimum` <= value <= `maximum`; 3.0 is not one."""
+        value = self.raw(key, default)
+        if key not in self._mapping:
+            return default
+        if isinstance(value, bool) or not isinstance(value, int):
+            self.fail(f"{key} must be an integer, got {value!r}")
+        if abs(value) > LARGEST_INTEGER:
+            self.fail(f"{key} must be an integer of at most {LARGEST_INTEGER}, got {value}")
+        self._check_range(key, value, minimum, maximum, None)
+        return value
+
+    def text(
+        self, key: str, default: _Default = MISSING, choices: Sequence[str] | None = None
+    ) -> str | _Default:
+        """Text, one of `choices` when they are given."""
+        value = self.raw(key, default)
+        if key not in self._mapping:
+            return default
+        if not isinstance(value, str):
+            self.fail(f"{key} must be a text, got {value!r}")
+        if choices is not None and value not in choices:
+            self.fail(f"{key} must be one of {listing(choices)}, got {value!r}{did_you_mean(value, choices)}")
+        return value
+
+    def boolean(self, key: str, default: _Default = MISSING) -> bool | _Default:
+        """Truth value, ``true`` or ``false``."""
+        value = self.raw(key, default)
+        if key not in self._mapping:
+            return default
+        if not isinstance(value, bool):
+            self.fail(f"{key} must be true or false, got {value!r}")
+        return value
+
+    def numbers(
+        self, key: str, length: int | None = None, default: _Default = MISSING
+    ) -> list[float] | _Default:
+        """List of finite numbers, of the given length when there is one."""
+        value = self.raw(key, default)
+        if key not in self._mapping:
+            return default
+        return self._number_list(key, value, length)
+
+    def spread(self, key: str, length: int, default: _Default = MISSING) -> list[float] | _Default:
+        """List of `length` numbers, or one number that stands for all of them."""
+        value = self.raw(key, default)
+        if key not in self._mapping:
+            return default
+        if isinstance(value, list):
+            return self._number_list(key, value, length)
+        return [self._finite(key, value)] * length
+
+    def texts(self, key: str, default: _Default = MISSING) -> list[str] | _Default:
+        """List of texts."""
+        value = self.raw(key, default)
+        if key not in self._mapping:
+            return default
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            self.fail(f"{key} must be a list of texts, got {value!r}")
+        return list(value)
+
+    def matrix(
+        self, key: str, rows: int, columns: int, default: _Default = MISSING
+    ) -> list[list[float]] | _Default:
+        """Matrix as a list of rows."""
+        value = self.raw(key, default)
+        if key not in self._mapping:
+            return default
+        if not isinstance(value, list) or len(value) != rows:
+            got = counted(len(value), "row") if isinstance(value, list) else repr(value)
+            shape = f"{counted(rows, 'row')} and {counted(columns, 'column')}"
+            self.fail(f"{key} must be a matrix of {shape}, got {got}")
+        return [self._number_list(f"{key}, row {i + 1},", row, columns) for i, row in enumerate(value)]
+
+    def table(self, key: str, default: _Default = MISSING) -> Table | _Default:
+        """Sub-table ``[key]``."""
+        value = self.raw(key, default)
+        if key not in self._mapping:
+            return default
+        if not isinstance(value, dict):
+            self.fail(f"{key} must be a table, got {value!r}")
+        return self._child(value, key)
+
+    def tables(self, key: str, default: _Default = MISSING) -> list[Table] | _Default:
+        """Array of tables ``[[key]]``; each is named by its place when there are several."""
+        value = self.raw(key, default)
+        if key not in self._mapping:
+            return default
+        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+            self.fail(f"{key} must be an array of tables, [[{key}]]")
+        return [
+            self._child(item, key if len(value) == 1 else f"{key} {i + 1}") for i, item in enumerate(value)
+        ]
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """Copy of the whole table, for one of free names; counts as asking for all of it."""
+        self._asked.update(dict.fromkeys(self._mapping))
+        return dict(self._mapping)
+
+    @property
+    def content_unread(self) -> dict[str, Any]:
+        """Copy of the whole table, for the record of a result; asks for nothing."""
+        return dict(self._mapping)
+
+    def done(self) -> None:
+        """Raise on the first key that was never asked for, with the nearest key that was, or all of them."""
+        for key in self._unknown():
+            known = f"; known here are {listing(self._asked)}" if self._asked else ""
+            self.fail(f"unknown key {key!r}{did_you_mean(key, self._asked) or known}")
+
+    def _unknown(self) -> list[str]:
+        return [key for key in self._mapping if key not in self._asked]
+
+    def _child(self, mapping: Mapping[str, Any], name: str) -> Table:
+        path = f"{self._path}.{name}" if self._path else name
+        return Table(mapping, self._where, self._error, path)
+
+    def _finite(self, key: str, value: object) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self.fail(f"{key} must be a finite number, got {value!r}")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf  # an integer of more than 308 digits
+        if not math.isfinite(number):
+            self.fail(f"{key} must be a finite number, got {value!r}")
+        return number
+
+    def _number_list(self, key: str, value: object, length: int | None) -> list[float]:
+        if not isinstance(value, list):
+            self.fail(f"{key} must be a list of numbers, got {value!r}")
+        if length is not None and len(value) != length:
+            self.fail(f"{key} must hold {counted(length, 'number')}, got {len(value)}")
+        return [self._finite(f"{key} number {i + 1}", item) for i, item in enumerate(value)]
+
+    def _check_range(
+        self, key: str, value: float, minimum: float | None, maximum: float | None, above: float | None
+    ) -> None:
+        if above is not None and not value > above:
+            self.fail(f"{key} must be above {above}, got {value}")
+        if minimum is not None and value < minimum:
+            self.fail(f"{key} must be at least {minimum}, got {value}")
+        if maximum is not None and value > maximum:
+            self.fail(f"{key} must be at most {maximum}, got {value}")

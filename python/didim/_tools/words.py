@@ -1,0 +1,30 @@
+"""Words of messages: counts, lists, and the nearest known name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """End of a sentence that suggests the nearest known word, or an empty text when nothing is near."""
+    near = nearest(word, known)
+    return f"; did you mean {near!r}?" if near else ""
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    import difflib
+
+    # Upper and lower case are the commonest slip: they count as equal here, and only here.
+    folded = {name.lower(): name for name in known}
+    near = difflib.get_close_matches(word.lower(), folded, n=1, cutoff=0.6)
+    return folded[near[0]] if near else None
+
+
+def listing(names: Iterable[object]) -> str:
+    """Names as text for a message: ``'a', 'b', 3``."""
+    return ", ".join(repr(name) for name in names)
+
+
+def counted(number: int, noun: str) -> str:
+    """Count with its noun: ``1 column``, ``2 columns``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -1,0 +1,33 @@
+"""``didim base``."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from .options import (
+    CONVERGED,
+    add_command,
+    add_format,
+    formatted,
+)
+
+if TYPE_CHECKING:
+    from .options import Commands
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(commands, "base", run, "list the base parameters of a robot and their groupings")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file")
+    add_format(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    from ..robot.robot_file import load_robot
+
+    robot = load_robot(options.robot)
+    base = robot.base_parameters
+    print(f"{robot.name}: {base}" if options.format == "text" else formatted(base, options.format))
+    return CONVERGED

@@ -1,0 +1,43 @@
+"""``didim check``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .options import (
+    CONVERGED,
+    NOT_CONVERGED,
+    add_command,
+    add_experiment,
+)
+
+if TYPE_CHECKING:
+    from .options import Commands
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands, "check", run, "look at a log before it is fitted: exit code 1 when something is found"
+    )
+    add_experiment(parser)
+    parser.add_argument(
+        "--parameters",
+        metavar="FILE|NAME",
+        help="known parameters, which tell the scale of each joint: result of an identification (.json) or its parameters "
+        "(.toml, .npz), or a parameter set of the robot file",
+    )
+    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the findings as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    from ..diagnosis.check import check
+
+    found = check(options.experiment, options.parameters, data=options.data)
+    if options.json is not None:
+        found.save(options.json)
+    print(found)
+    return NOT_CONVERGED if found else CONVERGED

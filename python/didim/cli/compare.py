@@ -1,0 +1,102 @@
+"""``didim compare``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .options import (
+    INTERRUPTED,
+    NOT_CONVERGED,
+    add_command,
+    add_data,
+    add_format,
+    add_report,
+    check_report,
+    exit_code,
+    formatted,
+)
+
+if TYPE_CHECKING:
+    from .options import Commands
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands,
+        "compare",
+        run,
+        "the paper's experiment: all methods on a simulated log, beside the truth",
+    )
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
+        "--robot", default="tx40", help="robot whose experiment comes with the package (default: %(default)s)"
+    )
+    what.add_argument(
+        "--experiment",
+        metavar="EXPERIMENT.toml",
+        type=Path,
+        help="experiment of your own instead, with a [reference]",
+    )
+    add_data(parser)
+    parser.add_argument(
+        "--parameters",
+        metavar="NAME",
+        default="didim",
+        help="parameter set of the robot: the truth (default: %(default)s)",
+    )
+    parser.add_argument("--seed", type=int, help="seed of the noise")
+    parser.add_argument(
+        "--nelder-mead",
+        choices=("short", "full", "none"),
+        default="short",
+        help="the simplex of CLOE: a thousand iterations, as many as the paper's recipe allows (minutes to hours), or not at all",
+    )
+    parser.add_argument(
+        "--variant",
+        choices=("adaptive", "scaled", "literal"),
+        action="append",
+        help="of the simplex (default: adaptive); give it twice to see two beside each other",
+    )
+    parser.add_argument("--no-noise", action="store_true", help="a log without noise")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
+    add_format(parser)
+    add_report(parser)
+    parser.add_argument("--quiet", action="store_true", help="tell nothing on stderr")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    from ..experiment.experiment_file import load_experiment
+    from ..studies.compare import SHORT_SIMPLEX, all_methods, compare
+    from ..studies.simulated_log import packaged_experiment
+
+    check_report(options)
+    experiment = (
+        packaged_experiment(options.robot)
+        if options.experiment is None
+        else load_experiment(options.experiment, data=options.data)
+    )
+    iterations = {"short": SHORT_SIMPLEX, "full": None, "none": 0}[options.nelder_mead]
+    comparison = compare(
+        experiment,
+        methods=all_methods(
+            experiment, simplex_iterations=iterations, variants=options.variant or ["adaptive"]
+        ),
+        parameters=options.parameters,
+        noise=not options.no_noise,
+        seed=options.seed,
+        verbose=not options.quiet,
+    )
+    if options.json is not None:
+        comparison.save(options.json)
+    if options.report is not None:
+        from ..report import write
+
+        write(options.report, comparison)
+    print(formatted(comparison, options.format))
+    if any(fit.status.name == "INTERRUPTED" for fit in comparison.fits.values()):
+        return INTERRUPTED
+    return exit_code(comparison.fits["didim"].status) if "didim" in comparison.fits else NOT_CONVERGED

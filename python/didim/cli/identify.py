@@ -1,0 +1,107 @@
+"""``didim identify``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .options import (
+    add_command,
+    add_experiment,
+    add_format,
+    add_report,
+    check_report,
+    exit_code,
+    formatted,
+    refuse,
+)
+
+if TYPE_CHECKING:
+    from .options import Commands
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(commands, "identify", run, "identify the parameters of a robot from an experiment")
+    add_experiment(parser)
+    parser.add_argument("--method", default="idim-ls", help="method of identification (default: %(default)s)")
+    parser.add_argument(
+        "--start",
+        metavar="NAME",
+        help="initial parameters of didim and cloe: unit, idim-ls, a set of the robot file, or a file of parameters",
+    )
+    parser.add_argument(
+        "--optimizer",
+        choices=("levenberg-marquardt", "nelder-mead"),
+        help="of cloe (default: levenberg-marquardt)",
+    )
+    parser.add_argument(
+        "--output", choices=("position", "torque", "both"), help="what cloe compares (default: position)"
+    )
+    parser.add_argument(
+        "--variant",
+        choices=("adaptive", "scaled", "literal"),
+        help="of cloe's simplex (default: adaptive); literal: as fminsearch has it",
+    )
+    parser.add_argument(
+        "--starts",
+        type=int,
+        metavar="N",
+        help="of cloe: search from N points, and tell how many reached the best optimum",
+    )
+    parser.add_argument(
+        "--checkpoint",
+        metavar="FILE.npz",
+        type=Path,
+        help="of cloe: save the search to a file as it goes on, and continue it from there",
+    )
+    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the result as JSON")
+    parser.add_argument(
+        "--save-parameters",
+        metavar="FILE.toml|FILE.npz",
+        type=Path,
+        help="also write the parameters: as a set for a robot file, or as arrays with their covariance",
+    )
+    add_format(parser)
+    add_report(parser)
+    loudness = parser.add_mutually_exclusive_group()
+    loudness.add_argument("--quiet", action="store_true", help="print no table")
+    loudness.add_argument("--verbose", action="store_true", help="tell on stderr what goes on")
+
+
+CHOICES = ("start", "optimizer", "output", "variant", "starts", "checkpoint")
+"""Options of `identify` that are settings of a method."""
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    from ..experiment.experiment_file import load_experiment
+    from ..methods.identify import identify, method_class
+
+    make = method_class(options.method)
+    check_report(options)
+    if options.save_parameters is not None:
+        from ..robot.parameter_file import check_path
+
+        check_path(options.save_parameters)
+    experiment = load_experiment(options.experiment, data=options.data)
+    settings = {key: getattr(options, key) for key in CHOICES}
+    settings = {key: value for key, value in settings.items() if value is not None}
+    method = make()
+    for key in settings:
+        if not hasattr(method, key):
+            return refuse(f"--{key} is not for method '{options.method}'")
+    fit = identify(experiment, make(**settings), verbose=options.verbose)
+    # The file first: a reader of stdout that stops early must not cost the result.
+    if options.json is not None:
+        fit.save(options.json)
+    if options.save_parameters is not None:
+        fit.save_parameters(options.save_parameters)
+    if options.report is not None:
+        from ..report import write
+
+        write(options.report, fit, experiment)
+    if not options.quiet:
+        print(formatted(fit, options.format))
+    return exit_code(fit.status)

@@ -1,0 +1,82 @@
+"""The command ``didim``: results on stdout, progress on stderr.
+
+Exit codes: 0 converged (or nothing found), 1 not converged (or something found), 2 wrong input (one line), 130 interrupted.
+A command is a module with ``add``, which adds its parser, and ``run``, which returns the exit code.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from .._tools.version import __version__
+from ..errors import DidimError
+from .base import add as add_base
+from .check import add as add_check
+from .compare import add as add_compare
+from .identify import add as add_identify
+from .init import add as add_init
+from .options import CONVERGED, INTERRUPTED, Parser, refuse
+from .simulate import add as add_simulate
+from .validate import add as add_validate
+
+if TYPE_CHECKING:
+    from .options import Commands
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Without the name of the program; ``sys.argv`` by default.
+
+    Returns
+    -------
+    int
+        Exit code.
+
+    Notes
+    -----
+    ``test_cli.py`` runs every command, its errors and its interruption.
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        code: int = options.run(options)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader of the result (head, less) has seen enough; nothing may be written at exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return CONVERGED
+    except KeyboardInterrupt:
+        print("didim: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except DidimError as error:
+        return refuse(str(error))
+    except OSError as error:
+        return refuse(f"{error.filename}: {error.strerror}" if error.strerror else str(error))
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="didim", description="Identify the dynamic parameters of robots.")
+    parser.add_argument("--version", action="version", version=f"didim {__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    for add in COMMANDS:
+        add(commands)
+    return parser
+
+
+COMMANDS: tuple[Callable[[Commands], None], ...] = (
+    add_init,
+    add_check,
+    add_compare,
+    add_identify,
+    add_validate,
+    add_simulate,
+    add_base,
+)

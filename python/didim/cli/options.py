@@ -1,0 +1,111 @@
+"""Options, messages and exit codes that the commands share. Tested in ``tests/test_cli.py``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from ..formats import Result
+    from ..result.status import Status
+
+    # The type of what add_subparsers() returns has no public name.
+    Commands = argparse._SubParsersAction["Parser"]
+
+CONVERGED, NOT_CONVERGED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+"""Exit codes."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Leave with one line."""
+        self.exit(WRONG_INPUT, f"didim: {message}; see `{self.prog} --help`\n")
+
+
+LONGEST_MESSAGE = 1000
+"""Characters: a wrong value may be a text or a list of any length."""
+
+
+def refuse(message: str) -> int:
+    """Print one line on stderr, and return the exit code of wrong input."""
+    line = " ".join(message.split())
+    if len(line) > LONGEST_MESSAGE:
+        line = f"{line[: LONGEST_MESSAGE - 300]} [...] {line[-200:]}"
+    print(f"didim: {line}", file=sys.stderr)
+    return WRONG_INPUT
+
+
+def add_command(
+    commands: Commands, name: str, run: Callable[[argparse.Namespace], int], help_text: str
+) -> argparse.ArgumentParser:
+    """Add the parser of a command, and the function that runs it."""
+    parser = commands.add_parser(name, help=help_text, description=help_text)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_experiment(parser: argparse.ArgumentParser) -> None:
+    """Arguments of every command that reads an experiment."""
+    parser.add_argument("experiment", metavar="EXPERIMENT.toml", type=Path, help="experiment file")
+    add_data(parser)
+
+
+def add_data(parser: argparse.ArgumentParser) -> None:
+    """Add ``--data``, the folder of the data files."""
+    parser.add_argument(
+        "--data",
+        metavar="DIR",
+        type=Path,
+        help="folder of the data files (default: that of the experiment file)",
+    )
+
+
+def add_report(parser: argparse.ArgumentParser) -> None:
+    """Add ``--report``."""
+    parser.add_argument(
+        "--report",
+        metavar="FILE.html",
+        type=Path,
+        help="also write a page with tables and pictures (needs didim[plot])",
+    )
+
+
+def check_report(options: argparse.Namespace) -> None:
+    """Refuse a report that cannot be written before the work, not after it."""
+    if options.report is not None:
+        from ..report import check
+
+        check(options.report)
+
+
+def add_format(parser: argparse.ArgumentParser) -> None:
+    """Add ``--format``."""
+    parser.add_argument(
+        "--format",
+        choices=("text", "markdown", "latex", "csv"),
+        default="text",
+        help="of what is printed (default: %(default)s)",
+    )
+
+
+def formatted(result: Result, form: str) -> str:
+    """Return the text of a result in one of the formats."""
+    if form == "text":
+        return str(result)
+    from ..formats import render
+
+    return render(result, form)
+
+
+def exit_code(status: Status) -> int:
+    """Exit code of an identification."""
+    from ..result.status import Status
+
+    if status is Status.INTERRUPTED:
+        return INTERRUPTED
+    return CONVERGED if status.converged else NOT_CONVERGED

@@ -1,0 +1,53 @@
+"""``didim validate``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .options import (
+    CONVERGED,
+    NOT_CONVERGED,
+    add_command,
+    add_experiment,
+    add_report,
+    check_report,
+)
+
+if TYPE_CHECKING:
+    from .options import Commands
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands, "validate", run, "errors of a result on another log, predicted and simulated"
+    )
+    parser.add_argument("fit", metavar="FIT.json", type=Path, help="result of an identification")
+    add_experiment(parser)
+    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the errors as JSON")
+    add_report(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    import json
+
+    from .._tools.files import write_atomically
+    from ..experiment.experiment_file import load_experiment
+    from ..result.identification import Identification
+    from ..studies.validation import validate
+
+    fit = Identification.load(options.fit)
+    check_report(options)
+    experiment = load_experiment(options.experiment, data=options.data)
+    found = validate(fit, experiment)
+    if options.json is not None:
+        write_atomically(options.json, json.dumps(found.to_dict(), indent=1, allow_nan=False) + "\n")
+    if options.report is not None:
+        from ..report import write
+
+        write(options.report, found, experiment)
+    print(found)
+    return CONVERGED if found.completed else NOT_CONVERGED

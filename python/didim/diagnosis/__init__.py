@@ -1,0 +1,1 @@
+"""Faults of a log, found before the fit: one finding a module."""

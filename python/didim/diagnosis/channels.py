@@ -1,0 +1,271 @@
+"""Columns of a log one by one, as they were written: stuck, jumping, clipped or coarse.
+
+Values are brought back to the columns of the file, because a reduction mixes motors and hides what one of them does.
+Tested in ``tests/test_check.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._tools.arrays import Array
+from ..log.recording import Recording
+from .finding import Finding
+
+ROUNDING = 1e-12
+"""Share of the largest value within which two samples are the same: going back to the columns rounds."""
+STUCK_SAMPLES = 8
+"""Fewest equal samples in a row: at a reversal the noise of an encoder repeats a value a few times."""
+BREAK = 10.0
+"""Times the usual second difference that a channel must break off, or jump, by: the extreme of a smooth motion with
+noise is 4 to 5 times the value that 1 of 100 samples exceeds, which is the usual one here."""
+CLIPPED_SAMPLES = 8
+"""Fewest samples at an extreme value."""
+CLIPPED_RATIO = 3.0
+"""Times the samples of the next value: on top of a parabola, in steps, the last step holds 1 / (sqrt(2) - 1) = 2.4 times
+those of the one before at most."""
+FEWEST_LEVELS = 100
+"""Values over the range of a channel: with fewer the steps are above 1 % of it, and torques are hardly known better."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One column of a log in the unit of the file.
+
+    Attributes
+    ----------
+    what : {"position", "torque"}
+        What it holds.
+    number : int
+        Joint, or motor where the log is on the motor side, from 1.
+    side : {"joint", "motor"}
+        Which of the two.
+    recording : Recording
+        Where it is from.
+    file, column : str or None
+        Data file, and its column; None for arrays.
+    values : (n_samples,) array
+        Samples.
+    """
+
+    what: Literal["position", "torque"]
+    number: int
+    side: str
+    recording: Recording
+    file: str | None
+    column: str | None
+    values: Array
+
+    def __str__(self) -> str:
+        place = f"the {self.what} of {self.side} {self.number}"
+        if self.file is not None and self.column is not None:
+            place += f" ({self.file}, column {self.column})"
+        elif len(self.recording.name):
+            place += f" (recording '{self.recording.name}')"
+        return place
+
+    def found(self, **more: Any) -> Finding:
+        """Make a finding on this channel."""
+        return Finding(
+            recording=self.recording.name,
+            file=self.file,
+            column=self.column,
+            joints=(self.number,),
+            **more,
+        )
+
+
+def channels(recording: Recording) -> list[Channel]:
+    """Return the columns of positions and torques of a recording."""
+    return [*_columns(recording, "position", recording.q), *_columns(recording, "torque", recording.tau)]
+
+
+def _columns(
+    recording: Recording, what: Literal["position", "torque"], values: Array | None
+) -> Iterator[Channel]:
+    if values is None:
+        return
+    origin = recording.origin.get(what, {})
+    side = str(origin.get("side", "joint"))
+    reduction = recording.origin.get("reduction") if side == "motor" else None
+    if reduction is not None:
+        matrix = np.array(reduction)
+        values = values @ (matrix.T if what == "position" else np.linalg.inv(matrix))
+    values = values / np.array(origin.get("factors_to_si", 1.0))
+    names = origin.get("columns") or range(1, values.shape[1] + 1)
+    for joint, name in enumerate(names):
+        file = origin.get("file")
+        yield Channel(what, joint + 1, side, recording, file, str(name) if file else None, values[:, joint])
+
+
+def check_channels(recording: Recording) -> list[Finding]:
+    """Look at each column by itself."""
+    found: list[Finding] = []
+    jumps: list[tuple[Channel, int]] = []
+    for channel in channels(recording):
+        if channel.what == "position":
+            stuck = _stuck(channel)
+            found += stuck
+            if not stuck:
+                jumps += [(channel, sample) for sample in _jumps(channel)]
+        else:
+            found += _clipped(channel)
+        found += _coarse(channel)
+    return [*_told_jumps(recording, jumps), *found]
+
+
+def _same(values: Array) -> NDArray[np.bool_]:
+    """Whether each sample equals the next, (n_samples - 1,)."""
+    return np.asarray(np.abs(np.diff(values)) <= ROUNDING * np.abs(values).max())
+
+
+def _runs(flags: NDArray[np.bool_], shortest: int) -> list[tuple[int, int]]:
+    """Half-open ranges of at least so many true flags in a row."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= shortest]
+
+
+def _usual(bends: Array) -> float:
+    """Size of the second differences that 1 of 100 samples exceeds."""
+    return float(np.quantile(bends, 0.99)) if bends.size else 0.0
+
+
+def _stuck(channel: Channel) -> list[Finding]:
+    """Find an encoder that stands still in full motion: a joint comes to rest by and by, a dead encoder at once."""
+    values = channel.values
+    bends = np.abs(np.diff(values, 2))
+    runs = _runs(_same(values), STUCK_SAMPLES - 1)
+    # The edges of the runs themselves must not decide what is usual, nor rest.
+    moving = np.ones(bends.size, dtype=bool)
+    for start, stop in runs:
+        moving[max(0, start - 1) : stop + 1] = False
+    usual = _usual(bends[moving])
+    if usual == 0.0:
+        return []
+    found: list[tuple[int, int]] = []
+    for start, stop in runs:
+        # Samples start to stop are equal; bends[k] is the one at sample k + 1.
+        edges = [bends[k] for k in (start - 1, stop - 1) if 0 <= k < bends.size]
+        if max(edges, default=0.0) > BREAK * usual:
+            found.append((start, stop))
+    rate = channel.recording.rate_hz
+    return [
+        channel.found(
+            kind="stuck",
+            sentence=f"{channel} is stuck from sample {start} to sample {stop} "
+            f"({start / rate:.6g} s to {stop / rate:.6g} s): it stops or starts in full motion",
+            advice="Look at encoder and logger; leave these samples out with windows_s",
+            sample=start,
+            last_sample=stop,
+        )
+        for start, stop in found
+    ]
+
+
+def _jumps(channel: Channel) -> list[int]:
+    """Find samples behind which a position jumps, and stays or comes back."""
+    bends = np.abs(np.diff(channel.values, 2))
+    usual = _usual(bends)
+    if usual == 0.0:
+        return []
+    places = np.flatnonzero(bends > BREAK * usual)
+    # A break in 1 of 100 samples is no accident: this signal is like that, noise or steps.
+    if not places.size or places.size > 0.01 * bends.size:
+        return []
+    first = np.concatenate([[True], np.diff(places) > 3])
+    return [int(place) + 1 for place in places[first]]
+
+
+def _told_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) -> list[Finding]:
+    """Tell samples that are missing, where several channels jump at once, from the glitch of one of them."""
+    starts = {start for start, _ in recording.windows}
+    by_sample: dict[int, list[Channel]] = {}
+    for channel, sample in jumps:
+        if any(abs(sample - start) <= 2 for start in starts):
+            continue  # a gap in the time stamps, told already
+        near = next((key for key in by_sample if abs(key - sample) <= 2), sample)
+        by_sample.setdefault(near, []).append(channel)
+    found = []
+    for sample, at in sorted(by_sample.items()):
+        time = sample / recording.rate_hz
+        if len(at) > 1:
+            joints = tuple(channel.number for channel in at)
+            found.append(
+                Finding(
+                    kind="gap",
+                    sentence=f"the positions of {at[0].side}s {', '.join(map(str, joints))} jump together behind sample "
+                    f"{sample} ({time:.6g} s) of recording '{recording.name}': samples seem to be missing there",
+                    advice="Find the lost samples, or use what lies before and behind as two windows with windows_s",
+                    recording=recording.name,
+                    file=at[0].file,
+                    joints=joints,
+                    sample=sample,
+                )
+            )
+        else:
+            found.append(
+                at[0].found(
+                    kind="jump",
+                    sentence=f"{at[0]} jumps behind sample {sample} ({time:.6g} s), the others do not",
+                    advice="Look at encoder and logger; leave these samples out with windows_s",
+                    sample=sample,
+                )
+            )
+    return found
+
+
+def _clipped(channel: Channel) -> list[Finding]:
+    """Find torques that stay at an extreme value."""
+    found = []
+    values = channel.values
+    room = ROUNDING * np.abs(values).max()
+    for sign in (1.0, -1.0):
+        top = (sign * values).max()
+        at_top = sign * values >= top - room
+        rest = (sign * values)[~at_top]
+        count = int(at_top.sum())
+        if count < CLIPPED_SAMPLES or not rest.size:
+            continue
+        below = int(np.sum(rest >= rest.max() - room))
+        if count > CLIPPED_RATIO * below:
+            found.append((sign * top, count, int(np.argmax(at_top))))
+    if not found:
+        return []
+    limits = " and ".join(f"{value:.6g}" for value, _, _ in found)
+    total = sum(count for _, count, _ in found)
+    first = min(sample for _, _, sample in found)
+    return [
+        channel.found(
+            kind="clipped",
+            sentence=f"{channel} is clipped at {limits}: {total} samples have that value, the first of them sample {first}",
+            advice="Move less fast or raise the limit of the drive or of the logger; until then leave these times out "
+            "with windows_s, because there the torque is not what the model needs",
+            sample=first,
+            value=found[0][0],
+        )
+    ]
+
+
+def _coarse(channel: Channel) -> list[Finding]:
+    """Find a channel of few values."""
+    levels = len(np.unique((channel.values / (np.abs(channel.values).max() or 1.0)).round(12)))
+    if levels >= FEWEST_LEVELS or levels == 1:
+        return []
+    moved = np.mean(~_same(channel.values))
+    # A channel that hardly ever changes is at rest, not coarse.
+    if moved < 0.01:
+        return []
+    return [
+        channel.found(
+            kind="quantised",
+            sentence=f"{channel} has {levels} different values only, so that one step is "
+            f"{100.0 / (levels - 1):.2g} % of its range",
+            advice="Log it with more digits, or in the unit of the drive",
+            value=float(levels),
+        )
+    ]

@@ -1,0 +1,239 @@
+"""`check`: look at a log before it is fitted.
+
+Each check is a function of a module beside this one. Here is their order, and which of them makes others idle: a log that is too
+slow has
+no accelerations to compare, and a contradiction that is told is put right before the next check looks. Tested in
+``tests/test_check.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._tools.arrays import Array, real_array
+from ..errors import FitError, RankError, SignalError
+from ..experiment.experiment import Experiment
+from ..experiment.experiment_file import load_experiment
+from ..log.recording import Recording
+from ..log.sampling import MINIMUM_SAMPLES, TimeFault
+from ..methods.idim_ls import IDIMLS
+from ..methods.method import Job
+from ..regression.least_squares import solve
+from ..regression.linear_system import linear_system
+from ..regression.suspicions import driving_friction
+from ..result.identification import Identification
+from ..signal.decimation import decimate, decimation_stages
+from ..signal.segments import Segment
+from ..studies.run import standard_parameters
+from .bandwidth import check_bandwidth
+from .channels import check_channels
+from .excitation import check_excitation
+from .finding import Finding, Findings
+from .late import check_delay
+from .limits import check_limits
+from .probe import Probe
+from .readings import Reader, as_declared
+from .sampled import time_findings
+from .standstill import check_standstill
+
+MOST_SAMPLES = 30_000
+"""Samples that other readings are tried on at most: in three stretches, evenly over a longer log."""
+QUICK_ROWS = 100
+"""Rows of each joint that all other readings are tried on first: of the 60 parameters of six joints each has ten."""
+
+
+def check(
+    experiment: Experiment | str | Path,
+    parameters: str | Path | Identification | ArrayLike | None = None,
+    *,
+    data: str | Path | None = None,
+) -> Findings:
+    """Look at a log for what spoils a fit.
+
+    Parameters
+    ----------
+    experiment : Experiment, str or Path
+        An experiment, or its file. Only a file can have wrong time stamps: an `Experiment` has none.
+    parameters : str, Path, Identification or array, optional
+        Known parameters: result (or its .json, .toml or .npz), name of a set of the robot, or standard ones, (n_parameters,).
+        With them the scale of each joint is told, which a log alone can often not tell.
+    data : str or Path, optional
+        Folder of the data files of an experiment file.
+
+    Returns
+    -------
+    Findings
+        A sequence of `Finding`, empty for a log with nothing to say about.
+
+    Raises
+    ------
+    DidimError
+        One of its kinds, when the experiment or the parameters cannot be read.
+
+    Notes
+    -----
+    ``test_check.py`` plants a defect of each kind, and finds none where there is none.
+    """
+    found: list[Finding] = []
+    if not isinstance(experiment, Experiment):
+        faults: list[tuple[str, TimeFault]] = []
+        experiment = load_experiment(experiment, data=data, faults=faults)
+        found += time_findings(faults)
+    known = None if parameters is None else _standard(experiment, parameters)
+    recordings = []
+    for recording in experiment.recordings:
+        of_columns = check_channels(recording)
+        found += of_columns
+        recordings.append(_without(recording, of_columns))
+    experiment = replace(experiment, recordings=tuple(recordings))
+    slow = check_bandwidth(experiment)
+    found += slow
+    without = [recording.name for recording in experiment.recordings if recording.tau is None]
+    if without:
+        found.append(
+            Finding(
+                kind="no-torque",
+                sentence=f"recording '{without[0]}' has no torques",
+                advice="Add a table [recording.torque]; only CLOE with its output 'position' does without",
+                recording=without[0],
+            )
+        )
+    if not slow and not without and any(recording.role == "fit" for recording in experiment.recordings):
+        found += _model(experiment, known)
+    return Findings(experiment.name, tuple(found))
+
+
+def _without(recording: Recording, findings: Sequence[Finding]) -> Recording:
+    """Leave out the samples of findings, which would spoil all further checks."""
+    used = np.zeros(len(recording.q), dtype=bool)
+    for start, stop in recording.windows:
+        used[start:stop] = True
+    cuts = {start for start, _ in recording.windows}
+    for item in findings:
+        if item.kind in ("stuck", "jump", "gap") and item.sample is not None:
+            last = item.sample if item.last_sample is None else item.last_sample
+            used[item.sample : last + 2] = False
+            cuts.add(last + 2)
+    if len(cuts) == len(recording.windows):
+        return recording
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], used.astype(int), [0]]))).reshape(-1, 2).tolist()
+    longest = max((stop - start for start, stop in edges), default=0)
+    windows = tuple(
+        (start, stop) for start, stop in edges if stop - start >= max(MINIMUM_SAMPLES, 0.1 * longest)
+    )
+    return replace(recording, windows=windows) if windows else recording
+
+
+def _standard(experiment: Experiment, parameters: str | Path | Identification | ArrayLike) -> Array:
+    """Return known standard parameters, (n_parameters,)."""
+    robot = experiment.robot
+    if isinstance(parameters, (str, Path)):
+        return standard_parameters(robot, str(parameters))
+    if isinstance(parameters, Identification):
+        if parameters.parameter_names != robot.parameter_names:
+            raise FitError(
+                f"the result is of robot '{parameters.robot}', the experiment has robot '{robot.name}'"
+            )
+        return parameters.parameters
+    x = real_array("parameters", parameters, FitError)
+    if x.shape != (len(robot.parameter_names),) or not np.isfinite(x).all():
+        raise FitError(
+            f"parameters must be {len(robot.parameter_names)} finite numbers for robot '{robot.name}', got shape {x.shape}"
+        )
+    return x
+
+
+def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
+    """Run the checks that need the model of the robot."""
+    # A wrong fixed value must not speak for the log.
+    job = IDIMLS(fixed={}).job(experiment)
+    robot = job.robot
+    wish = 0.0 if job.wish == "estimate" else float(job.wish)
+    try:
+        parts = job.parts("fit", wish)
+        probe = Probe(job, _stretches(parts, MOST_SAMPLES))
+        whole = probe if probe.n_samples == sum(len(part.q) for part in parts) else Probe(job, parts)
+    except (SignalError, FitError) as error:
+        return [
+            Finding(
+                kind="signal",
+                sentence=f"the log cannot be filtered as [signal] says: {error}",
+                advice="Choose filters that suit rate and length of the log",
+            )
+        ]
+    beta = None
+    if known is not None:
+        beta = robot.base_parameters.project(known)[job.selection.estimated]
+        probe = Probe(job, _stretches(parts, MOST_SAMPLES), beta)
+    (recording, *_) = (item for item in experiment.recordings if item.role == "fit")
+    timed = all("time" in item.origin for item in experiment.recordings)
+    quick = Probe(job, _stretches(parts, _quick_samples(job, parts)), beta)
+    reader = Reader(
+        probe, quick, robot, recording, timed=timed, noise=_noise(job, parts), known=known is not None
+    )
+    found = reader.gross()
+    if found:
+        # What else a log declared so wrongly seems to have comes from that.
+        return found
+    turned = _driving(job, parts)
+    if turned is not None:
+        return [
+            Finding(
+                kind="torque-sign",
+                joints=tuple(joint + 1 for joint in turned[0]),
+                sentence=turned[1],
+                advice="Turn the sign of the gain or of the column",
+            )
+        ]
+    found = check_delay(job, wish) or reader.fine()
+    found += check_limits(experiment, parts)
+    found += check_standstill(robot, parts)
+    return found + check_excitation(robot, parts, whole, as_declared(robot.n_dof))
+
+
+def _driving(job: Job, parts: Sequence[Segment]) -> tuple[list[int], str] | None:
+    system = linear_system(job.robot, parts, job.signal, job.selection)
+    try:
+        return driving_friction(system, solve(system, job.settings))
+    except RankError:  # told as parameters that the log cannot tell
+        return None
+
+
+def _quick_samples(job: Job, parts: Sequence[Segment]) -> int:
+    """Count the samples that leave enough rows of each joint, of a fifth of the motion at least."""
+    rows = QUICK_ROWS + 6 * job.signal.edge_rows * len(parts)
+    return max(rows * math.prod(job.signal.decimation), sum(len(part.q) for part in parts) // 5)
+
+
+def _stretches(parts: Sequence[Segment], most_samples: int) -> list[Segment]:
+    """Three stretches of a log that has more samples than that, evenly apart."""
+    total = sum(len(part.q) for part in parts)
+    if total <= most_samples:
+        return list(parts)
+    found = []
+    for part in parts:
+        length = int(len(part.q) * most_samples / total / 3)
+        for start in np.linspace(0, len(part.q) - length, 3).astype(int):
+            kept = slice(start, start + length)
+            q, dq, ddq, tau = (
+                np.ascontiguousarray(values[kept]) for values in (part.q, part.dq, part.ddq, part.tau)
+            )
+            found.append(replace(part, q=q, dq=dq, ddq=ddq, tau=tau))
+    return found
+
+
+def _noise(job: Job, parts: Sequence[Segment]) -> Array:
+    """Return the standard deviation of the noise of the decimated torques, (n_dof,), if it is white at the rate of the log."""
+    tau = np.concatenate([np.diff(part.tau, 2, axis=0) for part in parts])
+    # The median does not see the jumps of friction; second differences of white noise have sqrt(6) times its size.
+    raw = np.median(np.abs(tau), axis=0) / 0.6745 / np.sqrt(6.0)
+    n_samples = max(len(part.q) for part in parts)
+    white = np.random.default_rng(0).standard_normal((n_samples, 8))
+    kept = decimate(white, decimation_stages(n_samples, job.signal))[job.signal.kept_rows]
+    return np.asarray(raw * np.sqrt(np.mean(kept**2)))

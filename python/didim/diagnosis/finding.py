@@ -1,0 +1,141 @@
+"""What a check says: findings, each one sentence and what to do about it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args, overload
+
+from .._tools.files import write_atomically
+
+SCHEMA = 1
+"""Version of the JSON of `Findings.save`."""
+
+Kind = Literal[
+    "gap",
+    "uneven-time",
+    "rate",
+    "too-slow",
+    "stuck",
+    "jump",
+    "clipped",
+    "quantised",
+    "limits",
+    "range",
+    "unit",
+    "side",
+    "torque-sign",
+    "position-sign",
+    "joint-sign",
+    "swapped-torques",
+    "swapped-positions",
+    "swapped-joints",
+    "gear-ratio",
+    "drive-gain",
+    "position-scale",
+    "delay",
+    "excitation",
+    "standstill",
+    "no-torque",
+    "signal",
+]
+"""What a finding is about; docs/check.md has a row for each."""
+
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One thing that looks wrong in a log.
+
+    Attributes
+    ----------
+    kind : str
+        One of `KINDS`.
+    sentence : str
+        What was seen, and where.
+    advice : str
+        What to do about it.
+    recording, file, column : str or None
+        Recording, data file, and column of the file (its name or number).
+    joints : tuple of int
+        Joints concerned, from 1; empty for all or none.
+    sample, last_sample : int or None
+        First and last sample concerned, from 0.
+    parameters : tuple of str
+        Base parameters that the log cannot tell.
+    value : float or None
+        The number that goes with it: the delay in samples, the rate in Hz, the factor of a scale.
+    """
+
+    kind: Kind
+    sentence: str
+    advice: str
+    recording: str | None = None
+    file: str | None = None
+    column: str | None = None
+    joints: tuple[int, ...] = ()
+    sample: int | None = None
+    last_sample: int | None = None
+    parameters: tuple[str, ...] = ()
+    value: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.sentence}. {self.advice}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all fields, as JSON knows them."""
+        return {
+            **vars(self),
+            "joints": list(self.joints),
+            "parameters": list(self.parameters),
+        }
+
+
+@dataclass(frozen=True)
+class Findings(Sequence[Finding]):
+    """Findings of an experiment, gravest first; empty for a log with nothing to say about.
+
+    Attributes
+    ----------
+    experiment : str
+        Name of the experiment.
+    items : tuple of Finding
+        The findings.
+    """
+
+    experiment: str
+    items: tuple[Finding, ...] = ()
+
+    @overload
+    def __getitem__(self, index: int) -> Finding: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Finding, ...]: ...
+    def __getitem__(self, index: int | slice) -> Finding | tuple[Finding, ...]:
+        return self.items[index]
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[Finding]:
+        return iter(self.items)
+
+    def __str__(self) -> str:
+        if not self.items:
+            return f"{self.experiment}: nothing found."
+        head = f"{self.experiment}: {len(self)} finding{'' if len(self) == 1 else 's'}"
+        return "\n".join([head, *(f"- {item}" for item in self.items)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``didim check --json`` writes."""
+        return {
+            "schema": SCHEMA,
+            "experiment": self.experiment,
+            "findings": [item.to_dict() for item in self.items],
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the JSON of `to_dict`, whole or not at all."""
+        write_atomically(Path(path), json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")

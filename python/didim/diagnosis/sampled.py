@@ -1,0 +1,43 @@
+"""Time stamps of a log against each other and against the declared rate. Tested in ``tests/test_check.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..log.sampling import TimeFault
+from .finding import Finding, Kind
+
+MOST_GAPS = 5
+"""Gaps that are told one by one."""
+
+ADVICE = {
+    "order": "Sort or mend the time stamps",
+    "gap": "Find the lost samples, or keep what lies before and behind as files of their own",
+    "uneven": "Log at an even rate, or resample; a step may differ by 1 %",
+    "rate": "Correct rate_hz, or leave it out",
+}
+
+
+def time_findings(faults: Sequence[tuple[str, TimeFault]]) -> list[Finding]:
+    """Turn faults of time stamps into findings."""
+    found = []
+    kinds: dict[str, Kind] = {"order": "uneven-time", "gap": "gap", "uneven": "uneven-time", "rate": "rate"}
+    for recording in dict.fromkeys(name for name, _ in faults):
+        for kind in ADVICE:
+            alike = [fault for name, fault in faults if name == recording and fault.kind == kind]
+            shown = alike[: MOST_GAPS if kind == "gap" else 1]
+            for fault in shown:
+                left = len(alike) - len(shown)
+                more = f"; there are {left} more" if left and fault is shown[-1] else ""
+                found.append(
+                    Finding(
+                        kind=kinds[kind],
+                        sentence=fault.sentence + more,
+                        advice=ADVICE[kind],
+                        recording=recording,
+                        file=fault.sentence.split(":", 1)[0],
+                        sample=fault.sample,
+                        value=fault.rate_hz if kind == "rate" else None,
+                    )
+                )
+    return found

@@ -1,0 +1,55 @@
+"""Standstill with a friction whose sign is then that of the noise. Tested in ``tests/test_check.py``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..robot.robot import Robot
+from ..signal.segments import Segment
+from .finding import Finding
+
+SLOW = 0.005
+"""Share of the top speed below which a joint stands still, if it does so long enough."""
+LONG_S = 0.1
+"""Shortest standstill (s): a reversal is over sooner."""
+LARGEST_SHARE = 0.05
+"""Share of a log at standstill that is told. At 17 % it decided some friction parameters of a real log (docs/tx40.md)."""
+
+
+def check_standstill(robot: Robot, parts: list[Segment]) -> list[Finding]:
+    """Tell joints that stand still for long, where Coulomb friction is a plain sign."""
+    if robot.friction.coulomb != "sign":
+        return []
+    shares: dict[int, float] = {}
+    for joint in range(robot.n_dof):
+        if robot.friction.dead_zone[joint] > 0.0:
+            continue
+        top = max(float(np.abs(part.dq[:, joint]).max()) for part in parts)
+        resting = sum(
+            _resting(np.abs(part.dq[:, joint]) < SLOW * top, LONG_S * part.rate_hz) for part in parts
+        )
+        share = resting / sum(len(part.q) for part in parts)
+        if share > LARGEST_SHARE:
+            shares[joint + 1] = share
+    if not shares:
+        return []
+    shown = ", ".join(f"{joint} ({100.0 * share:.0f} %)" for joint, share in shares.items())
+    prismatic = robot.joint_kinds[next(iter(shares)) - 1] == "prismatic"
+    return [
+        Finding(
+            kind="standstill",
+            sentence=f"the arm stands still in part of the log, joint{'s' if len(shares) > 1 else ''} {shown}: there the noise "
+            "of the velocity decides the sign of the Coulomb friction",
+            advice=f"Write a dead zone under [friction], dead_zone_{'m' if prismatic else 'rad'}_s = "
+            f"{'0.001' if prismatic else '0.01'}, or leave these times out with windows_s",
+            joints=tuple(shares),
+            value=max(shares.values()),
+        )
+    ]
+
+
+def _resting(slow: np.ndarray[tuple[int], np.dtype[np.bool_]], shortest: float) -> int:
+    """Count samples in stretches that are slow for long enough."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]]).astype(int))).reshape(-1, 2)
+    lengths = edges[:, 1] - edges[:, 0]
+    return int(lengths[lengths >= shortest].sum())

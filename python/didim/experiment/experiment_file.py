@@ -1,0 +1,205 @@
+"""An experiment: a robot, its recordings, and how they are to be processed, read from one TOML file.
+
+A new log takes a file and no Python. Every key is checked, and each message names the file, the table and the
+key. Tested in ``tests/test_experiment.py``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from .._tools.toml import Table, read_toml
+from ..errors import DidimError, ExperimentError
+from ..log.recording import Recording
+from ..log.recording_file import DataFolder, read_recording, read_reduction
+from ..log.sampling import TimeFault
+from ..regression.settings import LeastSquaresSettings
+from ..robot.robot import Robot
+from ..robot.robot_file import PACKAGED, load_robot
+from ..signal.align import DelaySettings
+from ..signal.processing import SignalProcessing
+from .experiment import Experiment
+from .loop_tables import read_controller, read_measurement, read_reference, read_simulation
+from .specs import SimulationSettings
+
+SCHEMA = 1
+"""Version of the file format that this code reads."""
+
+_Settings = TypeVar("_Settings")
+
+
+def load_experiment(
+    path: str | Path,
+    *,
+    data: Path | str | None = None,
+    faults: list[tuple[str, TimeFault]] | None = None,
+) -> Experiment:
+    """Read an experiment file and all the files it names.
+
+    Parameters
+    ----------
+    path
+        Experiment .toml.
+    data
+        Folder that the data files are looked up in; beside the experiment file by default.
+    faults
+        For `didim.check`: takes what is wrong with time stamps, which then raises no error.
+
+    Returns
+    -------
+    Experiment
+        Robot, recordings (joint side, SI units) and settings.
+
+    Raises
+    ------
+    ExperimentError
+        On a wrong key, value or combination.
+    RobotError
+        On a wrong robot file.
+    RecordingError
+        On a data file that is not as the experiment says.
+    """
+    path = Path(path)
+    table = Table(read_toml(path, ExperimentError), path.name, ExperimentError)
+    schema = table.integer("schema")
+    if schema != SCHEMA:
+        table.fail(f"schema {schema} is unknown; this version reads schema {SCHEMA}")
+    name = table.text("name", path.stem)
+    robot = _robot(table, path)
+    transmission = table.table("transmission", None)
+    recording_tables = table.tables("recording", [])
+    signal = _settings(SignalProcessing, _signal_keys, table.table("signal", None))
+    least_squares = _settings(LeastSquaresSettings, _least_squares_keys, table.table("least_squares", None))
+    delay = _settings(DelaySettings, _delay_keys, table.table("delay", None))
+    fixed, dropped = _parameters(table.table("parameters", None))
+    reference = _optional(table, "reference", robot, read_reference)
+    controller = _optional(table, "controller", robot, read_controller)
+    simulation = _optional(table, "simulation", robot, read_simulation) or SimulationSettings()
+    measurement = _optional(table, "measurement", robot, read_measurement)
+    if not recording_tables and reference is None:
+        table.fail("there is neither a [[recording]] to read nor a [reference] to simulate")
+    table.done()
+
+    reduction = read_reduction(transmission, robot.reduction, robot.n_dof)
+    folder = DataFolder(path.parent if data is None else Path(data))
+    recordings: list[Recording] = []
+    for i, part in enumerate(recording_tables):
+        recording = read_recording(part, f"recording {i + 1}", robot, reduction, folder, faults)
+        if recording.name in [other.name for other in recordings]:
+            part.fail(f"name {recording.name!r} stands for an earlier recording already")
+        recordings.append(recording)
+
+    # An experiment and a robot may both be emps.toml.
+    digests = {
+        f"experiment {path.name}": hashlib.sha256(path.read_bytes()).hexdigest(),
+        f"robot {robot.path.name}": robot.digest,
+    }
+    for recording in recordings:
+        digests.update({f"data {file}": digest for file, digest in recording.digests.items()})
+    return Experiment(
+        name=name,
+        path=path,
+        robot=robot,
+        recordings=tuple(recordings),
+        signal=signal,
+        least_squares=least_squares,
+        delay=delay,
+        fixed=fixed,
+        dropped=dropped,
+        digests=digests,
+        reference=reference,
+        controller=controller,
+        simulation=simulation,
+        measurement=measurement,
+    )
+
+
+def _optional(
+    table: Table, key: str, robot: Robot, read: Callable[[Table, Robot], _Settings]
+) -> _Settings | None:
+    part = table.table(key, None)
+    return None if part is None else read(part, robot)
+
+
+def _robot(table: Table, path: Path) -> Robot:
+    """Load the robot, by packaged name or path from the experiment file, with the experiment's friction."""
+    name = table.text("robot")
+    beside = path.parent / name
+    # What is no packaged robot is looked for beside the experiment, and its message tells of files there.
+    robot = load_robot(name if (PACKAGED / f"{name}.toml").is_file() else beside)
+    friction = table.table("friction", None)
+    return robot if friction is None else robot.with_friction_table(friction)
+
+
+def _settings(
+    make: Callable[..., _Settings], read: Callable[[Table], dict[str, Any]], table: Table | None
+) -> _Settings:
+    """Make settings of a table, or the defaults without one; their errors get the table's name in front."""
+    options = read(table if table is not None else Table({}, "", ExperimentError))
+    if table is None:
+        return make(**options)
+    table.done()
+    return _told(table, lambda: make(**options))
+
+
+def _told(table: Table, make: Callable[[], _Settings]) -> _Settings:
+    try:
+        return make()
+    except DidimError as error:
+        raise type(error)(f"{table.prefix} {error}") from None
+
+
+def _given(table: Table, **options: Any) -> dict[str, Any]:
+    """Options that the table holds, so that the settings keep the one place of their defaults."""
+    return {key: value for key, value in options.items() if table.has(key)}
+
+
+def _signal_keys(table: Table) -> dict[str, Any]:
+    if isinstance(table.raw("decimation", []), list):
+        factors = table.raw("decimation", [])
+        if not all(type(factor) is int for factor in factors):
+            table.fail(f"decimation must be a list of integers, got {factors!r}")
+    else:
+        factors = [table.integer("decimation")]
+    found = _given(
+        table,
+        order=table.integer("order", None, minimum=1),
+        padding=table.text("padding", None, choices=["scipy", "matlab"]),
+        form=table.text("form", None, choices=["sections", "transfer-function"]),
+        trim_start=table.integer("trim_start", None, minimum=0),
+        trim_end=table.integer("trim_end", None, minimum=0),
+        decimation=tuple(factors),
+        edge_rows=table.integer("edge_rows", None, minimum=0),
+        decimation_convention=table.text("decimation_convention", None, choices=["scipy", "matlab"]),
+    )
+    return {"cutoff_hz": table.number("cutoff_hz", None, above=0.0), **found}
+
+
+def _least_squares_keys(table: Table) -> dict[str, Any]:
+    return _given(
+        table,
+        weights=table.text("weights", None, choices=["none", "per-joint"]),
+        reweightings=table.integer("reweightings", None, minimum=0),
+        variance=table.text("variance", None, choices=["r-b", "r-1"]),
+        decimation_corrected=table.boolean("decimation_corrected", None),
+    )
+
+
+def _delay_keys(table: Table) -> dict[str, Any]:
+    value = table.raw("compensate_samples", 0.0)
+    return {
+        "compensate_samples": value if isinstance(value, str) else table.number("compensate_samples", 0.0)
+    }
+
+
+def _parameters(table: Table | None) -> tuple[dict[str, float], tuple[str, ...]]:
+    if table is None:
+        return {}, ()
+    values = table.table("fixed", None)
+    fixed = {key: values.number(key) for key in values.content} if values else {}
+    dropped = tuple(table.texts("dropped", []))
+    table.done()
+    return fixed, dropped

@@ -1,0 +1,134 @@
+"""The closed loop of an experiment, over a window of a recording or over its own length.
+
+Tested in ``tests/test_closed_loop.py``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import DidimError, ExperimentError
+from ..log.recording import Recording
+from ..loop.closed_loop import ClosedLoop
+from ..loop.reference import Reference
+from ..robot.robot import Robot
+from ..signal.filters import differentiate
+from ..signal.noise import white_noise
+from ..signal.processing import SignalProcessing
+from .experiment import Experiment
+from .specs import ControllerSpec, ReferenceSpec
+
+LEAST_SAMPLES = 50
+"""Shorter windows say too little about their noise."""
+
+
+def closed_loop(
+    experiment: Experiment,
+    recording: Recording | None = None,
+    window: tuple[int, int] | None = None,
+) -> ClosedLoop:
+    """Return the closed loop of an experiment, over a window of a recording or over its own length.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Its reference, controller and simulation settings.
+    recording : Recording, optional
+        Sets rate and length; an experiment whose reference is a motion of its own needs none.
+    window : (start, stop), optional
+        Samples of the recording; all of them by default.
+
+    Returns
+    -------
+    ClosedLoop
+        Ready to run, with the friction of ``[simulation]``.
+
+    Raises
+    ------
+    ExperimentError
+        Without a reference or a controller, and when they do not fit; the sentence names the table.
+    """
+    if experiment.reference is None or experiment.controller is None:
+        missing = "[reference]" if experiment.reference is None else "[controller]"
+        raise ExperimentError(
+            f"{experiment.name}: a simulation needs the table {missing}: what the robot follows, and what makes it"
+        )
+    settings = experiment.simulation
+    reference, controller = experiment.reference, experiment.controller
+    try:
+        if isinstance(reference, ReferenceSpec):
+            reference = reference.build(recording, window, experiment.signal)
+        if isinstance(controller, ControllerSpec):
+            controller = controller.build(reference)
+        rate, duration, state = settings.rate_hz, settings.duration_s, None
+        from_recording = isinstance(experiment.reference, ReferenceSpec) and experiment.reference.made is None
+        if recording is None and settings.start == "measured":
+            raise ExperimentError("[simulation] start = 'measured' needs a recording")
+        if recording is not None:
+            start, stop = window or (0, len(recording.q))
+            rate = recording.rate_hz
+            duration = (stop - start - 1) / rate
+            if start > 0 and not from_recording:
+                raise ExperimentError(
+                    f"the window of recording {recording.name!r} begins at {start / rate:g} s, and a reference that is "
+                    "a motion of its own begins with the recording: take a window from 0 s on"
+                )
+            if settings.start == "measured" or (settings.start is None and from_recording):
+                q, dq, _ = differentiate(recording.q[start:stop], rate, experiment.signal)
+                state = (q[0], dq[0])
+        loop = ClosedLoop.of(
+            settings.robot(experiment.robot),
+            reference,
+            controller,
+            rate_hz=rate,
+            duration_s=duration,
+            step=settings.step_s,
+            fine_step=settings.fine_step_s,
+            start=state,
+            divergence=settings.divergence,
+        )
+        if recording is not None:
+            motion = measured_motion(recording, (start, stop), experiment.signal, loop.model)
+            loop = loop if motion is None else loop.along(motion)
+        return loop
+    except DidimError as error:
+        raise ExperimentError(f"{experiment.name}: {error}") from None
+
+
+def measured_motion(
+    recording: Recording, window: tuple[int, int], signal: SignalProcessing, robot: Robot
+) -> Reference | None:
+    """Return the measured motion of a window, as it is or filtered; None where it cannot tell where velocities are near zero."""
+    q = recording.q[slice(*window)]
+    if len(q) < LEAST_SAMPLES or robot.friction.coulomb != "tanh":
+        return None
+    # A filter smears reversals over milliseconds: as measured is better where the noise of the velocity lets it.
+    if np.all(white_noise(q) * recording.rate_hz <= np.asarray(robot.friction.smoothing)):
+        return Reference.sampled(q, rate_hz=recording.rate_hz)
+    if signal.cutoff_hz is None:
+        return None
+    return Reference.through(*differentiate(q, recording.rate_hz, signal), rate_hz=recording.rate_hz)
+
+
+def outside_limits(robot: Robot, reference: Reference, duration_s: float) -> list[str]:
+    """Sentences on joints whose reference leaves the limits of the robot file in a run; empty if none does."""
+    t = np.linspace(0.0, duration_s, 20_001)
+    q, dq, _ = reference.at(t)
+    found = []
+    for joint, limits in enumerate(robot.limits):
+        if limits.position is not None:
+            low, high = limits.position
+            worst = int(np.argmax(np.maximum(low - q[:, joint], q[:, joint] - high)))
+            if not low <= q[worst, joint] <= high:
+                found.append(
+                    f"the reference of joint {joint + 1} is {q[worst, joint]:.4g} at {t[worst]:.4g} s, outside its "
+                    f"limits {low:.4g} to {high:.4g}"
+                )
+        if limits.velocity is not None:
+            worst = int(np.argmax(np.abs(dq[:, joint])))
+            if abs(dq[worst, joint]) > limits.velocity:
+                found.append(
+                    f"the reference of joint {joint + 1} moves at {abs(dq[worst, joint]):.4g} at {t[worst]:.4g} s, "
+                    f"faster than its limit {limits.velocity:.4g}"
+                )
+    return found

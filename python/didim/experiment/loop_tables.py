@@ -1,0 +1,276 @@
+"""The tables ``[reference]``, ``[controller]``, ``[simulation]`` and ``[measurement]`` of an experiment file, read strictly.
+
+Tested in ``tests/test_closed_loop.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from .._tools.toml import Table
+from ..errors import DidimError
+from ..loop.closed_loop import DIVERGENCE
+from ..loop.controller import Controller, Digital
+from ..loop.reference import Reference
+from ..loop.tuning import mean_inertia
+from ..model.dynamics import inverse_dynamics
+from ..robot.robot import Robot
+from .specs import ControllerSpec, Measurement, ReferenceSpec, SimulationSettings
+
+_Made = TypeVar("_Made")
+
+
+FEEDFORWARD_HZ = 1000.0
+"""Rate at which a model's torque is fed forward."""
+
+
+def read_reference(table: Table, robot: Robot) -> ReferenceSpec:
+    """Read ``[reference]``."""
+    kind = table.text("kind", choices=("recorded", "measured", "fourier", "point-to-point"))
+    settings = table.content_unread
+    made: Reference | None = None
+    if kind == "fourier":
+        made = _told(table, _fourier(table, robot))
+    elif kind == "point-to-point":
+        made = _told(table, _point_to_point(table, robot))
+    table.done()
+    return ReferenceSpec(kind, made, settings)
+
+
+def _fourier(table: Table, robot: Robot) -> Callable[[], Reference]:
+    n = robot.n_dof
+    period, duration = table.number("period_s", above=0.0), table.number("duration_s", None, above=0.0)
+    offset = _joint_values(table, "offset", robot, default=0.0)
+    if table.has("harmonics"):
+        harmonics, seed = table.integer("harmonics", minimum=4, maximum=1000), table.integer("seed", 0, 0)
+        limits = {key: _joint_values(table, key, robot, per) for key, per in _LIMITS.items()}
+        return lambda: Reference.random_fourier(
+            harmonics=harmonics,
+            period_s=period,
+            offset=offset,
+            duration_s=duration,
+            seed=seed,
+            **limits,
+        )
+    factor, unit = _one_unit(table, "sine", robot)
+    rows = table.raw(f"sine_{unit}")
+    count = len(rows) if isinstance(rows, list) else 1
+    sine, cosine = (np.array(table.matrix(f"{key}_{unit}", count, n)) * factor for key in ("sine", "cosine"))
+    return lambda: Reference.fourier(sine, cosine, period_s=period, offset=offset, duration_s=duration)
+
+
+def _point_to_point(table: Table, robot: Robot) -> Callable[[], Reference]:
+    factor, unit = _one_unit(table, "points", robot)
+    rows = table.raw(f"points_{unit}")
+    count = len(rows) if isinstance(rows, list) else 2
+    points = np.array(table.matrix(f"points_{unit}", count, robot.n_dof)) * factor
+    velocity = _joint_values(table, "max_velocity", robot, "_s")
+    acceleration = _joint_values(table, "max_acceleration", robot, "_s2")
+    dwell = table.number("dwell_s", 0.0, minimum=0.0)
+    return lambda: Reference.point_to_point(
+        points, max_velocity=velocity, max_acceleration=acceleration, dwell_s=dwell
+    )
+
+
+_LIMITS = {"max_position": "", "max_velocity": "_s", "max_acceleration": "_s2"}
+_UNITS = {"rad": 1.0, "deg": math.pi / 180.0, "m": 1.0, "mm": 1e-3}
+
+
+def _one_unit(table: Table, key: str, robot: Robot) -> tuple[float, str]:
+    """Factor to SI and unit of a matrix key such as ``points_deg``; a robot of both kinds takes SI units of each: ``points_si``."""
+    kinds = set(robot.joint_kinds)
+    units = ["si"] if len(kinds) == 2 else (["rad", "deg"] if kinds == {"revolute"} else ["m", "mm"])
+    given = [unit for unit in units if table.has(f"{key}_{unit}")]
+    if len(given) != 1:
+        table.fail(f"give one of {', '.join(f'{key}_{unit}' for unit in units)}")
+    return _UNITS.get(given[0], 1.0), given[0]
+
+
+def _joint_values(
+    table: Table, key: str, robot: Robot, per: str = "", default: float | None = None
+) -> list[float]:
+    """One number per joint of a key such as ``max_velocity_rad_s``: a number for all of a kind, or one per joint."""
+    values: list[float | None] = [default] * robot.n_dof
+    for unit, factor in _UNITS.items():
+        numbers = table.spread(f"{key}_{unit}{per}", robot.n_dof, None)
+        if numbers is None:
+            continue
+        kind = "revolute" if unit in ("rad", "deg") else "prismatic"
+        if kind not in robot.joint_kinds:
+            table.fail(f"{key}_{unit}{per} is for {kind} joints, and robot {robot.name!r} has none")
+        other = {"deg": "rad", "mm": "m"}.get(unit)
+        if other and table.has(f"{key}_{other}{per}"):
+            table.fail(f"give {key}_{other}{per} or {key}_{unit}{per}, not both")
+        for joint, number in enumerate(numbers):
+            if robot.joint_kinds[joint] == kind:
+                values[joint] = number * factor
+    found = [value for value in values if value is not None]
+    if len(found) < robot.n_dof:
+        joint = values.index(None)
+        unit = "rad" if robot.joint_kinds[joint] == "revolute" else "m"
+        table.fail(f"key '{key}_{unit}{per}' is missing, for joint {joint + 1}")
+    return found
+
+
+_SATURATION = ("saturation_v", "saturation_a", "saturation_n_m", "saturation_n")
+
+
+def read_controller(table: Table, robot: Robot) -> ControllerSpec:
+    """Read ``[controller]``."""
+    n = robot.n_dof
+    kind = table.text("kind", choices=("pd", "pid", "cascade"))
+    settings = table.content_unread
+    options: dict[str, Any] = {
+        "reference_velocity": table.spread("reference_velocity", n, [0.0 if kind == "cascade" else 1.0] * n),
+        "acceleration": table.spread("acceleration", n, [0.0] * n),
+        "gain": table.spread("gain", n, [1.0] * n),
+    }
+    given = [key for key in _SATURATION if table.has(key)]
+    if len(given) > 1:
+        table.fail(f"give one of {' and '.join(given)}: the unit of the controller's output")
+    if given:
+        options["saturation"] = table.spread(given[0], n)
+    options["digital"] = _digital(table, robot)
+    feedforward = _set_name(table, "feedforward_of", robot)
+    build: Callable[[Reference | None], Controller]
+    if table.has("natural_frequency_hz"):
+        if kind != "pd":
+            table.fail("natural_frequency_hz is for kind 'pd'")
+        frequency, damping = table.spread("natural_frequency_hz", n), table.spread("damping", n)
+        inertia = table.spread("inertia", n, None)
+        of = _set_name(table, "inertia_of", robot)
+        if (inertia is None) == (of is None):
+            table.fail(
+                "natural_frequency_hz needs inertia (kg.m^2 or kg, one per joint) or inertia_of (a parameter set)"
+            )
+
+        def build(reference: Reference | None) -> Controller:
+            felt = inertia or [1.0] * n
+            if of is not None and reference is not None:
+                felt = mean_inertia(robot, robot.parameter_set(of), reference).tolist()
+            return Controller.tuned(frequency, damping, felt, **options)
+    else:
+        gains: dict[str, Any] = {key: table.spread(key, n) for key in ("kp", "kv")}
+        if kind == "pid":
+            gains["ki"] = table.spread("ki", n)
+        if kind == "cascade" and table.has("integral_time_s"):
+            gains["integral_time_s"] = table.spread("integral_time_s", n)
+
+        def build(reference: Reference | None) -> Controller:
+            return getattr(Controller, kind)(**gains, **options)  # type: ignore[no-any-return]
+
+    table.done()
+
+    def complete(reference: Reference) -> Controller:
+        controller = build(reference)
+        if feedforward is None:
+            return controller
+        t = np.arange(0.0, reference.duration + 0.5 / FEEDFORWARD_HZ, 1.0 / FEEDFORWARD_HZ)
+        tau = inverse_dynamics(robot, *reference.at(t), robot.parameter_set(feedforward))
+        return controller.with_feedforward(tau, rate_hz=FEEDFORWARD_HZ)
+
+    # Now, so that a wrong number is an error of loading; inertias that need the reference are 1 here.
+    _told(table, lambda: build(None))
+    return ControllerSpec(complete, settings)
+
+
+def _digital(table: Table, robot: Robot) -> Digital | None:
+    keys = ("delay_samples", "velocity_fir")
+    resolution = any(table.has(f"encoder_resolution_{unit}") for unit in _UNITS)
+    if not table.has("sample_time_s"):
+        given = [key for key in keys if table.has(key)] + (["encoder_resolution"] if resolution else [])
+        if given:
+            table.fail(f"{given[0]} is for a digital controller: add sample_time_s")
+        return None
+    steps = _joint_values(table, "encoder_resolution", robot, default=0.0)
+    fir = table.numbers("velocity_fir", default=[1.0])
+    sample_time, delay = table.number("sample_time_s", above=0.0), table.integer("delay_samples", 0, 0, 1000)
+    return _told(
+        table,
+        lambda: Digital(
+            sample_time_s=sample_time, delay_samples=delay, smoothing=tuple(fir), resolution=tuple(steps)
+        ),
+    )
+
+
+def _set_name(table: Table, key: str, robot: Robot) -> str | None:
+    name = table.text(key, None)
+    if name is not None:
+        try:
+            robot.parameter_set(name)
+        except DidimError as error:
+            table.fail(f"{key}: {error}")
+    return name
+
+
+def read_simulation(table: Table, robot: Robot) -> SimulationSettings:
+    """Read ``[simulation]``."""
+    smoothing = None
+    if any(table.has(f"smoothing_{unit}_s") for unit in _UNITS):
+        smoothing = tuple(_joint_values(table, "smoothing", robot, "_s"))
+        if min(smoothing) <= 0.0:
+            table.fail(f"smoothing must be above 0 for every joint, got {list(smoothing)}")
+    settings = SimulationSettings(
+        step_s=table.number("step_s", None, above=0.0),
+        fine_step_s=_fine_step(table, robot),
+        rate_hz=table.number("rate_hz", None, above=0.0),
+        duration_s=table.number("duration_s", None, above=0.0),
+        divergence=table.number("divergence", DIVERGENCE, above=0.0),
+        start=table.text("start", None, choices=("measured", "reference")),
+        smoothing=smoothing,
+    )
+    table.done()
+    return settings
+
+
+def _fine_step(table: Table, robot: Robot) -> float | tuple[float, ...] | None:
+    if not isinstance(table.raw("fine_step_s", None), list):
+        return table.number("fine_step_s", None, above=0.0)
+    steps = tuple(table.spread("fine_step_s", robot.n_dof))
+    if min(steps) <= 0.0:
+        table.fail(f"fine_step_s must be above 0 for every joint, got {list(steps)}")
+    return steps
+
+
+def read_measurement(table: Table, robot: Robot) -> Measurement:
+    """Read ``[measurement]``."""
+
+    def values(key: str) -> tuple[float, ...]:
+        if not any(table.has(f"{key}_{unit}") for unit in _UNITS):
+            return ()
+        return _positive(table, key, _joint_values(table, key, robot, default=0.0))
+
+    noise: Sequence[float] = ()
+    units = [unit for unit in ("n_m", "n") if table.has(f"torque_noise_{unit}")]
+    if len(units) > 1:
+        table.fail(
+            "give torque_noise_n_m or torque_noise_n, not both: one number per joint in the unit of each"
+        )
+    if units:
+        noise = _positive(table, "torque_noise", table.spread(f"torque_noise_{units[0]}", robot.n_dof))
+    measurement = Measurement(
+        encoder_resolution=values("encoder_resolution"),
+        position_noise=values("position_noise"),
+        torque_noise=tuple(noise),
+        seed=table.integer("seed", 0, 0),
+    )
+    table.done()
+    return measurement
+
+
+def _positive(table: Table, key: str, values: Sequence[float]) -> tuple[float, ...]:
+    if min(values) < 0.0:
+        table.fail(f"{key} must not be negative, got {list(values)}")
+    return tuple(values)
+
+
+def _told(table: Table, make: Callable[[], _Made]) -> _Made:
+    """Return what `make` makes, or raise its error with the table's name in front."""
+    try:
+        return make()
+    except DidimError as error:
+        table.fail(str(error))

@@ -1,0 +1,164 @@
+"""References, controllers, simulations and measurements as an experiment file describes them.
+
+Tested in ``tests/test_closed_loop.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import ExperimentError
+from ..log.recording import Recording
+from ..loop.closed_loop import DIVERGENCE
+from ..loop.controller import Controller
+from ..loop.reference import Reference
+from ..robot.robot import Robot
+from ..signal.filters import differentiate
+from ..signal.processing import SignalProcessing
+
+
+@dataclass(frozen=True)
+class ReferenceSpec:
+    """A reference as a file describes it.
+
+    Attributes
+    ----------
+    kind : str
+        "recorded", "measured", "fourier" or "point-to-point".
+    made : Reference or None
+        The motion, where it does not depend on a recording.
+    settings : Mapping
+        The table, for the record of a result.
+    """
+
+    kind: str
+    made: Reference | None
+    settings: Mapping[str, Any]
+
+    def build(
+        self, recording: Recording | None, window: tuple[int, int] | None, signal: SignalProcessing
+    ) -> Reference:
+        """Return the motion for a window of a recording, with time 0 at its first sample.
+
+        Raises
+        ------
+        ExperimentError
+            When the recording is missing, or has no reference.
+        """
+        if self.made is not None:
+            return self.made
+        if recording is None:
+            raise ExperimentError(f"the reference is {self.kind!r}, and the experiment has no recording")
+        start, stop = window or (0, len(recording.q))
+        if self.kind == "recorded":
+            if recording.q_ref is None:
+                raise ExperimentError(
+                    f"recording {recording.name!r} has no reference positions: add [recording.reference], or say "
+                    "kind = 'measured' to follow the filtered measured positions"
+                )
+            return Reference.sampled(recording.q_ref[start:stop], rate_hz=recording.rate_hz)
+        q, _, _ = differentiate(recording.q[start:stop], recording.rate_hz, signal)
+        return Reference.sampled(q, rate_hz=recording.rate_hz)
+
+
+@dataclass(frozen=True)
+class ControllerSpec:
+    """A controller as a file describes it; gains may need the inertia along the reference.
+
+    Attributes
+    ----------
+    build : callable
+        Makes the controller for a reference.
+    settings : Mapping
+        The table, for the record of a result.
+    """
+
+    build: Callable[[Reference], Controller]
+    settings: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationSettings:
+    """How the closed loop is simulated.
+
+    Attributes
+    ----------
+    step_s : float or None
+        Largest step (s).
+    fine_step_s : tuple of float or None
+        Largest step where the velocity of a joint is near zero (s), one for all joints or one per joint. What is near zero is
+        read off the measured motion where there is one that can tell, as measured or filtered, and off the reference
+        otherwise.
+    rate_hz : float or None
+        Records per second of a run without a recording, which has its own; 1000 by default.
+    duration_s : float or None
+        Length of a run without a recording; that of the reference by default.
+    smoothing : tuple of float or None
+        Velocity of ``tanh`` friction per joint (rad/s or m/s) in simulations and in what is built on them; the friction of
+        the robot by default.
+    divergence : float
+        Tracking error (rad or m) that ends a run.
+    start : {"measured", "reference"} or None
+        State at time 0: the filtered measured one, or that of the reference. By default measured where the reference
+        comes from a recording, which may begin in motion, and the reference's where it is a motion of its own.
+    """
+
+    step_s: float | None = None
+    fine_step_s: float | Sequence[float] | None = None
+    rate_hz: float | None = None
+    duration_s: float | None = None
+    smoothing: tuple[float, ...] | None = None
+    divergence: float = DIVERGENCE
+    start: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.start not in (None, "measured", "reference"):
+            raise ExperimentError(f"start must be 'measured' or 'reference', got {self.start!r}")
+
+    def robot(self, robot: Robot) -> Robot:
+        """Return the robot as it is simulated: with smooth friction, where the settings say so."""
+        if self.smoothing is None:
+            return robot
+        return robot.with_smoothing(self.smoothing)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """What a simulated measurement adds to a simulation, joint side.
+
+    Attributes
+    ----------
+    encoder_resolution, position_noise, torque_noise : tuple of float
+        Step of the encoders (rad or m), standard deviation of position noise, and of torque noise (N.m or N), per joint.
+    seed : int
+        Of NumPy's default generator.
+    """
+
+    encoder_resolution: tuple[float, ...] = ()
+    position_noise: tuple[float, ...] = ()
+    torque_noise: tuple[float, ...] = ()
+    seed: int = 0
+
+    def measure(self, q: Array, tau: Array) -> tuple[Array, Array]:
+        """Positions and torques as a log has them; `q` and `tau` are (n_samples, n_dof)."""
+        for name in ("encoder_resolution", "position_noise", "torque_noise"):
+            values = getattr(self, name)
+            if len(values) not in (0, q.shape[1]):
+                raise ExperimentError(f"{name} needs {q.shape[1]} numbers, one per joint, got {len(values)}")
+        rng = np.random.default_rng(self.seed)
+        # Both are drawn always: one setting must not change the noise of the other.
+        noise_q, noise_tau = rng.standard_normal((2, *q.shape))
+        if self.position_noise:
+            q = q + noise_q * np.asarray(self.position_noise)
+        if self.encoder_resolution:
+            step = np.asarray(self.encoder_resolution)
+            exact = step == 0.0
+            q = np.where(exact, q, np.round(q / np.where(exact, 1.0, step)) * step)
+        if self.torque_noise:
+            tau = tau + noise_tau * np.asarray(self.torque_noise)
+        return q, tau

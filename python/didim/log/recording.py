@@ -1,0 +1,177 @@
+"""A recording: logged motion and torque of one run, joint side, SI units. Tested in ``tests/test_recording.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from numbers import Real
+from operator import index
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._tools.arrays import LARGEST_POSITION, Array, real_array
+from ..errors import RecordingError
+from .sampling import MINIMUM_SAMPLES, check_time
+
+Role = Literal["fit", "held-out"]
+ROLES: tuple[Role, ...] = ("fit", "held-out")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """Motion and torque of one run.
+
+    Attributes
+    ----------
+    name
+        Name in messages and tables.
+    t
+        (n_samples,) time stamps in s.
+    q
+        (n_samples, n_dof) joint positions in rad or m.
+    tau
+        (n_samples, n_dof) joint torques in N.m or forces in N, or None.
+    rate_hz
+        Sampling rate.
+    q_ref
+        (n_samples, n_dof) reference positions in rad or m, or None.
+    role
+        "fit", or "held-out" for a recording that only validates.
+    windows
+        (start, stop) sample slices that are used, in order and without overlap; the whole record by default.
+    digests
+        SHA-256 of each file read, by file name.
+    origin
+        How it was read, for the record of a result: the tables of the experiment file with the factors that
+        took their values to SI, and the reduction matrix of a log on the motor side; empty for arrays.
+
+    Raises
+    ------
+    RecordingError
+        On arrays of the wrong shape or length, transposed, too short, or not finite, on time stamps that are
+        uneven or contradict the rate (`didim.log.sampling.check_time`), and on wrong windows.
+    """
+
+    name: str = "recording"
+    t: Array
+    q: Array
+    tau: Array | None = None
+    rate_hz: float
+    q_ref: Array | None = None
+    role: Role = "fit"
+    windows: tuple[tuple[int, int], ...] = ()
+    digests: Mapping[str, str] = field(default_factory=dict)
+    origin: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.role not in ROLES:
+            raise RecordingError(f"{self.name}: role must be 'fit' or 'held-out', got {self.role!r}")
+        object.__setattr__(self, "rate_hz", checked_rate(self.name, self.rate_hz))
+        q = self._matrix("q", self.q)
+        if (np.abs(q) > LARGEST_POSITION).any():
+            sample, joint = np.argwhere(np.abs(q) > LARGEST_POSITION)[0]
+            raise RecordingError(
+                f"{self.name}: q of joint {joint + 1} is {q[sample, joint]:g} at sample {sample}, where a position is at most "
+                f"{LARGEST_POSITION:g} rad or m; check its unit"
+            )
+        n_samples = len(q)
+        if n_samples < MINIMUM_SAMPLES:
+            raise RecordingError(
+                f"{self.name}: at least {MINIMUM_SAMPLES} samples are needed, got {n_samples}"
+            )
+        t = np.array(real_array(f"{self.name}: t", self.t, RecordingError))
+        if t.shape != (n_samples,):
+            raise RecordingError(f"{self.name}: t must have shape ({n_samples},) as q has, got {t.shape}")
+        bad = np.flatnonzero(~np.isfinite(t))
+        if bad.size:
+            raise RecordingError(f"{self.name}: t is {t[bad[0]]} at sample {bad[0]}")
+        check_time(t, self.rate_hz, self.name)
+        for key, value in (("t", t), ("q", q)):
+            self._set(key, value)
+        for key in ("tau", "q_ref"):
+            value = getattr(self, key)
+            if value is None:
+                continue
+            value = self._matrix(key, value)
+            if value.shape != q.shape:
+                raise RecordingError(f"{self.name}: {key} and q differ in shape, {value.shape} and {q.shape}")
+            self._set(key, value)
+        windows = self._windows() or ((0, n_samples),)
+        end = 0
+        for start, stop in windows:
+            if not end <= start < stop <= n_samples:
+                raise RecordingError(
+                    f"{self.name}: the window of samples {start} to {stop} is empty, overlaps another one or "
+                    f"leaves the record of {n_samples} samples"
+                )
+            end = stop
+        object.__setattr__(self, "windows", windows)
+        object.__setattr__(self, "digests", dict(self.digests))
+        object.__setattr__(self, "origin", dict(self.origin))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        q: ArrayLike,
+        tau: ArrayLike | None = None,
+        *,
+        rate_hz: float,
+        name: str = "recording",
+        q_ref: ArrayLike | None = None,
+        role: Role = "fit",
+    ) -> Recording:
+        """Make a recording of arrays at hand, such as simulated ones: joint side, SI, (n_samples, n_dof)."""
+        rate = checked_rate(name, rate_hz)
+        positions = real_array(f"{name}: q", q, RecordingError)
+        return cls(
+            name=name,
+            t=clock(len(np.atleast_1d(positions)), rate),
+            q=positions,
+            tau=None if tau is None else real_array(f"{name}: tau", tau, RecordingError),
+            rate_hz=rate,
+            q_ref=None if q_ref is None else real_array(f"{name}: q_ref", q_ref, RecordingError),
+            role=role,
+        )
+
+    def _windows(self) -> tuple[tuple[int, int], ...]:
+        try:
+            return tuple((index(start), index(stop)) for start, stop in self.windows)
+        except (TypeError, ValueError):
+            raise RecordingError(
+                f"{self.name}: windows must be pairs of sample numbers (start, stop), got {self.windows!r}"
+            ) from None
+
+    def _set(self, key: str, value: Array) -> None:
+        value.flags.writeable = False
+        object.__setattr__(self, key, value)
+
+    def _matrix(self, key: str, value: Array) -> Array:
+        # A copy, so that making it read-only leaves the caller's array alone.
+        matrix = np.array(real_array(f"{self.name}: {key}", value, RecordingError), order="C")
+        if matrix.ndim != 2:
+            raise RecordingError(f"{self.name}: {key} must have shape (n_samples, n_dof), got {matrix.shape}")
+        if matrix.shape[1] > max(matrix.shape[0], 12):
+            raise RecordingError(
+                f"{self.name}: {key} must have shape (n_samples, n_dof), got {matrix.shape}; transpose it?"
+            )
+        if not np.isfinite(matrix).all():
+            sample, joint = np.argwhere(~np.isfinite(matrix))[0]
+            raise RecordingError(
+                f"{self.name}: {key} of joint {joint + 1} is {matrix[sample, joint]} at sample {sample}"
+            )
+        return matrix
+
+
+def checked_rate(name: str, rate_hz: object) -> float:
+    """Return a sampling rate (Hz) as a float, or raise a `RecordingError` that names the recording."""
+    if isinstance(rate_hz, bool) or not isinstance(rate_hz, Real) or not 0.0 < float(rate_hz) < np.inf:
+        raise RecordingError(f"{name}: rate_hz must be a positive number, got {rate_hz!r}")
+    return float(rate_hz)
+
+
+def clock(n_samples: int, rate_hz: float) -> Array:
+    """Time stamps from zero, in s."""
+    with np.errstate(over="ignore"):  # told by Recording
+        return np.arange(n_samples) / rate_hz

@@ -1,0 +1,167 @@
+"""Even sampling, and the windows of a record: told when wrong, never repaired.
+
+Tested in ``tests/test_recording.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.toml import Table
+from .._tools.words import counted
+from ..errors import RecordingError
+
+MINIMUM_SAMPLES = 3
+"""Central differences need three samples; filters ask for more, and say so themselves."""
+STEP_TOLERANCE = 0.01
+"""Share of a sampling period by which a time step may differ from the others."""
+RATE_TOLERANCE = 1e-3
+"""Share by which a declared sampling rate may differ from the time stamps."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeFault:
+    """What is wrong with time stamps.
+
+    Attributes
+    ----------
+    kind : {"order", "gap", "uneven", "rate"}
+        Time does not grow; samples are missing; a step differs otherwise; the declared rate is another.
+    sentence : str
+        With file and row.
+    sample : int or None
+        Last sample before the fault, from 0.
+    rate_hz : float
+        What the time stamps say, gaps left out.
+    """
+
+    kind: Literal["order", "gap", "uneven", "rate"]
+    sentence: str
+    sample: int | None
+    rate_hz: float
+
+
+def check_time(t: Array, rate_hz: float | None, file: str) -> float:
+    """Check that time stamps are even and agree with a declared sampling rate.
+
+    Parameters
+    ----------
+    t
+        (n_samples,) time stamps in s.
+    rate_hz
+        Declared rate, or None.
+    file
+        File of the time stamps, for messages.
+
+    Returns
+    -------
+    float
+        The declared rate, or else the one of the time stamps.
+
+    Raises
+    ------
+    RecordingError
+        When a step differs by more than 1 % from the median step, which names the row and how many samples
+        are missing, or when the declared rate differs by more than 0.1 % from the time stamps.
+    """
+    for fault in time_faults(t, rate_hz, file):
+        raise RecordingError(fault.sentence)
+    return (len(t) - 1) / float(t[-1] - t[0]) if rate_hz is None else rate_hz
+
+
+def time_faults(t: Array, rate_hz: float | None, file: str) -> Iterator[TimeFault]:
+    """Find all that `check_time` refuses, in the order of the rows."""
+    with np.errstate(over="ignore"):  # an infinite step is an uneven one
+        steps = np.diff(t)
+    period = float(np.median(steps))
+    if not (steps > 0.0).all():
+        row = int(np.argmin(steps > 0.0)) + 1
+        yield TimeFault(
+            kind="order",
+            sentence=f"{file}: time does not grow from row {row} ({t[row - 1]:.9g} s) to row {row + 1}",
+            sample=row - 1,
+            rate_hz=1.0 / period if period > 0.0 else float("nan"),
+        )
+        return
+    uneven = np.abs(steps - period) > STEP_TOLERANCE * period
+    even = np.flatnonzero(~uneven)
+    measured = (len(t) - 1) / float(t[-1] - t[0])
+    if uneven.any():
+        measured = float(1.0 / np.mean(steps[even])) if even.size else 1.0 / period
+    for place in np.flatnonzero(uneven).tolist():
+        row = place + 1
+        step = float(steps[place])
+        missing = round(step / period) - 1 if np.isfinite(step) else 0
+        whole = missing > 0 and abs(step - (missing + 1) * period) <= STEP_TOLERANCE * period
+        cause = (
+            f"{missing} sample{'s are' if missing > 1 else ' is'} missing" if whole else "sampling is uneven"
+        )
+        yield TimeFault(
+            kind="gap" if whole else "uneven",
+            sentence=f"{file}: {cause} after row {row} (t = {t[row - 1]:.9g} s), where the time step is {step:.6g} s "
+            f"instead of {period:.6g} s",
+            sample=place,
+            rate_hz=measured,
+        )
+    if rate_hz is not None and abs(rate_hz - measured) > RATE_TOLERANCE * measured:
+        yield TimeFault(
+            kind="rate",
+            sentence=f"{file}: the time stamps give a sampling rate of {measured:.6g} Hz, "
+            f"rate_hz says {rate_hz:.6g} Hz",
+            sample=None,
+            rate_hz=measured,
+        )
+
+
+def stretches(last: Sequence[int], n_samples: int) -> tuple[tuple[int, int], ...]:
+    """Half-open sample slices between faults, given the last sample before each; none shorter than a tenth of the longest."""
+    edges = [0, *(sample + 1 for sample in last), n_samples]
+    longest = max(stop - start for start, stop in pairwise(edges))
+    return tuple(
+        (start, stop)
+        for start, stop in pairwise(edges)
+        if stop - start >= max(MINIMUM_SAMPLES, 0.1 * longest)
+    )
+
+
+def slices(table: Table, windows_s: object, rate_hz: float, n_samples: int) -> tuple[tuple[int, int], ...]:
+    """Turn windows in seconds from the first sample into half-open sample slices.
+
+    Raises
+    ------
+    ExperimentError
+        When `windows_s` is no list of pairs, or a window leaves the record, is too short, or overlaps.
+    """
+    wanted = "windows_s must be a list of [start, stop] in seconds with start < stop"
+    if not isinstance(windows_s, list):
+        table.fail(f"{wanted}, got {windows_s!r}")
+    found: list[tuple[int, int]] = []
+    for window in windows_s:
+        if (
+            not isinstance(window, list)
+            or len(window) != 2
+            or not all(type(edge) in (int, float) and np.isfinite(edge) for edge in window)
+            or not window[0] < window[1]
+        ):
+            table.fail(f"{wanted}, got {window!r}")
+        # Compared before it is rounded: an edge far out may be infinite in samples.
+        if window[0] * rate_hz <= -0.5 or window[1] * rate_hz >= n_samples + 0.5:
+            table.fail(f"the window {window} s leaves the record, which lasts {n_samples / rate_hz:.6g} s")
+        start, stop = (round(edge * rate_hz) for edge in window)
+        if stop - start < MINIMUM_SAMPLES:
+            table.fail(
+                f"the window {window} s has {counted(stop - start, 'sample')}, "
+                f"at least {MINIMUM_SAMPLES} are needed"
+            )
+        found.append((start, stop))
+    found.sort()
+    for before, after in pairwise(found):
+        if after[0] < before[1]:
+            table.fail(f"the windows {windows_s} overlap")
+    return tuple(found)

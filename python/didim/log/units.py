@@ -1,0 +1,106 @@
+"""Units of a log, their factors to SI, and the reduction to the joints: the only place that knows them.
+
+Positions come out in rad or m, torques in N.m or N. Tested in ``tests/test_recording.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from .._tools.toml import Table
+from .._tools.words import listing
+
+TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+"""Seconds per unit of time."""
+
+POSITION = {"rad": 1.0, "deg": math.pi / 180.0, "m": 1.0, "mm": 1e-3}
+"""Radians or metres per unit of position; counts need the resolution of the encoder."""
+
+EFFORT = ("N.m", "N", "A", "V")
+"""Units of torque and force; amperes and volts need a drive gain."""
+
+_LINEAR = ("m", "mm", "N")
+_ANGULAR = ("rad", "deg", "count", "N.m")
+
+
+def _units(table: Table, allowed: Sequence[str], n: int) -> list[str]:
+    """One unit for all columns, or a list with one for each."""
+    units = table.texts("unit") if isinstance(table.raw("unit"), list) else [table.text("unit")] * n
+    if len(units) != n:
+        table.fail(f"unit must be one text or a list of {n}, got {len(units)}")
+    for unit in units:
+        if unit not in allowed:
+            table.fail(f"unit {unit!r} is unknown here; known are {listing(allowed)}")
+    return units
+
+
+def _check_joints(table: Table, units: Sequence[str], joint_kinds: Sequence[str]) -> None:
+    """Refuse metres on a revolute joint and radians on a prismatic one (joint side only)."""
+    for i, (unit, kind) in enumerate(zip(units, joint_kinds, strict=True)):
+        wrong = _LINEAR if kind == "revolute" else _ANGULAR
+        if unit in wrong:
+            table.fail(f"unit {unit!r} does not suit joint {i + 1}, which is {kind}")
+
+
+def position_factors(table: Table, side: str, joint_kinds: Sequence[str]) -> list[float]:
+    """Factor of each position column to rad or m.
+
+    Parameters
+    ----------
+    table
+        ``[recording.position]``: `unit` is rad, deg, m, mm or count, the last with `counts_per_rev` (a number
+        or one for each column).
+    side
+        "motor" or "joint"; on the joint side the units must suit the joints.
+    joint_kinds
+        "revolute" or "prismatic" for each joint.
+    """
+    n = len(joint_kinds)
+    units = _units(table, [*POSITION, "count"], n)
+    if side == "joint":
+        _check_joints(table, units, joint_kinds)
+    if "count" not in units:
+        return [POSITION[unit] for unit in units]
+    counts = table.spread("counts_per_rev", n)
+    if not all(counts):
+        table.fail("counts_per_rev must not be zero")
+    return [
+        2.0 * math.pi / count if unit == "count" else POSITION[unit]
+        for unit, count in zip(units, counts, strict=True)
+    ]
+
+
+def effort_factors(
+    table: Table, side: str, joint_kinds: Sequence[str], robot_gains: Sequence[float] | None
+) -> list[float]:
+    """Factor of each torque column to N.m or N, on the side it was logged on.
+
+    Parameters
+    ----------
+    table
+        ``[recording.torque]``: `unit` is N.m, N, A or V, the last two with `gain` in N.m (or N) per A or V.
+    side
+        "motor" or "joint"; on the joint side the units must suit the joints.
+    joint_kinds
+        "revolute" or "prismatic" for each joint.
+    robot_gains
+        Drive gains of the robot file, taken where the table has no `gain`.
+    """
+    n = len(joint_kinds)
+    units = _units(table, EFFORT, n)
+    if side == "joint":
+        _check_joints(table, units, joint_kinds)
+    electrical = [unit for unit in units if unit in ("A", "V")]
+    if not electrical:
+        if table.has("gain"):
+            table.fail(f"gain is for torques logged in A or V, and the unit is {units[0]!r}")
+        return [1.0] * n
+    gains = table.spread("gain", n, None)
+    if gains is None:
+        if robot_gains is None:
+            table.fail(f"unit {electrical[0]!r} needs the drive gain: gain = number or list of {n}")
+        gains = list(robot_gains)
+    if not all(gains):
+        table.fail("gain must not be zero")
+    return [gain if unit in ("A", "V") else 1.0 for unit, gain in zip(units, gains, strict=True)]

@@ -1,0 +1,424 @@
+"""A robot with its controller and reference, ready to run one candidate or thousands at once.
+
+Classical Runge-Kutta in the core, candidates side by side in the lanes of vector registers and on all cores. Tested in
+``tests/test_simulation.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import didim._core as _core
+
+from .._tools.arrays import Array, real_array
+from ..errors import SimulationError
+from ..robot.robot import Robot
+from .controller import Controller
+from .reference import Reference
+
+STEP = 5e-4
+"""Largest step where friction is smooth (s), unless told otherwise."""
+FINE_STEP = 1e-4
+"""Largest step where a velocity is near zero (s), unless told otherwise: a TX40 is stiff there."""
+SIGN_STEP = 2e-4
+"""Largest step with ``sign`` friction (s), unless told otherwise."""
+NEAR_ZERO = 10.0
+"""Near zero means this many times the smoothing velocity of the friction, where the reference says how fast the robot is."""
+NEAR_ZERO_MEASURED = 5.0
+"""The same where the velocities are those of the robot."""
+MOST_RECORDS = 20_000_000
+"""Values of a run per quantity, and instants at which something happens: beyond, a rate or a step is a mistake, and memory ends."""
+FINEST = 1e-4
+"""Smallest share of the step that a fine step may be: between two steps nothing is heard, not even Ctrl-C."""
+DIVERGENCE = 100.0
+"""Tracking error (rad or m) that counts as divergence."""
+LARGE_ERROR = 0.01
+"""Share of the torque (rms) beyond which the integration error calls for a smaller step."""
+
+
+class SimulationStatus(Enum):
+    """How a simulation ended; the value is a sentence for people."""
+
+    COMPLETED = "The simulation ran to its end."
+    DIVERGED = "The simulation diverged: the controller does not hold this robot."
+    INDEFINITE = "The simulation ended: M(q) is not positive definite, so that no such robot exists."
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How the run of one candidate ended.
+
+    Attributes
+    ----------
+    status : SimulationStatus
+        What happened.
+    time_s : float or None
+        When (s), if it ended early.
+    joint : int or None
+        Joint, from 1, where it happened.
+    """
+
+    status: SimulationStatus
+    time_s: float | None = None
+    joint: int | None = None
+
+    @property
+    def completed(self) -> bool:
+        """Whether the run reached its end."""
+        return self.status is SimulationStatus.COMPLETED
+
+    def __str__(self) -> str:
+        if self.status is SimulationStatus.DIVERGED:
+            return (
+                f"diverged at {self.time_s:.4g} s: joint {self.joint} has left its reference; the controller does "
+                "not hold this robot, or the step is too large"
+            )
+        if self.status is SimulationStatus.INDEFINITE:
+            return (
+                f"ended at {self.time_s:.4g} s: M(q) is not positive definite, the inertia that joint {self.joint} "
+                "feels is not positive with these parameters"
+            )
+        return "completed"
+
+
+@dataclass(frozen=True)
+class IntegrationError:
+    """Estimate of the error of the integration, from the same run with half the steps.
+
+    Attributes
+    ----------
+    q : (n_dof,) array
+        Largest position error (rad or m).
+    tau : (n_dof,) array
+        Torque error, rms (N.m or N).
+    tau_relative : float
+        The largest ratio of that to the rms torque of the joint.
+    """
+
+    q: Array
+    tau: Array
+    tau_relative: float
+
+    @property
+    def large(self) -> bool:
+        """Whether the step is too large for what is read from the torques."""
+        return not self.tau_relative <= LARGE_ERROR
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """A robot with its controller and reference, ready to run any number of candidates.
+
+    Attributes
+    ----------
+    model : Robot
+        The robot.
+    motion : Reference
+        What it follows.
+    law : Controller
+        What makes it follow.
+    rate_hz : float
+        Records per second.
+    n_records : int
+        Number of records.
+    schedule : core schedule
+        Steps, decided once.
+    steps : (float, list of float)
+        Largest step, and largest step of each joint where its velocity is near zero (s).
+    start : (q, dq) or None
+        Positions and velocities at time 0; the reference's by default.
+    external : (rate_hz, (n_samples, n_dof) array) or None
+        External torque on the joints (N.m, N).
+    divergence : float
+        Tracking error (rad or m) that ends a run.
+    """
+
+    model: Robot
+    motion: Reference
+    law: Controller
+    rate_hz: float
+    n_records: int
+    schedule: _core.Schedule
+    steps: tuple[float, Sequence[float]]
+    start: tuple[Sequence[float], Sequence[float]] | None = None
+    external: tuple[float, Array] | None = None
+    divergence: float = DIVERGENCE
+
+    @property
+    def robot(self) -> _core.Robot:
+        """The robot of the core."""
+        return self.model.core
+
+    @property
+    def reference(self) -> _core.Reference:
+        """The reference of the core."""
+        return self.motion.core
+
+    @property
+    def controller(self) -> _core.Controller:
+        """The controller of the core."""
+        return self.law.core
+
+    @property
+    def t(self) -> Array:
+        """Times of the records (s)."""
+        return np.arange(self.n_records) / self.rate_hz
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        reference: Reference,
+        controller: Controller,
+        *,
+        rate_hz: float | None = None,
+        duration_s: float | None = None,
+        step: float | None = None,
+        fine_step: float | Sequence[float] | None = None,
+        start: tuple[ArrayLike, ArrayLike] | None = None,
+        external: tuple[float, ArrayLike] | None = None,
+        divergence: float = DIVERGENCE,
+    ) -> ClosedLoop:
+        """Decide the steps, and check that everything fits together. Parameters as for `simulate`."""
+        n = robot.n_dof
+        for what, got in (("reference", reference.n_dof), ("controller", controller.n_dof)):
+            if got != n:
+                raise SimulationError(f"the {what} has {got} joints and robot {robot.name!r} has {n}")
+        rate = 1000.0 if rate_hz is None else float(rate_hz)
+        duration = reference.duration if duration_s is None else float(duration_s)
+        if not (np.isfinite(rate) and rate > 0.0):
+            raise SimulationError(f"rate_hz must be positive, got {rate_hz}")
+        if not (np.isfinite(duration) and duration > 0.0 and duration * rate * n <= MOST_RECORDS):
+            raise SimulationError(
+                f"duration_s must be positive and make at most {MOST_RECORDS} records of all joints, "
+                f"got {duration} s at {rate:g} Hz"
+            )
+        if not divergence > 0.0:
+            raise SimulationError(f"divergence must be positive, got {divergence}")
+        records = int(np.floor(duration * rate * (1.0 + 1e-12) + 1e-9)) + 1
+        coarse = step if step is not None else (STEP if _smooth(robot) else SIGN_STEP)
+        fine = np.atleast_1d(fine_step if fine_step is not None else min(coarse, FINE_STEP))
+        if fine.shape not in ((1,), (n,)):
+            raise SimulationError(f"fine_step must be one number or {n}, one per joint, got {fine_step!r}")
+        steps = (float(coarse), np.broadcast_to(fine, n).astype(np.float64).tolist())
+        begin = None
+        if start is not None:
+            parts = [real_array("start", part, SimulationError) for part in start]
+            if [part.shape for part in parts] != [(n,), (n,)] or not np.isfinite(parts).all():
+                raise SimulationError(f"start needs {n} finite positions and {n} velocities, got {start!r}")
+            begin = (parts[0].tolist(), parts[1].tolist())
+        push = None
+        if external is not None:
+            if len(external) != 2:
+                raise SimulationError("external must be a rate (Hz) and torques")
+            push_hz, torques = external
+            values = real_array("external", torques, SimulationError)
+            if values.ndim != 2 or values.shape[1] != n or not len(values) or not np.isfinite(values).all():
+                raise SimulationError(f"external needs finite torques of shape (n_samples, {n})")
+            if not (np.isfinite(push_hz) and push_hz > 0.0):
+                raise SimulationError(f"the rate of external must be positive, got {push_hz}")
+            push = (float(push_hz), values)
+        schedule = _schedule(robot, reference, controller, rate, records, steps, None)
+        return cls(
+            robot, reference, controller, rate, records, schedule, steps, begin, push, float(divergence)
+        )
+
+    def along(self, motion: Reference) -> ClosedLoop:
+        """Return the same loop with steps that are fine where a motion has velocities near zero.
+
+        The reference, which decides by default, is followed late: the measured motion, or that of an earlier run, says better
+        where a robot reverses.
+        """
+        schedule = _schedule(
+            self.model, self.motion, self.law, self.rate_hz, self.n_records, self.steps, motion
+        )
+        return replace(self, schedule=schedule)
+
+    def even(self, step: float) -> ClosedLoop:
+        """Return the same loop with steps of at most `step` (s) throughout."""
+        steps = (step, [step] * self.model.n_dof)
+        schedule = _schedule(self.model, self.motion, self.law, self.rate_hz, self.n_records, steps, None)
+        return replace(self, schedule=schedule, steps=steps)
+
+    def divided(self, parts: int) -> ClosedLoop:
+        """Return the same loop with every step divided into `parts`."""
+        return replace(self, schedule=self.schedule.divided(parts))
+
+    def run(
+        self, x: Array, *, gain_scale: Array | None = None, threads: int | None = None
+    ) -> tuple[list[Array], tuple[Outcome, ...]]:
+        """Trajectories ``q dq ddq tau`` of candidates, each (n_candidates, n_records, n_dof), and their outcomes.
+
+        They are NaN from an early end on.
+
+        Parameters
+        ----------
+        x : (n_candidates, n_parameters) array
+            Standard parameters.
+        gain_scale : (n_candidates, n_dof) array, optional
+            Factor of the controller's gains (gain updating).
+        threads : int, optional
+            All cores by default; the bits do not depend on it.
+        """
+        scale = self._scale_of(x, gain_scale, threads)
+        try:
+            arrays, endings = _core.simulate(self, x, scale, threads)
+        except ValueError as reason:
+            raise SimulationError(str(reason)) from None
+        outcomes = _outcomes(endings)
+        for candidate, outcome in enumerate(outcomes):
+            if outcome.time_s is not None:
+                # A run goes on with its neighbours in the lanes: what it gives after its end means nothing.
+                ended = self.t >= outcome.time_s - 1e-6 / self.rate_hz
+                for values in arrays:
+                    values[candidate, ended] = np.nan
+        return list(arrays), outcomes
+
+    def costs(
+        self,
+        x: Array,
+        q: Array,
+        tau: Array,
+        *,
+        weight_q: Array,
+        weight_tau: Array,
+        gain_scale: Array | None = None,
+        threads: int | None = None,
+    ) -> tuple[Array, tuple[Outcome, ...]]:
+        """Weighted sums of squared errors of candidates, (n_candidates,), infinite where a run ended early.
+
+        Parameters
+        ----------
+        x, gain_scale, threads
+            As for `run`.
+        q, tau : (n_records, n_dof) arrays
+            What the simulation is compared with.
+        weight_q, weight_tau : (n_dof,) arrays
+            Weights of squared position and torque errors.
+        """
+        scale = self._scale_of(x, gain_scale, threads)
+        try:
+            costs, endings = _core.simulate_cost(
+                self, x, scale, q, tau, weight_q.tolist(), weight_tau.tolist(), threads
+            )
+        except ValueError as reason:
+            raise SimulationError(str(reason)) from None
+        return costs, _outcomes(endings)
+
+    def sensitivities(
+        self, x: Array, directions: Array, *, gain_scale: Array | None = None, threads: int | None = None
+    ) -> tuple[list[Array], Outcome]:
+        """Exact derivatives of the run of one candidate; continuous control, or a digital one with exact encoders.
+
+        Parameters
+        ----------
+        x : (n_parameters,) array
+            Standard parameters.
+        directions : (m, n_parameters) array
+            Directions in the space of standard parameters.
+        gain_scale : (n_dof,) array, optional
+            Factor of the controller's gains.
+        threads : int, optional
+            All cores by default.
+
+        Returns
+        -------
+        list of array
+            Derivatives of ``q dq ddq tau`` along the directions, each (m, n_records, n_dof); NaN where the run ends early.
+        Outcome
+            How the run ended.
+
+        Notes
+        -----
+        ``sensitivity/tests.rs`` and ``test_simulation.py`` check them by differences of simulations, 1e-6 of a column's norm.
+        """
+        scale = np.ones(self.model.n_dof) if gain_scale is None else gain_scale
+        try:
+            arrays, end = _core.simulate_sensitivities(self, x.tolist(), scale.tolist(), directions, threads)
+        except ValueError as reason:
+            raise SimulationError(str(reason)) from None
+        return list(arrays), _outcomes([end])[0]
+
+    def _scale_of(self, x: Array, gain_scale: Array | None, threads: int | None) -> Array:
+        """Return the scale of the gains, 1 by default, once the candidates are rows."""
+        if x.ndim != 2:
+            raise SimulationError(f"x must have shape (n_candidates, n_parameters), got {x.shape}")
+        if threads is not None and threads < 1:
+            raise SimulationError(f"threads must be at least 1, got {threads}")
+        return np.ones((len(x), self.model.n_dof)) if gain_scale is None else gain_scale
+
+    def integration_error(
+        self, x: Array, q: Array, tau: Array, *, gain_scale: Array | None = None, threads: int | None = None
+    ) -> IntegrationError:
+        """Estimate of the error of a run that gave `q` and `tau`, (n_records, n_dof), by one with half the steps.
+
+        The method is of fourth order: the difference to half the step is 15/16 of the error.
+        """
+        (fine_q, _, _, fine_tau), _ = self.divided(2).run(x[None], gain_scale=gain_scale, threads=threads)
+        factor = 16.0 / 15.0
+        error_q = factor * np.abs(fine_q[0] - q).max(axis=0)
+        error = factor * np.sqrt(np.mean((fine_tau[0] - tau) ** 2, axis=0))
+        size = np.sqrt(np.mean(fine_tau[0] ** 2, axis=0))
+        share = np.divide(error, size, out=np.zeros_like(error), where=error > 0.0)
+        # A run with half the steps that ends early leaves NaN: then nothing is known about the error.
+        return IntegrationError(error_q, error, float(share.max()) if np.isfinite(share).all() else np.inf)
+
+
+def _smooth(robot: Robot) -> bool:
+    return robot.friction.coulomb == "tanh"
+
+
+def _schedule(
+    robot: Robot,
+    reference: Reference,
+    controller: Controller,
+    rate: float,
+    records: int,
+    steps: tuple[float, Sequence[float]],
+    motion: Reference | None,
+) -> _core.Schedule:
+    _check_steps(steps, controller.core.period, (records - 1) / rate)
+    near = (NEAR_ZERO if motion is None else NEAR_ZERO_MEASURED) if _smooth(robot) else 0.0
+    try:
+        return _core.Schedule(
+            robot.core,
+            reference.core,
+            rate=rate,
+            records=records,
+            period=controller.core.period,
+            coarse=steps[0],
+            fine=steps[1],
+            slow=[near * value for value in robot.friction.smoothing],
+            motion=None if motion is None else motion.core,
+        )
+    except ValueError as reason:
+        raise SimulationError(str(reason)) from None
+
+
+def _check_steps(steps: tuple[float, Sequence[float]], period: float | None, duration_s: float) -> None:
+    """Refuse steps, sample times and fine steps that are mistakes; the core refuses what is not positive."""
+    coarse, fine = steps
+    for what, interval in (("step", coarse), ("sample_time_s", period)):
+        if interval is not None and 0.0 < interval * MOST_RECORDS < duration_s:
+            raise SimulationError(
+                f"{what} of {interval:g} s is too small for a run of {duration_s:g} s: at most {MOST_RECORDS} are possible"
+            )
+    for joint, value in enumerate(fine, start=1):
+        if 0.0 < value < FINEST * coarse:
+            raise SimulationError(
+                f"fine_step of joint {joint} is {value:g} s, less than {FINEST:g} of the step of {coarse:g} s"
+            )
+
+
+def _outcomes(endings: Sequence[tuple[int, float, int]]) -> tuple[Outcome, ...]:
+    kinds = (SimulationStatus.COMPLETED, SimulationStatus.DIVERGED, SimulationStatus.INDEFINITE)
+    # The core looks 1e-9 of a step inside of it, which is nothing to tell people.
+    return tuple(
+        Outcome(kinds[0]) if kind == 0 else Outcome(kinds[kind], round(time, 9), joint + 1)
+        for kind, time, joint in endings
+    )

@@ -1,0 +1,1 @@
+"""The methods: along which motion (7) is written."""

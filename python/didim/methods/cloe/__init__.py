@@ -1,0 +1,1 @@
+"""CLOE: closed-loop output error (19)."""

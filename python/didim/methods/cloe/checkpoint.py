@@ -1,0 +1,98 @@
+"""Where a long search stands, in a file: written as it goes on, read to go on from.
+
+A digest of the whole content seals it: a file that is not as it was written is no checkpoint.
+
+Tested in ``tests/test_cloe.py``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..._tools.files import write_atomically
+from ...errors import FitError
+from ...result.iteration import Iteration
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The file of one search.
+
+    Attributes
+    ----------
+    path : Path or None
+        An ``.npz`` file; None for a search that leaves nothing.
+    problem : str
+        Digest of the problem that it belongs to.
+    """
+
+    path: Path | None
+    problem: str
+
+    def save(
+        self, arrays: Mapping[str, Array], numbers: Mapping[str, Any], history: Sequence[Iteration]
+    ) -> None:
+        """Write the state of the search; the one before is replaced only once this one is whole.
+
+        Parameters
+        ----------
+        arrays, numbers : mapping
+            The state of the search.
+        history : sequence of Iteration
+            So far.
+        """
+        if self.path is None:
+            return
+        told = [{**asdict(item), "more": dict(item.more)} for item in history]
+        record = json.dumps({"problem": self.problem, "numbers": dict(numbers), "history": told})
+        buffer = io.BytesIO()
+        named: dict[str, Any] = {f"array_{name}": value for name, value in arrays.items()}
+        np.savez(buffer, record=np.array(record), seal=np.array(_seal(record, named)), **named)
+        write_atomically(self.path, buffer.getvalue())
+
+    def load(self) -> tuple[dict[str, Array], dict[str, Any], list[Iteration]] | None:
+        """Read arrays, numbers and history; None where there are none yet.
+
+        Raises
+        ------
+        FitError
+            For a file that is no checkpoint, or one of another problem.
+        """
+        path = self.path
+        if path is None or not path.exists():
+            return None
+        try:
+            # From memory: NumPy leaves a file open that is no archive.
+            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
+                named = {key: data[key] for key in data.files}
+            text, seal = str(named.pop("record")), str(named.pop("seal"))
+        except Exception as reason:  # whatever the reader of archives stumbles over in bytes of another kind
+            raise FitError(f"{path}: this is no checkpoint of a search ({reason})") from None
+        if seal != _seal(text, named):
+            raise FitError(f"{path}: this checkpoint is damaged; take it away, or name another file")
+        record = json.loads(text)
+        if record["problem"] != self.problem:
+            raise FitError(
+                f"{path}: this checkpoint belongs to another search (log, robot, controller, start or settings differ); "
+                "take it away, or name another file"
+            )
+        arrays = {key.removeprefix("array_"): values for key, values in named.items()}
+        return arrays, record["numbers"], [Iteration(**item) for item in record["history"]]
+
+
+def _seal(record: str, arrays: Mapping[str, Any]) -> str:
+    """Digest of everything that a checkpoint holds."""
+    digest = hashlib.sha256(record.encode())
+    for name, values in sorted(arrays.items()):
+        digest.update(f"{name} {values.dtype.str} {values.shape}".encode())
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()

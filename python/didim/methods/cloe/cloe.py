@@ -1,0 +1,161 @@
+"""CLOE: closed-loop output error, criterion (19), by the simplex of the paper and by Levenberg and Marquardt.
+
+The closed loop is simulated with candidate parameters, many at once in the lanes of vector registers; the cost is the
+sum of squared differences between simulated and measured positions (CLOE), torques (CLIE, closed-loop input error), or
+both. Tested in ``tests/test_cloe.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..._tools.words import counted
+from ...errors import DidimError
+from ...experiment.experiment import Experiment
+from ...result.identification import Identification
+from ...result.iteration import Iteration
+from ...result.status import Status
+from ..method import FitSettings
+from .levenberg_marquardt import search
+from .output_error import OutputError
+from .settings import CLOESettings
+from .simplex import SimplexSearch
+
+SPREAD = 0.3
+"""Further starts are off by normal numbers times what changes the torques by this share of their size."""
+SAME_OPTIMUM = 1e-3
+"""Costs that differ by less belong to the same optimum."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CLOE(CLOESettings):
+    """Settings of CLOE.
+
+    Parameters
+    ----------
+    optimizer : {"levenberg-marquardt", "nelder-mead"}
+        Gauss-Newton steps with damping, a covariance included; or the paper's simplex.
+    output : {"position", "torque", "both"}
+        What is compared: positions (19), torques, or both.
+    start : str, mapping, array or Identification
+        Initial parameters (`didim.methods.start.standard_start`); "apriori" is (21), "idim-ls" the estimate of IDIM-LS.
+    max_iterations : int, optional
+        100 for Levenberg-Marquardt, 200 per parameter for the simplex.
+    max_evaluations : int, optional
+        Of the simplex; 200 per parameter.
+    variant : {"adaptive", "scaled", "literal"}
+        Of the simplex. Literal: ``fminsearch`` as it is, first edges of 5 % or 0.00025, coefficients 1, 2, 1/2, 1/2. Scaled:
+        first edges that each change the outputs by 0.3 of the initial norm, shorter where M(q) would not stay positive
+        definite. Adaptive: those, and the coefficients of Gao and Han (2012). The last two start again from the best
+        point when the simplex has collapsed.
+    starts : int
+        Searches from so many points: `start`, and random ones around it that can be simulated. The best result is
+        returned, with a remark on how many reached the same optimum.
+    seed : int
+        Of these points.
+    checkpoint : path, optional
+        File (``.npz``) that the search is saved to as it goes on, and continued from where it is there; with one start.
+    tolerance : float
+        Levenberg-Marquardt stops when the cost falls by less than this share (20).
+    noise : sequence of float, optional
+        Standard deviation of the measured positions per joint (rad or m): weights of Levenberg-Marquardt. Estimated from
+        fifth differences of the measured positions by default, that of torques likewise.
+    fixed, dropped : mapping, sequence, optional
+        As in `FitSettings`.
+    threads : int, optional
+        All cores by default.
+
+    Raises
+    ------
+    FitError
+        For a value out of its range.
+    """
+
+    def run(
+        self,
+        experiment: Experiment,
+        progress: Callable[[Iteration], bool],
+        say: Callable[[str], None],
+    ) -> Identification:
+        """Identify the parameters of an experiment's robot; parameters as for `IDIMLS.run`.
+
+        Ctrl-C ends the search with the best point so far.
+
+        Raises
+        ------
+        DidimError
+            One of its kinds: without a reference or a controller, or for a start with which the robot cannot be simulated.
+        """
+        settings = FitSettings(fixed=self.fixed, dropped=self.dropped)
+        job = settings.job(experiment, experiment.simulation.robot(experiment.robot))
+        problem = OutputError(self, job, say)
+        first = self._search(problem, progress)
+        if self.starts == 1 or first.status in (Status.STOPPED, Status.INTERRUPTED):
+            return first
+        fits, interrupted = [first], False
+        try:
+            for number, point in enumerate(_further_starts(problem, self.starts - 1, self.seed), start=2):
+                say(f"start {number} of {self.starts}")
+                try:
+                    fits.append(self._search(problem.begun_at(point), progress))
+                except DidimError as reason:
+                    say(f"start {number}: {reason}")
+                    continue
+                if fits[-1].status in (Status.STOPPED, Status.INTERRUPTED):
+                    break
+        except KeyboardInterrupt:
+            interrupted = True
+        best = _best(fits, self.starts)
+        return replace(best, status=Status.INTERRUPTED) if interrupted else best
+
+    def _search(self, problem: OutputError, progress: Callable[[Iteration], bool]) -> Identification:
+        if self.optimizer == "nelder-mead":
+            return SimplexSearch(problem, progress).run()
+        return search(problem, progress)
+
+
+def _further_starts(problem: OutputError, count: int, seed: int) -> list[Array]:
+    """Return random points around the start, each moved back towards it until M(q) is positive definite there."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(count):
+        target = problem.start + SPREAD * problem.scale * rng.standard_normal(problem.start.size)
+        share = problem.safe_share(problem.start, target)
+        found.append(problem.start + share * (target - problem.start))
+    return found
+
+
+def _cost(fit: Identification) -> float:
+    record = fit.settings["cloe"]
+    return float(record["final_norm"] ** 2 if "final_norm" in record else record["cost"])
+
+
+def _best(fits: Sequence[Identification], asked: int) -> Identification:
+    """Return the result of lowest cost, with what became of the others."""
+    costs = np.array([_cost(fit) for fit in fits])
+    best = fits[int(np.argmin(costs))]
+    reached = int(np.sum(costs <= costs.min() * (1.0 + SAME_OPTIMUM)))
+    sentence = f"{reached} of {counted(asked, 'start')} reached the best optimum"
+    if len(fits) < asked:
+        sentence += f"; {asked - len(fits)} could not be searched from, or were not come to"
+    record = [
+        {
+            "cost": _cost(fit),
+            "status": fit.status.name,
+            "iterations": fit.n_iterations,
+            "beta": fit.beta.tolist(),
+        }
+        for fit in fits
+    ]
+    return replace(
+        best,
+        # The whole search, not its best part.
+        status=fits[-1].status if fits[-1].status in (Status.STOPPED, Status.INTERRUPTED) else best.status,
+        n_simulations=sum(fit.n_simulations for fit in fits),
+        remarks=(*best.remarks, sentence),
+        settings={**best.settings, "starts": record},
+    )

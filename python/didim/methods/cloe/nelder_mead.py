@@ -1,0 +1,143 @@
+"""Nelder and Mead's simplex with the trial points of an iteration evaluated together.
+
+Reflection, expansion and both contractions depend only on the simplex: as four candidates of one simulation they cost
+little more than one, and the iterates stay those of SciPy's sequential algorithm to the last bit
+(``tests/test_nelder_mead.py``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._tools.arrays import Array
+
+
+@dataclass(frozen=True)
+class Simplex:
+    """Where a simplex search stands, enough to continue it.
+
+    Attributes
+    ----------
+    points : (n + 1, n) array
+        Vertices, best first.
+    values : (n + 1,) array
+        Their values.
+    iterations, evaluations, simulations : int
+        So far: iterations, evaluations that the sequential algorithm would have made, and those really made.
+    """
+
+    points: Array
+    values: Array
+    iterations: int
+    evaluations: int
+    simulations: int
+
+
+def literal_simplex(x: Array) -> Array:
+    """Return the first simplex of ``fminsearch`` and SciPy: +5 % per coordinate, 0.00025 where it is zero; (n + 1, n)."""
+    points = np.tile(x, (x.size + 1, 1))
+    for k in range(x.size):
+        points[k + 1, k] = 1.05 * x[k] if x[k] != 0.0 else 0.00025
+    return points
+
+
+def edged_simplex(x: Array, edges: Array) -> Array:
+    """Return a first simplex with edges of given lengths along the coordinates; (n + 1, n)."""
+    points = np.tile(x, (x.size + 1, 1))
+    points[np.arange(1, x.size + 1), np.arange(x.size)] += edges
+    return points
+
+
+def started(batch: Callable[[Array], Array], points: Array) -> Simplex:
+    """Evaluate a first simplex and put its best vertex first."""
+    values = batch(points)
+    order = np.argsort(values)
+    return Simplex(points[order], values[order], 1, len(points), len(points))
+
+
+def minimise(
+    batch: Callable[[Array], Array],
+    simplex: Simplex,
+    *,
+    adaptive: bool = False,
+    x_tolerance: float = 1e-4,
+    f_tolerance: float = 1e-4,
+    max_iterations: int,
+    max_evaluations: int,
+    progress: Callable[[Simplex], bool] | None = None,
+) -> tuple[Simplex, bool]:
+    """Search on from a simplex.
+
+    Parameters
+    ----------
+    batch : callable
+        Values of (m, n) points, (m,); infinite where a point is not allowed.
+    simplex : Simplex
+        From `start`, or where an earlier search ended.
+    adaptive : bool
+        Coefficients of Gao and Han (2012), which depend on the dimension, instead of 1, 2, 1/2, 1/2.
+    x_tolerance, f_tolerance : float
+        End when all vertices are as near to the best one, and their values too.
+    max_iterations, max_evaluations : int
+        Of this and all earlier searches that led to the simplex.
+    progress : callable, optional
+        Told the simplex after every iteration; True stops.
+
+    Returns
+    -------
+    Simplex, bool
+        Where the search ended, and whether by the tolerances.
+    """
+    n = simplex.points.shape[1]
+    if adaptive:
+        rho, chi, psi, sigma = 1.0, 1.0 + 2.0 / n, 0.75 - 1.0 / (2.0 * n), 1.0 - 1.0 / n
+    else:
+        rho, chi, psi, sigma = 1.0, 2.0, 0.5, 0.5
+    points, values = simplex.points.copy(), simplex.values.copy()
+    iterations, evaluations, made = simplex.iterations, simplex.evaluations, simplex.simulations
+    while evaluations < max_evaluations and iterations < max_iterations:
+        with np.errstate(invalid="ignore"):
+            spread = np.max(np.abs(values[0] - values[1:]))
+        if np.max(np.abs(points[1:] - points[0])) <= x_tolerance and spread <= f_tolerance:
+            return Simplex(points, values, iterations, evaluations, made), True
+        centre = np.add.reduce(points[:-1], 0) / n
+        worst = points[-1]
+        trials = np.stack(
+            [
+                (1 + rho) * centre - rho * worst,
+                (1 + rho * chi) * centre - rho * chi * worst,
+                (1 + psi * rho) * centre - psi * rho * worst,
+                (1 - psi) * centre + psi * worst,
+            ]
+        )
+        reflected, expanded, outside, inside = found = batch(trials)
+        made += 4
+        evaluations += 1
+        taken: int | None = None
+        if reflected < values[0]:
+            evaluations += 1
+            taken = 1 if expanded < reflected else 0
+        elif reflected < values[-2]:
+            taken = 0
+        elif reflected < values[-1]:
+            evaluations += 1
+            taken = 2 if outside <= reflected else None
+        else:
+            evaluations += 1
+            taken = 3 if inside < values[-1] else None
+        if taken is not None:
+            points[-1], values[-1] = trials[taken], found[taken]
+        else:
+            points[1:] = points[0] + sigma * (points[1:] - points[0])
+            values[1:] = batch(points[1:])
+            evaluations += n
+            made += n
+        iterations += 1
+        order = np.argsort(values)
+        points, values = points[order], values[order]
+        if progress is not None and progress(Simplex(points, values, iterations, evaluations, made)):
+            break
+    return Simplex(points, values, iterations, evaluations, made), False

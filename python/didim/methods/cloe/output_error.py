@@ -1,0 +1,325 @@
+"""The closed-loop output error of candidates: what CLOE (19) and CLIE minimise, whichever way they search.
+
+Tested in ``tests/test_cloe.py``.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._tools.arrays import Array
+from ...errors import FitError
+from ...experiment.loop import closed_loop
+from ...loop.closed_loop import ClosedLoop
+from ...model.dynamics import regressor
+from ...model.physics import physical_flags
+from ...model.safe_step import safe_step, thinned
+from ...result.identification import Identification
+from ...result.iteration import Iteration
+from ...result.status import Status
+from ...signal.align import align
+from ..idim_ls import IDIMLS
+from ..method import Job, delay_record, digests, ratio, ratios
+from ..start import standard_start
+from .checkpoint import Checkpoint
+from .settings import CLOESettings, Output
+
+CHECKED_POSITIONS = 200
+"""Positions at which M(q) is kept positive definite."""
+TOGETHER = 64
+"""Candidates whose trajectories are held in memory at once."""
+DIFFERENCE = 1e-4
+"""Parameter step of a derivative: what changes the torques by this share of their size."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of a log with the closed loop that runs along it; ``kept`` are the samples that trimming leaves."""
+
+    loop: ClosedLoop
+    q: Array
+    tau: Array
+    kept: slice
+
+
+class OutputError:
+    """Cost of candidates, their errors, and derivatives of these.
+
+    Attributes
+    ----------
+    start : (n,) array
+        Estimated base parameters to start from.
+    scale : (n,) array
+        Change of each that changes the torques, along the reference, by as much as they are large.
+    weight_q, weight_tau : (n_dof,) arrays
+        Weights of squared position and torque errors; zero where an output does not count.
+    n_simulations : int
+        Simulations so far.
+    """
+
+    def __init__(self, method: CLOESettings, job: Job, say: Callable[[str], None]) -> None:
+        self.method, self.job, self.say = method, job, say
+        self.robot, self.base = job.robot, job.robot.base_parameters
+        self.estimated = job.selection.estimated
+        self.windows = _windows(job, method.output)
+        self.checked = thinned(np.concatenate([window.q for window in self.windows]), CHECKED_POSITIONS)
+        self.n_simulations = 0
+        self.start = self._start()
+        self.scale = self._scale()
+        n = self.robot.n_dof
+        self.weight_q = np.full(n, 1.0 if method.output in ("position", "both") else 0.0)
+        self.weight_tau = np.full(n, 1.0 if method.output in ("torque", "both") else 0.0)
+
+    def standard(self, points: Array) -> Array:
+        """Return standard parameters of (m, n) points, (m, n_parameters)."""
+        beta = np.tile(self.job.selection.values, (len(points), 1))
+        beta[:, self.estimated] = points
+        return np.ascontiguousarray([self.base.lift(row) for row in beta])
+
+    def costs(self, points: Array) -> Array:
+        """Return sums of weighted squared errors, (m,); infinite where a run ends early or a point is no number."""
+        total = np.zeros(len(points))
+        good = np.isfinite(points).all(axis=1)
+        total[~good] = np.inf
+        if good.any():
+            x = self.standard(points[good])
+            for window in self.windows:
+                found, _ = window.loop.costs(
+                    x,
+                    window.q,
+                    window.tau,
+                    weight_q=self.weight_q,
+                    weight_tau=self.weight_tau,
+                    threads=self.method.threads,
+                )
+                total[good] += np.where(np.isnan(found), np.inf, found)
+        self.n_simulations += len(points)
+        return total
+
+    def errors(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Weighted errors of points, (m, n_rows), and which runs completed. `blocks` says where rows stand."""
+        parts = [self._errors(points[k : k + TOGETHER]) for k in range(0, len(points), TOGETHER)]
+        self.n_simulations += len(points)
+        return np.concatenate([rows for rows, _ in parts]), np.concatenate([ended for _, ended in parts])
+
+    def _errors(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+        x = self.standard(points)
+        rows, completed = [], np.ones(len(points), dtype=bool)
+        root_q, root_tau = np.sqrt(self.weight_q), np.sqrt(self.weight_tau)
+        for window in self.windows:
+            (q, _, _, tau), outcomes = window.loop.run(x, threads=self.method.threads)
+            completed &= np.array([outcome.completed for outcome in outcomes])
+            if root_q.any():
+                rows.append(((q - window.q) * root_q).reshape(len(points), -1))
+            if root_tau.any():
+                rows.append(((tau - window.tau) * root_tau).reshape(len(points), -1))
+        return np.concatenate(rows, axis=1), completed
+
+    def blocks(self) -> list[slice]:
+        """Rows of one output along one window each: sample by sample, joint by joint within."""
+        found, place = [], 0
+        for window in self.windows:
+            for weights in (self.weight_q, self.weight_tau):
+                if weights.any():
+                    found.append(slice(place, place + window.q.size))
+                    place += window.q.size
+        return found
+
+    def derivatives(self, point: Array, errors: Array) -> Array:
+        """Return derivatives of the weighted errors, (n, n_rows), by differences of simulations side by side.
+
+        Differences in lanes take less time than the exact tangent of the run, which ``sensitivity.rs`` has as a check.
+        """
+        steps = DIFFERENCE * self.scale
+        moved, completed = self.errors(point + np.diag(steps))
+        moved -= errors
+        moved /= steps[:, None]
+        if not completed.all():
+            # At the edge of the feasible set the other side is inside.
+            back = np.flatnonzero(np.logical_not(completed))
+            other, inside = self.errors(point - np.diag(steps)[back])
+            moved[back] = np.where(inside[:, None], (errors - other) / steps[back, None], 0.0)
+        return moved
+
+    def safe_share(self, point: Array, target: Array) -> float:
+        """Return the share of the way to a target that keeps M(q) positive definite."""
+        x, y = self.standard(np.stack([point, target]))
+        return safe_step(self.robot, self.checked, x, y)
+
+    def begun_at(self, point: Array) -> OutputError:
+        """Return the same problem with another start, and no simulations yet."""
+        other = copy.copy(self)
+        other.start, other.n_simulations = point, 0
+        return other
+
+    def no_start(self) -> FitError:
+        """Return the error for a start that cannot be simulated, with what becomes of its run."""
+        x = self.standard(self.start[None])
+        outcomes = [window.loop.run(x)[1][0] for window in self.windows]
+        ended = next((outcome for outcome in outcomes if not outcome.completed), "gives no number")
+        return FitError(
+            f"{self.job.experiment.name}: CLOE cannot start from these parameters: the robot cannot be simulated with "
+            f"them, the run {ended}"
+        )
+
+    def checkpoint(self) -> Checkpoint:
+        """Return the file of the search, which knows this problem; of no file it need not."""
+        path = self.method.checkpoint
+        return Checkpoint(None, "") if path is None else Checkpoint(Path(path), self.fingerprint())
+
+    def fingerprint(self) -> str:
+        """Digest of all that makes two searches the same problem: the log, the closed loop, what is estimated and how."""
+        settings = self.settings()
+        for key in ("max_iterations", "max_evaluations", "threads", "checkpoint", "tolerance", "starts"):
+            settings.pop(key)
+        record = {key: value for key, value in self.job.record().items() if key != "versions"}
+        asked = json.dumps([settings, record], sort_keys=True, default=str)
+        digest = hashlib.sha256(asked.encode())
+        for window in self.windows:
+            loop = window.loop
+            law = loop.law
+            numbers = (loop.rate_hz, loop.n_records, loop.steps, loop.start, loop.divergence, law.digital)
+            digest.update(repr(numbers).encode())
+            motion = loop.motion.at(loop.t)
+            signals = [part for part in (loop.external, law.feedforward) if part is not None]
+            push = [np.append(values, rate) for rate, values in signals]
+            for array in (
+                *(window.q, window.tau, *motion, *push, law.laws, law.gain, law.saturation),
+                *(self.start, self.job.selection.values),
+            ):
+                digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
+
+    def _start(self) -> Array:
+        start = self.method.start
+        if isinstance(start, str) and start == "idim-ls":
+            idim = IDIMLS(fixed=self.method.fixed, dropped=self.method.dropped)
+            x = idim.run(self.job.experiment, lambda iteration: False, self.say).parameters
+        else:
+            x = standard_start(self.robot, start)
+        return np.asarray(self.base.project(x)[self.estimated])
+
+    def _scale(self) -> Array:
+        columns = [self.base.indices[index] for index in self.estimated]
+        squares, sizes = np.zeros((self.robot.n_dof, len(columns))), np.zeros(self.robot.n_dof)
+        for window in self.windows:
+            t = window.loop.t[:: max(1, window.loop.n_records // 2000)]
+            w = regressor(self.robot, *window.loop.motion.at(t))[:, :, columns]
+            squares += np.mean(w**2, axis=0)
+            sizes += np.mean(window.tau**2, axis=0)
+        share = np.sqrt(np.sum(squares / np.where(sizes > 0.0, sizes, 1.0)[:, None], axis=0))
+        return 1.0 / np.where(share > 0.0, share, 1.0)
+
+    def result(
+        self,
+        point: Array,
+        *,
+        status: Status,
+        history: Sequence[Iteration],
+        covariance: Array,
+        condition_number: float,
+        settings: dict[str, Any],
+        remarks: Sequence[str] = (),
+    ) -> Identification:
+        """Put together the result at a point, with the errors of the simulated torques there."""
+        x = self.standard(point[None])[0]
+        beta = self.base.project(x)
+        errors_tau, sizes = np.zeros(self.robot.n_dof), np.zeros(self.robot.n_dof)
+        positions, n_rows, cost = [], 0, 0.0
+        torques = all(recording.tau is not None for recording in self.job.experiment.recordings)
+        delay = self.job.delay() if torques else (0.0, None)
+        for window in self.windows:
+            (q, _, _, tau), _ = window.loop.run(x[None], threads=self.method.threads)
+            # The measured torque is moved back against the motion, as by the other methods.
+            (simulated,), torque = align([np.ascontiguousarray(tau[0])], window.tau, delay[0])
+            errors_tau += np.sum((simulated - torque)[window.kept] ** 2, axis=0)
+            sizes += np.sum(torque[window.kept] ** 2, axis=0)
+            cost += float(np.sum((q[0] - window.q) ** 2))
+            positions.append(q[0])
+            n_rows += q[0].size
+        self.n_simulations += len(self.windows)
+        full = self.job.selection.expand_covariance(covariance)
+        everything = np.concatenate(positions)
+        norm = float(np.sqrt(errors_tau.sum()))
+        return Identification(
+            name=self.job.experiment.name,
+            robot=self.robot.name,
+            method=self.method.name,
+            status=status,
+            names=self.base.names,
+            units=self.base.units,
+            roles=self.job.selection.roles,
+            beta=beta,
+            covariance=full,
+            parameter_names=self.robot.parameter_names,
+            parameters=self.base.lift(beta),
+            relative_error=ratios(np.sqrt(errors_tau), np.sqrt(sizes)),
+            overall_relative_error=ratio(np.sqrt(errors_tau.sum()), np.sqrt(sizes.sum())),
+            error_norm=norm,
+            error_std=norm / math.sqrt(max(1, n_rows - len(self.estimated))),
+            condition_number=condition_number,
+            n_rows=n_rows,
+            n_simulations=self.n_simulations,
+            history=tuple(history),
+            held_out=tuple(self.job.held_out(beta, delay[0])) if torques else (),
+            delay=delay_record(*delay),
+            warnings=physical_flags(self.robot, beta, np.sqrt(np.diag(full)), thinned(everything, 2000)),
+            remarks=(
+                *remarks,
+                *(() if torques else ("without torques in the log, torque errors mean nothing",)),
+            ),
+            settings=self.job.record(
+                cloe={**self.settings(), **settings, "position_error_norm": math.sqrt(cost)}
+            ),
+            digests=digests(self.job.experiment),
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """Return what was asked for."""
+        asked = asdict(replace(self.method, start="unit"))
+        asked["start"] = self.method.start if isinstance(self.method.start, str) else "given"
+        asked["checkpoint"] = None if self.method.checkpoint is None else str(self.method.checkpoint)
+        return asked
+
+
+def _windows(job: Job, output: Output) -> list[Window]:
+    experiment = job.experiment
+    if output != "position" and job.wish != 0.0:
+        raise FitError(
+            f"output {output!r} takes no delay of the torque back, and compensate_samples is {job.wish!r}: use output "
+            "'position', or DIDIM"
+        )
+    found = []
+    for recording in experiment.recordings:
+        if recording.role != "fit":
+            continue
+        if recording.tau is None and output != "position":
+            raise FitError(f"recording '{recording.name}' has no torques, which output {output!r} needs")
+        for start, stop in recording.windows:
+            loop = closed_loop(experiment, recording, (start, stop))
+            q = np.ascontiguousarray(recording.q[start:stop])
+            tau = (
+                np.zeros_like(q) if recording.tau is None else np.ascontiguousarray(recording.tau[start:stop])
+            )
+            with np.errstate(over="ignore"):
+                sizes = np.linalg.norm(tau, axis=0)
+            if not np.isfinite(sizes).all():
+                joint = int(np.argmin(np.isfinite(sizes))) + 1
+                raise FitError(
+                    f"recording '{recording.name}': the torques of joint {joint} are too large to be squared; check their unit"
+                )
+            kept = slice(job.signal.trim_start, len(q) - job.signal.trim_end)
+            found.append(Window(loop, q, tau, kept))
+    if not found:
+        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
+    return found

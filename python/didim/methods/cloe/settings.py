@@ -1,0 +1,116 @@
+"""Settings of CLOE."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Real
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from ..._tools.arrays import real_array
+from ...errors import FitError
+from ..start import Start
+
+Optimizer = Literal["levenberg-marquardt", "nelder-mead"]
+Output = Literal["position", "torque", "both"]
+Variant = Literal["scaled", "adaptive", "literal"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CLOESettings:
+    """Settings of CLOE, without the search itself: what its searches read.
+
+    Parameters
+    ----------
+    optimizer : {"levenberg-marquardt", "nelder-mead"}
+        Gauss-Newton steps with damping, a covariance included; or the paper's simplex.
+    output : {"position", "torque", "both"}
+        What is compared: positions (19), torques, or both.
+    start : str, mapping, array or Identification
+        Initial parameters (`didim.methods.start.standard_start`); "apriori" is (21), "idim-ls" the estimate of IDIM-LS.
+    max_iterations : int, optional
+        100 for Levenberg-Marquardt, 200 per parameter for the simplex.
+    max_evaluations : int, optional
+        Of the simplex; 200 per parameter.
+    variant : {"adaptive", "scaled", "literal"}
+        Of the simplex. Literal: ``fminsearch`` as it is, first edges of 5 % or 0.00025, coefficients 1, 2, 1/2, 1/2. Scaled:
+        first edges that each change the outputs by 0.3 of the initial norm, shorter where M(q) would not stay positive
+        definite. Adaptive: those, and the coefficients of Gao and Han (2012). The last two start again from the best
+        point when the simplex has collapsed.
+    starts : int
+        Searches from so many points: `start`, and random ones around it that can be simulated. The best result is
+        returned, with a remark on how many reached the same optimum.
+    seed : int
+        Of these points.
+    checkpoint : path, optional
+        File (``.npz``) that the search is saved to as it goes on, and continued from where it is there; with one start.
+    tolerance : float
+        Levenberg-Marquardt stops when the cost falls by less than this share (20).
+    noise : sequence of float, optional
+        Standard deviation of the measured positions per joint (rad or m): weights of Levenberg-Marquardt. Estimated from
+        fifth differences of the measured positions by default, that of torques likewise.
+    fixed, dropped : mapping, sequence, optional
+        As in `FitSettings`.
+    threads : int, optional
+        All cores by default.
+
+    Raises
+    ------
+    FitError
+        For a value out of its range.
+    """
+
+    optimizer: Optimizer = "levenberg-marquardt"
+    output: Output = "position"
+    start: Start = "apriori"
+    max_iterations: int | None = None
+    max_evaluations: int | None = None
+    variant: Variant = "adaptive"
+    tolerance: float = 1e-6
+    noise: Sequence[float] | None = None
+    fixed: dict[str, float] | None = None
+    dropped: Sequence[str] | None = None
+    threads: int | None = None
+    starts: int = 1
+    seed: int = 0
+    checkpoint: str | Path | None = None
+
+    kind: ClassVar[str] = "cloe"
+
+    @property
+    def name(self) -> str:
+        """Name in results: "cloe-nelder-mead" or "cloe-levenberg-marquardt", "clie-..." on torques."""
+        return f"{'clie' if self.output == 'torque' else 'cloe'}-{self.optimizer}"
+
+    def __post_init__(self) -> None:
+        for key, known in (
+            ("optimizer", ("levenberg-marquardt", "nelder-mead")),
+            ("output", ("position", "torque", "both")),
+            ("variant", ("adaptive", "scaled", "literal")),
+        ):
+            if getattr(self, key) not in known:
+                raise FitError(f"{key} must be one of {', '.join(known)}, got {getattr(self, key)!r}")
+        for key, least in (("max_iterations", 1), ("max_evaluations", 1), ("starts", 1), ("seed", 0)):
+            value = getattr(self, key)
+            if value is None and key in ("max_iterations", "max_evaluations"):
+                continue
+            if isinstance(value, bool) or not isinstance(value, int) or value < least:
+                raise FitError(f"{key} must be a whole number of at least {least}, got {value!r}")
+        if self.noise is not None:
+            noise = real_array("noise", self.noise, FitError)
+            if noise.ndim != 1 or not (np.isfinite(noise) & (noise > 0.0)).all():
+                raise FitError(f"noise needs positive numbers, one per joint, got {self.noise!r}")
+            object.__setattr__(self, "noise", tuple(noise.tolist()))
+        if isinstance(self.tolerance, bool) or not isinstance(self.tolerance, Real):
+            raise FitError(f"tolerance must be a number, got {self.tolerance!r}")
+        if self.checkpoint is not None and not Path(self.checkpoint).absolute().parent.is_dir():
+            raise FitError(
+                f"checkpoint '{self.checkpoint}': there is no folder '{Path(self.checkpoint).parent}'"
+            )
+        if self.checkpoint is not None and self.starts > 1:
+            raise FitError("a checkpoint belongs to one search: starts must be 1 with it")
+        if not 0.0 <= self.tolerance < 1.0:
+            raise FitError(f"tolerance must be at least 0 and below 1, got {self.tolerance!r}")

@@ -1,0 +1,96 @@
+"""`identify`: run a method on an experiment."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import import_module
+
+from ..errors import FitError
+from ..experiment.experiment import Experiment
+from ..result.identification import Identification
+from ..result.iteration import Iteration
+from .idim_ls import IDIMLS
+from .method import Method
+
+METHODS: dict[str, str | Callable[..., Method]] = {
+    "idim-ls": "didim.methods.idim_ls:IDIMLS",
+    "didim": "didim.methods.didim:DIDIM",
+    "cloe": "didim.methods.cloe.cloe:CLOE",
+}
+"""Settings class of each method by name, or where it is, as "module:class": loaded when the method is asked for."""
+
+
+def method_class(name: str) -> Callable[..., Method]:
+    """Return the settings class of a method.
+
+    Raises
+    ------
+    FitError
+        For an unknown name; the sentence lists those that are known (``test_cli.py``).
+    """
+    if name not in METHODS:
+        raise FitError(f"there is no method '{name}'; available: {', '.join(METHODS)}")
+    place = METHODS[name]
+    if not isinstance(place, str):
+        return place
+    module, _, class_name = place.partition(":")
+    found: Callable[..., Method] = getattr(import_module(module), class_name)
+    return found
+
+
+def identify(
+    experiment: Experiment,
+    method: Method | None = None,
+    *,
+    callback: Callable[[Iteration], bool | None] | None = None,
+    verbose: bool = False,
+) -> Identification:
+    """Identify the dynamic parameters of an experiment's robot.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        From `didim.load_experiment`.
+    method : method, optional
+        Settings such as ``didim.IDIMLS()``, which is also the default.
+    callback : callable, optional
+        Called with every `Iteration`; when it returns True the method stops there.
+    verbose : bool
+        Tell on stderr what goes on.
+
+    Returns
+    -------
+    Identification
+        Parameters, their uncertainty, and how well they explain the log.
+
+    Raises
+    ------
+    DidimError
+        One of its kinds, for a log or settings that allow no estimate.
+
+    Notes
+    -----
+    ``test_identify.py`` recovers the parameters of simulated logs.
+    """
+    if method is None:
+        method = IDIMLS()
+
+    def say(text: str) -> None:
+        if verbose:
+            print(f"{method.name}: {text}", file=sys.stderr, flush=True)
+
+    def progress(iteration: Iteration) -> bool:
+        say(
+            f"iteration {iteration.iteration}: relative error {100.0 * iteration.relative_error:.4f} %, "
+            f"step {100.0 * iteration.step:.3g} %"
+        )
+        return callback is not None and callback(iteration) is True
+
+    start = time.perf_counter()
+    fit = method.run(experiment, progress, say)
+    fit = replace(fit, elapsed=time.perf_counter() - start)
+    say(f"{fit.elapsed:.3f} s; {fit.status.value}")
+    return fit

@@ -1,0 +1,90 @@
+"""Where DIDIM and CLOE start: regular points, (17) and (21), named sets, estimates, vectors.
+
+Tested in ``tests/test_didim.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._tools.arrays import Array, real_array
+from .._tools.words import did_you_mean
+from ..errors import FitError
+from ..result.identification import Identification
+from ..robot.parameter_file import is_file, load_parameters
+from ..robot.robot import Robot
+
+Start = str | ArrayLike | Mapping[str, float] | Identification
+
+
+def unit_rotors(robot: Robot) -> Array:
+    """Return the regular initial point (17): unit rotor inertias and nothing else, (n_parameters,).
+
+    Rotors turn with ``C dq`` and add ``C^T diag(Ja) C`` to M(q). By (24) the ``Ia`` of a joint contains what coupled
+    rotors put on its diagonal, so that unit rotors give ``Ia5 = 2`` and ``Ia6 = 1`` for the TX40: all ones would be singular.
+    """
+    coupling = np.array(robot.geometry.coupling)
+    coupling = coupling / np.diag(coupling)[:, None]
+    x = np.zeros(len(robot.parameter_names))
+    for joint, inertia in enumerate((coupling**2).sum(axis=0)):
+        x[robot.parameter_names.index(f"Ia{joint + 1}")] = inertia
+    return x
+
+
+def standard_start(robot: Robot, start: Start) -> Array:
+    """Return standard parameters to start from, (n_parameters,).
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    start : str, mapping, array or Identification
+        "unit" for (17), a parameter set of the robot file such as "apriori" (21), the path of a result or of its parameters
+        (`load_parameters`), values by name, a vector of standard or base parameters, or a result.
+
+    Raises
+    ------
+    FitError
+        For an unknown name or a wrong length.
+    RobotError
+        For an unknown parameter set.
+    OSError
+        For a file that cannot be read.
+    """
+    base = robot.base_parameters
+    if isinstance(start, str):
+        if start == "unit":
+            return unit_rotors(robot)
+        return load_parameters(robot, start) if is_file(start) else robot.parameter_set(start)
+    if isinstance(start, Identification):
+        if start.parameter_names != robot.parameter_names:
+            raise FitError(
+                f"the start is a result for robot {start.robot!r}, and the robot is {robot.name!r}"
+            )
+        return start.parameters
+    if isinstance(start, Mapping):
+        beta = np.zeros(len(base.names))
+        for name, value in zip(start, _finite(list(start.values())), strict=True):
+            if name not in base.names:
+                raise FitError(f"the start has no base parameter {name!r}{did_you_mean(name, base.names)}")
+            beta[base.names.index(name)] = value
+        return base.lift(beta)
+    vector = _finite(start)
+    if vector.shape == (len(robot.parameter_names),):
+        return vector
+    if vector.shape == (len(base.names),):
+        return base.lift(vector)
+    raise FitError(
+        f"the start needs {len(robot.parameter_names)} standard or {len(base.names)} base parameters, got "
+        f"{vector.shape}"
+    )
+
+
+def _finite(values: ArrayLike) -> Array:
+    vector = real_array("start", values, FitError)
+    if not np.isfinite(vector).all():
+        raise FitError("the start has a value that is not finite")
+    return vector

@@ -1,0 +1,1 @@
+"""Equations (1) to (4): the dynamic models of a robot."""

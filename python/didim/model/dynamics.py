@@ -1,0 +1,204 @@
+"""Inverse dynamic model (1), its regressor (2) and the direct dynamic model (4), in batches over samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import didim._core as _core
+
+from .._tools.arrays import LARGEST_POSITION, LARGEST_SQUARED, Array, real_array, surely_within
+from ..errors import IndefiniteError, ShapeError
+from ..robot.robot import Robot
+
+
+def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, x: ArrayLike) -> Array:
+    """Torques of a motion: ``tau = M(q) ddq + N(q, dq)``, rotors and friction included, equation (1).
+
+    Checked against Pinocchio's ``rnea`` and against the regressor in ``tests/test_pinocchio.py`` and
+    ``tests/test_identities.py``.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q, dq, ddq : (n_samples, n_dof) arrays
+        Positions (rad or m), velocities and accelerations, joint side.
+    x : (n_parameters,) array
+        Standard parameters in the order of ``robot.parameter_names``.
+
+    Returns
+    -------
+    (n_samples, n_dof) array
+        Torques (N.m) or forces (N), joint side.
+
+    Raises
+    ------
+    ShapeError
+        For a wrong shape, or a NaN, with its place.
+    """
+    q, dq, ddq = _motion(robot, q, dq, ddq)
+    vector = standard_vector(robot, x)
+    try:
+        return _core.inverse_dynamics(robot.core, q, dq, ddq, vector)
+    except ValueError as reason:
+        raise ShapeError(str(reason)) from None
+
+
+def regressor(
+    robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, out: Array | None = None
+) -> Array:
+    """Regressor of the inverse dynamic model: ``tau = W x`` at each sample, equation (2).
+
+    Checked against Pinocchio's ``computeJointTorqueRegressor`` in ``tests/test_pinocchio.py``.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q, dq, ddq : (n_samples, n_dof) arrays
+        Positions (rad or m), velocities and accelerations, joint side.
+    out : (n_samples, n_dof, n_parameters) array, optional
+        Contiguous memory for the result: batches that use it again and fit the cache take less time.
+
+    Returns
+    -------
+    (n_samples, n_dof, n_parameters) array
+        Torque per unit of each standard parameter, joint side.
+
+    Raises
+    ------
+    ShapeError
+        For a wrong shape, or a NaN, with its place.
+    """
+    q, dq, ddq = _motion(robot, q, dq, ddq)
+    try:
+        return _core.regressor(robot.core, q, dq, ddq, out)
+    except ValueError as reason:
+        raise ShapeError(str(reason)) from None
+
+
+def inertia_matrix(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
+    """Inertia matrix ``M(q)`` of (1), rotors and coupled motors included.
+
+    Checked against Pinocchio's ``crba`` in ``tests/test_pinocchio.py``.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q : (n_samples, n_dof) array
+        Positions (rad or m), joint side.
+    x : (n_parameters,) array
+        Standard parameters in the order of ``robot.parameter_names``.
+
+    Returns
+    -------
+    (n_samples, n_dof, n_dof) array
+        Symmetric matrices (kg.m^2, kg.m or kg), joint side.
+
+    Raises
+    ------
+    ShapeError
+        For a wrong shape, or a NaN, with its place.
+    """
+    positions = _matrix(robot, "q", q)
+    vector = standard_vector(robot, x)
+    try:
+        return _core.inertia_matrix(robot.core, positions, vector)
+    except ValueError as reason:
+        raise ShapeError(str(reason)) from None
+
+
+def direct_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, x: ArrayLike) -> Array:
+    """Accelerations of a robot under torques: ``M(q) ddq = tau - N(q, dq)``, equation (4).
+
+    Checked against Pinocchio's ``aba`` in ``tests/test_pinocchio.py``, and as the inverse of
+    `inverse_dynamics` in ``tests/test_identities.py``.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    q, dq : (n_samples, n_dof) arrays
+        Positions (rad or m) and velocities, joint side.
+    tau : (n_samples, n_dof) array
+        Torques (N.m) or forces (N), joint side.
+    x : (n_parameters,) array
+        Standard parameters in the order of ``robot.parameter_names``.
+
+    Returns
+    -------
+    (n_samples, n_dof) array
+        Accelerations (rad/s^2 or m/s^2), joint side.
+
+    Raises
+    ------
+    ShapeError
+        For a wrong shape, or a NaN, with its place.
+    IndefiniteError
+        When ``M(q)`` is not positive definite: such a robot does not exist; names the sample and the joint.
+    """
+    positions, velocities = _matrix(robot, "q", q), _matrix(robot, "dq", dq)
+    torques, vector = _matrix(robot, "tau", tau), standard_vector(robot, x)
+    try:
+        ddq, indefinite = _core.direct_dynamics(robot.core, positions, velocities, torques, vector)
+    except ValueError as reason:
+        raise ShapeError(str(reason)) from None
+    if indefinite is not None:
+        sample, joint = indefinite
+        raise IndefiniteError(
+            f"M(q) is not positive definite at sample {sample + 1}: the inertia that joint {joint + 1} feels "
+            "is not positive with these parameters"
+        )
+    return ddq
+
+
+def standard_vector(robot: Robot, x: ArrayLike) -> Array:
+    """Check a vector of standard parameters, ``(n_parameters,)``.
+
+    Raises
+    ------
+    ShapeError
+        For a wrong length, or a NaN, with the parameter's name.
+    """
+    vector = real_array("x", x, ShapeError)
+    names = robot.parameter_names
+    if vector.shape != (len(names),):
+        hint = ""
+        if vector.shape == (len(robot.base_parameters.names),):
+            hint = "; these may be base parameters: lift them with robot.base_parameters.lift(beta)"
+        raise ShapeError(
+            f"x must have shape ({len(names)},) for robot {robot.name!r}, got {vector.shape}{hint}"
+        )
+    if surely_within(vector, LARGEST_SQUARED):
+        return vector
+    bad = np.flatnonzero(~np.isfinite(vector))
+    if bad.size:
+        raise ShapeError(f"x has {vector[bad[0]]} for parameter {names[bad[0]]}")
+    return vector
+
+
+def _motion(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Array, Array, Array]:
+    return _matrix(robot, "q", q), _matrix(robot, "dq", dq), _matrix(robot, "ddq", ddq)
+
+
+def _matrix(robot: Robot, name: str, value: ArrayLike) -> Array:
+    array = real_array(name, value, ShapeError)
+    if array.ndim != 2 or array.shape[1] != robot.n_dof:
+        hint = "; transpose it?" if array.ndim == 2 and array.shape[0] == robot.n_dof else ""
+        raise ShapeError(
+            f"{name} must have shape (n_samples, {robot.n_dof}) for robot {robot.name!r}, "
+            f"got {array.shape}{hint}"
+        )
+    # What is not finite in any of them is told by the core.
+    if name != "q" or surely_within(array, LARGEST_POSITION):
+        return array
+    beyond = np.argwhere(np.abs(array) > LARGEST_POSITION)
+    if beyond.size:
+        sample, joint = beyond[0]
+        raise ShapeError(
+            f"q of joint {joint + 1} is {array[sample, joint]:g} at sample {sample + 1}, where at most "
+            f"{LARGEST_POSITION:g} rad or m is possible"
+        )
+    return array

@@ -1,0 +1,70 @@
+"""Frames of a robot in a pose: the geometric model of modified Denavit-Hartenberg rows (Khalil and Kleinfinger).
+
+Frame j follows frame j - 1 by ``Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)``, where the position of the joint
+adds to theta (revolute) or to r (prismatic). The dynamics have their own way through the chain, in the core; this one is for
+pictures. ``test_plot.py`` compares with the frames of Pinocchio.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._tools.arrays import Array, real_array
+from ..errors import ShapeError
+from ..robot.robot import Robot
+
+
+def frames(robot: Robot, q: ArrayLike) -> Array:
+    """Frames 0 to n of a robot, in frame 0.
+
+    Parameters
+    ----------
+    robot : Robot
+        Gives the rows.
+    q : (n_samples, n_dof) array
+        Positions (rad or m), joint side.
+
+    Returns
+    -------
+    (n_samples, n_dof + 1, 4, 4) array
+        Homogeneous matrices: axes in the first three columns, origin (m) in the fourth. Frame 0 is the identity.
+
+    Raises
+    ------
+    ShapeError
+        For positions of another shape, or that are not finite.
+    """
+    positions = real_array("q", q, ShapeError)
+    n = robot.n_dof
+    if positions.ndim != 2 or positions.shape[1] != n:
+        raise ShapeError(
+            f"q must have shape (n_samples, {n}) for robot {robot.name!r}, got {positions.shape}"
+        )
+    if not np.isfinite(positions).all():
+        sample, joint = np.argwhere(~np.isfinite(positions))[0]
+        raise ShapeError(f"q of joint {joint + 1} is {positions[sample, joint]} at sample {sample}")
+    geometry = robot.geometry
+    found = np.empty((len(positions), n + 1, 4, 4))
+    found[:, 0] = np.eye(4)
+    for joint, kind in enumerate(geometry.kinds):
+        moved = positions[:, joint]
+        turn = geometry.theta[joint] + (moved if kind == "revolute" else np.zeros_like(moved))
+        slide = geometry.r[joint] + (moved if kind == "prismatic" else np.zeros_like(moved))
+        row = _row(geometry.alpha[joint], geometry.d[joint], turn, slide)
+        found[:, joint + 1] = np.matmul(found[:, joint], row)
+    return found
+
+
+def _row(alpha: float, d: float, theta: Array, r: Array) -> Array:
+    """Return the matrices of one row, (n_samples, 4, 4); theta and r are (n_samples,)."""
+    ca, sa = np.cos(alpha), np.sin(alpha)
+    ct, st = np.cos(theta), np.sin(theta)
+    zero, one = np.zeros_like(ct), np.ones_like(ct)
+    rows = [
+        [ct, -st, zero, d * one],
+        [ca * st, ca * ct, -sa * one, -r * sa],
+        [sa * st, sa * ct, ca * one, r * ca],
+        [zero, zero, zero, one],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)

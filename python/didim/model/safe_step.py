@@ -1,0 +1,47 @@
+"""How far a step may go: parameters on the way to a target that still belong to a robot.
+
+Tested in ``tests/test_identities.py``, ``tests/test_didim.py`` and ``tests/test_cloe.py``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import didim._core as _core
+
+from .._tools.arrays import Array
+from ..robot.robot import Robot
+
+POSITIVE = 1e-3
+"""Share of M(q) that a full step must keep. The inertia of a start such as (17) may be a hundred times the real one."""
+MARGIN = 0.1
+"""A step that must be shortened keeps at least this share of M(q)."""
+
+
+def safe_step(robot: Robot, q: Array, x: Array, target: Array, margin: float = MARGIN) -> float:
+    """Return the share of the way to a target that keeps M(q) positive definite.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its geometry.
+    q : (n, n_dof) array
+        Positions at which M(q) is looked at (rad or m).
+    x, target : (n_parameters,) arrays
+        Standard parameters of the way's two ends.
+    margin : float
+        A step that must be shortened keeps at least this share of M(q) at `x`, at every position.
+
+    Returns
+    -------
+    float
+        1 where the target keeps the share ``POSITIVE`` of it.
+    """
+    if _core.largest_safe_step(robot.core, q, x, target, POSITIVE) == 1.0:
+        return 1.0
+    return float(_core.largest_safe_step(robot.core, q, x, target, margin))
+
+
+def thinned(q: Array, most: int) -> Array:
+    """Return every so many positions: at least `most` where there are as many, and fewer than twice that."""
+    return np.ascontiguousarray(q[:: max(1, len(q) // most)])

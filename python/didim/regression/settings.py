@@ -1,0 +1,64 @@
+"""Settings of the least squares (7) to (10)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from ..errors import FitError
+
+Weights = Literal["none", "per-joint"]
+Variance = Literal["r-b", "r-1"]
+
+
+# The weights settle within a few solutions.
+MOST_REWEIGHTINGS = 1000
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeastSquaresSettings:
+    """How (7) is solved and its covariance is scaled.
+
+    Parameters
+    ----------
+    weights : {"per-joint", "none"}
+        Divide the rows of each joint by the size of its residuals, or solve once as they are.
+    reweightings : int
+        How often the weights are estimated and the system is solved again (used with "per-joint").
+    variance : {"r-b", "r-1"}
+        Divisor of (9): unbiased, or that of the published EMPS results.
+    decimation_corrected : bool
+        Covariance for noise that decimation has correlated, with a variance per joint where the weights are; `variance` is
+        then only that of the printed standard deviation of the error.
+
+    Raises
+    ------
+    FitError
+        For a value that is none of these.
+    """
+
+    weights: Weights = "per-joint"
+    reweightings: int = 1
+    variance: Variance = "r-b"
+    decimation_corrected: bool = True
+
+    def __post_init__(self) -> None:
+        if self.weights not in ("none", "per-joint"):
+            raise FitError(f"weights must be 'none' or 'per-joint', got {self.weights!r}")
+        if self.variance not in ("r-b", "r-1"):
+            raise FitError(f"variance must be 'r-b' or 'r-1', got {self.variance!r}")
+        if (
+            isinstance(self.reweightings, bool)
+            or not isinstance(self.reweightings, int)
+            or not 0 <= self.reweightings <= MOST_REWEIGHTINGS
+        ):
+            raise FitError(
+                f"reweightings must be a whole number from 0 to {MOST_REWEIGHTINGS}, got {self.reweightings!r}"
+            )
+        if not isinstance(self.decimation_corrected, bool):
+            raise FitError(f"decimation_corrected must be true or false, got {self.decimation_corrected!r}")
+
+    @property
+    def solutions(self) -> int:
+        """Number of systems to solve."""
+        return 1 + self.reweightings if self.weights == "per-joint" else 1

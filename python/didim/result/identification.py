@@ -1,0 +1,320 @@
+"""The result of an identification: immutable, printed as a table, saved as JSON and restored whole."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, cast
+
+import numpy as np
+
+from .._tools.arrays import Array, relative_percent
+from .._tools.files import write_atomically
+from .._tools.saved import SCHEMA, read_saved
+from .._tools.words import counted
+from ..errors import FitError
+from ..regression.selection import Role
+from ..robot.parameter_file import Estimates, write_parameters
+from .iteration import HeldOut, Iteration
+from .saved_fields import fields_of
+from .status import Status
+from .table import error_lines, error_rows, parameter_lines, parameter_rows, percent_text
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Identification:
+    """Identified parameters of a robot, how certain they are, and how well they explain the log.
+
+    All values are in SI units on the joint side.
+
+    Attributes
+    ----------
+    name, robot, method : str
+        Experiment, robot and method ("idim-ls").
+    status : Status
+        How it ended.
+    names, units, roles : tuple of str
+        Of the base parameters; a role is "estimated", "fixed" or "dropped".
+    beta : ndarray, shape (b,)
+        Base parameters.
+    covariance : ndarray, shape (b, b)
+        Equation (10); zero for fixed and dropped parameters.
+    parameter_names : tuple of str
+        Of the standard parameters.
+    parameters : ndarray, shape (p,)
+        Standard parameters with the torques of beta (lifted), in the order of ``robot.parameter_names``.
+    relative_error : ndarray, shape (n_dof,)
+        Norm of each joint's torque error over that of its torque, 0.07 = 7 %.
+    overall_relative_error : float
+        The same for all joints together.
+    error_norm : float
+        ``|Y - W beta|``, without weights.
+    error_std : float
+        Its standard deviation, by the divisor that the settings choose.
+    condition_number : float
+        Of the observation matrix W, without weights.
+    n_rows : int
+        Rows of W.
+    output_error : (float, float) or None
+        Norm of measured less simulated torque over that of measured torque, (12): with the initial parameters and with
+        these; None for IDIM-LS, which simulates nothing.
+    n_simulations : int
+        Simulations of the direct dynamic model; none for IDIM-LS.
+    elapsed : float
+        Seconds.
+    history : tuple of Iteration
+        One per solution or iteration.
+    held_out : tuple of HeldOut
+        Recordings that were kept out of the fit.
+    warnings : tuple of str
+        Sentences on what physics forbids.
+    remarks : tuple of str
+        Sentences on what a reader should know: a log that looks wrong, a step that is too large.
+    delay : mapping of str to float
+        "compensated_samples", and "estimated_samples" and "estimated_seconds" if the delay was estimated.
+    settings, digests : mapping
+        What was asked for; SHA-256 of every file read.
+
+    Notes
+    -----
+    ``test_identification.py`` saves, loads and compares everything.
+    """
+
+    name: str
+    robot: str
+    method: str
+    status: Status
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    roles: tuple[Role, ...]
+    beta: Array
+    covariance: Array
+    parameter_names: tuple[str, ...]
+    parameters: Array
+    relative_error: Array
+    overall_relative_error: float
+    error_norm: float
+    error_std: float
+    condition_number: float
+    n_rows: int
+    output_error: tuple[float, float] | None = None
+    n_simulations: int = 0
+    elapsed: float = 0.0
+    history: tuple[Iteration, ...] = ()
+    held_out: tuple[HeldOut, ...] = ()
+    warnings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    delay: Mapping[str, float] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n_base = len(self.names)
+        shapes = {
+            "beta": (n_base,),
+            "covariance": (n_base, n_base),
+            "parameters": (len(self.parameter_names),),
+            "relative_error": (len(self.relative_error),),
+        }
+        for key, shape in shapes.items():
+            values = np.array(getattr(self, key), dtype=np.float64)
+            if values.shape != shape:
+                raise FitError(f"{key} must have shape {shape}, got {values.shape}")
+            values.flags.writeable = False
+            object.__setattr__(self, key, values)
+        for key in ("delay", "settings", "digests"):
+            object.__setattr__(self, key, MappingProxyType(copy.deepcopy(dict(getattr(self, key)))))
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations of beta, shape (b,); zero for fixed and dropped parameters."""
+        return cast(Array, np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def relative_std_percent(self) -> Array:
+        """Equation (11), shape (b,), percent; NaN where beta is zero."""
+        return relative_percent(self.std, self.beta)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the method reached what it aims at."""
+        return self.status.converged
+
+    @property
+    def n_iterations(self) -> int:
+        """Number of iterations, that of the last entry of the history."""
+        return self.history[-1].iteration if self.history else 0
+
+    def parameter_rows(self) -> list[tuple[str, ...]]:
+        """Return heading and cells of the table of parameters, see `didim.result.table.parameter_rows`."""
+        return parameter_rows(
+            self.names, self.units, self.roles, self.beta, self.std, self.relative_std_percent
+        )
+
+    def error_rows(self) -> list[tuple[str, ...]]:
+        """Return heading and cells of the table of relative errors: of the fit, then of the recordings held out."""
+        held_out = [
+            (f"held out: {item.name}", item.relative_error, item.overall_relative_error)
+            for item in self.held_out
+        ]
+        return error_rows([("fit", tuple(self.relative_error), self.overall_relative_error), *held_out])
+
+    def __str__(self) -> str:
+        count = counted(len(self.names), "base parameter")
+        lines = [f"{self.name}: {count} of robot {self.robot} by {self.method}", ""]
+        lines += parameter_lines(self.parameter_rows())
+        lines += ["", *error_lines(self.error_rows()), ""]
+        lines.append(
+            f"condition number {self.condition_number:.6g}, error norm {self.error_norm:.7g}, "
+            f"standard deviation of the error {self.error_std:.5g}, {self.n_rows} rows"
+        )
+        lines += _delay_lines(self.delay)
+        if self.output_error is not None:
+            before, after = (percent_text(100.0 * error) for error in self.output_error)
+            lines.append(
+                f"simulated torques off by {after} % (initial parameters: {before} %), after "
+                f"{counted(self.n_simulations, 'simulation')}"
+            )
+        if self.remarks:
+            lines += ["", "To know:", *(f"  {text}" for text in self.remarks)]
+        verdict = self.status.value
+        if self.warnings:
+            lines += ["", "Not physical as it stands:", *(f"  {text}" for text in self.warnings)]
+            # The last line is what is read: it must not sound like plain success.
+            verdict += f" But it is not physical as it stands: see the {counted(len(self.warnings), 'finding')} above."
+        return "\n".join([*lines, "", verdict])
+
+    def __repr__(self) -> str:
+        return (
+            f"<Identification {self.name!r}: {self.method}, {len(self.names)} parameters, {self.status.name}>"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, as plain lists, numbers and strings; NaN and infinity become None."""
+        values = zip(
+            self.names, self.units, self.beta, self.std, self.relative_std_percent, self.roles, strict=True
+        )
+        return {
+            "schema": SCHEMA,
+            "name": self.name,
+            "robot": self.robot,
+            "method": self.method,
+            "status": self.status.value,
+            "status_name": self.status.name,
+            "converged": self.converged,
+            "n_iterations": self.n_iterations,
+            "n_simulations": self.n_simulations,
+            "output_error": None if self.output_error is None else [_finite(e) for e in self.output_error],
+            "elapsed_s": self.elapsed,
+            "condition_number": _finite(self.condition_number),
+            "relative_error": [_finite(value) for value in self.relative_error],
+            "overall_relative_error": _finite(self.overall_relative_error),
+            "error_norm": self.error_norm,
+            "error_std": self.error_std,
+            "n_rows": self.n_rows,
+            "parameters": [
+                {
+                    "name": name,
+                    "unit": unit,
+                    "value": float(value),
+                    "std": float(std),
+                    "relative_std_percent": _finite(percent),
+                    "role": role,
+                }
+                for name, unit, value, std, percent, role in values
+            ],
+            "warnings": list(self.warnings),
+            "remarks": list(self.remarks),
+            "held_out": [
+                {
+                    "name": item.name,
+                    "relative_error": [_finite(value) for value in item.relative_error],
+                    "overall_relative_error": _finite(item.overall_relative_error),
+                }
+                for item in self.held_out
+            ],
+            "history": [
+                {
+                    "iteration": item.iteration,
+                    "relative_error": _finite(item.relative_error),
+                    "step": _finite(item.step),
+                    **{key: _finite(value) for key, value in item.more.items()},
+                }
+                for item in self.history
+            ],
+            "delay": dict(self.delay),
+            "settings": copy.deepcopy(dict(self.settings)),
+            "digests": dict(self.digests),
+            "standard_parameters": dict(
+                zip(self.parameter_names, (float(value) for value in self.parameters), strict=True)
+            ),
+            "covariance": self.covariance.tolist(),
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the JSON of `to_dict`, whole or not at all.
+
+        Raises
+        ------
+        OSError
+            When the file cannot be written.
+        """
+        text = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
+        write_atomically(Path(path), text + "\n")
+
+    def save_parameters(self, path: str | Path) -> None:
+        """Write the parameters alone, as TOML or npz: see `didim.robot.parameter_file.write_parameters`."""
+        estimates = Estimates(
+            title=f"{self.name}: base parameters of robot {self.robot} by {self.method}. {self.status.value}",
+            comments=self.warnings,
+            names=self.names,
+            units=self.units,
+            roles=self.roles,
+            beta=self.beta,
+            std=self.std,
+            covariance=self.covariance,
+            parameter_names=self.parameter_names,
+            parameters=self.parameters,
+        )
+        write_parameters(estimates, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Identification:
+        """Restore what `save` wrote.
+
+        Raises
+        ------
+        FitError
+            When the file is no such JSON; the message says what is missing.
+        OSError
+            When it cannot be read.
+        """
+        data = read_saved(path)
+        try:
+            return cls(**fields_of(data))
+        except KeyError as error:
+            raise FitError(f"{path}: key {error} is missing or unknown") from None
+        except (AttributeError, TypeError, ValueError, OverflowError, IndexError) as error:
+            raise FitError(f"{path}: not the result of an identification: {error}") from None
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _delay_lines(delay: Mapping[str, float]) -> list[str]:
+    lines = []
+    if "estimated_samples" in delay:
+        lines.append(
+            f"torque recorded {delay['estimated_samples']:+.2f} samples "
+            f"({1e3 * delay['estimated_seconds']:+.3f} ms) after the motion, by estimate"
+        )
+    compensated = delay.get("compensated_samples", 0.0)
+    if compensated:
+        lines.append(f"torque moved back by {compensated:g} samples")
+    return lines

@@ -1,0 +1,47 @@
+"""Iterations of a method, and errors on recordings that were held out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, kw_only=True)
+class Iteration:
+    """One iteration of a method, as told to ``callback`` and kept in ``history``.
+
+    Attributes
+    ----------
+    iteration : int
+        Counted from 1.
+    relative_error : float
+        Norm of the torque error over that of the torque, all joints.
+    step : float
+        Norm of the change of beta over that of beta (from zero in the first iteration).
+    more : mapping of str to float
+        What else the method has to say.
+    """
+
+    iteration: int
+    relative_error: float
+    step: float
+    more: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOut:
+    """How well the estimate predicts the torques of a recording that it was not made from.
+
+    Attributes
+    ----------
+    name : str
+        Recording.
+    relative_error : tuple of float
+        Per joint, 0.07 = 7 %.
+    overall_relative_error : float
+        Of all joints together.
+    """
+
+    name: str
+    relative_error: tuple[float, ...]
+    overall_relative_error: float

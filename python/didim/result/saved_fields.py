@@ -1,0 +1,75 @@
+"""Fields of a saved result, from its JSON. Tested in ``tests/test_identification.py``."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from .iteration import HeldOut, Iteration
+from .status import Status
+
+
+def fields_of(data: dict[str, Any]) -> dict[str, Any]:
+    """Fields of an `Identification` by name, from the JSON of `Identification.to_dict`.
+
+    Raises
+    ------
+    KeyError, AttributeError, TypeError, ValueError, OverflowError, IndexError
+        For JSON of another kind.
+    """
+    parameters = data["parameters"]
+    known = ("iteration", "relative_error", "step")
+    return {
+        "name": data["name"],
+        "robot": data["robot"],
+        "method": data["method"],
+        "status": Status[data["status_name"]],
+        "names": tuple(item["name"] for item in parameters),
+        "units": tuple(item["unit"] for item in parameters),
+        "roles": tuple(item["role"] for item in parameters),
+        "beta": np.array([item["value"] for item in parameters]),
+        "covariance": np.array(data["covariance"]).reshape(len(parameters), len(parameters)),
+        "parameter_names": tuple(data["standard_parameters"]),
+        "parameters": np.array(list(data["standard_parameters"].values())),
+        "relative_error": np.array([_number(value) for value in data["relative_error"]]),
+        "overall_relative_error": _number(data["overall_relative_error"]),
+        "error_norm": data["error_norm"],
+        "error_std": data["error_std"],
+        "condition_number": _number(data["condition_number"], math.inf),
+        "n_rows": data["n_rows"],
+        "n_simulations": data["n_simulations"],
+        "elapsed": data["elapsed_s"],
+        "history": tuple(
+            Iteration(
+                iteration=item["iteration"],
+                relative_error=_number(item["relative_error"]),
+                step=_number(item["step"]),
+                more={key: _number(value) for key, value in item.items() if key not in known},
+            )
+            for item in data["history"]
+        ),
+        "held_out": tuple(
+            HeldOut(
+                name=item["name"],
+                relative_error=tuple(_number(value) for value in item["relative_error"]),
+                overall_relative_error=_number(item["overall_relative_error"]),
+            )
+            for item in data["held_out"]
+        ),
+        "warnings": tuple(data["warnings"]),
+        "remarks": tuple(data.get("remarks", ())),
+        "output_error": _pair(data.get("output_error")),
+        "delay": data["delay"],
+        "settings": data["settings"],
+        "digests": data["digests"],
+    }
+
+
+def _pair(values: list[float | None] | None) -> tuple[float, float] | None:
+    return None if values is None else (_number(values[0]), _number(values[1]))
+
+
+def _number(value: float | None, missing: float = math.nan) -> float:
+    return missing if value is None else float(value)

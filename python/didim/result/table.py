@@ -1,0 +1,154 @@
+"""How names, values and sigmas are printed: aligned on the decimal point, uncertain parameters marked.
+
+It knows numbers and no result. Tested in ``tests/test_identification.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from .._tools.arrays import Array
+from .._tools.words import counted
+
+# The paper calls a parameter well identified below this relative standard deviation.
+WELL_IDENTIFIED_PERCENT = 20.0
+
+# Beyond it a relative sigma says no more than that nothing is known.
+LARGEST_PERCENT = 999
+
+# Decimals, and size, up to which numbers are printed in fixed point.
+MOST_PLACES = 9
+LARGEST_FIXED_POINT = 1e9
+
+
+def parameter_rows(
+    names: Sequence[str],
+    units: Sequence[str],
+    roles: Sequence[str],
+    values: Array,
+    stds: Array,
+    percents: Array,
+) -> list[tuple[str, ...]]:
+    """Heading, and per parameter its name, unit, estimate, sigma, sigma % and a remark: ``*`` where it is not well identified.
+
+    Parameters
+    ----------
+    names, units, roles : sequence of str
+        One per parameter; only those with the role "estimated" have a sigma.
+    values, stds, percents : (b,) arrays
+        Estimates, their standard deviations and these in percent; all standard deviations zero: they are unknown.
+    """
+    rows: list[tuple[str, ...]] = [("parameter", "unit", "estimate", "sigma", "sigma %", "")]
+    known = bool(stds.any())
+    for name, unit, role, value, std, percent in zip(
+        names, units, roles, values, stds, percents, strict=True
+    ):
+        if role != "estimated":
+            rows.append((name, unit, f"{value:g}" if role == "fixed" else "0", "", "", role))
+            continue
+        places = _decimal_places(std)
+        uncertain = known and not percent <= WELL_IDENTIFIED_PERCENT
+        rows.append(
+            (
+                name,
+                unit,
+                _number(value, places),
+                # A search that gives no covariance says nothing on sigma.
+                _number(std, places) if known else "-",
+                _sigma_percent(percent) if known else "-",
+                "*" if uncertain else "",
+            )
+        )
+    return rows
+
+
+def parameter_lines(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Lines of a table of `parameter_rows`, with a footnote where parameters are not well identified."""
+    marked = sum(row[-1] == "*" for row in rows)
+    columns = list(zip(*rows, strict=True))
+    cells = [
+        _left(columns[0]),
+        _left(columns[1]),
+        *(aligned(column) for column in columns[2:5]),
+        _left(columns[5]),
+    ]
+    lines = ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
+    lines.insert(1, "-" * max(map(len, lines)))
+    if marked:
+        lines += [
+            f"* not well identified, sigma above {WELL_IDENTIFIED_PERCENT:.0f} %: "
+            f"{marked} of {counted(len(rows) - 1, 'parameter')}"
+        ]
+    return lines
+
+
+def error_rows(sets: Sequence[tuple[str, Sequence[float], float]]) -> list[tuple[str, ...]]:
+    """Heading, and relative errors in % per joint and of all.
+
+    Parameters
+    ----------
+    sets : sequence of (str, sequence of float, float)
+        Name, relative error of each joint and of all joints; 0.07 = 7 %.
+    """
+    n_dof = len(sets[0][1])
+    labels = [f"joint {joint + 1}" for joint in range(n_dof)]
+    rows = [("relative error %", *labels, *(["all"] if n_dof > 1 else []))]
+    for name, errors, overall in sets:
+        shown = [percent_text(100.0 * error) for error in errors]
+        rows.append((name, *shown, *([percent_text(100.0 * overall)] if n_dof > 1 else [])))
+    return rows
+
+
+def error_lines(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Lines of a table of `error_rows`."""
+    columns = list(zip(*rows, strict=True))
+    cells = [_left(columns[0]), *(aligned(column) for column in columns[1:])]
+    return ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
+
+
+def _decimal_places(std: float) -> int:
+    """Decimals that show three digits of sigma, and four decimals at least."""
+    if not math.isfinite(std) or std <= 0.0:
+        return 6
+    return max(4, 2 - math.floor(math.log10(std)))
+
+
+def _number(value: float, places: int) -> str:
+    """Write in fixed point, or with a power of ten what would take a line of zeros."""
+    fixed_point = places <= MOST_PLACES and abs(value) < LARGEST_FIXED_POINT
+    return f"{value:.{places}f}" if fixed_point else f"{value:.4g}"
+
+
+def _sigma_percent(percent: float) -> str:
+    """Write a relative sigma: three digits, and four decimals below 10 %, as the EMPS is published."""
+    if math.isnan(percent):
+        return "-"
+    if percent > LARGEST_PERCENT:
+        return f">{LARGEST_PERCENT}"
+    if percent < 10.0:
+        return _number(percent, _decimal_places(percent) if percent > 0.0 else 4)
+    return f"{percent:.{1 if percent < 99.95 else 0}f}"
+
+
+def percent_text(percent: float) -> str:
+    """Percentage with fewer decimals the larger it is."""
+    if not math.isfinite(percent):
+        return "-"
+    size = abs(percent)
+    return f"{percent:.{4 if size < 10.0 else 2 if size < 100.0 else 0}f}"
+
+
+def _left(cells: Sequence[str]) -> list[str]:
+    width = max(map(len, cells))
+    return [cell.ljust(width) for cell in cells]
+
+
+def aligned(cells: Sequence[str]) -> list[str]:
+    """Cells aligned on their decimal points; the first one, a heading, and empty ones are right-aligned."""
+    split = [cell.partition(".") for cell in cells[1:]]
+    before = max(len(whole) for whole, _, _ in split)
+    after = max(len(point + part) for _, point, part in split)
+    aligned = [whole.rjust(before) + (point + part).ljust(after) for whole, point, part in split]
+    width = max(before + after, len(cells[0]))
+    return [cell.rjust(width) for cell in (cells[0], *aligned)]

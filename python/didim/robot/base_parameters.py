@@ -1,0 +1,138 @@
+"""Base parameters (7): what motion can tell apart, and how the standard parameters regroup into it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import didim._core as _core
+
+from .._tools.arrays import Array, real_array
+from ..errors import ShapeError
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BaseParameters:
+    """The base parameters of a robot.
+
+    The columns of the regressor are scanned in the order of the standard parameters, and a column that
+    depends on those kept so far regroups into them: on the TX40 this gives the 60 names of Table II
+    (``tests/test_base_parameters.py``).
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names, joint by joint; an ``R`` marks those that others regroup into.
+    units : tuple of str
+        Units, joint side.
+    indices : tuple of int
+        The standard parameter that each base parameter is named after.
+    groupings : tuple of str
+        One sum per base parameter, such as ``ZZ1R = ZZ1 + Ia1 + YY2``.
+    unidentifiable : tuple of str
+        Standard parameters that no motion shows.
+    matrix : (n_base, n_parameters) array
+        ``beta = matrix @ x``.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    indices: tuple[int, ...]
+    groupings: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
+    matrix: Array
+
+    def __str__(self) -> str:
+        lines = [f"{len(self.names)} base parameters of {self.matrix.shape[1]} standard parameters", ""]
+        width_unit = max(map(len, self.units), default=0)
+        width_name = max(map(len, self.names), default=0)
+        for name, unit, grouping in zip(self.names, self.units, self.groupings, strict=True):
+            lines.append(f"{name:{width_name}}  {unit:{width_unit}}  {grouping}".rstrip())
+        if self.unidentifiable:
+            lines += ["", f"Without effect on the torques: {', '.join(self.unidentifiable)}"]
+        return "\n".join(lines)
+
+    def lift(self, beta: ArrayLike) -> Array:
+        """Return standard parameters with the same torques: the kept take the base values, the others zero.
+
+        Parameters
+        ----------
+        beta : (n_base,) array
+            Base parameters, SI units, joint side.
+
+        Returns
+        -------
+        (n_parameters,) array
+            Standard parameters in the order of ``robot.parameter_names``.
+
+        Raises
+        ------
+        ShapeError
+            When `beta` has another length.
+        """
+        values = self._checked("beta", beta, len(self.names))
+        x = np.zeros(self.matrix.shape[1])
+        x[list(self.indices)] = values
+        return x
+
+    def project(self, x: ArrayLike) -> Array:
+        """Return the base parameters of a vector of standard parameters, ``matrix @ x``.
+
+        Parameters
+        ----------
+        x : (n_parameters,) array
+            Standard parameters, SI units, joint side.
+
+        Returns
+        -------
+        (n_base,) array
+
+        Raises
+        ------
+        ShapeError
+            When `x` has another length.
+        """
+        return np.asarray(self.matrix @ self._checked("x", x, self.matrix.shape[1]))
+
+    @staticmethod
+    def _checked(what: str, values: ArrayLike, length: int) -> Array:
+        array = real_array(what, values, ShapeError)
+        if array.shape != (length,):
+            raise ShapeError(f"{what} must have shape ({length},), got {array.shape}")
+        return array
+
+
+def base_parameters(core: _core.Robot) -> BaseParameters:
+    """Find the base parameters of a robot (see `BaseParameters`)."""
+    kept, terms, unidentifiable = _core.base_parameters(core)
+    standard, units = core.parameter_names, core.parameter_units
+    matrix = np.zeros((len(kept), len(standard)))
+    names, groupings = [], []
+    for row, (column, regrouped) in enumerate(zip(kept, terms, strict=True)):
+        matrix[row, column] = 1.0
+        for other, coefficient, _ in regrouped:
+            matrix[row, other] = coefficient
+        name = standard[column] + ("R" if regrouped else "")
+        names.append(name)
+        groupings.append(f"{name} = {_sum(standard, column, regrouped)}")
+    matrix.setflags(write=False)
+    return BaseParameters(
+        names=tuple(names),
+        units=tuple(units[column] for column in kept),
+        indices=tuple(kept),
+        groupings=tuple(groupings),
+        unidentifiable=tuple(standard[column] for column in unidentifiable),
+        matrix=matrix,
+    )
+
+
+def _sum(standard: Sequence[str], column: int, regrouped: Sequence[tuple[int, float, str]]) -> str:
+    text = standard[column]
+    for other, _, symbol in regrouped:
+        negative = symbol.startswith("-")
+        factor = symbol.removeprefix("-").strip()
+        text += f" {'-' if negative else '+'} {factor}{' ' if factor else ''}{standard[other]}"
+    return text

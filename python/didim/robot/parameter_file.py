@@ -1,0 +1,221 @@
+"""Identified parameters as files that robots, simulations and other programs read.
+
+    [parameters.arm]
+    ZZ1R = 1.2430871 # kg.m^2, standard deviation 0.0141 (1.14 %)
+
+TOML is a parameter set as a robot file has it; npz has the covariance too. Tested in ``tests/test_parameter_files.py``.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from .._tools.arrays import Array, relative_percent
+from .._tools.files import write_atomically
+from .._tools.saved import read_saved
+from .._tools.toml import Table, read_toml
+from .._tools.words import counted, listing
+from ..errors import FitError
+from .robot import Robot
+
+SUFFIXES = (".toml", ".npz")
+"""Kinds of files that are written."""
+
+
+def check_path(path: Path) -> None:
+    """Refuse a file name whose ending is no kind of parameter file.
+
+    Raises
+    ------
+    FitError
+        The message names the endings that are known.
+    """
+    if path.suffix not in SUFFIXES:
+        raise FitError(f"a file of parameters ends in {' or '.join(SUFFIXES)}, and '{path.name}' does not")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimates:
+    """Numbers of a result that a file of parameters holds; SI units, joint side.
+
+    Attributes
+    ----------
+    title : str
+        What they are and where they come from, for a comment.
+    comments : tuple of str
+        More sentences for comments.
+    names, units, roles : tuple of str
+        Of the base parameters.
+    beta, std : (b,) arrays
+        Base parameters and their standard deviations; all zero where these are unknown.
+    covariance : (b, b) array
+        Covariance of beta.
+    parameter_names : tuple of str
+        Of the standard parameters.
+    parameters : (p,) array
+        Standard parameters.
+    """
+
+    title: str
+    comments: tuple[str, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    roles: tuple[str, ...]
+    beta: Array
+    std: Array
+    covariance: Array
+    parameter_names: tuple[str, ...]
+    parameters: Array
+
+
+def write_parameters(estimates: Estimates, path: str | Path) -> None:
+    """Write the parameters of a result, whole or not at all.
+
+    Parameters
+    ----------
+    estimates : Estimates
+        Numbers of any result.
+    path : str or Path
+        ``.toml``: a set that is named after the file, base parameters by name, standard deviations in comments; it may be
+        pasted into the robot file. ``.npz``: ``names``, ``units``, ``roles``, ``beta`` (b,), ``std`` (b,), ``covariance`` (b, b),
+        and of the standard parameters ``parameter_names`` and ``parameters`` (p,). SI units, joint side.
+
+    Raises
+    ------
+    FitError
+        When the name has another ending.
+    OSError
+        When the file cannot be written.
+    """
+    path = Path(path)
+    check_path(path)
+    write_atomically(path, _toml(estimates, path.stem) if path.suffix == ".toml" else _npz(estimates))
+
+
+def load_parameters(robot: Robot, path: str | Path) -> Array:
+    """Read standard parameters of a robot from a file.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose parameters are read.
+    path : str or Path
+        ``.toml`` with one set ``[parameters.NAME]``, where what is not named is zero; ``.npz`` of `save_parameters`; ``.json`` of
+        `Identification.save`.
+
+    Returns
+    -------
+    (n_parameters,) array
+        In the order of ``robot.parameter_names``, SI units, joint side.
+
+    Raises
+    ------
+    FitError
+        When the file is none of these, or of another robot.
+    RobotError
+        When the set names a parameter that the robot has not.
+    OSError
+        When the file cannot be read.
+    """
+    path = Path(path)
+    if path.suffix == ".toml":
+        return robot.parameters_by_name(*_set(path))
+    if path.suffix == ".npz":
+        names, parameters = _arrays(path)
+    else:
+        names, parameters = _result(path)
+    if tuple(names) != robot.parameter_names:
+        other = next((name for name in names if name not in robot.parameter_names), None)
+        what = f"parameter {other!r}" if other else counted(len(names), "parameter")
+        raise FitError(f"{path}: it has {what}, which robot {robot.name!r} of the experiment has not")
+    return parameters
+
+
+def is_file(source: str) -> bool:
+    """Whether a text that stands for parameters is the path of a file, and not the name of a set."""
+    return source.endswith((*SUFFIXES, ".json"))
+
+
+def _toml(fit: Estimates, name: str) -> str:
+    key = name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
+    known = bool(fit.std.any())
+    lines = [f"# {_printable(text)}" for text in (fit.title, *fit.comments)]
+    lines += ["# SI units, joint side.", f"[parameters.{key}]"]
+    percents = relative_percent(fit.std, fit.beta)
+    values = zip(fit.names, fit.units, fit.roles, fit.beta, fit.std, percents, strict=True)
+    for parameter, unit, role, value, std, percent in values:
+        sigma = f"standard deviation {std:.3g} ({percent:.3g} %)" if known else "standard deviation unknown"
+        bare = re.fullmatch(r"\w+", parameter)
+        lines.append(
+            f"{parameter if bare else json.dumps(parameter)} = {float(value)!r} # {unit}, "
+            f"{sigma if role == 'estimated' else role}"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _printable(text: str) -> str:
+    """One line without the control characters that TOML forbids in comments."""
+    return "".join(character if character.isprintable() else " " for character in " ".join(text.split()))
+
+
+def _npz(fit: Estimates) -> bytes:
+    content = io.BytesIO()
+    np.savez(
+        content,
+        names=np.array(fit.names),
+        units=np.array(fit.units),
+        roles=np.array(fit.roles),
+        beta=fit.beta,
+        std=fit.std,
+        covariance=fit.covariance,
+        parameter_names=np.array(fit.parameter_names),
+        parameters=fit.parameters,
+    )
+    return content.getvalue()
+
+
+def _set(path: Path) -> tuple[dict[str, float], str]:
+    """Values of the only set of a file, and how messages on it open."""
+    table = Table(read_toml(path, FitError), path.name, FitError)
+    sets = table.table("parameters")
+    table.done()
+    names = list(sets.content)
+    if len(names) != 1:
+        raise FitError(f"{path.name}: one set [parameters.NAME] is needed, got {listing(names) or 'none'}")
+    values = sets.table(names[0])
+    return {name: values.number(name) for name in values.content}, f"{path.name}: [parameters.{names[0]}]"
+
+
+def _arrays(path: Path) -> tuple[Sequence[str], Array]:
+    content = io.BytesIO(path.read_bytes())
+    try:
+        with np.load(content, allow_pickle=False) as arrays:
+            names = [str(name) for name in arrays["parameter_names"]]
+            parameters = np.array(arrays["parameters"], dtype=np.float64)
+    except KeyError as error:
+        raise FitError(f"{path}: no file of parameters, {error.args[0]}") from None
+    except (BadZipFile, EOFError, ValueError, TypeError) as error:
+        raise FitError(f"{path}: not an npz file of parameters ({error})") from None
+    if parameters.shape != (len(names),) or not np.isfinite(parameters).all():
+        raise FitError(f"{path}: parameters must be {len(names)} finite numbers, one per name")
+    return names, parameters
+
+
+def _result(path: Path) -> tuple[Sequence[str], Array]:
+    """Names and values of the standard parameters in the JSON of a result."""
+    data = read_saved(path)
+    try:
+        found = dict(data["standard_parameters"])
+        return list(found), np.array([float(value) for value in found.values()])
+    except KeyError as error:
+        raise FitError(f"{path}: key {error} is missing or unknown") from None
+    except (TypeError, ValueError, OverflowError) as error:
+        raise FitError(f"{path}: not the result of an identification: {error}") from None

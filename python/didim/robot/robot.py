@@ -1,0 +1,252 @@
+"""A robot: geometry, friction, limits and named parameter sets; immutable."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+import didim._core as _core
+
+from .._tools.arrays import Array
+from .._tools.toml import Table
+from .._tools.words import did_you_mean
+from ..errors import RobotError
+from .base_parameters import BaseParameters, base_parameters
+from .friction import Friction, read_friction
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointLimits:
+    """Limits of one joint, joint side; None where the robot file has none.
+
+    Attributes
+    ----------
+    position : (float, float) or None
+        Lowest and highest position (rad or m).
+    velocity : float or None
+        Largest speed (rad/s or m/s).
+    effort : float or None
+        Largest torque or force (N.m or N).
+    """
+
+    position: tuple[float, float] | None = None
+    velocity: float | None = None
+    effort: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Geometry:
+    """Modified Denavit-Hartenberg table, gravity and transmission: what the core builds a robot from.
+
+    Attributes
+    ----------
+    kinds : tuple of str
+        ``revolute`` or ``prismatic`` per joint.
+    alpha, d, theta, r : tuple of float
+        MDH rows (rad, m); the offset is theta of a revolute joint, r of a prismatic one.
+    gravity : tuple of float
+        Acceleration of gravity in frame 0 (m/s^2).
+    coupling : tuple of tuple of float
+        ``C``: rotor speeds in joint-side units are ``C dq`` (rows are motors), (22).
+    """
+
+    kinds: tuple[str, ...]
+    alpha: tuple[float, ...]
+    d: tuple[float, ...]
+    theta: tuple[float, ...]
+    r: tuple[float, ...]
+    gravity: tuple[float, ...]
+    coupling: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Robot:
+    """A serial robot. Made by `load_robot`.
+
+    Attributes
+    ----------
+    name, description : str
+        What the file says.
+    path : Path
+        The file.
+    digest : str
+        SHA-256 of the file.
+    geometry : Geometry
+        Frames, gravity and coupling.
+    friction : Friction
+        Shape of the friction.
+    limits : tuple of JointLimits
+        One per joint.
+    reduction : (n_dof, n_dof) array or None
+        Rows are motors: ``q_motor = R q`` and ``tau = R^T tau_motor``.
+    gains : tuple of float or None
+        Drive gains (N.m/A or N/V), motor side.
+    """
+
+    name: str
+    description: str
+    path: Path
+    digest: str
+    geometry: Geometry
+    friction: Friction
+    limits: tuple[JointLimits, ...]
+    reduction: Array | None
+    gains: tuple[float, ...] | None
+    _named: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def core(self) -> _core.Robot:
+        """The robot of the numerical core."""
+        geometry, friction = self.geometry, self.friction
+        smoothing = friction.smoothing if friction.coulomb == "tanh" else (0.0,) * self.n_dof
+        try:
+            return _core.Robot(
+                kind=[0 if kind == "revolute" else 1 for kind in geometry.kinds],
+                alpha=list(geometry.alpha),
+                d=list(geometry.d),
+                theta=list(geometry.theta),
+                r=list(geometry.r),
+                gravity=list(geometry.gravity),
+                transmission=[list(row) for row in geometry.coupling],
+                asymmetric=friction.model == "asymmetric",
+                printed_coupling=friction.coupling == "printed",
+                smoothing=list(smoothing),
+                dead_zone=list(friction.dead_zone),
+            )
+        except ValueError as reason:
+            raise RobotError(f"{self.path.name}: {reason}") from None
+
+    @property
+    def n_dof(self) -> int:
+        """Number of joints."""
+        return len(self.geometry.kinds)
+
+    @property
+    def joint_kinds(self) -> tuple[str, ...]:
+        """``revolute`` or ``prismatic`` per joint."""
+        return self.geometry.kinds
+
+    @cached_property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the standard parameters in order (3), friction of coupled motors last."""
+        return tuple(self.core.parameter_names)
+
+    @cached_property
+    def parameter_units(self) -> tuple[str, ...]:
+        """Their units, joint side."""
+        return tuple(self.core.parameter_units)
+
+    @cached_property
+    def base_parameters(self) -> BaseParameters:
+        """What motion can tell apart (7)."""
+        core = self.core
+        try:
+            return base_parameters(core)
+        except ValueError as reason:
+            raise RobotError(
+                f"{self.path.name}: lengths or gravity allow no base parameters in floating point ({reason})"
+            ) from None
+
+    @cached_property
+    def sets(self) -> Mapping[str, Array]:
+        """Named parameter sets of the file as full vectors of standard parameters, ``(n_parameters,)``.
+
+        Sets that name friction parameters which the robot's friction model does not have are left out.
+        """
+        known = {*self.parameter_names, *self.base_parameters.names}
+        fitting = [name for name, values in self._named.items() if known.issuperset(values)]
+        return MappingProxyType({name: self._vector(name) for name in fitting})
+
+    def set_base(self, name: str) -> Array:
+        """Return the base parameters of a named set, ``(n_base,)``.
+
+        Raises
+        ------
+        RobotError
+            When the robot has no such set.
+        """
+        return self.base_parameters.project(self.parameter_set(name))
+
+    def parameter_set(self, name: str) -> Array:
+        """Return a named set as a full vector of standard parameters, ``(n_parameters,)``.
+
+        Raises
+        ------
+        RobotError
+            When the robot has no such set, or it does not fit the robot's friction.
+        """
+        if name not in self._named:
+            known = ", ".join(self._named) or "none"
+            raise RobotError(
+                f"{self.path.name}: no parameter set {name!r}{did_you_mean(name, self._named)} "
+                f"(there are: {known})"
+            )
+        return self._vector(name)
+
+    def _vector(self, name: str) -> Array:
+        return self.parameters_by_name(self._named[name], f"{self.path.name}: [parameters.{name}]")
+
+    def parameters_by_name(self, values: Mapping[str, float], where: str = "the parameters:") -> Array:
+        """Return values by name as a full vector of standard parameters, ``(n_parameters,)``.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Standard or base parameters, SI units, joint side; what is not named is zero.
+        where : str
+            How the message of an error opens.
+
+        Raises
+        ------
+        RobotError
+            For a name that the robot has not, and for a base parameter beside the standard one it is named after.
+        """
+        base = self.base_parameters
+        places = dict(zip(base.names, base.indices, strict=True))
+        places.update((parameter, index) for index, parameter in enumerate(self.parameter_names))
+        x = np.zeros(len(self.parameter_names))
+        taken: dict[int, str] = {}
+        for parameter, value in values.items():
+            if parameter not in places:
+                raise RobotError(f"{where} unknown parameter {parameter!r}{did_you_mean(parameter, places)}")
+            index = places[parameter]
+            if index in taken:
+                raise RobotError(f"{where} has both {taken[index]!r} and {parameter!r}")
+            taken[index] = parameter
+            x[index] = value
+        x.setflags(write=False)
+        return x
+
+    def with_friction(self, **options: Any) -> Robot:
+        """Return the same robot with other friction options.
+
+        Parameters
+        ----------
+        **options
+            Keys of the table ``[friction]`` of a robot file.
+
+        Raises
+        ------
+        RobotError
+            For an unknown key or a wrong value.
+        """
+        return self.with_friction_table(Table(options, f"friction of robot {self.name!r}", RobotError))
+
+    def with_smoothing(self, smoothing: Sequence[float]) -> Robot:
+        """Return the same robot with ``tanh(dq / smoothing)`` friction without dead zone; one velocity per joint (rad/s, m/s)."""
+        friction = replace(
+            self.friction, coulomb="tanh", smoothing=tuple(smoothing), dead_zone=(0.0,) * self.n_dof
+        )
+        return replace(self, friction=friction)
+
+    def with_friction_table(self, table: Table) -> Robot:
+        """Return the same robot with the friction options of a table, whose errors name its file."""
+        friction = read_friction(table, self.geometry.kinds, self.friction)
+        # What is known of this robot by now, such as its base parameters, need not be found again.
+        return self if friction == self.friction else replace(self, friction=friction)

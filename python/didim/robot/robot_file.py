@@ -1,0 +1,157 @@
+"""Robots read from TOML files, each key checked. Tested in ``tests/test_robot.py``."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from .._tools.toml import Table, read_toml
+from .._tools.words import did_you_mean
+from ..errors import RobotError
+from .friction import read_friction
+from .robot import Geometry, JointLimits, Robot
+from .transmission import reduction_matrix
+
+PACKAGED = Path(__file__).parents[1] / "packaged" / "robots"
+"""Folder of the robots that come with the package."""
+
+
+def load_robot(name: str | Path) -> Robot:
+    """Load a robot.
+
+    Parameters
+    ----------
+    name : str or Path
+        Name of a packaged robot (``tx40``, ``emps``, ``planar2``), or path of a robot file.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    RobotError
+        When there is no such robot, or its file is wrong (``tests/test_robot.py``).
+    """
+    path = Path(name)
+    packaged = {file.stem: file for file in sorted(PACKAGED.glob("*.toml"))}
+    if path.suffix != ".toml":
+        if str(name) not in packaged:
+            raise RobotError(_no_robot(path, packaged))
+        path = packaged[str(name)]
+    content = read_toml(path, RobotError)
+    robot = _robot(Table(content, path.name, RobotError), path)
+    for parameter_set in robot._named:  # now, so that a wrong description is an error of loading
+        robot.parameter_set(parameter_set)
+    robot.core  # noqa: B018 - likewise, for a robot without sets
+    return robot
+
+
+def _no_robot(path: Path, packaged: Mapping[str, Path]) -> str:
+    """Sentence on what is neither a packaged robot nor a path that ends in .toml."""
+    if path.is_file():
+        return f"{path}: the name of a robot file must end in .toml; rename it"
+    if Path(f"{path}.toml").is_file():
+        return f"no packaged robot {path.name!r}; did you mean the file '{path.name}.toml'?"
+    near = did_you_mean(path.name, packaged)
+    return f"no packaged robot {path.name!r}{near} (there are: {', '.join(packaged)}); a path ends in .toml"
+
+
+def _robot(table: Table, path: Path) -> Robot:
+    if table.integer("schema") != 1:
+        raise RobotError(f"{path.name}: schema must be 1")
+    name = table.text("name", path.stem)
+    description = table.text("description", "")
+    convention = table.text("convention", "mdh", choices=("mdh", "dh"))
+    gravity = table.numbers("gravity_m_s2", length=3, default=[0.0, 0.0, -9.81])
+    joints = table.tables("joint") if table.has("joint") else []
+    if not joints:
+        raise RobotError(f"{path.name}: a robot needs at least one [[joint]]")
+    if len(joints) > 12:
+        raise RobotError(f"{path.name}: a robot has at most 12 joints, got {len(joints)}")
+    kinds = tuple(joint.text("kind", choices=("revolute", "prismatic")) for joint in joints)
+    rows = [_row(joint) for joint in joints]
+    limits = tuple(_limits(joint, kind) for joint, kind in zip(joints, kinds, strict=True))
+    for joint in joints:
+        joint.done()
+    alpha, d, theta, r = (tuple(column) for column in zip(*rows, strict=True))
+    if convention == "dh":
+        alpha, d = (0.0, *alpha[:-1]), (0.0, *d[:-1])
+    n = len(kinds)
+    transmission = _sub_table(table, "transmission")
+    coupling = transmission.matrix("coupling", n, n) if transmission.has("coupling") else np.eye(n).tolist()
+    reduction = reduction_matrix(transmission, n) if transmission.has("reduction") else None
+    gains = tuple(transmission.numbers("drive_gains", length=n)) if transmission.has("drive_gains") else None
+    transmission.done()
+    friction = read_friction(_sub_table(table, "friction"), kinds, None)
+    sets = _sub_table(table, "parameters")
+    named = {key: _parameter_set(sets.table(key)) for key in sets.content}
+    table.done()
+    if reduction is not None:
+        reduction.setflags(write=False)
+    return Robot(
+        name=name,
+        description=description,
+        path=path,
+        digest=hashlib.sha256(path.read_bytes()).hexdigest(),
+        geometry=Geometry(
+            kinds=kinds,
+            alpha=alpha,
+            d=d,
+            theta=theta,
+            r=r,
+            gravity=tuple(gravity),
+            coupling=tuple(tuple(row) for row in coupling),
+        ),
+        friction=friction,
+        limits=limits,
+        reduction=reduction,
+        gains=gains,
+        _named=named,
+    )
+
+
+def _sub_table(table: Table, key: str) -> Table:
+    """Sub-table `key`, empty when the file has none."""
+    return table.table(key) if table.has(key) else Table({}, table.prefix.removesuffix(":"), RobotError, key)
+
+
+def _row(joint: Table) -> tuple[float, float, float, float]:
+    """Alpha, d, theta, r of one row (rad, m); in a standard table alpha and d belong to the next row."""
+    return (
+        _angle(joint, "alpha"),
+        joint.number("d_m", 0.0),
+        _angle(joint, "theta"),
+        joint.number("r_m", 0.0),
+    )
+
+
+def _angle(joint: Table, name: str) -> float:
+    degrees, radians = f"{name}_deg", f"{name}_rad"
+    if joint.has(degrees) and joint.has(radians):
+        joint.fail(f"give {radians} or {degrees}, not both")
+    if joint.has(degrees):
+        return math.radians(joint.number(degrees))
+    return joint.number(radians, 0.0)
+
+
+def _limits(joint: Table, kind: str) -> JointLimits:
+    table = _sub_table(joint, "limits")
+    turn = kind == "revolute"
+    position = table.numbers("position_rad" if turn else "position_m", length=2, default=None)
+    velocity = table.number("velocity_rad_s" if turn else "velocity_m_s", None, minimum=0.0)
+    effort = table.number("torque_n_m" if turn else "force_n", None, minimum=0.0)
+    table.done()
+    if position is not None and position[0] >= position[1]:
+        table.fail(f"the lowest position must be below the highest, got {position}")
+    return JointLimits(
+        position=None if position is None else (position[0], position[1]), velocity=velocity, effort=effort
+    )
+
+
+def _parameter_set(table: Table) -> dict[str, float]:
+    return {name: table.number(name) for name in table.content}

@@ -1,0 +1,1 @@
+"""From positions to the rows of (6)."""

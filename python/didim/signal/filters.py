@@ -1,0 +1,213 @@
+"""Zero-phase filters, central differences and decimation: from a logged position to the rows of (6).
+
+Filters are designed by SciPy in second-order sections and applied by the core. A transfer function of order 8
+with its cut-off at 0.008 of the Nyquist frequency, which a decimation by 100 would need, is numerically
+unsound; its sections are not. Two conventions exist for the edges: MATLAB's ``filtfilt`` and ``decimate``,
+and SciPy's ``sosfiltfilt`` and ``decimate``. They differ in the padding and in which samples are kept, and
+published figures need the one they were made with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import didim._core as _core
+
+from .._tools.arrays import Array, real_array
+from ..errors import SignalError
+from .processing import Convention, Form, SignalProcessing, check_order
+
+LARGEST_POLE_ERROR = 1e-5
+"""How far rounding may move a pole, as a share of its distance from the unit circle."""
+
+
+def zero_phase_butterworth(
+    x: Array,
+    rate_hz: float,
+    cutoff_hz: float,
+    order: int = 4,
+    padding: Convention = "scipy",
+    form: Form = "sections",
+) -> Array:
+    """Low-pass filter forward and backward, without delay.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n_samples, m)
+        Signals, one per column, in any unit.
+    rate_hz : float
+        Sampling rate.
+    cutoff_hz : float
+        Cut-off (-3 dB) of one pass; both passes together have -6 dB there.
+    order : int
+        Order of one pass.
+    padding : {"scipy", "matlab"}
+        Length of the odd extension, see `SignalProcessing`.
+    form : {"sections", "transfer-function"}
+        How the filter is run, see `SignalProcessing`.
+
+    Returns
+    -------
+    ndarray, shape (n_samples, m)
+        Filtered signals.
+
+    Raises
+    ------
+    SignalError
+        When the cut-off is not below half the sampling rate or so close to it or to zero that rounding
+        spoils the filter, the order is not 1 to 10, the record is no longer than the extension, or a sample
+        is not a finite number.
+
+    Notes
+    -----
+    ``test_signals.py`` compares it with ``scipy.signal.sosfiltfilt``, and with ``filtfilt`` of the transfer
+    function.
+    """
+    from scipy.signal import butter, filtfilt, sosfilt_zi, zpk2sos, zpk2tf
+
+    check_order(order)
+    if not 0.0 < cutoff_hz < rate_hz / 2.0:
+        raise SignalError(
+            f"the cut-off of {cutoff_hz:g} Hz must be below half the sampling rate, "
+            f"{rate_hz / 2.0:g} Hz at {rate_hz:g} Hz"
+        )
+    x = checked_columns(x)
+    padlen = padding_length(order, padding)
+    if x.shape[0] <= padlen:
+        raise SignalError(
+            f"the zero-phase filter of order {order} needs more than {padlen} samples, "
+            f"the record has {x.shape[0]}"
+        )
+    share = cutoff_hz / (rate_hz / 2.0)
+    transfer = form == "transfer-function"
+    sound = 0.0 < share < 1.0  # the division may have rounded to either
+    if sound:
+        # Any, because scipy-stubs know real poles only.
+        design: Any = butter(order, share, output="zpk")
+        if transfer:
+            b, a = zpk2tf(*design)
+        else:
+            sos = np.ascontiguousarray(zpk2sos(*design))
+        sound = poles_survive(design[1], [a] if transfer else sos[:, 3:])
+    if not sound:
+        raise SignalError(
+            f"rounding spoils a filter of order {order} at {cutoff_hz:g} Hz, sampled at {rate_hz:g} Hz: move "
+            "the cut-off away from zero and from half the sampling rate"
+            + (", lower the order or use form 'sections'" if transfer else "")
+        )
+    if transfer:
+        with np.errstate(over="ignore", invalid="ignore"):  # told by whoever takes it
+            return np.asarray(filtfilt(b, a, x, axis=0, padlen=padlen))
+    return core_errors(lambda: _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen))
+
+
+def central_differences(x: Array, dt: float) -> Array:
+    """Differentiate with central differences, one-sided at both ends.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n_samples, m)
+        Signals, one per column.
+    dt : float
+        Sampling time in s.
+
+    Returns
+    -------
+    ndarray, shape (n_samples, m)
+        Derivatives, in the unit of `x` per s: ``(x[k+1] - x[k-1]) / (2 dt)``.
+
+    Raises
+    ------
+    SignalError
+        With fewer than two samples, a sample that is not a finite number, or derivatives beyond what a
+        floating-point number holds.
+
+    Notes
+    -----
+    ``test_signals.py`` checks that it is exact for parabolas between the ends.
+    """
+    x = checked_columns(x)
+    if x.shape[0] < 2:
+        raise SignalError(f"central differences need at least 2 samples, got {x.shape[0]}")
+    dx = np.empty_like(x)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # told below
+        dx[1:-1] = (x[2:] - x[:-2]) / (2.0 * dt)
+        dx[0] = (x[1] - x[0]) / dt
+        dx[-1] = (x[-1] - x[-2]) / dt
+    if not np.isfinite(dx).all():
+        raise SignalError(f"derivatives at a sampling time of {dt:g} s are too large for floating point")
+    return dx
+
+
+def differentiate(q: Array, rate_hz: float, signal: SignalProcessing) -> tuple[Array, Array, Array]:
+    """Derive velocities and accelerations from logged positions.
+
+    The positions are filtered once, then differentiated twice. Nothing is trimmed yet: the torque is aligned
+    with them first.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n_samples, n_dof)
+        Logged positions, joint side, rad or m.
+    rate_hz : float
+        Sampling rate.
+    signal : SignalProcessing
+        Filter; without a cut-off the positions stay as they are.
+
+    Returns
+    -------
+    q, dq, ddq : ndarray, shape (n_samples, n_dof)
+        Joint side, SI units.
+
+    Raises
+    ------
+    SignalError
+        As `zero_phase_butterworth` and `central_differences`.
+
+    Notes
+    -----
+    ``test_signals.py`` checks it on a sine whose derivatives are known.
+    """
+    q = checked_columns(q)
+    if signal.cutoff_hz is not None:
+        q = zero_phase_butterworth(q, rate_hz, signal.cutoff_hz, signal.order, signal.padding, signal.form)
+    dq = central_differences(q, 1.0 / rate_hz)
+    return q, dq, central_differences(dq, 1.0 / rate_hz)
+
+
+def padding_length(order: int, convention: Convention) -> int:
+    """Count the samples of odd extension at each end that SciPy or MATLAB would choose by themselves."""
+    return 3 * order if convention == "matlab" else 3 * (order + 1)
+
+
+def poles_survive(poles: Array | NDArray[np.complex128], denominators: Iterable[Array]) -> bool:
+    """Whether the roots of the coefficients are still the poles that these were made of."""
+    margin = 1.0 - np.abs(poles)
+    if not (margin > 0.0).all():
+        return False
+    roots = np.concatenate([np.roots(denominator) for denominator in denominators])
+    moved = np.array([np.abs(roots - pole).min() for pole in poles]) + np.finfo(np.float64).eps
+    return bool((moved <= LARGEST_POLE_ERROR * margin).all())
+
+
+def core_errors(run: Callable[[], Array]) -> Array:
+    """Run a function of the core, whose error is a sentence already."""
+    try:
+        return run()
+    except ValueError as reason:
+        raise SignalError(str(reason)) from None
+
+
+def checked_columns(x: Array) -> Array:
+    """Make contiguous (n_samples, m) floats, or raise the error that says what came instead."""
+    x = np.ascontiguousarray(real_array("signals", x, SignalError))
+    if x.ndim != 2:
+        raise SignalError(f"signals must have shape (n_samples, m), got {x.shape}")
+    if not np.isfinite(x).all():
+        sample, signal = np.argwhere(~np.isfinite(x))[0]
+        raise SignalError(f"sample {sample} of signal {signal} is not a finite number")
+    return x

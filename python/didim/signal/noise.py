@@ -1,0 +1,98 @@
+"""Noise of a log: its size, and its correlation after decimation. Tested in ``tests/test_signals.py``."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import SignalError
+from .decimation import DECIMATION_BAND, DECIMATION_RIPPLE_DB
+from .processing import SignalProcessing
+
+_CIRCLE = 2048
+"""Points of a spectrum at the last rate; half as many lags of a correlation."""
+
+
+LARGEST_DECIMATION = 10_000
+"""Of all factors together: the spectrum of decimated noise has 2048 times as many points."""
+
+
+def white_noise(values: Array) -> Array:
+    """Estimate the white noise of a log from its fifth differences: motion hardly shows in them.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n_samples, n_dof)
+        Positions or torques; more than five samples.
+
+    Returns
+    -------
+    ndarray, shape (n_dof,)
+        Standard deviations, in the unit of the values; never zero.
+
+    Notes
+    -----
+    ``test_cloe.py`` checks it on the noise of a simulated log.
+    """
+    # The median does not see reversals, where friction jumps; 252 is the sum of the squared binomials.
+    spread = np.median(np.abs(np.diff(values, 5, axis=0)), axis=0) / 0.6745 / math.sqrt(252.0)
+    return np.asarray(np.maximum(spread, 1e-9 * np.maximum(np.ptp(values, axis=0), 1e-3)))
+
+
+def noise_correlation(signal: SignalProcessing) -> Array | None:
+    """Autocorrelation of white noise after the decimation, at the lags of the kept samples.
+
+    Parameters
+    ----------
+    signal : SignalProcessing
+        Decimation.
+
+    Returns
+    -------
+    ndarray, shape (n_lags,), or None
+        From lag 0, where it is 1; None without decimation, which leaves white noise white.
+
+    Raises
+    ------
+    SignalError
+        When all factors together are beyond 10 000.
+
+    Notes
+    -----
+    The filters act forward and backward, so that the power of the noise is shaped by the fourth power of their
+    gain, and each decimation folds what lies beyond the new band. ``test_signals.py`` compares with filtered noise.
+    """
+    if not signal.decimation:
+        return None
+    total = math.prod(signal.decimation)
+    if total > LARGEST_DECIMATION:
+        raise SignalError(f"a decimation by {total} in all is too large, {LARGEST_DECIMATION} is possible")
+    power = np.ones(1)
+    for factor in reversed(signal.decimation):
+        # Spectra at the rate before this stage, on the circle; the later stages see it folded, and act alike on each fold.
+        power = np.tile(power, factor) if power.size > 1 else np.ones(_CIRCLE * factor)
+        gain = _squared_gain(factor, power.size)
+        power *= gain * gain
+    folded = power.reshape(total, -1).sum(axis=0)
+    correlation = np.fft.ifft(folded).real[: folded.size // 2]
+    return np.asarray(correlation / correlation[0])
+
+
+def _squared_gain(factor: int, size: int) -> Array:
+    """Squared gain of the filter before a decimation at ``size`` points of the circle, from DC on."""
+    # Chebyshev I: 1 / (1 + e^2 T_8(x)^2), where x is the frequency over the cut-off as the bilinear transform warps both.
+    x = np.arange(size // 2 + 1) * (np.pi / size)
+    np.tan(x, out=x)  # in place: the circle is long, and memory is touched once
+    x /= math.tan(0.5 * np.pi * DECIMATION_BAND / factor)
+    with np.errstate(over="ignore"):  # towards half the rate, where the gain vanishes
+        for _ in range(3):  # T_8(x) = T_2(T_2(T_2(x))), T_2(x) = 2 x^2 - 1
+            x *= x
+            x *= 2.0
+            x -= 1.0
+        x *= x
+    x *= 10.0 ** (0.1 * DECIMATION_RIPPLE_DB) - 1.0
+    gain = 1.0 / (1.0 + x)
+    # The other half of the circle mirrors this one.
+    return np.concatenate([gain, gain[-2 if size % 2 == 0 else -1 : 0 : -1]])

@@ -1,0 +1,109 @@
+"""Settings of the signal processing: how a recording becomes the rows of (6). Tested in ``tests/test_signals.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Literal, get_args
+
+import numpy as np
+
+from ..errors import SignalError
+
+Convention = Literal["scipy", "matlab"]
+Form = Literal["sections", "transfer-function"]
+
+
+LARGEST_ORDER = 10
+"""Of the Butterworth filter: above it nothing is gained but ringing and rounding."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalProcessing:
+    """How a recording becomes the rows of the linear system.
+
+    Attributes
+    ----------
+    cutoff_hz : float or None
+        Cut-off of the zero-phase Butterworth filter of the positions; None does not filter.
+    order : int
+        Its order, of one of the two passes: 1 to 10.
+    padding : {"scipy", "matlab"}
+        Samples of odd extension at each end: SciPy's 3 (order + 1), or MATLAB's 3 order.
+    form : {"sections", "transfer-function"}
+        How the Butterworth filter is run. Second-order sections are the sound way. The transfer function is
+        that of MATLAB's ``filtfilt(b, a, x)``: where a joint stands still, its rounding noise decides the
+        sign of the velocity (docs/tx40.md), so that figures made with it need it.
+    trim_start, trim_end : int
+        Samples left out at the ends once positions are differentiated: there the filter has only the
+        extension to go by.
+    decimation : tuple of int
+        Factors of the parallel filter (6), one stage after the other; empty keeps every sample.
+    decimation_convention : {"scipy", "matlab"}
+        Padding of the decimation filter, and the samples it keeps: SciPy keeps the first of the record,
+        MATLAB the last.
+    edge_rows : int
+        Kept samples left out at each end of a decimated window. Padding turns a signal about its first and last
+        samples, which pins the filter to their unfiltered noise: the first kept sample of white torque noise, decimated by 50,
+        has 40 times the variance of the others (``test_signals.py``), which spoils estimates and sigmas.
+
+    Raises
+    ------
+    SignalError
+        When a value makes no sense.
+    """
+
+    cutoff_hz: float | None = None
+    order: int = 4
+    padding: Convention = "scipy"
+    form: Form = "sections"
+    trim_start: int = 0
+    trim_end: int = 0
+    decimation: tuple[int, ...] = ()
+    decimation_convention: Convention = "scipy"
+    edge_rows: int = 2
+
+    @property
+    def kept_rows(self) -> slice:
+        """Rows of a decimated window that are used."""
+        edge = self.edge_rows if self.decimation else 0
+        return slice(edge, -edge if edge else None)
+
+    def __post_init__(self) -> None:
+        cutoff = self.cutoff_hz
+        if cutoff is not None:
+            if isinstance(cutoff, bool) or not isinstance(cutoff, Real) or not 0.0 < cutoff < np.inf:
+                raise SignalError(f"cutoff_hz must be a positive frequency, got {cutoff!r}")
+            object.__setattr__(self, "cutoff_hz", float(cutoff))
+        for key in ("order", "trim_start", "trim_end", "edge_rows"):
+            object.__setattr__(self, key, _whole(key, getattr(self, key)))
+        check_order(self.order)
+        for key in ("trim_start", "trim_end", "edge_rows"):
+            if getattr(self, key) < 0:
+                raise SignalError(f"{key} must not be negative, got {getattr(self, key)}")
+        if isinstance(self.decimation, str) or not isinstance(self.decimation, Sequence):
+            raise SignalError(f"decimation must be a tuple of whole numbers, got {self.decimation!r}")
+        factors = tuple(_whole("each decimation factor", factor) for factor in self.decimation)
+        object.__setattr__(self, "decimation", factors)
+        for factor in factors:
+            if factor < 2:
+                raise SignalError(f"each decimation factor must be at least 2, got {factor}")
+        for key in ("padding", "decimation_convention"):
+            if getattr(self, key) not in get_args(Convention):
+                raise SignalError(f"{key} must be 'scipy' or 'matlab', got {getattr(self, key)!r}")
+        if self.form not in get_args(Form):
+            raise SignalError(f"form must be 'sections' or 'transfer-function', got {self.form!r}")
+
+
+def _whole(key: str, value: object) -> int:
+    """Return a whole number, NumPy's too, as the int that JSON knows; 4.0 and True are none."""
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise SignalError(f"{key} must be a whole number, got {value!r}")
+    return int(value)
+
+
+def check_order(order: int) -> None:
+    """Refuse an order of the Butterworth filter that is not 1 to `LARGEST_ORDER`."""
+    if not 1 <= order <= LARGEST_ORDER:
+        raise SignalError(f"order must be 1 to {LARGEST_ORDER}, got {order}")

@@ -1,0 +1,1 @@
+"""Studies made with methods: comparison, prediction, validation, simulation."""

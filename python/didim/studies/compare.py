@@ -1,0 +1,154 @@
+"""The paper's experiment: a simulated log of a robot whose parameters are known, identified by every method.
+
+Tested in ``tests/test_compare.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import FitError
+from ..experiment.experiment import Experiment
+from ..methods.cloe.settings import Variant
+from ..methods.identify import identify
+from ..methods.method import Method
+from ..result.identification import Identification
+from ..result.iteration import Iteration
+from .comparison import Comparison
+from .simulated_log import LOG_REFINEMENT, packaged_experiment, simulated_log
+
+SHORT_SIMPLEX = 1000
+"""Iterations of the simplex in a comparison that is to be over within minutes."""
+
+
+def all_methods(
+    experiment: Experiment,
+    *,
+    simplex_iterations: int | None = SHORT_SIMPLEX,
+    variants: Sequence[Variant] = ("adaptive",),
+) -> list[Method]:
+    """Return the methods of a comparison.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        CLOE starts from the set ``apriori`` of its robot, (21), or where there is none from unit rotors, (17).
+    simplex_iterations : int, optional
+        Of Nelder and Mead; None for as many as the paper's recipe allows, 0 to leave the simplex out.
+    variants : sequence of str
+        Of the simplex; one method each.
+    """
+    from ..methods.cloe.cloe import CLOE
+    from ..methods.didim import DIDIM
+    from ..methods.idim_ls import IDIMLS
+
+    start = "apriori" if "apriori" in experiment.robot.sets else "unit"
+    simplexes = [
+        CLOE(optimizer="nelder-mead", variant=variant, max_iterations=simplex_iterations or None, start=start)
+        for variant in ([] if simplex_iterations == 0 else variants)
+    ]
+    return [IDIMLS(), DIDIM(), *simplexes, CLOE(optimizer="levenberg-marquardt", start=start)]
+
+
+def compare(
+    experiment: Experiment | str = "tx40",
+    *,
+    parameters: str = "didim",
+    methods: Sequence[Method] | None = None,
+    noise: bool = True,
+    seed: int | None = None,
+    callback: Callable[[str, Iteration], None] | None = None,
+    verbose: bool = False,
+) -> Comparison:
+    """Simulate a log with known parameters and identify it back by several methods.
+
+    Parameters
+    ----------
+    experiment : Experiment or str
+        What is simulated, or the name of a robot whose experiment comes with the package.
+    parameters : str
+        Parameter set of the robot: the truth.
+    methods : sequence of methods, optional
+        All by default, with their default settings.
+    noise : bool
+        False for a log without noise; it is then simulated with the steps of the identification, so that the truth is met.
+    seed : int, optional
+        Of the noise.
+    callback : callable, optional
+        Told the method and every iteration.
+    verbose : bool
+        Tell on stderr what goes on.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    DidimError
+        One of its kinds.
+    """
+    from ..methods.cloe.cloe import CLOE
+    from ..methods.start import standard_start
+    from ..result.status import Status
+
+    if isinstance(experiment, str):
+        experiment = packaged_experiment(experiment)
+    x = experiment.robot.parameter_set(parameters)
+    log = simulated_log(experiment, x, noise=noise, seed=seed, refinement=LOG_REFINEMENT if noise else 1)
+    fits: dict[str, Identification] = {}
+    notes: list[str] = []
+    if methods is None:
+        methods = all_methods(experiment)
+    for method in methods:
+        # A second simplex is another variant of the first.
+        key = method.name
+        if key in fits and isinstance(method, CLOE):
+            key = f"{method.name}-{method.variant}"
+
+        def told(iteration: Iteration, name: str = key) -> None:
+            if callback is not None:
+                callback(name, iteration)
+
+        try:
+            fit = fits[key] = identify(log, method, callback=told, verbose=verbose)
+        except FitError as reason:
+            # What the methods before have found is worth more than a refusal.
+            if not fits:
+                raise
+            notes.append(f"{key} gives no result: {reason}")
+            continue
+        if fit.status is Status.INTERRUPTED:
+            notes.append(f"Interrupted during {key}; what would have come after it was not run.")
+            break
+        if (
+            isinstance(method, CLOE)
+            and method.max_iterations == fit.settings["cloe"].get("iterations") == SHORT_SIMPLEX
+        ):
+            notes.append(
+                f"Shortened: Nelder-Mead ends after {SHORT_SIMPLEX} iterations, where fminsearch would go on to 200 per "
+                "parameter; --nelder-mead full lets it."
+            )
+    sets = {"truth": x, **{name: fit.parameters for name, fit in fits.items()}}
+    for method in methods:
+        if isinstance(method, CLOE) and isinstance(method.start, str) and method.start != "idim-ls":
+            sets["start"] = standard_start(log.robot, method.start)
+    norms = position_norms(log, sets)
+    return Comparison(log, log.robot.base_parameters.project(x), fits, tuple(notes), norms)
+
+
+def position_norms(log: Experiment, parameters: Mapping[str, Array]) -> dict[str, float]:
+    """Return the norm (19) of position errors, simulated less measured (rad or m), by name; infinite where no run completes."""
+    from ..experiment.loop import closed_loop
+
+    (recording,) = log.recordings
+    loop = closed_loop(log, recording)
+    ones = np.ones(log.robot.n_dof)
+    tau = np.zeros_like(recording.q)
+    costs, _ = loop.costs(
+        np.stack(list(parameters.values())), recording.q, tau, weight_q=ones, weight_tau=0.0 * ones
+    )
+    return dict(zip(parameters, np.sqrt(costs).tolist(), strict=True))

@@ -1,0 +1,191 @@
+"""Results of several methods on one simulated log, beside the truth, and their text in the form of Table II.
+
+Tested in ``tests/test_compare.py``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.files import write_atomically
+from .._tools.words import counted
+from ..experiment.experiment import Experiment
+from ..result.identification import Identification
+
+TITLES = {
+    "idim-ls": "IDIM-LS",
+    "didim": "DIDIM",
+    "cloe-nelder-mead": "CLOE, Nelder-Mead",
+    "cloe-nelder-mead-literal": "CLOE, literal",
+    "cloe-nelder-mead-scaled": "CLOE, scaled",
+    "cloe-nelder-mead-adaptive": "CLOE, adaptive",
+    "cloe-levenberg-marquardt": "CLOE, Levenberg-Marquardt",
+}
+WELL_IDENTIFIED_PERCENT = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Results of several methods on one simulated log, beside the truth.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        With the simulated log.
+    truth : (b,) array
+        Base parameters of the log.
+    fits : dict of Identification
+        By method.
+    notes : tuple of str
+        What was shortened.
+    norms : dict of float
+        Norm (19) of the position errors (rad) of each method, at the "truth", and at the "start" of CLOE.
+    """
+
+    experiment: Experiment
+    truth: Array
+    fits: dict[str, Identification]
+    notes: tuple[str, ...] = ()
+    norms: Mapping[str, float] = field(default_factory=dict)
+
+    def deviations(self, method: str) -> Array:
+        """Estimate less truth in standard deviations, (b,)."""
+        fit = self.fits[method]
+        return np.asarray((fit.beta - self.truth) / np.where(fit.std > 0.0, fit.std, np.nan))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``compare --json`` writes it."""
+        names = self.experiment.robot.base_parameters.names
+        return {
+            "robot": self.experiment.robot.name,
+            "truth": dict(zip(names, self.truth.tolist(), strict=True)),
+            "position_norms": {
+                name: value if np.isfinite(value) else None for name, value in self.norms.items()
+            },
+            "methods": {method: fit.to_dict() for method, fit in self.fits.items()},
+        }
+
+    def save(self, path: Path) -> None:
+        """Write as JSON."""
+        write_atomically(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+
+    def __str__(self) -> str:
+        return _render(self)
+
+
+def _render(comparison: Comparison) -> str:
+    """Table of parameters, errors per joint, effort, and a sentence to quote."""
+    base = comparison.experiment.robot.base_parameters
+    recording = comparison.experiment.recordings[0]
+    lines = [
+        f"{comparison.experiment.name}: {recording.t[-1]:g} s at {recording.rate_hz:g} Hz, "
+        f"{counted(len(base.names), 'base parameter')}",
+        "off: estimate less truth, in standard deviations",
+        "",
+    ]
+    methods = list(comparison.fits)
+    groups = [TITLES.get(method, method) for method in methods]
+    width_name, width_unit = max(map(len, base.names)), max(map(len, base.units))
+    head = f"{'':{width_name}}  {'':{width_unit}}  {'truth':>9}"
+    sub = " " * len(head)
+    for group in groups:
+        head += f"   {group:^24}"
+        sub += f"   {'estimate':>9} {'sigma %':>8} {'off':>5}"
+    lines += [head.rstrip(), sub.rstrip(), "-" * len(sub)]
+    for index, (name, unit) in enumerate(zip(base.names, base.units, strict=True)):
+        line = f"{name:{width_name}}  {unit:{width_unit}}  {comparison.truth[index]:9.4g}"
+        for method in methods:
+            fit = comparison.fits[method]
+            percent, off = fit.relative_std_percent[index], comparison.deviations(method)[index]
+            shown = (
+                "-"
+                if not (np.isfinite(percent) and fit.std.any())
+                else (">999" if percent > 999 else f"{percent:.3g}")
+            )
+            line += f"   {fit.beta[index]:9.4g} {shown:>8} {_off(off):>5}"
+        lines.append(line)
+    lines += ["", *_effort(comparison, methods, groups), "", sentence(comparison)]
+    lines += comparison.notes
+    return "\n".join(lines)
+
+
+def _off(value: float) -> str:
+    return "-" if not np.isfinite(value) else f"{value:.1f}"
+
+
+def _effort(comparison: Comparison, methods: list[str], groups: list[str]) -> list[str]:
+    n = comparison.experiment.robot.n_dof
+    width = max(len("relative error %"), *map(len, groups))
+    lines = [f"{'relative error %':{width}}" + "".join(f"{f'joint {joint + 1}':>9}" for joint in range(n))]
+    for method, group in zip(methods, groups, strict=True):
+        errors = comparison.fits[method].relative_error
+        lines.append(f"{group:{width}}" + "".join(f"{100.0 * error:9.3f}" for error in errors))
+    reference = comparison.fits.get("didim")
+    ratios = reference is not None and reference.elapsed > 0.0
+    head = f"{'':{width}}{'iterations':>11}{'simulations':>12}{'seconds':>9}"
+    lines += ["", head + f"{'x DIDIM':>9}" * ratios + f"{'off, rms':>9}{'norm (19)':>11}  status"]
+    for method, group in zip(methods, groups, strict=True):
+        fit = comparison.fits[method]
+        off = comparison.deviations(method)
+        rms = float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else float("nan")
+        longer = f"{fit.elapsed / reference.elapsed:>9.3g}" if reference is not None and ratios else ""
+        norm = comparison.norms.get(method, float("nan"))
+        lines.append(
+            f"{group:{width}}{fit.n_iterations:>11}{fit.n_simulations:>12}{fit.elapsed:>9.2f}{longer}{_off(rms):>9}"
+            f"{f'{norm:.3g}' if np.isfinite(norm) else '-':>11}  {fit.status.value.partition(':')[0].rstrip('.')}"
+        )
+    at = {name: comparison.norms[name] for name in ("start", "truth") if name in comparison.norms}
+    if len(at) == 2:
+        lines.append(
+            f"norm (19): of the position errors (rad); {at['start']:.3g} at the start of CLOE, {at['truth']:.3g} at the truth"
+        )
+    return lines
+
+
+def sentence(comparison: Comparison) -> str:
+    """Return one sentence on what was found, to quote."""
+    if "didim" not in comparison.fits:
+        return "DIDIM was not run."
+    fit = comparison.fits["didim"]
+    well = fit.relative_std_percent < WELL_IDENTIFIED_PERCENT
+    worst = float(np.nanmax(np.abs(comparison.deviations("didim")[well]))) if well.any() else float("nan")
+    if not fit.converged:
+        return f"DIDIM did not converge: {fit.status.value}"
+    text = (
+        f"DIDIM found {counted(len(fit.names), 'base parameter')} in {counted(fit.n_iterations, 'iteration')}, "
+        f"{counted(fit.n_simulations, 'simulation')} and {duration(fit.elapsed)}; the {int(well.sum())} with a sigma below "
+        f"{WELL_IDENTIFIED_PERCENT:.0f} % are within {worst:.1f} sigma of the truth"
+    )
+    for method, other in comparison.fits.items():
+        if not method.startswith("cloe"):
+            continue
+        times = other.elapsed / max(fit.elapsed, 1e-9)
+        text += (
+            f"; {TITLES.get(method, method)} {_where(comparison, method)} after {counted(other.n_simulations, 'simulation')} and "
+            f"{duration(other.elapsed)}, {times:.0f} times as long"
+        )
+    return text + "."
+
+
+def _where(comparison: Comparison, method: str) -> str:
+    """Say how far a CLOE has come."""
+    norm, start, truth = (comparison.norms.get(name, float("nan")) for name in (method, "start", "truth"))
+    if norm <= truth * 1.001:
+        return "is at the optimum"
+    if np.isfinite(norm) and start > 0.0:
+        return f"has {100.0 * norm / start:.2g} % of its starting norm left"
+    return "ends"
+
+
+def duration(seconds: float) -> str:
+    """Return seconds as people say them: 0.48 s, 51 s, 16 min."""
+    if seconds < 10.0:
+        return f"{seconds:.2g} s"
+    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"

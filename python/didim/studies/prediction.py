@@ -1,0 +1,271 @@
+"""Torques measured and predicted, on the rows that a fit is made of: what plots and reports show.
+
+IDIM-LS predicts along the filtered measured motion, DIDIM along the motion of the closed loop that is simulated with its
+parameters, both filtered and decimated; CLOE compares the simulated torques as they are. Tested in ``tests/test_plot.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, cast
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import FitError
+from ..experiment.experiment import Experiment
+from ..experiment.loop import closed_loop
+from ..log.recording import Recording
+from ..loop.simulation import Simulation
+from ..methods.method import FitSettings, ratios
+from ..regression.linear_system import linear_system
+from ..regression.selection import select
+from ..result.identification import Identification
+from ..robot.robot import Robot
+from ..signal.align import align
+from ..signal.decimation import decimation_stages
+from ..signal.noise import noise_correlation
+from ..signal.processing import SignalProcessing
+from ..signal.segments import Segment, segments, trimmed
+
+Motion = Literal["measured", "simulated"]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Torques of one window of a recording, joint side.
+
+    Attributes
+    ----------
+    recording : str
+        Its name.
+    role : str
+        "fit" or "held-out".
+    motion : {"measured", "simulated"}
+        What the torques are predicted along.
+    t : (n_rows,) array
+        Times in the recording (s).
+    measured, predicted : (n_rows, n_dof) arrays
+        Torques (N.m) or forces (N).
+    noise_correlation : (n_lags,) array or None
+        Autocorrelation that white noise has on these rows, which decimation has correlated; None where it stays white.
+    """
+
+    recording: str
+    role: str
+    motion: Motion
+    t: Array
+    measured: Array
+    predicted: Array
+    noise_correlation: Array | None = None
+
+    @property
+    def residual(self) -> Array:
+        """Measured less predicted, (n_rows, n_dof)."""
+        return self.measured - self.predicted
+
+
+def relative_errors(predictions: Sequence[Prediction]) -> Array:
+    """Norm of the torque error over that of the torque, per joint and all windows together, (n_dof,)."""
+    error, size = (
+        np.linalg.norm(np.concatenate([getattr(item, key) for item in predictions]), axis=0)
+        for key in ("residual", "measured")
+    )
+    return ratios(error, size)
+
+
+def predict(
+    fit: Identification,
+    experiment: Experiment,
+    *,
+    role: str = "fit",
+    motion: Motion | None = None,
+    as_fitted: bool = True,
+) -> list[Prediction]:
+    """Predict the torques of an experiment's recordings with the parameters of a result.
+
+    Parameters
+    ----------
+    fit : Identification
+        Any result.
+    experiment : Experiment
+        What it was made of, or another log of the same robot.
+    role : str
+        Recordings: "fit", "held-out", or "all".
+    motion : {"measured", "simulated"}, optional
+        Along the filtered measured motion, or along that of the simulated closed loop. By default as the method has it:
+        measured for IDIM-LS and for recordings that are held out, simulated for DIDIM and CLOE.
+    as_fitted : bool
+        Filters and delay of the fit; False for those of the experiment, as `validate` has them.
+
+    Returns
+    -------
+    list of Prediction
+        One per window.
+
+    Raises
+    ------
+    FitError
+        For another robot, without recordings or torques, or when a simulation ends early.
+    DidimError
+        As for an identification.
+
+    Notes
+    -----
+    The errors of IDIM-LS and CLOE are those of the result. DIDIM's are those of its last solution, made along the
+    motion one step before its parameters; here the motion is that of the parameters, and the errors agree as far as it converged.
+    """
+    robot = experiment.simulation.robot(experiment.robot)
+    if fit.parameter_names != robot.parameter_names:
+        raise FitError(
+            f"the result is for robot {fit.robot!r} and the experiment for {robot.name!r}: their parameters differ"
+        )
+    recordings = [item for item in experiment.recordings if role in ("all", item.role)]
+    if not recordings:
+        what = "recording" if role == "all" else f"recording with role {role!r}"
+        raise FitError(f"experiment '{experiment.name}' has no {what}")
+    if motion is None:
+        motion = "measured" if role == "held-out" or fit.method == "idim-ls" else "simulated"
+    if as_fitted:
+        experiment, delay = _fitted(fit, experiment)
+    else:
+        delay = FitSettings().job(experiment).delay()[0]
+    # CLOE compares what is simulated, sample by sample.
+    raw = motion == "simulated" and fit.method.startswith(("cloe", "clie"))
+    found = []
+    for recording in recordings:
+        if recording.tau is None:
+            raise FitError(f"recording '{recording.name}' has no torques to compare with")
+        if motion == "measured":
+            parts = segments(recording, experiment.signal, delay)
+        else:
+            parts = [
+                _simulated(fit.parameters, experiment, recording, window, delay)
+                for window in recording.windows
+            ]
+        model = experiment.robot if motion == "measured" else robot
+        for part, window in zip(parts, recording.windows, strict=True):
+            found.append(
+                _prediction(fit, part, recording, window, model, _raw(experiment.signal, raw), delay, motion)
+            )
+    return found
+
+
+def simulate_window(
+    x: Array, experiment: Experiment, recording: Recording, window: tuple[int, int]
+) -> Simulation:
+    """Simulate the closed loop of an experiment over a window of a recording.
+
+    Parameters
+    ----------
+    x : (n_parameters,) array
+        Standard parameters.
+    experiment : Experiment
+        With a reference and a controller.
+    recording, window
+        Sets rate and length; time 0 is the first sample of the window.
+
+    Returns
+    -------
+    Simulation
+        As from `simulate`; look at its outcome.
+
+    Raises
+    ------
+    ExperimentError
+        Without a reference or a controller.
+    """
+    loop = closed_loop(experiment, recording, window)
+    arrays, outcomes = loop.run(x[None])
+    q, dq, ddq, tau = (values[0] for values in arrays)
+    return Simulation(loop.t, q, dq, ddq, tau, outcomes, None, loop.schedule.steps)
+
+
+def _fitted(fit: Identification, experiment: Experiment) -> tuple[Experiment, float]:
+    """Return the experiment with the filters of a fit, and its delay."""
+    settings = fit.settings.get("signal")
+    signal = experiment.signal if settings is None else SignalProcessing(**settings)
+    return replace(experiment, signal=signal), fit.delay.get("compensated_samples", 0.0)
+
+
+def _raw(signal: SignalProcessing, raw: bool) -> SignalProcessing:
+    return replace(signal, decimation=()) if raw else signal
+
+
+def _simulated(
+    x: Array, experiment: Experiment, recording: Recording, window: tuple[int, int], delay: float
+) -> Segment:
+    """Return the simulated motion beside the measured torque, aligned and trimmed as DIDIM has them."""
+    simulation = simulate_window(x, experiment, recording, window)
+    place = f"recording '{recording.name}'"
+    if not simulation.outcomes[0].completed:
+        raise FitError(f"{place}: the simulation {simulation.outcomes[0]}")
+    motion, tau = align(
+        [simulation.q, simulation.dq, simulation.ddq], _torque(recording)[slice(*window)], delay
+    )
+    return trimmed(recording, place, experiment.signal, motion, tau)
+
+
+def _torque(recording: Recording) -> Array:
+    assert recording.tau is not None  # predict refuses others
+    return recording.tau
+
+
+def _prediction(
+    fit: Identification,
+    part: Segment,
+    recording: Recording,
+    window: tuple[int, int],
+    robot: Robot,
+    signal: SignalProcessing,
+    delay: float,
+    motion: Motion,
+) -> Prediction:
+    system = linear_system(robot, [part], signal, select(robot, {}, ()))
+    n = robot.n_dof
+    beta = robot.base_parameters.project(fit.parameters)
+    return Prediction(
+        recording=recording.name,
+        role=recording.role,
+        motion=motion,
+        t=_times(recording, window, signal, delay),
+        measured=system.y.reshape(n, -1).T.copy(),
+        predicted=(system.w @ beta).reshape(n, -1).T.copy(),
+        noise_correlation=noise_correlation(signal),
+    )
+
+
+def _times(recording: Recording, window: tuple[int, int], signal: SignalProcessing, delay: float) -> Array:
+    """Return the time of each row: of the motion that it is made of."""
+    start, stop = window
+    n = stop - start
+    (index,), _ = align([np.arange(n, dtype=np.float64)[:, None]], np.zeros((n, 1)), delay)
+    kept = index[signal.trim_start : len(index) - signal.trim_end, 0].astype(int)
+    for _, _, _, factor, first in decimation_stages(len(kept), signal):
+        kept = kept[first::factor]
+    return cast(Array, recording.t[start + kept[signal.kept_rows]])
+
+
+def autocorrelation(parts: Sequence[Array], n_lags: int) -> Array:
+    """Autocorrelation of residuals, windows pooled: at lags 0 to n_lags.
+
+    Parameters
+    ----------
+    parts : sequence of (n_rows,) arrays
+        Residual of a joint in each window.
+    n_lags : int
+        Largest lag.
+
+    Returns
+    -------
+    (n_lags + 1,) array
+        1 at lag 0; NaN for residuals that do not vary.
+    """
+    mean = np.concatenate(parts).mean()
+    sums = np.zeros(n_lags + 1)
+    for part in parts:
+        e = part - mean
+        for lag in range(min(n_lags + 1, e.size)):
+            sums[lag] += e[: e.size - lag] @ e[lag:]
+    return np.asarray(sums / sums[0] if sums[0] > 0.0 else np.full_like(sums, np.nan))

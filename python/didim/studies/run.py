@@ -1,0 +1,210 @@
+"""``didim simulate``: a run of an experiment's closed loop, beside its recording and as a CSV file.
+
+Tested in ``tests/test_simulate_command.py``.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.files import write_atomically
+from .._tools.words import did_you_mean
+from ..errors import ExperimentError
+from ..experiment.experiment import Experiment
+from ..experiment.loop import closed_loop, outside_limits
+from ..experiment.specs import ReferenceSpec
+from ..log.recording import Recording
+from ..loop.closed_loop import ClosedLoop, Outcome
+from ..loop.reference import Reference
+from ..loop.simulation import too_large
+from ..robot.parameter_file import is_file, load_parameters
+from ..robot.robot import Robot
+from ..signal.filters import differentiate
+
+Arrays = tuple[Array, Array, Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationReport:
+    """A run and what there is to say about it.
+
+    Attributes
+    ----------
+    experiment : Experiment
+        What was simulated.
+    recording : Recording or None
+        What it is compared with.
+    loop : ClosedLoop
+        Robot, reference, controller and steps.
+    arrays : four (n_records, n_dof) arrays
+        Positions, velocities, accelerations and torques, joint side.
+    outcome : Outcome
+        How the run ended.
+    errors : dict of (n_dof,) arrays
+        Relative errors against the recording (`recording_errors`); empty without one.
+    warnings : tuple of str
+        Sentences on the reference and the step.
+    """
+
+    experiment: Experiment
+    recording: Recording | None
+    loop: ClosedLoop
+    arrays: Arrays
+    outcome: Outcome
+    errors: dict[str, Array]
+    warnings: tuple[str, ...]
+
+    def write(self, path: Path) -> None:
+        """Write ``t q dq ddq tau q_ref`` as CSV, joint side, SI units, which reads back as a recording.
+
+        Positions and torques are as measured, if the experiment has a ``[measurement]``.
+        """
+        q, dq, ddq, tau = self.arrays
+        if self.experiment.measurement is not None:
+            q, tau = self.experiment.measurement.measure(q, tau)
+        n = self.loop.model.n_dof
+        groups = {"q": q, "dq": dq, "ddq": ddq, "tau": tau, "q_ref": self.loop.motion.at(self.loop.t)[0]}
+        names = ["t", *(f"{name}{joint + 1}" for name in groups for joint in range(n))]
+        text = io.StringIO()
+        text.write(",".join(names) + "\n")
+        np.savetxt(text, np.column_stack([self.loop.t, *groups.values()]), fmt="%.15g", delimiter=",")
+        write_atomically(path, text.getvalue())
+
+    def __str__(self) -> str:
+        robot = self.loop.model
+        lines = [
+            f"{self.experiment.name}: {self.loop.n_records} records in {self.loop.t[-1]:.6g} s, "
+            f"{self.loop.schedule.steps} steps: {self.outcome}"
+        ]
+        if not self.outcome.completed:
+            return "\n".join(lines)
+        target = self.loop.motion.at(self.loop.t)[0]
+        tracking = np.abs(self.arrays[0] - target).max(axis=0)
+        columns = {"tracking error, largest": [f"{value:.3g}" for value in tracking]}
+        columns["torque, rms"] = [f"{value:.4g}" for value in np.sqrt(np.mean(self.arrays[3] ** 2, axis=0))]
+        if self.recording is not None:
+            lines.append(f"relative errors against recording '{self.recording.name}':")
+        for name, values in self.errors.items():
+            columns[f"{name} error"] = [f"{100.0 * value:.4g} %" for value in values]
+        head = ["joint", *columns]
+        rows = [
+            [f"{joint + 1} ({_unit(robot, joint)})", *(column[joint] for column in columns.values())]
+            for joint in range(robot.n_dof)
+        ]
+        widths = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
+        lines += [
+            "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+            for row in [head, *rows]
+        ]
+        return "\n".join(lines)
+
+
+def _unit(robot: Robot, joint: int) -> str:
+    return "rad, N.m" if robot.joint_kinds[joint] == "revolute" else "m, N"
+
+
+def simulate_experiment(
+    experiment: Experiment, parameters: str, recording: str | None = None
+) -> SimulationReport:
+    """Simulate an experiment with the parameters of a fit or of a set of the robot file.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With a reference and a controller.
+    parameters : str
+        Path of a result (.json) or of its parameters (.toml, .npz), or name of a parameter set.
+    recording : str, optional
+        Name of the recording that sets rate, length and, where it says so, the reference; the first by default.
+
+    Raises
+    ------
+    ExperimentError
+        When the closed loop is not complete, or the recording unknown.
+    FitError, RobotError
+        When the parameters cannot be read.
+    """
+    chosen = _recording(experiment, recording)
+    window = None if chosen is None else chosen.windows[0]
+    loop = closed_loop(experiment, chosen, window)
+    x = standard_parameters(loop.model, parameters)
+    trajectories, outcomes = loop.run(x[None])
+    if chosen is None and outcomes[0].completed and loop.model.friction.coulomb == "tanh":
+        # The robot reverses later than its reference: once more, with steps that are fine where it does.
+        motion = Reference.through(*(values[0] for values in trajectories[:3]), rate_hz=loop.rate_hz)
+        loop = loop.along(motion)
+        trajectories, outcomes = loop.run(x[None])
+    q, dq, ddq, tau = (values[0] for values in trajectories)
+    sentences = outside_limits(loop.model, loop.motion, float(loop.t[-1]))
+    errors: dict[str, Array] = {}
+    if outcomes[0].completed:
+        error = loop.integration_error(x, q, tau)
+        if error.large:
+            sentences.append(too_large(error))
+        if chosen is not None and window is not None:
+            errors = recording_errors(experiment, chosen, window, (q, dq, ddq, tau))
+    return SimulationReport(
+        experiment, chosen, loop, (q, dq, ddq, tau), outcomes[0], errors, tuple(sentences)
+    )
+
+
+def standard_parameters(robot: Robot, source: str) -> Array:
+    """Return the standard parameters of a file (`load_parameters`) or of a parameter set of the robot, (n_parameters,).
+
+    Raises
+    ------
+    FitError
+        When the file is of another robot.
+    RobotError
+        When there is no such set.
+    """
+    return load_parameters(robot, source) if is_file(source) else robot.parameter_set(source)
+
+
+def recording_errors(
+    experiment: Experiment, recording: Recording, window: tuple[int, int], arrays: Arrays
+) -> dict[str, Array]:
+    """Relative errors of a simulation against a window of a recording, per joint.
+
+    Raw simulated signals against the raw positions and torques, and against the velocities and accelerations of
+    the filtered positions, without the samples that the experiment trims: the definition of the EMPS benchmark.
+
+    Returns
+    -------
+    dict of (n_dof,) arrays
+        ``position``, ``velocity``, ``acceleration`` and, with torques, ``torque``: norms of the difference over norms of what was
+        measured; NaN where nothing was.
+    """
+    start, stop = window
+    signal = experiment.signal
+    kept = slice(signal.trim_start, stop - start - signal.trim_end)
+    raw = recording.q[start:stop]
+    _, dq, ddq = differentiate(raw, recording.rate_hz, signal)
+    measured = {"position": raw, "velocity": dq, "acceleration": ddq}
+    if recording.tau is not None:
+        measured["torque"] = recording.tau[start:stop]
+    found = {}
+    for (name, values), simulated in zip(measured.items(), arrays, strict=False):
+        size = np.linalg.norm(values[kept], axis=0)
+        error = np.linalg.norm(simulated[kept] - values[kept], axis=0)
+        found[name] = np.divide(error, size, out=np.full_like(error, np.nan), where=size > 0.0)
+    return found
+
+
+def _recording(experiment: Experiment, name: str | None) -> Recording | None:
+    names = [recording.name for recording in experiment.recordings]
+    if name is not None:
+        if name not in names:
+            raise ExperimentError(
+                f"{experiment.name}: no recording {name!r}{did_you_mean(name, names)} (there are: {', '.join(names) or 'none'})"
+            )
+        return experiment.recordings[names.index(name)]
+    own_motion = isinstance(experiment.reference, ReferenceSpec) and experiment.reference.made is not None
+    if not names or (own_motion and experiment.simulation.duration_s is not None):
+        return None
+    return experiment.recordings[0]

@@ -1,0 +1,136 @@
+"""Logs of a robot whose parameters are known: packaged experiments, simulated and measured.
+
+Tested in ``tests/test_compare.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import ExperimentError
+from ..experiment.experiment import Experiment
+from ..log.recording import Recording
+
+PACKAGED = Path(__file__).parents[1] / "packaged" / "experiments"
+"""Folder of the experiments that come with the package, by robot."""
+
+
+MOST_PILOTS = 6
+"""Runs of a log: its steps are fine where the velocities of the run before were near zero."""
+LOG_REFINEMENT = 4
+"""The log is simulated with steps so many times finer than those of the identification."""
+
+
+def packaged_experiment(robot: str) -> Experiment:
+    """Load the experiment of a robot that comes with the package.
+
+    Raises
+    ------
+    ExperimentError
+        When there is none.
+    """
+    from ..experiment.experiment_file import load_experiment
+
+    known = {path.stem: path for path in sorted(PACKAGED.glob("*.toml"))}
+    if robot not in known:
+        raise ExperimentError(
+            f"there is no packaged experiment for robot {robot!r} (there are: {', '.join(known)}); give an experiment file "
+            "with a [reference], a [controller] and a [measurement]"
+        )
+    return load_experiment(known[robot])
+
+
+def simulated_log(
+    experiment: Experiment,
+    x: Array,
+    *,
+    noise: bool = True,
+    seed: int | None = None,
+    refinement: int = LOG_REFINEMENT,
+) -> Experiment:
+    """Simulate the log of an experiment with known parameters.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With a reference of its own, a controller and, for noise, a measurement.
+    x : (n_parameters,) array
+        Standard parameters: the truth.
+    noise : bool
+        Add what the measurement adds.
+    seed : int, optional
+        Of the noise; that of the measurement by default.
+    refinement : int
+        Steps so many times finer than those of the experiment's simulation.
+
+    Returns
+    -------
+    Experiment
+        The same with one recording, joint side.
+
+    Raises
+    ------
+    ExperimentError
+        When the closed loop is not complete, or the run does not reach its end.
+    """
+    from ..experiment.loop import closed_loop, measured_motion
+    from ..log.recording import Recording
+
+    loop = closed_loop(experiment)
+    recording: Recording | None = None
+    for _ in range(MOST_PILOTS):
+        arrays, outcomes = loop.divided(refinement).run(x[None])
+        if not outcomes[0].completed:
+            raise ExperimentError(f"{experiment.name}: the log cannot be simulated: the run {outcomes[0]}")
+        before = recording
+        recording = Recording.from_arrays(
+            arrays[0][0], arrays[3][0], rate_hz=loop.rate_hz, name="simulated log"
+        )
+        # An identification has the steps that follow from this log: the log must have them too.
+        if before is not None and np.array_equal(before.q, recording.q):
+            break
+        motion = measured_motion(recording, (0, len(recording.q)), experiment.signal, loop.model)
+        if motion is None:
+            break
+        loop = loop.along(motion)
+    assert recording is not None
+    # The friction of the simulation is that of the log; the regressors of all methods are built with it.
+    robot = experiment.simulation.robot(experiment.robot)
+    log = replace(experiment, robot=robot, recordings=(recording,))
+    return measured(log, seed) if noise else log
+
+
+def measured(log: Experiment, seed: int | None = None) -> Experiment:
+    """Add to a simulated log what its measurement adds.
+
+    Parameters
+    ----------
+    log : Experiment
+        From `simulated_log` without noise.
+    seed : int, optional
+        Of the noise; that of the measurement by default.
+
+    Returns
+    -------
+    Experiment
+        The same log where the experiment has no measurement.
+
+    Raises
+    ------
+    ExperimentError
+        For a negative seed.
+    """
+    if seed is not None and seed < 0:
+        raise ExperimentError(f"the seed of the noise must not be negative, got {seed}")
+    measurement = log.measurement
+    (recording,) = log.recordings
+    if measurement is None or recording.tau is None:
+        return log
+    q, tau = (measurement if seed is None else replace(measurement, seed=seed)).measure(
+        recording.q, recording.tau
+    )
+    return replace(log, recordings=(replace(recording, q=q, tau=tau),))

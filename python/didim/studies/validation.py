@@ -1,0 +1,158 @@
+"""Validation of a result on another log: torques predicted along the measured motion, and the closed loop simulated.
+
+Tested in ``tests/test_validate.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import FitError
+from ..experiment.experiment import Experiment
+from ..loop.closed_loop import Outcome
+from ..result.identification import Identification
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingValidation:
+    """Errors on one recording, per joint.
+
+    Attributes
+    ----------
+    name : str
+        Recording.
+    direct : (n_dof,) array or None
+        Relative error of the torques predicted along the filtered measured motion with the friction of the experiment,
+        filtered and decimated as for a fit; None without torques.
+    direct_overall : float
+        Of all joints together.
+    simulated : dict of (n_dof,) arrays
+        Relative errors of the simulated closed loop (`position`, `velocity`, `acceleration`, `torque`) over the first window,
+        raw; empty without a reference and a controller, or where the simulation ended early.
+    outcome : Outcome or None
+        How the simulation ended; None without a reference and a controller.
+    """
+
+    name: str
+    direct: Array | None
+    direct_overall: float
+    simulated: dict[str, Array]
+    outcome: Outcome | None
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """Errors of a result on the recordings of an experiment."""
+
+    fit: Identification
+    experiment: str
+    recordings: tuple[RecordingValidation, ...]
+
+    @property
+    def completed(self) -> bool:
+        """Whether every simulation that was made reached its end."""
+        return all(item.outcome is None or item.outcome.completed for item in self.recordings)
+
+    def to_dict(self) -> dict[str, object]:
+        """Everything, as plain lists and numbers; NaN and infinity become None."""
+        return {
+            "robot": self.fit.robot,
+            "method": self.fit.method,
+            "fit": self.fit.name,
+            "experiment": self.experiment,
+            "recordings": [
+                {
+                    "name": item.name,
+                    "direct": None if item.direct is None else _plain(item.direct),
+                    "direct_overall": item.direct_overall if np.isfinite(item.direct_overall) else None,
+                    "simulated": {key: _plain(values) for key, values in item.simulated.items()},
+                    "outcome": None if item.outcome is None else str(item.outcome),
+                }
+                for item in self.recordings
+            ],
+        }
+
+    def __str__(self) -> str:
+        lines = [f"{self.fit.name}, by {self.fit.method}, on {self.experiment}; relative errors in %"]
+        for item in self.recordings:
+            rows: dict[str, Array] = {}
+            if item.direct is not None:
+                rows["torque, predicted"] = item.direct
+            rows |= {f"{name}, simulated": values for name, values in item.simulated.items()}
+            lines += ["", f"recording '{item.name}'"]
+            if rows:
+                n = len(next(iter(rows.values())))
+                width = max(map(len, rows))
+                lines.append(" " * width + "".join(f"{f'joint {joint + 1}':>10}" for joint in range(n)))
+                lines += [
+                    f"{name:{width}}" + "".join(f"{100.0 * value:10.4g}" for value in values)
+                    for name, values in rows.items()
+                ]
+            if item.outcome is not None and not item.outcome.completed:
+                lines.append(f"the simulation {item.outcome}")
+            if item.outcome is None:
+                lines.append("not simulated: the experiment has no [controller] and [reference]")
+        return "\n".join(lines)
+
+
+def _plain(values: Array) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]
+
+
+def validate(fit: Identification, experiment: Experiment) -> Validation:
+    """Errors of a result on the recordings of an experiment: direct (torques) and simulated (closed loop).
+
+    Parameters
+    ----------
+    fit : Identification
+        Any result.
+    experiment : Experiment
+        Another log of the same robot.
+
+    Returns
+    -------
+    Validation
+        Errors per recording and joint.
+
+    Raises
+    ------
+    FitError
+        When the result is for another robot, or the experiment has no recording.
+    DidimError
+        As for an identification of the experiment.
+    """
+    from ..experiment.loop import closed_loop
+    from ..methods.method import FitSettings, ratio, ratios
+    from .run import recording_errors
+
+    robot = experiment.simulation.robot(experiment.robot)
+    if fit.parameter_names != robot.parameter_names:
+        raise FitError(
+            f"the result is for robot {fit.robot!r} and the experiment for {robot.name!r}: their parameters differ"
+        )
+    if not experiment.recordings:
+        raise FitError(f"experiment '{experiment.name}' has no recording to validate on")
+    job = FitSettings().job(experiment)
+    delay = job.delay()[0]
+    beta = experiment.robot.base_parameters.project(fit.parameters)
+    closed = experiment.reference is not None and experiment.controller is not None
+    found = []
+    for recording in experiment.recordings:
+        direct, overall = None, float("nan")
+        if recording.tau is not None:
+            errors, torques = job.predicted(recording, beta, delay)
+            direct, overall = ratios(errors, torques), ratio(np.linalg.norm(errors), np.linalg.norm(torques))
+        outcome, simulated = None, {}
+        if closed:
+            window = recording.windows[0]
+            loop = closed_loop(experiment, recording, window)
+            arrays, outcomes = loop.run(fit.parameters[None])
+            outcome = outcomes[0]
+            if outcome.completed:
+                q, dq, ddq, tau = (values[0] for values in arrays)
+                simulated = recording_errors(experiment, recording, window, (q, dq, ddq, tau))
+        found.append(RecordingValidation(recording.name, direct, overall, simulated, outcome))
+    return Validation(fit, experiment.name, tuple(found))

@@ -1,0 +1,160 @@
+"""The tree of the package: imports only look down, nothing imports in a circle, files and folders stay small."""
+
+from __future__ import annotations
+
+import ast
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "python" / "didim"
+
+FLOORS = (
+    ("errors", "_core"),
+    ("_tools",),
+    ("robot",),
+    ("model",),
+    ("log",),
+    ("signal",),
+    ("regression",),
+    ("loop",),
+    ("experiment",),
+    ("result",),
+    ("methods",),
+    ("studies",),
+    ("plot",),
+    ("formats",),
+    ("report",),
+    ("diagnosis",),
+    ("cli",),
+    ("__main__",),
+)
+"""Folders and modules of the package, from the bottom up: each imports from its own floor and those before it."""
+LARGEST_FOLDER = 14
+"""Modules of a folder, its ``__init__.py`` aside."""
+LONGEST_FILE = 450
+"""Lines of a source file."""
+
+FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+
+
+def name_of(path: Path) -> str:
+    """Dotted name of a module inside the package; that of the package itself is empty."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {name_of(path): path for path in SOURCES} | {"_core": PACKAGE / "_core.pyi"}
+
+
+def imported(module: str, tree: ast.Module, *, is_package: bool) -> set[tuple[str, int]]:
+    """Modules of the package that a module imports anywhere, with lines: in functions and for type checkers too."""
+    here = module.split(".") if module else []
+    package = here if is_package else here[:-1]
+    found: set[tuple[str, int]] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                head, _, rest = alias.name.partition(".")
+                if head == "didim":
+                    found.add((rest, node.lineno))
+        elif isinstance(node, ast.ImportFrom):
+            name = node.module or ""
+            if node.level:
+                start = package[: len(package) - node.level + 1]
+                base = ".".join([*start, *([name] if name else [])])
+            elif name == "didim" or name.startswith("didim."):
+                base = name.removeprefix("didim").removeprefix(".")
+            else:
+                continue
+            for alias in node.names:
+                inner = f"{base}.{alias.name}" if base else alias.name
+                found.add((inner if inner in MODULES else base, node.lineno))
+    return found
+
+
+GRAPH = {
+    module: imported(module, ast.parse(path.read_text(encoding="utf-8")), is_package=path.stem == "__init__")
+    for module, path in MODULES.items()
+    if path.suffix == ".py"
+}
+
+
+def floor(module: str) -> int:
+    return FLOOR_OF[module.partition(".")[0]]
+
+
+def test_every_module_has_a_floor() -> None:
+    assert {name.partition(".")[0] for name in MODULES if name} == set(FLOOR_OF)
+
+
+def test_imports_only_look_down() -> None:
+    upward = [
+        f"{module}:{line} imports {other or 'the package itself'}"
+        for module, others in GRAPH.items()
+        if module
+        for other, line in sorted(others)
+        if not other or floor(other) > floor(module)
+    ]
+    assert not upward, "\n".join(upward)
+
+
+def test_nothing_imports_in_a_circle() -> None:
+    graph = {
+        module: {other for other, _ in others if other != module}
+        for module, others in GRAPH.items()
+        if module  # the package itself names everything, and nothing imports it
+    }
+    try:
+        tuple(TopologicalSorter(graph).static_order())
+    except CycleError as cycle:
+        pytest.fail(" <- ".join(cycle.args[1]))
+
+
+def test_modules_import_names_and_no_modules_of_the_package() -> None:
+    # `from . import module` makes every module depend on the file of its folder.
+    whole = [
+        f"{module}:{node.lineno}"
+        for module, path in MODULES.items()
+        if path.suffix == ".py" and module
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.level and node.module is None
+    ]
+    assert not whole
+
+
+def test_folders_and_files_stay_small() -> None:
+    folders = {path.parent for path in SOURCES} - {PACKAGE}
+    crowded = {
+        folder.name: n
+        for folder in folders
+        if (n := len([path for path in folder.glob("*.py") if path.stem != "__init__"])) > LARGEST_FOLDER
+    }
+    assert not crowded
+    long = {
+        name_of(path): n
+        for path in SOURCES
+        if (n := len(path.read_text(encoding="utf-8").splitlines())) > LONGEST_FILE
+    }
+    assert not long
+
+
+@pytest.mark.parametrize(
+    ("module", "source", "expected"),
+    [
+        ("signal.noise", "from ..log.recording import Recording", {"log.recording"}),
+        ("signal.noise", "from . import filters", {"signal.filters"}),
+        ("signal", "from .noise import white_noise", {"signal.noise"}),
+        ("signal.noise", "from .. import _core", {"_core"}),
+        ("signal.noise", "from didim import load_robot", {""}),
+        ("signal.noise", "import didim.plot as plot", {"plot"}),
+        ("signal.noise", "if TYPE_CHECKING:\n    from ..methods.method import Job", {"methods.method"}),
+        ("signal.noise", "def f():\n    from ..cli.main import main", {"cli.main"}),
+        ("signal.noise", "import numpy, scipy.signal\nfrom scipy.signal import welch", set()),
+    ],
+)
+def test_the_graph_sees_every_kind_of_import(module: str, source: str, expected: set[str]) -> None:
+    found = imported(module, ast.parse(source), is_package=module == "signal")
+    assert {name for name, _ in found} == expected
