@@ -1,7 +1,7 @@
 """The numbers in docs/tx40.md, docs/emps.md and docs/simulation.md are those of a run, and their examples print what they say.
 
-What rounding decides (the friction of joints 2 and 3 in the plain recipe, docs/tx40.md) may differ a little
-from machine to machine and is given that much room; everything else is met to the digits written.
+Rounding decides the friction of joints 2 and 3 in the plain recipe of the TX40, so its figures are a spread over
+processors (benches/blas_kernels.py). Everything else is met to the digits written.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import csv
 import re
 import warnings
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import get_args
 
@@ -31,15 +32,12 @@ from didim.studies.compare import compare
 from didim.studies.run import SimulationReport, simulate_experiment
 from didim.studies.validation import validate
 from scripts import script
-from test_published import DECIDED_BY_ROUNDING, deviations
+from test_published import DECIDED_BY_ROUNDING
 from test_simulation import tx40
 
 Row = list[str]
 
 MORE = "fit.history[k].more meaning"
-
-ROUNDING_SIGMA = 0.3
-"""Room, in standard deviations, for what rounding decides."""
 
 
 def tables(path: Path) -> dict[str, list[Row]]:
@@ -90,34 +88,37 @@ def fits(experiments: dict[str, Experiment]) -> dict[str, Identification]:
 
 
 def test_tx40_errors_per_joint(page: Path, fits: dict[str, Identification]) -> None:
-    rows = tables(page)["relative torque error, % joint 1 joint 2"]
-    assert [row[0] for row in rows] == ["plain", "dead zone"]
-    for name, *errors in rows:
-        np.testing.assert_allclose(
-            [float(error) for error in errors], 100.0 * fits[name].relative_error, rtol=0, atol=0.0501
-        )
+    zone = fits["dead zone"]
+    ((name, *errors),) = tables(page)["relative torque error, % joint 1 joint 2"]
+    assert name == "dead zone"
+    expected = 100.0 * np.array([*zone.relative_error, zone.overall_relative_error])
+    np.testing.assert_allclose([float(error) for error in errors], expected, rtol=0, atol=0.00501)
+    assert f"The condition number is {zone.condition_number:.2f}" in words(page)
 
 
-def test_tx40_filters(
+def test_tx40_plain_recipe_is_within_its_spread(
     page: Path, experiments: dict[str, Experiment], table2: dict[str, dict[str, str]]
 ) -> None:
-    rows = tables(page)["Butterworth filter SciPy's padding MATLAB's padding"]
+    """The kernels in the page are not all there are: a joint may be off by 0.5 % more, a parameter by a standard deviation."""
     plain = experiments["plain"]
-    assert [row[0] for row in rows] == ["second-order sections", "transfer function"]
-    for (_, *cells), form in zip(rows, get_args(Form), strict=True):
-        for cell, padding in zip(cells, get_args(Convention), strict=True):
-            fit = identify(plain, IDIMLS(signal=replace(plain.signal, form=form, padding=padding)))
-            off = deviations(fit.beta, fit.names, table2)
-            worst = max(off, key=lambda parameter: off[parameter])
-            value, parameter = re.fullmatch(r"([\d.]+) \(`(\w+)`\)", cell).groups()  # type: ignore[union-attr]
-            room = 0.0006 if form == "transfer-function" else ROUNDING_SIGMA
-            assert off[worst] == pytest.approx(float(value), abs=room)
-            assert worst == parameter
-            if (form, padding) == ("transfer-function", "scipy"):
-                assert [key for key, size in off.items() if size > 0.5] == ["Fc2"]
-                text = words(page)
-                assert f"next are `Fv2` {off['Fv2']:.2f} and `Fc3` {off['Fc3']:.2f}" in text
-                assert f"by {off[worst]:.3f} and in `Fc2` alone" in text
+    rows = tables(page)["filter BLAS kernel joint 1"]
+    filters = [f"{form}, {padding}" for form, padding in product(get_args(Form), get_args(Convention))]
+    assert list(dict.fromkeys(row[0] for row in rows)) == filters
+    errors = np.array([[float(cell) for cell in row[2:8]] for row in rows])
+    spread = {row[0]: (float(row[2]), float(row[3])) for row in tables(page)["name unit smallest"]}
+    assert set(DECIDED_BY_ROUNDING) <= set(spread)
+    for form, padding in product(get_args(Form), get_args(Convention)):
+        fit = identify(plain, IDIMLS(signal=replace(plain.signal, form=form, padding=padding)))
+        found = 100.0 * fit.relative_error
+        assert np.all(found > errors.min(axis=0) - 0.5)
+        assert np.all(found < errors.max(axis=0) + 0.5)
+        for name, value, std in zip(fit.names, fit.beta, fit.std, strict=True):
+            row = table2[name]
+            target = float(row["real_log_estimate"])
+            room = 0.01 * abs(target) * float(row["real_log_sigma_percent"])
+            low, high = spread.get(name, (target, target))
+            assert low - room < value < high + room, name
+            assert std == pytest.approx(room, rel=0.25), name
 
 
 def test_tx40_coupled_friction(
@@ -125,8 +126,12 @@ def test_tx40_coupled_friction(
 ) -> None:
     plain = experiments["plain"]
     printed = identify(replace(plain, robot=plain.robot.with_friction(coupling="printed")))
-    shaft = f"joint 5: {100.0 * fits['plain'].relative_error[4]:.1f} % with the shaft form"
-    assert f"{shaft}, {100.0 * printed.relative_error[4]:.1f} % with the printed one" in words(page)
+    written = re.search(
+        r"joint 5: ([\d.]+) % with the shaft form, ([\d.]+) % with the printed one", words(page)
+    )
+    assert written is not None
+    run = [100.0 * fit.relative_error[4] for fit in (fits["plain"], printed)]
+    np.testing.assert_allclose([float(error) for error in written.groups()], run, rtol=0, atol=0.15)
 
 
 def test_tx40_sweep(project: Path, page: Path, experiments: dict[str, Experiment]) -> None:
@@ -134,7 +139,7 @@ def test_tx40_sweep(project: Path, page: Path, experiments: dict[str, Experiment
     module = script(project / "examples" / "tx40_sweep.py")
     written = {row[0]: row[1:] for row in tables(page)["recipe all fitted mean of parts 1 to 5"]}
     variants = dict(module.recipes(experiments["dead zone"]))
-    assert list(written) == ["tx40_log.toml", *variants]
+    assert list(written) == list(variants)
     errors = {}
     for name in ("no dead zone", "dead zone of 0.01 rad/s", "dead zone of 0.1 rad/s"):
         run = [float(cell) for cell in module.row(name, variants[name]).strip("|").split("|")[1:]]
@@ -174,25 +179,22 @@ def test_tx40_eight_rows(page: Path, table2: dict[str, dict[str, str]]) -> None:
 
 
 def test_tx40_table(page: Path, fits: dict[str, Identification], table2: dict[str, dict[str, str]]) -> None:
-    rows = tables(page)["name unit plain"]
+    rows = tables(page)["name unit dead zone"]
     assert [row[0] for row in rows] == list(table2)
-    for name, unit, *cells in rows:
+    fit = fits["dead zone"]
+    for name, unit, written, percent, *cells in rows:
         source = table2[name]
         assert unit == source["unit"]
-        for place, fit in ((0, fits["plain"]), (2, fits["dead zone"])):
-            index = fit.names.index(name)
-            value, std = float(fit.beta[index]), float(fit.std[index])
-            rounding = place == 0 and name in DECIDED_BY_ROUNDING
-            room = ROUNDING_SIGMA * std if rounding else 1e-3 * std
-            # Four significant digits, half a unit of the last of them.
-            last = 10.0 ** (np.floor(np.log10(abs(value))) - 3)
-            assert float(cells[place]) == pytest.approx(value, abs=0.5 * last + room), name
-            percent = 100.0 * std / abs(float(cells[place]))
-            assert float(cells[place + 1]) == pytest.approx(percent, rel=0.06), name
-        for place, key in ((4, "didim"), (6, "cloe")):
+        index = fit.names.index(name)
+        value, std = float(fit.beta[index]), float(fit.std[index])
+        # Four significant digits, half a unit of the last of them.
+        last = 10.0 ** (np.floor(np.log10(abs(value))) - 3)
+        assert float(written) == pytest.approx(value, abs=0.5 * last + 1e-3 * std), name
+        assert float(percent) == pytest.approx(100.0 * std / abs(float(written)), rel=0.06), name
+        for place, key in ((0, "didim"), (2, "cloe")):
             mark = " *" if source[f"{key}_printed"] != source[f"{key}_corrected"] else ""
             assert cells[place] == source[f"{key}_corrected"] + mark, name
-        assert cells[5] == source["didim_sigma_percent"], name
+        assert cells[1] == source["didim_sigma_percent"], name
 
 
 def test_tx40_agreement_with_table_2(
@@ -214,12 +216,12 @@ def test_tx40_agreement_with_table_2(
     text = words(page)
     assert (
         f"Of the {len(inertial)} inertial parameters that Table II knows to better than 20 %, "
-        f"{agreeing(plain, inertial)} (plain) and {agreeing(zone, inertial)} (dead zone) agree" in text
+        f"{agreeing(zone, inertial)} (dead zone) and {agreeing(plain, inertial)} (plain) agree" in text
     )
     assert agreeing(plain, ["ZZ2R"]) == agreeing(zone, ["ZZ2R"]) == 0
     assert (
-        f"Of the {len(friction)} viscous and Coulomb parameters {agreeing(plain, friction)} agree with the "
-        f"plain recipe and {agreeing(zone, friction)} with the dead zone" in text
+        f"Of the {len(friction)} viscous and Coulomb parameters {agreeing(zone, friction)} agree with the "
+        f"dead zone and {agreeing(plain, friction)} with the plain recipe" in text
     )
 
 

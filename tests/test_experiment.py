@@ -353,7 +353,6 @@ def test_tx40_examples(project: Path, shared: Path, file: str) -> None:
     if file == "tx40_log.toml":
         expected = SignalProcessing(
             cutoff_hz=50.0,
-            padding="matlab",
             form="transfer-function",
             trim_start=100,
             trim_end=100,
