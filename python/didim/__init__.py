@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .methods.identify import identify
     from .methods.idim_ls import IDIMLS
     from .model.dynamics import direct_dynamics, inertia_matrix, inverse_dynamics, regressor
+    from .regression.recursive import Recursive, RecursiveEstimate
     from .regression.settings import LeastSquaresSettings
     from .result.identification import Identification
     from .result.status import Status
@@ -71,6 +72,8 @@ __all__ = [
     "RankError",
     "Recording",
     "RecordingError",
+    "Recursive",
+    "RecursiveEstimate",
     "Reference",
     "Robot",
     "RobotError",
@@ -117,6 +120,8 @@ _LATER = {
     "Identification": "result.identification",
     "LeastSquaresSettings": "regression.settings",
     "Recording": "log.recording",
+    "Recursive": "regression.recursive",
+    "RecursiveEstimate": "regression.recursive",
     "Reference": "loop.reference",
     "Robot": "robot.robot",
     "SignalProcessing": "signal.processing",

@@ -133,7 +133,7 @@ def solve(
         except ValueError as reason:
             raise FitError(str(reason)) from None
         if scaled.dependent:
-            raise RankError(_dependence(system.names, scaled.dependent))
+            raise RankError(dependence_sentence(system.names, scaled.dependent))
         if number == 1:
             condition_number = _condition_number(np.asarray(scaled.singular_values))
         beta = np.asarray(scaled.solution)
@@ -205,7 +205,9 @@ def _joint_sigma(system: LinearSystem, residual: Array) -> Array:
     return cast(Array, np.where(sigma > 0.0, sigma, 1.0))
 
 
-def _dependence(names: Sequence[str], dependent: Sequence[tuple[int, Sequence[tuple[int, float]]]]) -> str:
+def dependence_sentence(
+    names: Sequence[str], dependent: Sequence[tuple[int, Sequence[tuple[int, float]]]]
+) -> str:
     """One sentence that says which columns the log cannot tell apart."""
     texts = []
     for index, coefficients in dependent:

@@ -1,0 +1,1 @@
+"""Classical regressions on the linear system, for comparison with the published toolboxes."""

@@ -1,0 +1,159 @@
+r"""Instrumental variables for the linear system, and what the instruments say of it: Janot, Vandanjon and Gautier (2014).
+
+    beta = (Z^T O W)^-1 Z^T O Y                                               O = diag 1 / s_j^2
+    C = (Z^T O W)^-1 Z^T O S O Z (W^T O Z)^-1                                  S_j = s_j^2 T
+    strength of column i:  |V_i| / |W_i|,   V = (I - P_Z) W
+
+``W`` comes from measured motion and has noise in it; the instruments ``Z`` from the simulated one, which has none of that
+noise. Both are weighted alike: ``O^(-1/2) Z = Q R`` and ``Q^T O^(-1/2) W beta = Q^T O^(-1/2) Y``. The Durbin-Wu-Hausman test
+adds ``V`` to the regression: where W carries noise, V explains part of what W leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._tools.arrays import Array
+
+DEPENDENT = 1e-9
+"""Share of a column, or of the largest singular value, below which it adds nothing to the others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instrumented:
+    """Factors of a weighted system with instruments.
+
+    Attributes
+    ----------
+    left : ndarray, shape (r, b)
+        ``Q`` of the weighted instruments.
+    inverse : ndarray, shape (b, b)
+        ``G^-1`` with ``G = Q^T A``, for the weighted observation matrix A.
+    right : ndarray, shape (r, b)
+        ``A G^-1``.
+    solution : ndarray, shape (b,)
+        Estimate.
+    """
+
+    left: Array
+    inverse: Array
+    right: Array
+    solution: Array
+
+
+def instrumented(a: Array, z: Array, y: Array) -> Instrumented | None:
+    """Solve a weighted system with weighted instruments.
+
+    Parameters
+    ----------
+    a, z : ndarray, shape (r, b)
+        Weighted observation matrix and weighted instruments.
+    y : ndarray, shape (r,)
+        Weighted torques.
+
+    Returns
+    -------
+    Instrumented or None
+        None where the instruments depend on each other, or say nothing on a parameter: ``Q^T A`` is singular.
+
+    Notes
+    -----
+    ``test_instrumental.py`` compares with the normal equations, and finds least squares where Z is W.
+    """
+    size = np.linalg.norm(a, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    sizes = np.linalg.norm(z, axis=0)
+    left, triangle = np.linalg.qr(z / np.where(sizes > 0.0, sizes, 1.0))
+    if np.abs(np.diag(triangle)).min() < DEPENDENT:
+        return None
+    gram = left.T @ (a / size)
+    if np.linalg.cond(gram) * np.finfo(np.float64).eps > DEPENDENT:
+        return None
+    inverse = np.linalg.inv(gram) / size[:, None]
+    return Instrumented(left=left, inverse=inverse, right=a @ inverse, solution=inverse @ (left.T @ y))
+
+
+def instrument_strength(a: Array, left: Array) -> Array:
+    """Return the share of each weighted column that the instruments do not explain, ``|V_i| / |W_i|``, (b,).
+
+    Parameters
+    ----------
+    a, left : ndarray, shape (r, b)
+        Weighted observation matrix, and ``Q`` of the weighted instruments.
+
+    Notes
+    -----
+    Nearly 0: the column has hardly any noise, and least squares has no bias to speak of. Towards 1: the instrument is weak.
+    """
+    size = np.linalg.norm(a, axis=0)
+    rest = np.linalg.norm(a - left @ (left.T @ a), axis=0)
+    return np.asarray(np.divide(rest, size, out=np.zeros_like(size), where=size > 0.0))
+
+
+@dataclass(frozen=True)
+class ExogeneityTest:
+    """Durbin-Wu-Hausman test, augmented regression: whether the noise of W is correlated with the error of the torques.
+
+    Attributes
+    ----------
+    statistic : float
+        F of ``gamma = 0`` in ``Y = W beta + V gamma + e``.
+    added : int
+        Rank that V adds.
+    remaining : int
+        Rows less rank.
+    p_value : float
+        For white errors. Model errors are correlated, so that it is nearly always small on real logs: the contrast of two
+        estimates (`didim.contrast`) is the robust form.
+    """
+
+    statistic: float
+    added: int
+    remaining: int
+    p_value: float
+
+
+def exogeneity_test(a: Array, left: Array, y: Array) -> ExogeneityTest | None:
+    """Test whether least squares is biased by noise in the observation matrix.
+
+    Parameters
+    ----------
+    a, left : ndarray, shape (r, b)
+        Weighted observation matrix, and ``Q`` of the weighted instruments.
+    y : ndarray, shape (r,)
+        Weighted torques.
+
+    Returns
+    -------
+    ExogeneityTest or None
+        None where V adds nothing, or no rows are left.
+    """
+    from scipy import stats
+
+    rest = a - left @ (left.T @ a)
+    size, added = np.linalg.norm(a, axis=0), np.linalg.norm(rest, axis=0)
+    # The rest of a column that the instruments hold entirely is rounding.
+    kept = added > DEPENDENT * size
+    augmented = np.column_stack([a / np.where(size > 0.0, size, 1.0), rest[:, kept] / added[kept]])
+    left_of_both, values, _ = np.linalg.svd(augmented, full_matrices=False)
+    rank = int(np.sum(values > DEPENDENT * values[0]))
+    own = np.linalg.qr(a / np.where(size > 0.0, size, 1.0))[0]
+    basis = left_of_both[:, :rank]
+    restricted, full = y - own @ (own.T @ y), y - basis @ (basis.T @ y)
+    gained, remaining = rank - a.shape[1], y.size - rank
+    if gained <= 0 or remaining <= 0 or not full @ full > 0.0:
+        return None
+    statistic = ((restricted @ restricted - full @ full) / gained) / (full @ full / remaining)
+    return ExogeneityTest(
+        float(statistic), gained, remaining, float(stats.f.sf(statistic, gained, remaining))
+    )
+
+
+def durbin_watson(residuals: Sequence[Array]) -> float:
+    """Return Durbin and Watson's statistic of one joint's residual, windows pooled: 2 for white errors, towards 0 for slow ones."""
+    changes = sum(float(np.sum(np.diff(part) ** 2)) for part in residuals)
+    squares = sum(float(part @ part) for part in residuals)
+    return changes / squares if squares > 0.0 else float("nan")

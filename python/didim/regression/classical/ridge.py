@@ -1,0 +1,99 @@
+r"""Ridge regression: least squares that is drawn towards prior values.
+
+    min |A x - y|^2 + k |D (x - x_0)|^2,      D = diag of the norms of the columns of A
+
+With unit columns every parameter is drawn alike, whatever its unit. The strength k is given, or chosen on a grid: the one whose
+estimates from all blocks of time but one predict the torques of that block best. Sources: Hoerl and Kennard (1970); Golub,
+Heath and Wahba (1979) for the choice by prediction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._tools.arrays import Array
+
+Rows = NDArray[np.intp]
+
+STRENGTHS = tuple(10.0**power for power in np.arange(-8.0, 0.01, 0.5))
+"""Grid of strengths, as shares of the squared norm of a column."""
+
+
+def ridge(a: Array, y: Array, strength: float, prior: Array | None = None) -> Array:
+    """Solve ``A x = y`` drawn towards prior values.
+
+    Parameters
+    ----------
+    a, y : ndarray, shapes (r, b), (r,)
+        Weighted observation matrix and torques.
+    strength : float
+        ``k``, not negative; 0 is least squares.
+    prior : ndarray, shape (b,), optional
+        ``x_0``; zero by default.
+
+    Returns
+    -------
+    ndarray, shape (b,)
+        Estimate.
+
+    Notes
+    -----
+    ``test_robust.py`` compares with the normal equations.
+    """
+    size = _sizes(a)
+    known = np.zeros(a.shape[1]) if prior is None else prior
+    rows = np.vstack([a / size, np.sqrt(strength) * np.eye(a.shape[1])])
+    target = np.concatenate([y - a @ known, np.zeros(a.shape[1])])
+    return np.asarray(known + np.linalg.lstsq(rows, target, rcond=None)[0] / size)
+
+
+def chosen_strength(
+    a: Array,
+    y: Array,
+    blocks: Sequence[Rows],
+    prior: Array | None = None,
+    strengths: Sequence[float] = STRENGTHS,
+) -> tuple[float, Array]:
+    """Choose the strength that predicts blocks of time best that the estimate was not made of.
+
+    Parameters
+    ----------
+    a, y, prior
+        As for `ridge`.
+    blocks : sequence of ndarray of int
+        Rows of each block.
+    strengths : sequence of float
+        Candidates, in ascending order.
+
+    Returns
+    -------
+    strength : float
+        The best candidate.
+    errors : ndarray, shape (n_strengths,)
+        Root mean square of the weighted errors of prediction, per candidate.
+    """
+    size = _sizes(a)
+    known = np.zeros(a.shape[1]) if prior is None else prior
+    rows, target = a / size, y - a @ known
+    parts = [(rows[index], target[index]) for index in blocks]
+    grams = np.stack([part.T @ part for part, _ in parts])
+    sides = np.stack([part.T @ value for part, value in parts])
+    gram, side = grams.sum(axis=0), sides.sum(axis=0)
+    identity = np.eye(a.shape[1])
+    errors = []
+    for strength in strengths:
+        estimates = np.linalg.solve(gram - grams + strength * identity, (side - sides)[:, :, None])[:, :, 0]
+        squares = sum(
+            float(np.sum((value - part @ estimate) ** 2))
+            for (part, value), estimate in zip(parts, estimates, strict=True)
+        )
+        errors.append(np.sqrt(squares / target.size))
+    return float(strengths[int(np.argmin(errors))]), np.array(errors)
+
+
+def _sizes(a: Array) -> Array:
+    size = np.linalg.norm(a, axis=0)
+    return np.where(size > 0.0, size, 1.0)

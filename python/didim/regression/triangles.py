@@ -1,0 +1,100 @@
+r"""Least squares that grows with the log: the triangle R of each joint, updated by the rows of every new chunk.
+
+    [R_j z_j]  <-  triangle of [ f [R_j z_j] ; W_new Y_new ]          f = 1, or the root of a forgetting factor
+    min sum_j |R_j x - z_j|^2 / s_j^2                                 the weighted solution (7) of all rows so far
+
+The triangles hold everything that the solution, its residuals per joint and (10) need, in constant memory, so that the weights
+can be estimated again at any time. The estimate is that of all rows at once, whatever the chunks.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._tools.arrays import Array
+
+
+class Triangles:
+    """The triangles ``[R_j z_j]`` of the joints of a linear system.
+
+    Parameters
+    ----------
+    n_joints, n_columns : int
+        Joints, and columns of the observation matrix.
+    forgetting : float
+        Factor of the squared residuals of a row with every later row of its joint: in (0, 1], 1 forgets nothing.
+
+    Attributes
+    ----------
+    rows : float
+        Rows of each joint so far; with forgetting the sum of their factors.
+    """
+
+    def __init__(self, n_joints: int, n_columns: int, forgetting: float = 1.0) -> None:
+        self.n_columns, self.forgetting = n_columns, forgetting
+        self.rows = 0.0
+        # A joint does not see the links before it: its triangle has only the columns that it has seen, and the torques.
+        self._columns = [np.zeros(0, dtype=np.intp) for _ in range(n_joints)]
+        self._triangles: list[Array] = [np.zeros((0, 1)) for _ in range(n_joints)]
+
+    def fold(self, w: Array, y: Array) -> None:
+        """Fold rows into the triangles.
+
+        Parameters
+        ----------
+        w : ndarray, shape (n, n_joints, n_columns)
+            Rows of each joint, in the order of time.
+        y : ndarray, shape (n, n_joints)
+            Torques.
+        """
+        n = len(y)
+        if n == 0:
+            return
+        factors = None
+        if self.forgetting < 1.0:
+            factors = self.forgetting ** (0.5 * np.arange(n - 1, -1, -1))
+        for joint, (columns, triangle) in enumerate(zip(self._columns, self._triangles, strict=True)):
+            seen = np.asarray(w[:, joint].any(axis=0))
+            seen[columns] = True
+            now = np.flatnonzero(seen)
+            old = len(triangle)
+            stacked = np.zeros((old + n, now.size + 1))
+            if now.size == columns.size:
+                stacked[:old] = triangle
+            else:
+                stacked[:old, np.searchsorted(now, columns)] = triangle[:, :-1]
+                stacked[:old, -1] = triangle[:, -1]
+            stacked[old:, :-1] = w[:, joint, now]
+            stacked[old:, -1] = y[:, joint]
+            if factors is not None:
+                stacked[:old] *= self.forgetting ** (0.5 * n)
+                stacked[old:] *= factors[:, None]
+            few = len(stacked) <= now.size + 1
+            self._columns[joint] = now
+            self._triangles[joint] = stacked if few else np.asarray(np.linalg.qr(stacked, mode="r"))
+        kept = self.forgetting**n
+        self.rows = kept * self.rows + (n if factors is None else float(np.sum(factors**2)))
+
+    def merge(self, other: Triangles) -> None:
+        """Fold the rows that another object has folded, as if they were new rows here."""
+        for joint, (columns, triangle) in enumerate(zip(other._columns, other._triangles, strict=True)):
+            w = np.zeros((len(triangle), self.n_columns))
+            w[:, columns] = triangle[:, :-1]
+            self._fold_one(joint, w, triangle[:, -1])
+        self.rows += other.rows
+
+    def _fold_one(self, joint: int, w: Array, y: Array) -> None:
+        rows, target = self.system()[joint]
+        stacked = np.column_stack([np.vstack([rows, w]), np.concatenate([target, y])])
+        seen = np.flatnonzero(stacked[:, :-1].any(axis=0))
+        self._columns[joint] = seen
+        self._triangles[joint] = np.asarray(np.linalg.qr(stacked[:, [*seen, -1]], mode="r"))
+
+    def system(self) -> list[tuple[Array, Array]]:
+        """Return ``R_j`` over all columns, (k_j, n_columns), and ``z_j``, (k_j,), of each joint."""
+        found = []
+        for columns, triangle in zip(self._columns, self._triangles, strict=True):
+            rows = np.zeros((len(triangle), self.n_columns))
+            rows[:, columns] = triangle[:, :-1]
+            found.append((rows, triangle[:, -1].copy()))
+        return found
