@@ -14,6 +14,7 @@ from didim import ExperimentError, load_experiment
 from didim.cli.main import main
 from didim.experiment.draft import initialise
 from didim.experiment.draft_columns import column
+from urdfs import GRIPPER_ARM
 
 Array = NDArray[np.float64]
 T = np.arange(2000) / 500.0
@@ -217,3 +218,60 @@ def test_a_folder_is_no_log(tmp_path: Path) -> None:
     (tmp_path / "run.csv").mkdir()
     with pytest.raises(didim.RecordingError, match=r"run\.csv: cannot be read \(Is a directory\)"):
         initialise("planar2", tmp_path / "run.csv")
+
+
+@pytest.mark.parametrize(
+    ("name", "what", "joint"),
+    [
+        ("elbow_joint_position", "position", 3),
+        ("position_elbow_joint [rad]", "position", 3),
+        ("/joint_states/wrist_3_joint/effort", "torque", 6),
+        ("wrist_1_joint_vel", "velocity", 4),
+        ("elbow_pos", "position", 3),
+        ("elbow_joint", "position", 3),
+        ("ref_elbow_joint", "reference", 3),
+        ("Shoulder_Pan_Joint_current_A", "current", 1),
+        ("time", "time", None),
+        ("below_joint_pos", "position", None),
+    ],
+)
+def test_names_of_columns_with_names_of_joints(name: str, what: str, joint: int | None) -> None:
+    joints = [
+        "shoulder_pan_joint",
+        "shoulder_lift_joint",
+        "elbow_joint",
+        "wrist_1_joint",
+        "wrist_2_joint",
+        "wrist_3_joint",
+    ]
+    found = column(name, joints)
+    assert (found.what, found.number) == (what, joint)
+
+
+def test_joint_10_is_not_joint_1() -> None:
+    joints = [f"joint_{k + 1}" for k in range(12)]
+    assert column("joint_10 effort", joints).number == 10
+    assert column("effort joint_1", joints).number == 1
+
+
+def test_a_urdf_and_columns_in_another_order(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "arm.urdf").write_text(GRIPPER_ARM)
+    q, tau = np.column_stack([Q, Q[:, 0] ** 2]), np.column_stack([TAU, TAU[:, 0] ** 2])
+    names = [
+        "time",
+        "wrist_effort",
+        "shoulder_position",
+        "elbow_effort",
+        "wrist_position",
+        "shoulder_effort",
+        "elbow_position",
+    ]
+    log = write(tmp_path / "log.csv", names, T, tau[:, 2], q[:, 0], tau[:, 1], q[:, 2], tau[:, 0], q[:, 1])
+    assert main(["init", str(tmp_path / "arm.urdf"), str(log)]) == 0
+    assert "didim: note: the chain ends at link hand; locked at 0: finger_joint" in capsys.readouterr().err
+    text = (tmp_path / "log.toml").read_text()
+    assert 'robot = "arm.urdf" # 3 joints: shoulder, elbow, wrist' in text
+    recording = load_experiment(tmp_path / "log.toml").recordings[0]
+    np.testing.assert_allclose(recording.q, q, rtol=1e-8, atol=1e-9)
+    assert recording.tau is not None
+    np.testing.assert_allclose(recording.tau, tau, rtol=1e-8, atol=1e-9)

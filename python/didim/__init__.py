@@ -16,6 +16,7 @@ from .errors import (
     RankError,
     RecordingError,
     RobotError,
+    RobotWarning,
     ShapeError,
     SignalError,
 )
@@ -77,6 +78,7 @@ __all__ = [
     "Reference",
     "Robot",
     "RobotError",
+    "RobotWarning",
     "ShapeError",
     "SignalError",
     "SignalProcessing",

@@ -53,3 +53,7 @@ class SimulationError(DidimError):
 
 class PlotError(DidimError):
     """A picture that cannot be drawn: matplotlib is missing, or there is nothing to draw."""
+
+
+class RobotWarning(UserWarning):
+    """A robot file that is probably not what was meant."""

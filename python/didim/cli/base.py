@@ -10,6 +10,7 @@ from .options import (
     add_command,
     add_format,
     formatted,
+    tell,
 )
 
 if TYPE_CHECKING:
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
 def add(commands: Commands) -> None:
     """Add the command and its options."""
     parser = add_command(commands, "base", run, "list the base parameters of a robot and their groupings")
-    parser.add_argument("robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file")
+    parser.add_argument(
+        "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
+    )
     add_format(parser)
 
 
@@ -28,6 +31,7 @@ def run(options: argparse.Namespace) -> int:
     from ..robot.robot_file import load_robot
 
     robot = load_robot(options.robot)
+    tell(robot.notes)
     base = robot.base_parameters
     print(f"{robot.name}: {base}" if options.format == "text" else formatted(base, options.format))
     return CONVERGED

@@ -15,6 +15,7 @@ from .options import (
     exit_code,
     formatted,
     refuse,
+    tell,
 )
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ def run(options: argparse.Namespace) -> int:
 
         check_path(options.save_parameters)
     experiment = load_experiment(options.experiment, data=options.data)
+    tell(experiment.robot.notes)
     settings = {key: getattr(options, key) for key in CHOICES}
     settings = {key: value for key, value in settings.items() if value is not None}
     method = make()

@@ -11,6 +11,7 @@ from .options import (
     CONVERGED,
     NOT_CONVERGED,
     add_command,
+    tell,
 )
 
 if TYPE_CHECKING:
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
 def add(commands: Commands) -> None:
     """Add the command and its options."""
     parser = add_command(commands, "init", run, "write a first experiment file for a log, to be confirmed")
-    parser.add_argument("robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file")
+    parser.add_argument(
+        "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
+    )
     parser.add_argument("log", metavar="LOG.csv", type=Path, help="text file with one sample a line")
     parser.add_argument(
         "-o",
@@ -43,6 +46,7 @@ def run(options: argparse.Namespace) -> int:
         options.robot, options.log, options.output, rate_hz=options.rate, force=options.force
     )
     print(f"{path}: written")
+    tell(draft.notes)
     for sentence in draft.read:
         print(f"- {sentence}")
     for question in draft.questions:

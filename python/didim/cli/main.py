@@ -9,17 +9,19 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from .._tools.version import __version__
-from ..errors import DidimError
+from ..errors import DidimError, RobotWarning
 from .base import add as add_base
 from .check import add as add_check
 from .compare import add as add_compare
 from .identify import add as add_identify
 from .init import add as add_init
 from .options import CONVERGED, INTERRUPTED, Parser, refuse
+from .robot import add as add_robot
 from .simulate import add as add_simulate
 from .validate import add as add_validate
 
@@ -46,7 +48,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
-        code: int = options.run(options)
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", RobotWarning)
+            warnings.showwarning = _show_warning
+            code: int = options.run(options)
         sys.stdout.flush()
     except BrokenPipeError:
         # The reader of the result (head, less) has seen enough; nothing may be written at exit either.
@@ -62,6 +67,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """Print a warning as one line, without the place in the code."""
+    print(f"didim: warning: {' '.join(str(message).split())}", file=sys.stderr)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="didim", description="Identify the dynamic parameters of robots.")
     parser.add_argument("--version", action="version", version=f"didim {__version__}")
@@ -72,6 +82,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 COMMANDS: tuple[Callable[[Commands], None], ...] = (
+    add_robot,
     add_init,
     add_check,
     add_compare,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -38,6 +38,12 @@ def refuse(message: str) -> int:
         line = f"{line[: LONGEST_MESSAGE - 300]} [...] {line[-200:]}"
     print(f"didim: {line}", file=sys.stderr)
     return WRONG_INPUT
+
+
+def tell(notes: Iterable[str]) -> None:
+    """Print on stderr what reading a file changed, a line each."""
+    for note in notes:
+        print(f"didim: note: {note}", file=sys.stderr)
 
 
 def add_command(

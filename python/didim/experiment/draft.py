@@ -39,6 +39,7 @@ class Draft:
 
     text: str = ""
     read: list[str] = field(default_factory=list)
+    notes: tuple[str, ...] = ()
     questions: list[str] = field(default_factory=list)
 
 
@@ -83,8 +84,15 @@ def initialise(
     if rate_hz is not None and not 0.0 < rate_hz < math.inf:
         raise ExperimentError(f"the rate must be a positive number of Hz, got {rate_hz:g}")
     draft = _Writer(model, _named(robot, path), log, path, rate_hz).draft()
+    draft.notes = model.notes
     write_atomically(path, draft.text)
     return path, draft
+
+
+def _joint_list(robot: Robot) -> str:
+    """Names of the joints as the end of a comment, where the robot has them."""
+    names = ", ".join(robot.joint_names)
+    return f": {''.join(c if c.isprintable() else ' ' for c in names)}" if names else ""
 
 
 def _named(robot: str, path: Path) -> str:
@@ -104,7 +112,7 @@ class _Writer:
         self.delimiter, names = first_line(log)
         self.data = open_data_file(log, log.name, delimiter=self.delimiter, header=None)
         self.columns = (
-            [column(name) for name in names]
+            [column(name, self.robot.joint_names) for name in names]
             if names is not None
             else self._unnamed(column_count(log, self.delimiter))
         )
@@ -155,7 +163,7 @@ class _Writer:
             f"# `didim check {self.path.name}` looks for wrong ones.",
             "schema = 1",
             f"name = {json.dumps(self.log.stem)}",
-            f"robot = {json.dumps(self.named)} # {counted(n, 'joint')}",
+            f"robot = {json.dumps(self.named)} # {counted(n, 'joint')}{_joint_list(robot)}",
             "",
             "# Friction; without this table that of the robot file. Smooth for a simulated log, a dead zone for standstill.",
             "# [friction]",

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import RecordingError
@@ -51,17 +52,49 @@ class Column:
     motor: bool = False
 
 
-def column(name: str) -> Column:
-    """Read the name of a column: ``q1``, ``motor_2_torque_Nm``, ``pos[3] (deg)``.
+def column(name: str, joint_names: Sequence[str] = ()) -> Column:
+    """Read the name of a column: ``q1``, ``motor_2_torque_Nm``, ``pos[3] (deg)``, ``elbow_joint effort``.
+
+    Parameters
+    ----------
+    name : str
+        Name of the column.
+    joint_names : sequence of str
+        Names of the robot's joints: a column with one of them is of that joint, whatever numbers the name has.
 
     Returns
     -------
     Column
         With kind ``other`` where no word is known.
     """
+    named = _joint_of(name, joint_names)
+    if named is None:
+        return _column(name, name)
+    joint, rest = named
+    found = _column(name, rest)
+    # A log of positions alone may name its columns after the joints and nothing else.
+    what = "position" if not re.search(r"\w", rest) else found.what
+    return replace(found, number=joint + 1, what=what)
+
+
+def _joint_of(name: str, joint_names: Sequence[str]) -> tuple[int, str] | None:
+    """Joint (from 0) that a name of a column has in it, the longest where there are several, and the name without it."""
+    for affix in ("", r"[_\W]*joint[_\W]*"):  # shoulder_pan for shoulder_pan_joint
+        short = {joint: re.sub(affix, "", key, flags=re.IGNORECASE) for joint, key in enumerate(joint_names)}
+        for joint, key in sorted(short.items(), key=lambda item: -len(item[1])):
+            if len(key) < 2:
+                continue
+            found = re.search(rf"(?<![A-Za-z0-9]){re.escape(key)}(?![A-Za-z0-9])", name, flags=re.IGNORECASE)
+            if found:
+                return joint, f"{name[: found.start()]} {name[found.end() :]}"
+    return None
+
+
+def _column(name: str, text: str) -> Column:
+    """Read the text of a column called `name`."""
     # camelCase and digits are boundaries too.
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", name.strip())
-    bracket = re.search(r"[\[(]\s*([A-Za-z.]+)\s*[\])]", name)
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", text.strip())
+    bracket = re.search(r"[\[(]\s*([A-Za-z.]+)\s*[\])]", text)
     tokens = [token for token in re.split(r"[^A-Za-z0-9]+", spaced) if token]
     words = [token.lower() for token in tokens if not token.isdigit()]
     numbers = [int(token) for token in tokens if token.isdigit()]

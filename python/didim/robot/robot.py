@@ -18,6 +18,7 @@ from .._tools.toml import Table
 from .._tools.words import did_you_mean
 from ..errors import RobotError
 from .base_parameters import BaseParameters, base_parameters
+from .correspondence import Correspondence
 from .friction import Friction, read_friction
 
 
@@ -87,6 +88,12 @@ class Robot:
         Rows are motors: ``q_motor = R q`` and ``tau = R^T tau_motor``.
     gains : tuple of float or None
         Drive gains (N.m/A or N/V), motor side.
+    joint_names : tuple of str
+        Names of the joints, as recordings and other files have them; empty where the file has none.
+    correspondence : Correspondence or None
+        How the robot goes back into the URDF that it was read from.
+    notes : tuple of str
+        Sentences on what reading the file changed, such as angles that were snapped to right ones.
     """
 
     name: str
@@ -98,6 +105,9 @@ class Robot:
     limits: tuple[JointLimits, ...]
     reduction: Array | None
     gains: tuple[float, ...] | None
+    joint_names: tuple[str, ...] = ()
+    correspondence: Correspondence | None = None
+    notes: tuple[str, ...] = ()
     _named: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -131,6 +141,11 @@ class Robot:
     def joint_kinds(self) -> tuple[str, ...]:
         """``revolute`` or ``prismatic`` per joint."""
         return self.geometry.kinds
+
+    def joint_label(self, joint: int) -> str:
+        """Return how messages and reports call a joint, from 0: ``joint 3``, or ``joint 3 (elbow_joint)``."""
+        name = f" ({self.joint_names[joint]})" if self.joint_names else ""
+        return f"joint {joint + 1}{name}"
 
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from .._tools.toml import Table, read_toml
 from .._tools.words import did_you_mean
-from ..errors import RobotError
+from ..errors import RobotError, RobotWarning
+from .correspondence import read_correspondence
 from .friction import read_friction
+from .right_angles import SNAP, RightAngles
 from .robot import Geometry, JointLimits, Robot
 from .transmission import reduction_matrix
 
@@ -20,31 +23,67 @@ PACKAGED = Path(__file__).parents[1] / "packaged" / "robots"
 """Folder of the robots that come with the package."""
 
 
-def load_robot(name: str | Path) -> Robot:
+def load_robot(
+    name: str | Path,
+    *,
+    tip: str | None = None,
+    base: str | None = None,
+    lock: Mapping[str, float] | None = None,
+    gravity: Sequence[float] | None = None,
+    snap: float | None = None,
+) -> Robot:
     """Load a robot.
 
     Parameters
     ----------
     name : str or Path
-        Name of a packaged robot (``tx40``, ``emps``, ``planar2``), or path of a robot file.
+        Name of a packaged robot (``tx40``, ``emps``, ``planar2``), path of a robot file, or of a URDF.
+    tip, base : str, optional
+        Last and first link of the chain of a URDF; by default the end of the only path that moves, and the root.
+    lock : mapping of str to float, optional
+        Joints of a URDF that stand still, with their position (rad or m).
+    gravity : sequence of 3 float, optional
+        Acceleration of gravity in the base link of a URDF (m/s^2); by default the z axis of the root link points up.
+    snap : float, optional
+        Largest angle (rad) by which rounded right angles are snapped; 1e-4 by default, 0 for none.
 
     Returns
     -------
     Robot
+        Its ``notes`` say what reading the file changed.
 
     Raises
     ------
     RobotError
-        When there is no such robot, or its file is wrong (``tests/test_robot.py``).
+        When there is no such robot, or its file is wrong (``tests/test_robot.py``, ``tests/test_urdf.py``).
+
+    Warns
+    -----
+    RobotWarning
+        When angles are nearly right ones, and too far from them to be snapped (``tests/test_urdf_snap.py``).
     """
     path = Path(name)
+    if path.suffix.lower() == ".urdf":
+        from .urdf.reading import read_urdf
+
+        snap = SNAP if snap is None else snap
+        reading = read_urdf(path, tip=tip, base=base, lock=lock, gravity=gravity, snap=snap)
+        if reading.suspicion is not None:
+            warnings.warn(reading.suspicion, RobotWarning, stacklevel=2)
+        return reading.robot
+    for option, value in (("tip", tip), ("base", base), ("lock", lock), ("gravity", gravity)):
+        if value is not None:
+            raise RobotError(f"{name}: {option} is for a URDF, and this is not one")
     packaged = {file.stem: file for file in sorted(PACKAGED.glob("*.toml"))}
     if path.suffix != ".toml":
         if str(name) not in packaged:
             raise RobotError(_no_robot(path, packaged))
         path = packaged[str(name)]
     content = read_toml(path, RobotError)
-    robot = _robot(Table(content, path.name, RobotError), path)
+    angles = RightAngles(SNAP if snap is None else snap)
+    robot = _robot(Table(content, path.name, RobotError), path, angles)
+    if angles.suspicious:
+        warnings.warn(angles.suspicion(path.name), RobotWarning, stacklevel=2)
     for parameter_set in robot._named:  # now, so that a wrong description is an error of loading
         robot.parameter_set(parameter_set)
     robot.core  # noqa: B018 - likewise, for a robot without sets
@@ -54,14 +93,14 @@ def load_robot(name: str | Path) -> Robot:
 def _no_robot(path: Path, packaged: Mapping[str, Path]) -> str:
     """Sentence on what is neither a packaged robot nor a path that ends in .toml."""
     if path.is_file():
-        return f"{path}: the name of a robot file must end in .toml; rename it"
+        return f"{path}: the name of a robot file must end in .toml, or .urdf for a URDF; rename it"
     if Path(f"{path}.toml").is_file():
         return f"no packaged robot {path.name!r}; did you mean the file '{path.name}.toml'?"
     near = did_you_mean(path.name, packaged)
-    return f"no packaged robot {path.name!r}{near} (there are: {', '.join(packaged)}); a path ends in .toml"
+    return f"no packaged robot {path.name!r}{near} (there are: {', '.join(packaged)}); a path ends in .toml or .urdf"
 
 
-def _robot(table: Table, path: Path) -> Robot:
+def _robot(table: Table, path: Path, angles: RightAngles) -> Robot:
     if table.integer("schema") != 1:
         raise RobotError(f"{path.name}: schema must be 1")
     name = table.text("name", path.stem)
@@ -74,7 +113,8 @@ def _robot(table: Table, path: Path) -> Robot:
     if len(joints) > 12:
         raise RobotError(f"{path.name}: a robot has at most 12 joints, got {len(joints)}")
     kinds = tuple(joint.text("kind", choices=("revolute", "prismatic")) for joint in joints)
-    rows = [_row(joint) for joint in joints]
+    rows = [_row(joint, kind, angles) for joint, kind in zip(joints, kinds, strict=True)]
+    joint_names = _joint_names(table, joints)
     limits = tuple(_limits(joint, kind) for joint, kind in zip(joints, kinds, strict=True))
     for joint in joints:
         joint.done()
@@ -90,6 +130,7 @@ def _robot(table: Table, path: Path) -> Robot:
     friction = read_friction(_sub_table(table, "friction"), kinds, None)
     sets = _sub_table(table, "parameters")
     named = {key: _parameter_set(sets.table(key)) for key in sets.content}
+    correspondence = read_correspondence(table.table("urdf"), len(kinds)) if table.has("urdf") else None
     table.done()
     if reduction is not None:
         reduction.setflags(write=False)
@@ -111,6 +152,9 @@ def _robot(table: Table, path: Path) -> Robot:
         limits=limits,
         reduction=reduction,
         gains=gains,
+        joint_names=joint_names,
+        correspondence=correspondence,
+        notes=tuple(angles.notes(path.name)),
         _named=named,
     )
 
@@ -120,14 +164,32 @@ def _sub_table(table: Table, key: str) -> Table:
     return table.table(key) if table.has(key) else Table({}, table.prefix.removesuffix(":"), RobotError, key)
 
 
-def _row(joint: Table) -> tuple[float, float, float, float]:
+def _row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, float, float]:
     """Alpha, d, theta, r of one row (rad, m); in a standard table alpha and d belong to the next row."""
+    alpha, theta = _angle(joint, "alpha"), _angle(joint, "theta")
+    # The offset of a revolute joint only says where its zero is: any angle is as good as another.
     return (
-        _angle(joint, "alpha"),
+        angles.snapped(alpha),
         joint.number("d_m", 0.0),
-        _angle(joint, "theta"),
+        theta if kind == "revolute" else angles.snapped(theta),
         joint.number("r_m", 0.0),
     )
+
+
+def _joint_names(table: Table, joints: Sequence[Table]) -> tuple[str, ...]:
+    """Names of the joints, of all or of none."""
+    names = [joint.text("name", None) for joint in joints]
+    given = [name for name in names if name is not None]
+    if not given:
+        return ()
+    if len(given) < len(names):
+        joints[names.index(None)].fail("a joint has no name although others have; name all joints or none")
+    twice = next((name for name in given if given.count(name) > 1), None)
+    if twice is not None or "" in given:
+        table.fail(
+            f"two joints have the name {twice!r}" if twice else "the name of a joint must not be empty"
+        )
+    return tuple(given)
 
 
 def _angle(joint: Table, name: str) -> float:

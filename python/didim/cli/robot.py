@@ -1,0 +1,94 @@
+"""``didim robot``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .options import CONVERGED, add_command, refuse, tell
+
+if TYPE_CHECKING:
+    from .options import Commands
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands, "robot", run, "make a robot file of a URDF, which says how frames and names correspond"
+    )
+    parser.add_argument("urdf", metavar="ARM.urdf", type=Path, help="description of the robot")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="ARM.toml",
+        type=Path,
+        help="robot file (default: only say what it would be)",
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    parser.add_argument(
+        "--tip", metavar="LINK", help="last link of the chain (default: the end of the only path that moves)"
+    )
+    parser.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root)")
+    parser.add_argument(
+        "--lock",
+        metavar="JOINT=VALUE",
+        action="append",
+        default=[],
+        help="a joint that stands still, and where (rad or m); may be given several times",
+    )
+    parser.add_argument(
+        "--gravity",
+        metavar=("X", "Y", "Z"),
+        nargs=3,
+        type=float,
+        help="gravity in the base link, m/s^2 (default: the z axis of the root link points up)",
+    )
+    parser.add_argument(
+        "--snap",
+        metavar="RAD",
+        type=float,
+        default=None,
+        help="largest angle by which rounded right angles are snapped (default: 1e-4; 0 for none)",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    from .._tools.files import write_atomically
+    from ..robot.right_angles import SNAP
+    from ..robot.robot_text import robot_text
+    from ..robot.urdf.reading import read_urdf
+    from ..robot.urdf.summary import summary
+
+    locked: dict[str, float] = {}
+    for text in options.lock:
+        joint, sign, value = text.rpartition("=")
+        try:
+            locked[joint] = float(value)
+        except ValueError:
+            sign = ""
+        if not sign or not joint:
+            return refuse(f"--lock takes JOINT=VALUE, such as --lock finger_joint=0.02, got {text!r}")
+    if options.output is not None:
+        if options.output.suffix != ".toml":
+            return refuse(f"-o {options.output}: the name of a robot file ends in .toml")
+        if options.output.exists() and not options.force:
+            return refuse(f"{options.output}: the file is there already; --force overwrites it")
+    reading = read_urdf(
+        options.urdf,
+        tip=options.tip,
+        base=options.base,
+        lock=locked,
+        gravity=options.gravity,
+        snap=SNAP if options.snap is None else options.snap,
+    )
+    if reading.suspicion is not None:
+        print(f"didim: warning: {reading.suspicion}", file=sys.stderr)
+    tell(reading.robot.notes)
+    if options.output is not None:
+        write_atomically(options.output, robot_text(reading.robot))
+        print(f"{options.output}: written")
+    print(summary(reading))
+    return CONVERGED

@@ -1,0 +1,158 @@
+"""A robot as the text of a robot file: what `load_robot` reads back as the same robot, digit by digit.
+
+Tested in ``tests/test_urdf.py``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable, Sequence
+
+from .correspondence import Correspondence, Pose
+from .robot import JointLimits, Robot
+
+
+def robot_text(robot: Robot) -> str:
+    """Return the content of a robot file.
+
+    Parameters
+    ----------
+    robot : Robot
+        Any robot; a standard Denavit-Hartenberg table comes out as a modified one.
+    """
+    lines = [f"# {_comment(note)}" for note in robot.notes]
+    lines += [
+        "schema = 1",
+        f"name = {_text(robot.name)}",
+        f"description = {_text(robot.description)}",
+        'convention = "mdh"',
+        f"gravity_m_s2 = {_numbers(robot.geometry.gravity)}",
+    ]
+    geometry = robot.geometry
+    for j, kind in enumerate(geometry.kinds):
+        lines += ["", "[[joint]]"]
+        if robot.joint_names:
+            lines.append(f"name = {_text(robot.joint_names[j])}")
+        lines += [
+            f"kind = {_text(kind)}",
+            _angle("alpha", geometry.alpha[j]),
+            f"d_m = {_number(geometry.d[j])}",
+            _angle("theta", geometry.theta[j]),
+            f"r_m = {_number(geometry.r[j])}",
+        ]
+        limits = _limits(robot.limits[j], kind)
+        if limits:
+            lines.append(f"limits = {{ {', '.join(limits)} }}")
+    lines += _transmission(robot) + _friction(robot)
+    for name, values in robot._named.items():
+        lines += ["", f"[parameters.{_key(name)}]"]
+        lines += [f"{_key(parameter)} = {_number(value)}" for parameter, value in values.items()]
+    if robot.correspondence is not None:
+        lines += _urdf(robot.correspondence)
+    return "\n".join(lines) + "\n"
+
+
+def _transmission(robot: Robot) -> list[str]:
+    n = robot.n_dof
+    identity = tuple(tuple(float(i == j) for j in range(n)) for i in range(n))
+    lines = []
+    if robot.geometry.coupling != identity:
+        lines.append(f"coupling = {_matrix(robot.geometry.coupling)}")
+    if robot.reduction is not None:
+        lines.append(f"reduction = {_matrix(robot.reduction.tolist())}")
+    if robot.gains is not None:
+        lines.append(f"drive_gains = {_numbers(robot.gains)}")
+    return ["", "[transmission]", *lines] if lines else []
+
+
+def _friction(robot: Robot) -> list[str]:
+    friction = robot.friction
+    defaults = {"model": "symmetric", "coulomb": "sign", "coupling": "shaft"}
+    lines = [
+        f"{key} = {_text(getattr(friction, key))}"
+        for key, default in defaults.items()
+        if getattr(friction, key) != default
+    ]
+    for key in ("smoothing", "dead_zone"):
+        values = getattr(friction, key)
+        for unit, kind in (("rad_s", "revolute"), ("m_s", "prismatic")):
+            if any(value for value, joint in zip(values, robot.joint_kinds, strict=True) if joint == kind):
+                lines.append(f"{key}_{unit} = {_numbers(values)}")
+    return ["", "[friction]", *lines] if lines else []
+
+
+def _limits(limits: JointLimits, kind: str) -> list[str]:
+    revolute = kind == "revolute"
+    found = []
+    if limits.position is not None:
+        found.append(f"position_{'rad' if revolute else 'm'} = {_numbers(limits.position)}")
+    if limits.velocity is not None:
+        found.append(f"velocity_{'rad_s' if revolute else 'm_s'} = {_number(limits.velocity)}")
+    if limits.effort is not None:
+        found.append(f"{'torque_n_m' if revolute else 'force_n'} = {_number(limits.effort)}")
+    return found
+
+
+def _urdf(places: Correspondence) -> list[str]:
+    lines = [
+        "",
+        "# How frames and names go back to the URDF; `didim export` reads it.",
+        "[urdf]",
+        f"file = {_text(places.file)}",
+        f"sha256 = {_text(places.sha256)}",
+        f"base = {_text(places.base)}",
+        f"tip = {_text(places.tip)}",
+    ]
+    if places.lock:
+        pairs = ", ".join(f"{_key(name)} = {_number(value)}" for name, value in places.lock)
+        lines.append(f"lock = {{ {pairs} }}")
+    if places.snapped_rad:
+        lines.append(f"snapped_rad = {_number(places.snapped_rad)}")
+    lines.append(f"frame_0 = {_pose(places.frame_0)} # frame 0 in the base link, m")
+    for link in places.links:
+        lines += ["", "[[urdf.link]]", f"joint = {_text(link.joint)}", f"link = {_text(link.link)}"]
+        lines.append(f"pose = {_pose(link.pose)} # of the link in frame j, m")
+        lines += [
+            f"{key} = [{', '.join(map(_text, names))}]"
+            for key, names in (("lumped", link.lumped), ("locked", link.locked))
+            if names
+        ]
+    return lines
+
+
+def _angle(name: str, angle: float) -> str:
+    """Right angles in degrees, which read back exactly, others in radians."""
+    degrees = math.degrees(angle)
+    if degrees % 90.0 == 0.0 and math.radians(degrees) == angle:
+        return f"{name}_deg = {_number(degrees)}"
+    return f"{name}_rad = {_number(angle)}"
+
+
+def _number(value: float) -> str:
+    return repr(float(value) + 0.0)
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return f"[{', '.join(map(_number, values))}]"
+
+
+def _matrix(rows: Sequence[Sequence[float]]) -> str:
+    return "[\n" + "".join(f"    {_numbers(row)},\n" for row in rows) + "]"
+
+
+def _pose(rows: Pose) -> str:
+    return f"[{', '.join(map(_numbers, rows))}]"
+
+
+def _text(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _text(name)
+
+
+def _comment(text: str) -> str:
+    return "".join(character if character.isprintable() else " " for character in text)

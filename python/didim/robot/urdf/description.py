@@ -1,0 +1,298 @@
+"""What a URDF says: links with their inertia, joints with their place, axis, limits and friction.
+
+Tested in ``tests/test_urdf.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...errors import RobotError
+from ..rigid_body import body_pseudo_inertia, pose, rotation_of
+from .xml_spans import Element, parse_xml
+
+MOVING = ("revolute", "continuous", "prismatic")
+"""Types of joints with one degree of freedom."""
+
+KNOWN = (*MOVING, "fixed", "floating", "planar", "spherical")
+
+
+@dataclass(frozen=True, eq=False)
+class Inertial:
+    """The ``<inertial>`` of a link.
+
+    Attributes
+    ----------
+    mass : float
+        Mass (kg).
+    frame : (4, 4) array
+        Pose of the inertial frame, at the centre of mass, in the link's frame.
+    inertia : (3, 3) array
+        Inertia about the centre of mass in the inertial frame (kg.m^2).
+    """
+
+    mass: float
+    frame: Array
+    inertia: Array
+
+    @property
+    def pseudo(self) -> Array:
+        """Pseudo-inertia (4, 4) in the link's frame."""
+        return body_pseudo_inertia(self.mass, self.inertia, self.frame)
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfJoint:
+    """A joint of a URDF.
+
+    Attributes
+    ----------
+    name, kind, parent, child : str
+        As the file has them.
+    origin : (4, 4) array
+        Pose of the child link's frame in the parent link's, at position zero.
+    axis : (3,) array
+        Unit vector in the child link's frame.
+    lower, upper, velocity, effort : float or None
+        Limits (rad or m, rad/s or m/s, N.m or N); None where the file has none, or a zero that stands for none.
+    damping, friction : float
+        Viscous (N.m.s/rad or N.s/m) and Coulomb (N.m or N) friction.
+    mimic : str or None
+        The joint that it follows.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Array
+    axis: Array
+    lower: float | None
+    upper: float | None
+    velocity: float | None
+    effort: float | None
+    damping: float
+    friction: float
+    mimic: str | None
+
+    @property
+    def moves(self) -> bool:
+        """Whether its type has a degree of freedom, of its own or not."""
+        return self.kind != "fixed"
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """A URDF: a tree of links.
+
+    Attributes
+    ----------
+    where : str
+        Name of the file, which opens messages.
+    name : str
+        Name of the robot.
+    links : mapping of str to Inertial or None
+        Inertia by name of the link.
+    joints : mapping of str to UrdfJoint
+        Joint by the name of its child link.
+    outgoing : mapping of str to tuple of UrdfJoint
+        Joints by the name of their parent link.
+    root : str
+        The link without a parent.
+    """
+
+    where: str
+    name: str
+    links: Mapping[str, Inertial | None]
+    joints: Mapping[str, UrdfJoint]
+    outgoing: Mapping[str, tuple[UrdfJoint, ...]]
+    root: str
+
+    @cached_property
+    def order(self) -> tuple[str, ...]:
+        """Links that the root carries, each behind its parent."""
+        found = [self.root]
+        for link in found:  # which grows meanwhile
+            found += [joint.child for joint in self.outgoing.get(link, ())]
+        return tuple(found)
+
+    def path(self, base: str, tip: str) -> list[UrdfJoint] | None:
+        """Joints from one link to another that it carries, or None where it does not carry it."""
+        joints = []
+        link = tip
+        while link != base:
+            if link not in self.joints:
+                return None
+            joints.append(self.joints[link])
+            link = joints[-1].parent
+        return joints[::-1]
+
+
+def read_description(data: bytes, where: str) -> Description:
+    """Read a URDF.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    where : str
+        Its name, which opens each message.
+
+    Raises
+    ------
+    RobotError
+        For XML that is broken or of another kind, a link or joint without what it needs, and links that are no tree.
+    """
+    outermost = parse_xml(data, where)
+    if outermost.tag != "robot":
+        kinds = {"sdf": "SDF", "mujoco": "MJCF"}
+        kind = kinds.get(outermost.tag, f"<{outermost.tag}>")
+        raise RobotError(f"{where}: this is {kind}, a URDF has <robot> outermost")
+    macros = [child.tag for child in outermost.children if child.tag.startswith("xacro:")]
+    if macros:
+        raise RobotError(
+            f"{where}: it has xacro macros ({macros[0]}); expand it first: xacro {where} > arm.urdf"
+        )
+    links: dict[str, Inertial | None] = {}
+    for element in outermost.all("link"):
+        name = _name(element, where)
+        if name in links:
+            raise RobotError(f"{where}: line {element.line}: there are two links {name!r}")
+        links[name] = _inertial(element, f"{where}: link {name!r}:")
+    joints: dict[str, UrdfJoint] = {}
+    outgoing: dict[str, tuple[UrdfJoint, ...]] = {}
+    names: set[str] = set()
+    for element in outermost.all("joint"):
+        joint = _joint(element, where)
+        for end in (joint.parent, joint.child):
+            if end not in links:
+                raise RobotError(f"{where}: joint {joint.name!r}: there is no link {end!r}")
+        if joint.name in names:
+            raise RobotError(f"{where}: line {element.line}: there are two joints {joint.name!r}")
+        if joint.child in joints:
+            raise RobotError(
+                f"{where}: link {joint.child!r} is the child of two joints, {joints[joint.child].name!r} and {joint.name!r}"
+            )
+        names.add(joint.name)
+        joints[joint.child] = joint
+        outgoing[joint.parent] = (*outgoing.get(joint.parent, ()), joint)
+    roots = [name for name in links if name not in joints]
+    if not links:
+        raise RobotError(f"{where}: it has no <link>")
+    if len(roots) != 1:
+        what = f"several links without a parent: {', '.join(roots)}" if roots else "no link without a parent"
+        raise RobotError(f"{where}: its links must be one tree, and it has {what}")
+    description = Description(where, outermost.attributes.get("name", ""), links, joints, outgoing, roots[0])
+    _check_tree(description)
+    return description
+
+
+def _check_tree(description: Description) -> None:
+    """Refuse loops: links that no path from the root reaches."""
+    reached = set(description.order)
+    lost = [link for link in description.links if link not in reached]
+    if lost:
+        raise RobotError(
+            f"{description.where}: link {lost[0]!r} is its own ancestor; its links must be one tree"
+        )
+
+
+def _name(element: Element, where: str) -> str:
+    name = element.attributes.get("name", "")
+    if not name:
+        raise RobotError(f"{where}: line {element.line}: <{element.tag}> has no name")
+    return name
+
+
+def _numbers(element: Element | None, key: str, default: tuple[float, ...], where: str) -> tuple[float, ...]:
+    text = element.attributes.get(key) if element is not None else None
+    if element is None or text is None:
+        return default
+    try:
+        values = tuple(float(word) for word in text.split())
+    except ValueError:
+        values = ()
+    if len(values) != len(default) or not all(map(math.isfinite, values)):
+        wanted = "a finite number" if len(default) == 1 else f"{len(default)} finite numbers"
+        raise RobotError(f"{where} {key} of <{element.tag}> must be {wanted}, got {text!r}")
+    return values
+
+
+def _number(element: Element | None, key: str, where: str) -> float:
+    """Return a number; zero where the element or its attribute is absent."""
+    return _numbers(element, key, (0.0,), where)[0]
+
+
+def _needed(element: Element | None, tag: str, key: str, where: str) -> float:
+    """Return a number that an ``<inertial>`` must have."""
+    if element is None or key not in element.attributes:
+        raise RobotError(f"{where} its <inertial> has no <{tag} {key}=...>")
+    return _number(element, key, where)
+
+
+def _frame(element: Element, where: str) -> Array:
+    origin = element.find("origin")
+    zero = (0.0, 0.0, 0.0)
+    return pose(rotation_of(_numbers(origin, "rpy", zero, where)), _numbers(origin, "xyz", zero, where))
+
+
+def _inertial(link: Element, where: str) -> Inertial | None:
+    element = link.find("inertial")
+    if element is None:
+        return None
+    mass, inertia = element.find("mass"), element.find("inertia")
+    diagonal = [_needed(inertia, "inertia", key, where) for key in ("ixx", "iyy", "izz")]
+    xy, xz, yz = (_number(inertia, key, where) for key in ("ixy", "ixz", "iyz"))
+    return Inertial(
+        mass=_needed(mass, "mass", "value", where),
+        frame=_frame(element, where),
+        inertia=np.diag(diagonal) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]]),
+    )
+
+
+def _joint(element: Element, where: str) -> UrdfJoint:
+    name = _name(element, where)
+    where = f"{where}: joint {name!r}:"
+    kind = element.attributes.get("type", "")
+    if kind not in KNOWN:
+        raise RobotError(f"{where} its type must be revolute, continuous, prismatic or fixed, got {kind!r}")
+    ends = []
+    for tag in ("parent", "child"):
+        end = element.find(tag)
+        link = end.attributes.get("link", "") if end is not None else ""
+        if not link:
+            raise RobotError(f"{where} it has no <{tag} link=...>")
+        ends.append(link)
+    axis = np.array(_numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where))
+    length = float(np.linalg.norm(axis))
+    if kind in MOVING and not length > 0.0:
+        raise RobotError(f"{where} its axis has length zero")
+    limit, dynamics, mimic = (element.find(tag) for tag in ("limit", "dynamics", "mimic"))
+    lower, upper = (
+        _number(limit, key, where) if limit is not None and key in limit.attributes else None
+        for key in ("lower", "upper")
+    )
+    if kind == "continuous" or lower is None or upper is None or not lower < upper:
+        lower = upper = None
+    velocity, effort = (_number(limit, key, where) for key in ("velocity", "effort"))
+    return UrdfJoint(
+        name=name,
+        kind=kind,
+        parent=ends[0],
+        child=ends[1],
+        origin=_frame(element, where),
+        axis=axis / length if length > 0.0 else axis,
+        lower=lower,
+        upper=upper,
+        velocity=velocity if velocity > 0.0 else None,
+        effort=effort if effort > 0.0 else None,
+        damping=_number(dynamics, "damping", where),
+        friction=_number(dynamics, "friction", where),
+        mimic=mimic.attributes.get("joint", "") if mimic is not None else None,
+    )

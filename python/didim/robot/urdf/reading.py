@@ -1,0 +1,326 @@
+"""From a URDF to a robot: chain, right angles, common normals, inertias, limits, and the proof that the dynamics are the same.
+
+Tested in ``tests/test_urdf.py`` against Pinocchio, on real descriptions and on random chains.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import didim._core as _core
+
+from ..._tools.arrays import Array
+from ...errors import RobotError
+from ..correspondence import Correspondence, LinkPlace, rows_of
+from ..friction import Friction
+from ..right_angles import NEARLY_PARALLEL, SNAP, SUSPICIOUS
+from ..rigid_body import INERTIAL, body_pseudo_inertia, ten_parameters, why_no_body
+from ..robot import Geometry, JointLimits, Robot
+from .chain import Chain, choose_chain
+from .common_normals import MdhTable, common_normals
+from .description import Description, read_description
+from .snap import NearlyRight, Snapped, snap_chain
+from .summation import Body, bodies, made_up_bodies, random_states, torques_by_summation
+
+GRAVITY = (0.0, 0.0, -9.81)
+"""Gravity in the root link where nothing else is said (m/s^2): its z axis points up."""
+
+URDF_SET = "urdf"
+"""Name of the parameter set that has the inertias of the file."""
+
+SMALLEST_SHARE = 1e-6
+"""Lower bound of a joint's largest torque in the self-test, as a share of that of all joints."""
+
+LARGEST_DIFFERENCE = 1e-6
+"""Largest difference of the self-test, as a share of the largest torque, beyond which a description is refused."""
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfReading:
+    """A robot read from a URDF, and what there is to say about it.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot, with the correspondence to the URDF.
+    table : MdhTable
+        Its frames.
+    exact : float
+        Self-test: largest difference to direct summation over the links with the same angles, over the largest torque of the joint.
+    as_written : float
+        The same with the angles as the file has them: the effect of snapping.
+    made_up : bool
+        Whether the self-test used made-up inertias, because the file has none.
+    suspicion : str or None
+        Sentence on angles that are nearly right ones, and were not snapped.
+    """
+
+    robot: Robot
+    table: MdhTable
+    exact: float
+    as_written: float
+    made_up: bool
+    suspicion: str | None
+
+
+def read_urdf(
+    path: Path,
+    *,
+    tip: str | None = None,
+    base: str | None = None,
+    lock: Mapping[str, float] | None = None,
+    gravity: Sequence[float] | None = None,
+    snap: float = SNAP,
+) -> UrdfReading:
+    """Make a robot of a URDF.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    tip, base : str, optional
+        Last and first link of the chain; by default the end of the only path that moves, and the root.
+    lock : mapping of str to float, optional
+        Joints that stand still, with their position (rad or m).
+    gravity : sequence of 3 float, optional
+        Acceleration of gravity in the base link (m/s^2); by default the z axis of the root link points up.
+    snap : float
+        Largest angle (rad) by which rounded right angles are snapped.
+
+    Raises
+    ------
+    RobotError
+        When the file cannot be read, or is no serial robot.
+    """
+    where = path.name
+    if not 0.0 <= snap <= NEARLY_PARALLEL:
+        raise RobotError(f"{where}: snap must be an angle between 0 and {NEARLY_PARALLEL} rad, got {snap!r}")
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise RobotError(f"{path}: no such file") from None
+    except OSError as reason:
+        raise RobotError(f"{path}: cannot be read ({reason.strerror})") from None
+    description = read_description(data, where)
+    chain = choose_chain(description, base=base, tip=tip, lock=lock)
+    down = _gravity(gravity, chain, where)
+    size = float(np.linalg.norm(down))
+    snapped = snap_chain(chain.origins, chain.axes, down / size if size else down, snap)
+    suspicion = _nearly_right(chain, snapped.left, where)
+    notes = _locked(chain, lock or {})
+    table = common_normals(snapped.origins, snapped.axes)
+    named, missing = _parameters(description, chain, table)
+    notes += missing
+    geometry = _geometry(chain, table, down)
+    links = bodies(chain.groups, dict(description.links))
+    made_up = not any(links)
+    links = made_up_bodies(len(chain.joints)) if made_up else links
+    exact, as_written = _self_test(geometry, chain, snapped, table, links, down)
+    if not exact <= LARGEST_DIFFERENCE:
+        raise RobotError(
+            f"{where}: the frames of this chain lose too many digits (torques differ by {exact:.1e} of the largest); "
+            "are axes nearly parallel? --snap 0.002 makes them parallel"
+        )
+    if snapped.joints:
+        names = ", ".join(chain.joints[joint].name for joint in snapped.joints)
+        notes.append(
+            f"right angles of {names} were rounded and are snapped, by {snapped.largest:.1e} rad at most; "
+            f"torques change by {as_written:.1e} of the largest"
+        )
+    robot = Robot(
+        name=description.name or path.stem,
+        description=f"from {where}",
+        path=path,
+        digest=hashlib.sha256(data).hexdigest(),
+        geometry=geometry,
+        friction=_no_friction(len(chain.joints)),
+        limits=_limits(chain),
+        reduction=None,
+        gains=None,
+        joint_names=tuple(joint.name for joint in chain.joints),
+        correspondence=_correspondence(where, data, chain, snapped, table),
+        notes=tuple(notes),
+        _named={URDF_SET: named} if named else {},
+    )
+    robot.core  # noqa: B018 - now, so that a wrong description is an error of loading
+    return UrdfReading(robot, table, exact, as_written, made_up, suspicion)
+
+
+def _gravity(gravity: Sequence[float] | None, chain: Chain, where: str) -> Array:
+    """Gravity in the base link."""
+    if gravity is None:
+        return np.asarray(chain.base_pose[:3, :3].T @ np.array(GRAVITY))
+    down = np.array(gravity, dtype=np.float64)
+    if down.shape != (3,) or not np.isfinite(down).all():
+        raise RobotError(
+            f"{where}: gravity must be three finite numbers (m/s^2, base link), got {list(gravity)!r}"
+        )
+    return down
+
+
+def _locked(chain: Chain, asked: Mapping[str, float]) -> list[str]:
+    """Sentence on joints that stand still without having been asked to."""
+    free = [name for name in chain.locked if name not in asked]
+    if not free:
+        return []
+    names = ", ".join(free if len(free) <= 8 else [*free[:8], f"{len(free) - 8} more"])
+    return [
+        f"the chain ends at link {chain.tip}; locked at 0: {names} (--tip LINK takes more of the tree, --lock JOINT=VALUE "
+        "locks elsewhere)"
+    ]
+
+
+def _nearly_right(chain: Chain, left: Sequence[NearlyRight], where: str) -> str | None:
+    """Sentence on angles that are nearly right, and the refusal of axes that are nearly parallel."""
+    for found in left:
+        if found.parallel and found.joint:
+            raise RobotError(
+                f"{where}: the axes of joints {chain.joints[found.joint - 1].name} and {chain.joints[found.joint].name} are "
+                f"{found.angle:.1e} rad from parallel, as in a calibrated description, and their common normal is far away; "
+                f"identify on the nominal geometry: {_cure(found.angle)}"
+            )
+    if not left:
+        return None
+    names = ", ".join(chain.joints[found.joint].name for found in left)
+    largest = max(found.angle for found in left)
+    return (
+        f"{where}: the axes of {names} are nearly at right angles to the axes before them, off by up to {largest:.1e} rad, which "
+        f"may add base parameters that no log identifies; if right angles are meant: {_cure(largest)}"
+    )
+
+
+def _cure(angle: float) -> str:
+    return f"--snap {SUSPICIOUS if angle <= SUSPICIOUS else NEARLY_PARALLEL:g}"
+
+
+def _geometry(chain: Chain, table: MdhTable, down: Array) -> Geometry:
+    rows = table.rows
+    n = len(rows)
+    gravity = table.frame_0[:3, :3].T @ down
+    # Gravity along an axis is meant to be along it.
+    gravity[np.abs(gravity) < 1e-12 * np.linalg.norm(gravity)] = 0.0
+    return Geometry(
+        kinds=tuple("prismatic" if joint.kind == "prismatic" else "revolute" for joint in chain.joints),
+        alpha=tuple(row.alpha for row in rows),
+        d=tuple(row.d for row in rows),
+        theta=tuple(row.theta for row in rows),
+        r=tuple(row.r for row in rows),
+        gravity=tuple(float(value) for value in gravity),
+        coupling=tuple(tuple(row) for row in np.eye(n).tolist()),
+    )
+
+
+def _no_friction(n: int) -> Friction:
+    nothing = (0.0,) * n
+    return Friction(model="symmetric", coulomb="sign", coupling="shaft", smoothing=nothing, dead_zone=nothing)
+
+
+def _limits(chain: Chain) -> tuple[JointLimits, ...]:
+    return tuple(
+        JointLimits(
+            position=None if joint.lower is None or joint.upper is None else (joint.lower, joint.upper),
+            velocity=joint.velocity,
+            effort=joint.effort,
+        )
+        for joint in chain.joints
+    )
+
+
+def _parameters(
+    description: Description, chain: Chain, table: MdhTable
+) -> tuple[dict[str, float], list[str]]:
+    """Return the standard parameters of the file by name, and sentences on what it has not."""
+    pseudos = chain.pseudo_inertias(description)
+    names = [group[0].link for group in chain.groups]
+    empty = [name for name, pseudo in zip(names, pseudos, strict=True) if not pseudo[3, 3] > 0.0]
+    if empty:
+        what = (
+            "no moving link has an inertia"
+            if len(empty) == len(names)
+            else f"some moving links have no mass ({', '.join(empty)})"
+        )
+        return {}, [f"{what}, so there is no parameter set {URDF_SET!r}"]
+    named: dict[str, float] = {}
+    notes = []
+    for j, (name, pseudo, pose) in enumerate(zip(names, pseudos, table.link_poses, strict=True)):
+        ten = ten_parameters(pose @ pseudo @ pose.T)
+        named.update({f"{key}{j + 1}": float(value) for key, value in zip(INERTIAL, ten, strict=True)})
+        reason = why_no_body(pseudo)
+        if reason is not None:
+            notes.append(f"link {name} of the file is not a body: {reason}")
+    for key, values in (
+        ("Fv", [joint.damping for joint in chain.joints]),
+        ("Fc", [joint.friction for joint in chain.joints]),
+    ):
+        if any(values):
+            named.update({f"{key}{j + 1}": value for j, value in enumerate(values)})
+    return named, notes
+
+
+def _correspondence(
+    where: str, data: bytes, chain: Chain, snapped: Snapped, table: MdhTable
+) -> Correspondence:
+    return Correspondence(
+        file=where,
+        sha256=hashlib.sha256(data).hexdigest(),
+        base=chain.base,
+        tip=chain.tip,
+        frame_0=rows_of(table.frame_0),
+        links=tuple(
+            LinkPlace(
+                joint=joint.name,
+                link=group[0].link,
+                pose=rows_of(pose),
+                lumped=tuple(member.link for member in group[1:] if not member.locked),
+                locked=tuple(member.link for member in group[1:] if member.locked),
+            )
+            for joint, group, pose in zip(chain.joints, chain.groups, table.link_poses, strict=True)
+        ),
+        lock=tuple(chain.locked.items()),
+        snapped_rad=snapped.largest,
+    )
+
+
+def _self_test(
+    geometry: Geometry,
+    chain: Chain,
+    snapped: Snapped,
+    table: MdhTable,
+    links: Sequence[Sequence[Body]],
+    down: Array,
+) -> tuple[float, float]:
+    """Largest difference to direct summation, with the angles snapped and as written, over each joint's largest torque."""
+    n = len(geometry.kinds)
+    states = random_states(n)
+    x = np.zeros(14 * n)
+    for j, (group, pose) in enumerate(zip(links, table.link_poses, strict=True)):
+        for body in group:
+            inertial = body.inertial
+            pseudo = body_pseudo_inertia(inertial.mass, inertial.inertia, pose @ body.pose @ inertial.frame)
+            x[14 * j : 14 * j + len(INERTIAL)] += ten_parameters(pseudo)
+    core = _core.Robot(
+        kind=[0 if kind == "revolute" else 1 for kind in geometry.kinds],
+        alpha=list(geometry.alpha),
+        d=list(geometry.d),
+        theta=list(geometry.theta),
+        r=list(geometry.r),
+        gravity=list(geometry.gravity),
+        transmission=np.eye(n).tolist(),
+        asymmetric=False,
+        printed_coupling=False,
+        smoothing=[0.0] * n,
+        dead_zone=[0.0] * n,
+    )
+    tau = _core.inverse_dynamics(core, states.q, states.dq, states.ddq, x)
+    differences = []
+    for origins, axes in ((snapped.origins, snapped.axes), (chain.origins, chain.axes)):
+        expected = torques_by_summation(geometry.kinds, origins, axes, links, down, states)
+        # A joint that carries nothing has torques of rounding alone.
+        largest = np.maximum(np.abs(expected).max(axis=0), SMALLEST_SHARE * np.abs(expected).max())
+        differences.append(float((np.abs(tau - expected).max(axis=0) / largest).max()))
+    return differences[0], differences[1] if snapped.joints else differences[0]

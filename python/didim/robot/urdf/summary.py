@@ -1,0 +1,43 @@
+"""What became of a URDF, in words: one line per joint, and the self-test. Tested in ``tests/test_urdf.py``."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..._tools.words import counted
+from .reading import UrdfReading
+from .summation import STATES
+
+
+def summary(reading: UrdfReading) -> str:
+    """Return one line per joint of what became of a URDF, and the self-test, as ``didim robot`` prints it."""
+    robot = reading.robot
+    places = robot.correspondence
+    assert places is not None
+    width = max(len(name) for name in (*robot.joint_names, "joint"))
+    lines = [
+        f"{robot.name}: {counted(robot.n_dof, 'joint')} from {places.base} to {places.tip}, "
+        f"{len(robot.base_parameters.names)} base parameters",
+        "",
+        f"   {'joint':{width}}  {'kind':9}  {'alpha deg':>9}  {'d m':>8}  {'theta deg':>9}  {'r m':>8}  {'offset mm':>9}  "
+        f"{'turn deg':>8}  link",
+    ]
+    for j, (row, place) in enumerate(zip(reading.table.rows, places.links, strict=True)):
+        matrix = place.matrix
+        cosine = max(-1.0, min(1.0, 0.5 * (float(np.trace(matrix[:3, :3])) - 1.0)))
+        link = " + ".join((place.link, *place.lumped, *place.locked))
+        lines.append(
+            f"{j + 1:2} {place.joint:{width}}  {robot.joint_kinds[j]:9}  {math.degrees(row.alpha):9.6g}  {row.d:8.5g}  "
+            f"{math.degrees(row.theta):9.6g}  {row.r:8.5g}  {1e3 * float(np.linalg.norm(matrix[:3, 3])):9.4g}  "
+            f"{math.degrees(math.acos(cosine)):8.4g}  {link}"
+        )
+    what = "made-up inertias, as the file has none" if reading.made_up else "the inertias of the file"
+    lines += [
+        "",
+        f"Self-test, {counted(STATES, 'random state')}, {what}: torques differ from direct summation over the "
+        f"links by {reading.exact:.1e} of the largest"
+        + (f" ({reading.as_written:.1e} before snapping)." if places.snapped_rad else "."),
+    ]
+    return "\n".join(lines)

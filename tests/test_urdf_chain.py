@@ -1,0 +1,143 @@
+"""Which joints of a URDF become the robot, which links move with them, and which descriptions are refused."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from didim.errors import RobotError
+from didim.robot.urdf.chain import Chain, choose_chain
+from didim.robot.urdf.description import read_description
+from urdfs import GRIPPER_ARM, inertial_text, joint_text
+
+
+def chain_of(text: str, **options: object) -> Chain:
+    return choose_chain(read_description(text.encode(), "arm.urdf"), **options)  # type: ignore[arg-type]
+
+
+def tree(*edges: tuple[str, str, str], inside: str = "") -> str:
+    """A URDF of (parent, child, type); joints are named after their child."""
+    links = dict.fromkeys(link for parent, child, _ in edges for link in (parent, child))
+    body = inertial_text(np.random.default_rng(0))
+    parts = [f'<link name="{link}">{body}</link>' for link in links]
+    parts += [joint_text(f"to_{child}", kind, parent, child, inside=inside) for parent, child, kind in edges]
+    return f"<robot>{''.join(parts)}</robot>"
+
+
+def arm(root: str, prefix: str, joints: int) -> list[tuple[str, str, str]]:
+    links = [root, *(f"{prefix}{k + 1}" for k in range(joints))]
+    return [(a, b, "revolute") for a, b in pairwise(links)]
+
+
+def joints_of(chain: Chain) -> list[str]:
+    return [joint.name for joint in chain.joints]
+
+
+def test_an_arm_ends_before_its_fingers() -> None:
+    chain = chain_of(GRIPPER_ARM)
+    assert joints_of(chain) == ["shoulder", "elbow", "wrist"]
+    assert (chain.base, chain.tip) == ("world", "hand")
+    assert dict(chain.locked) == {"finger_joint": 0.0, "other_finger_joint": 0.0}
+    hand = {member.link: member.locked for member in chain.groups[2]}
+    assert hand == {"hand": False, "camera": False, "finger": True, "other_finger": True}
+
+
+def test_a_single_finger_counts_unless_the_tip_is_given() -> None:
+    text = tree(*arm("base", "l", 3), ("l3", "finger", "prismatic"))
+    assert joints_of(chain_of(text))[-1] == "to_finger"
+    chain = chain_of(text, tip="l3")
+    assert joints_of(chain) == ["to_l1", "to_l2", "to_l3"]
+    assert dict(chain.locked) == {"to_finger": 0.0}
+
+
+def test_fixed_branches_do_not_stop_the_chain() -> None:
+    text = tree(
+        ("base", "stand", "fixed"), *arm("stand", "l", 2), ("l1", "cover", "fixed"), ("l2", "tool", "fixed")
+    )
+    chain = chain_of(text)
+    assert joints_of(chain) == ["to_l1", "to_l2"]
+    assert [member.link for member in chain.groups[0]] == ["l1", "cover"]
+    assert [member.link for member in chain.groups[1]] == ["l2", "tool"]
+
+
+def test_two_arms_ask_for_the_tip() -> None:
+    text = tree(*arm("torso", "left_", 7), *arm("torso", "right_", 6), ("torso", "head", "revolute"))
+    with pytest.raises(RobotError) as error:
+        chain_of(text)
+    assert str(error.value) == (
+        "arm.urdf: several chains move (left_7 with 7 joints; right_6 with 6 joints; head with 1 joint); choose one by its last "
+        "link: --tip LINK"
+    )
+    assert len(chain_of(text, tip="left_7").joints) == 7
+    # An arm behind a waist is no finger either.
+    with pytest.raises(RobotError, match="choose one by its last link"):
+        chain_of(tree(*arm("base", "waist", 1), *arm("waist1", "left_", 4), *arm("waist1", "right_", 4)))
+    # Locking one of them leaves one.
+    locked = {f"to_right_{k + 1}": 0.1 for k in range(6)} | {"to_head": 0.0}
+    assert len(chain_of(text, lock=locked).joints) == 7
+
+
+def test_locked_joints_move_the_links_behind_them() -> None:
+    text = tree(*arm("base", "l", 2), ("l2", "slide", "prismatic")).replace(
+        "</robot>",
+        '<link name="knob"/>'
+        + joint_text("knob_joint", "fixed", "slide", "knob", xyz=(1, 0, 0))
+        + "</robot>",
+    )
+    chain = chain_of(text, lock={"to_l2": math.pi / 2, "to_slide": 0.25})
+    assert joints_of(chain) == ["to_l1"]
+    places = {member.link: member for member in chain.groups[0]}
+    np.testing.assert_allclose(places["knob"].pose[:3, 3], [0.0, 1.0, 0.25], atol=1e-15)
+    assert places["knob"].locked
+    assert not places["l1"].locked
+
+
+def test_the_base_may_be_turned() -> None:
+    text = tree(("world", "wall", "fixed"), *arm("wall", "l", 2)).replace(
+        'rpy="0.0 0.0 0.0"', f'rpy="{math.pi / 2!r} 0 0"', 1
+    )
+    chain = chain_of(text, base="wall")
+    np.testing.assert_allclose(chain.base_pose[:3, :3].T @ [0.0, 0.0, -9.81], [0.0, -9.81, 0.0], atol=1e-14)
+    assert chain.base == "wall"
+
+
+MIMIC = '<mimic joint="to_l1"/>'
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        (GRIPPER_ARM, {"tip": "hund"}, "there is no link 'hund' (tip); did you mean 'hand'?"),
+        (GRIPPER_ARM, {"base": "floor"}, "there is no link 'floor' (base)"),
+        (GRIPPER_ARM, {"base": "hand", "tip": "base"}, "link 'hand' (base) does not carry link 'base' (tip)"),
+        (GRIPPER_ARM, {"tip": "base"}, "no joint moves between base and tip"),
+        (GRIPPER_ARM, {"lock": {"elbo": 1.0}}, "there is no moving joint 'elbo' to lock; did you mean 'elbow'?"),
+        (GRIPPER_ARM, {"lock": {"stand": 0.0}}, "there is no moving joint 'stand' to lock"),
+        (GRIPPER_ARM, {"lock": {"elbow": math.nan}}, "joint 'elbow' of type revolute cannot be locked at nan"),
+        (GRIPPER_ARM, {"tip": "other_finger"}, "joint 'other_finger_joint' mimics 'finger_joint'; lock it"),
+        (tree(*arm("base", "l", 13)), {}, "at most 12 joints, and this chain has 13 (to_l1, to_l2,"),
+        (tree(("world", "base", "floating"), *arm("base", "l", 3)), {}, "joint 'to_base' is floating"),
+        (tree(("world", "base", "planar"), *arm("base", "l", 3)), {}, "joint 'to_base' is planar"),
+        (tree(("a", "b", "fixed")), {}, "no joint moves between base and tip"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(text: str, options: dict[str, object], message: str) -> None:
+    with pytest.raises(RobotError) as error:
+        chain_of(text, **options)
+    assert str(error.value).startswith("arm.urdf: ")
+    assert message in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_a_floating_base_may_be_left_out() -> None:
+    text = tree(("world", "base", "floating"), *arm("base", "l", 3))
+    assert len(chain_of(text, base="base").joints) == 3
+
+
+def test_a_long_row_of_fixed_links_is_read() -> None:
+    edges = [(f"f{k}", f"f{k + 1}", "fixed") for k in range(3000)]
+    chain = chain_of(tree(*arm("base", "l", 1), ("l1", "f0", "fixed"), *edges))
+    assert len(chain.groups[0]) == 3002

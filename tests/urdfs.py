@@ -1,0 +1,211 @@
+"""Descriptions for the tests: random URDFs, a small arm with a gripper, and what other engines make of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def numbers(values: Array | Sequence[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def inertial_text(rng: np.random.Generator, rotated: bool = True) -> str:
+    """Inertia of four point masses, about their centre, in a frame that is turned."""
+    mass = rng.uniform(0.2, 2.0, 4)
+    places = rng.uniform(-0.15, 0.15, (4, 3))
+    centre = mass @ places / mass.sum()
+    second = np.einsum("k,ki,kj->ij", mass, places - centre, places - centre)
+    inertia = np.trace(second) * np.eye(3) - second
+    angles = rng.uniform(-1.0, 1.0, 3) if rotated else np.zeros(3)
+    turn = pin.rpy.rpyToMatrix(angles)
+    inertia = turn.T @ inertia @ turn
+    entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    moments = " ".join(f'{key}="{float(inertia[at])!r}"' for key, at in entries.items())
+    return (
+        f'<inertial><origin xyz="{numbers(centre)}" rpy="{numbers(angles)}"/>'
+        f'<mass value="{float(mass.sum())!r}"/><inertia {moments}/></inertial>'
+    )
+
+
+def joint_text(
+    name: str, kind: str, parent: str, child: str, *, xyz: Sequence[float] | Array = (0.0, 0.0, 0.0),
+    rpy: Sequence[float] | Array = (0.0, 0.0, 0.0), axis: Sequence[float] | Array = (0.0, 0.0, 1.0), inside: str = "",
+) -> str:  # fmt: skip
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{numbers(xyz)}" rpy="{numbers(rpy)}"/><axis xyz="{numbers(axis)}"/>{inside}</joint>'
+    )
+
+
+def limit_text(rng: np.random.Generator) -> str:
+    velocity, effort = rng.uniform(1.0, 9.0, 2)
+    return f'<limit lower="-3.1" upper="3.2" velocity="{float(velocity)!r}" effort="{float(effort)!r}"/>'
+
+
+def random_urdf(
+    rng: np.random.Generator, joints: int, *, right_angles: bool = False
+) -> tuple[str, list[str]]:
+    """A chain of any joints with fixed branches that carry inertia; its text and the names of its moving joints.
+
+    The links and joints stand in any order in the file. With `right_angles`, all rotations are those of a cube.
+    """
+    parts = [f'<link name="base">{inertial_text(rng)}</link>']
+    names: list[str] = []
+    link = "base"
+
+    def place() -> tuple[Array, Array]:
+        xyz = rng.uniform(-0.5, 0.5, 3) * (rng.random(3) < 0.7)
+        if right_angles or rng.random() < 0.3:
+            return xyz, rng.integers(-1, 3, 3) * math.pi / 2
+        return xyz, rng.uniform(-3.0, 3.0, 3)
+
+    for j in range(joints):
+        for k in range(int(rng.integers(0, 2))):  # fixed joints between the moving ones
+            xyz, rpy = place()
+            child = f"between_{j}_{k}"
+            parts.append(f'<link name="{child}">{inertial_text(rng)}</link>')
+            parts.append(joint_text(f"fix_{child}", "fixed", link, child, xyz=xyz, rpy=rpy))
+            link = child
+        xyz, rpy = place()
+        axis = np.zeros(3)
+        axis[rng.integers(3)] = rng.choice([-1.0, 1.0])
+        if not right_angles and rng.random() < 0.3:
+            axis = rng.normal(size=3)
+        kind = str(rng.choice(["revolute", "continuous", "prismatic"], p=[0.6, 0.2, 0.2]))
+        child, name = f"link_{j}", f"joint_{j}"
+        parts.append(f'<link name="{child}">{inertial_text(rng)}</link>')
+        parts.append(joint_text(name, kind, link, child, xyz=xyz, rpy=rpy, axis=axis, inside=limit_text(rng)))
+        names.append(name)
+        link = child
+        if rng.random() < 0.5:
+            xyz, rpy = place()
+            parts.append(f'<link name="branch_{j}">{inertial_text(rng)}</link>')
+            parts.append(joint_text(f"fix_branch_{j}", "fixed", link, f"branch_{j}", xyz=xyz, rpy=rpy))
+    order = rng.permutation(len(parts))
+    return '<robot name="random">\n' + "\n".join(parts[k] for k in order) + "\n</robot>\n", names
+
+
+def pinocchio_model(text: str, names: Sequence[str]) -> pin.Model:
+    """The description in Pinocchio, with all joints but the named ones locked at zero."""
+    model = pin.buildModelFromXML(text)
+    locked = [model.getJointId(name) for name in model.names[1:] if name not in set(names)]
+    return pin.buildReducedModel(model, locked, pin.neutral(model)) if locked else model
+
+
+def pinocchio_torques(model: pin.Model, names: Sequence[str], q: Array, dq: Array, ddq: Array) -> Array:
+    """Torques by Pinocchio, (n_samples, n_dof), joints in the order of `names`."""
+    joints = [model.joints[model.getJointId(name)] for name in names]
+    data = model.createData()
+    model.armature[:] = 0.0
+    tau = np.zeros(q.shape)
+    for sample in range(q.shape[0]):
+        position, speed, acceleration = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+        for k, joint in enumerate(joints):
+            angle = q[sample, k]
+            if joint.nq == 2:  # continuous joints are a point on the circle
+                position[joint.idx_q : joint.idx_q + 2] = math.cos(angle), math.sin(angle)
+            else:
+                position[joint.idx_q] = angle
+            speed[joint.idx_v], acceleration[joint.idx_v] = dq[sample, k], ddq[sample, k]
+        torque = pin.rnea(model, data, position, speed, acceleration)
+        tau[sample] = [torque[joint.idx_v] for joint in joints]
+    return tau
+
+
+GRIPPER_ARM = """<?xml version="1.0"?>
+<!-- An arm of three joints with a gripper of two fingers: the second mimics the first. -->
+<robot name="little_arm">
+  <link name="world"/>
+  <joint name="stand" type="fixed">
+    <parent link="world"/>
+    <child link="base"/>
+    <origin xyz="0 0 0.5" rpy="0 0 0"/>
+  </joint>
+  <link name="base">
+    <inertial><mass value="9"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial>
+  </link>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/>
+    <child link="upper_arm"/>
+    <origin xyz="0 0 0.2" rpy="0 1.5708 0"/> <!-- rounded -->
+    <axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2.5" velocity="3" effort="80"/>
+    <dynamics damping="1.5" friction="0.75"/>
+  </joint>
+  <link name="upper_arm">
+    <!-- <inertial> in a comment is not one -->
+    <inertial>
+      <origin xyz="0 0 0.15" rpy="0 0 0"/>
+      <mass value="4"/>
+      <inertia ixx="0.05" ixy="0" ixz="0" iyy="0.05" iyz="0" izz="0.01"/>
+    </inertial>
+    <visual><geometry><box size="0.1 0.1 0.3"/></geometry></visual>
+  </link>
+  <joint name="elbow" type="revolute">
+    <parent link="upper_arm"/>
+    <child link="forearm"/>
+    <origin xyz="0 0 0.3"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="-2.5" upper="2.5" velocity="4" effort="40"/>
+  </joint>
+  <link name="forearm">
+    <inertial>
+      <origin xyz="0.01 0 0.1"/>
+      <mass value="2.5"/>
+      <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.02" iyz="0" izz="0.006"/>
+    </inertial>
+  </link>
+  <joint name="wrist" type="continuous">
+    <parent link="forearm"/>
+    <child link="hand"/>
+    <origin xyz="0 0 0.25"/>
+    <axis xyz="0 0 1"/>
+    <limit velocity="6" effort="9"/>
+  </joint>
+  <link name="hand">
+    <inertial>
+      <origin xyz="0 0 0.05"/>
+      <mass value="0.8"/>
+      <inertia ixx="0.002" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.001"/>
+    </inertial>
+  </link>
+  <joint name="camera_mount" type="fixed">
+    <parent link="hand"/>
+    <child link="camera"/>
+    <origin xyz="0.05 0 0.02" rpy="0 0.3 0"/>
+  </joint>
+  <link name="camera">
+    <inertial><mass value="0.3"/><inertia ixx="0.0002" ixy="0" ixz="0" iyy="0.0002" iyz="0" izz="0.0002"/></inertial>
+  </link>
+  <joint name="finger_joint" type="prismatic">
+    <parent link="hand"/>
+    <child link="finger"/>
+    <origin xyz="0 0 0.1"/>
+    <axis xyz="1 0 0"/>
+    <limit lower="0" upper="0.04" velocity="0.2" effort="20"/>
+  </joint>
+  <link name="finger">
+    <inertial><mass value="0.1"/><inertia ixx="0.0001" ixy="0" ixz="0" iyy="0.0001" iyz="0" izz="0.0001"/></inertial>
+  </link>
+  <joint name="other_finger_joint" type="prismatic">
+    <parent link="hand"/>
+    <child link="other_finger"/>
+    <origin xyz="0 0 0.1"/>
+    <axis xyz="-1 0 0"/>
+    <limit lower="0" upper="0.04" velocity="0.2" effort="20"/>
+    <mimic joint="finger_joint"/>
+  </joint>
+  <link name="other_finger">
+    <inertial><mass value="0.1"/><inertia ixx="0.0001" ixy="0" ixz="0" iyy="0.0001" iyz="0" izz="0.0001"/></inertial>
+  </link>
+  <gazebo reference="hand"><material>Gazebo/Grey</material></gazebo>
+</robot>
+"""
+"""Text of a URDF with what real ones have: a stand, a rounded angle, a camera, a gripper with a mimic joint."""
