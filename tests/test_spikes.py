@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import didim
 from didim.signal.spikes import hampel
+from didim.studies.prediction import predict, relative_errors
 
 
 def torques(seed: int = 0, n: int = 4000) -> np.ndarray:
     rng = np.random.default_rng(seed)
     t = np.arange(n) / 1000.0
-    motion = np.column_stack([20.0 * np.sin(3.0 * t), 5.0 * np.sign(np.sin(5.0 * t)) + np.sin(t)])
+    motion = np.column_stack([20.0 * np.sin(3.0 * t), 5.0 * np.sign(np.sin(5.0 * t + 0.1)) + np.sin(t)])
     return motion + rng.standard_normal((n, 2)) * [0.5, 0.1]
 
 
@@ -61,3 +65,63 @@ def test_a_record_shorter_than_the_window_is_left_alone() -> None:
     found, spikes = hampel(short)
     assert np.array_equal(found, short)
     assert not spikes.any()
+
+
+def planted(experiment: didim.Experiment, share: float, seed: int = 0) -> didim.Experiment:
+    """The same log with spikes of 30 times the noise of each torque."""
+    (recording,) = experiment.recordings
+    assert recording.tau is not None
+    assert experiment.measurement is not None
+    rng = np.random.default_rng(seed)
+    where = rng.random(recording.tau.shape) < share
+    signs = rng.choice([-1.0, 1.0], recording.tau.shape)
+    tau = recording.tau + 30.0 * where * signs * np.array(experiment.measurement.torque_noise)
+    return replace(experiment, recordings=(replace(recording, tau=tau),))
+
+
+@pytest.fixture(scope="module")
+def log() -> didim.Experiment:
+    experiment = didim.packaged_experiment("tx40")
+    experiment = replace(experiment, signal=replace(experiment.signal, cutoff_hz=200.0))
+    return didim.simulated_log(experiment, experiment.robot.parameter_set("didim"), seed=1)
+
+
+def test_the_filter_of_the_experiment_reaches_the_level_without_spikes(log: didim.Experiment) -> None:
+    truth = log.robot.base_parameters.project(log.robot.parameter_set("didim"))
+    clean = didim.identify(log)
+    spoiled = planted(log, 0.005)
+    raw = didim.identify(spoiled)
+    filtered = didim.identify(replace(spoiled, signal=replace(spoiled.signal, spikes="hampel")))
+
+    def off(fit: didim.Identification) -> float:
+        return float(np.sqrt(np.mean(((fit.beta - truth) / clean.std) ** 2)))
+
+    assert off(raw) > 1.7 * off(clean)
+    assert off(filtered) < 1.1 * off(clean)
+    assert filtered.settings["signal"]["spikes"] == "hampel"
+
+
+def test_check_names_spikes_and_the_cure(log: didim.Experiment) -> None:
+    assert not [item for item in didim.check(log) if item.kind == "spikes"]
+    spoiled = planted(log, 0.001)
+    (finding,) = [item for item in didim.check(spoiled) if item.kind == "spikes"]
+    assert finding.joints == (1, 2, 3, 4, 5, 6)
+    assert 'spikes = "hampel"' in finding.advice
+    # Ten in each thousand samples of six joints, of which nearly all are found.
+    assert finding.value == pytest.approx(0.001 * spoiled.recordings[0].q.size, rel=0.25)
+    cured = replace(spoiled, signal=replace(spoiled.signal, spikes="hampel"))
+    assert not [item for item in didim.check(cured) if item.kind == "spikes"]
+
+
+def test_didim_and_a_prediction_see_the_same_torques(log: didim.Experiment) -> None:
+    spoiled = planted(log, 0.005)
+    fit = didim.identify(replace(spoiled, signal=replace(spoiled.signal, spikes="hampel")), didim.DIDIM())
+    raw = didim.identify(spoiled, didim.DIDIM())
+    assert fit.error_std < 0.7 * raw.error_std
+    predicted = predict(fit, spoiled)
+    assert relative_errors(predicted) == pytest.approx(fit.relative_error, rel=1e-2)
+
+
+def test_another_word_is_refused() -> None:
+    with pytest.raises(didim.SignalError, match="spikes must be 'hampel' or None, got 'median'"):
+        didim.SignalProcessing(spikes="median")  # type: ignore[arg-type]

@@ -40,6 +40,7 @@ from .limits import check_limits
 from .probe import Probe
 from .readings import Reader, as_declared
 from .sampled import time_findings
+from .spikes import check_spikes
 from .standstill import check_standstill
 
 MOST_SAMPLES = 30_000
@@ -90,6 +91,8 @@ def check(
     for recording in experiment.recordings:
         of_columns = check_channels(recording)
         found += of_columns
+        if experiment.signal.spikes is None:
+            found += check_spikes(recording)
         recordings.append(_without(recording, of_columns))
     experiment = replace(experiment, recordings=tuple(recordings))
     slow = check_bandwidth(experiment)

@@ -22,6 +22,7 @@ Kind = Literal[
     "jump",
     "clipped",
     "quantised",
+    "spikes",
     "limits",
     "range",
     "unit",

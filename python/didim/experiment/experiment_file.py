@@ -174,6 +174,7 @@ def _signal_keys(table: Table) -> dict[str, Any]:
         decimation=tuple(factors),
         edge_rows=table.integer("edge_rows", None, minimum=0),
         decimation_convention=table.text("decimation_convention", None, choices=["scipy", "matlab"]),
+        spikes=table.text("spikes", None, choices=["hampel"]),
     )
     return {"cutoff_hz": table.number("cutoff_hz", None, above=0.0), **found}
 

@@ -12,6 +12,7 @@ from ..experiment.loop import closed_loop
 from ..loop.closed_loop import ClosedLoop
 from ..model.safe_step import thinned
 from ..signal.align import align
+from ..signal.spikes import without_spikes
 from .method import Job
 
 CHECKED_POSITIONS = 500
@@ -58,7 +59,8 @@ def windows_of(job: Job, delay: float) -> list[Window]:
             loop = closed_loop(experiment, recording, (start, stop))
             n = stop - start
             # The torque is moved back against the motion as for IDIM-LS; the motion is simulated later.
-            (index,), tau = align([np.arange(n, dtype=np.float64)[:, None]], recording.tau[start:stop], delay)
+            measured = without_spikes(recording.tau[start:stop], job.signal)
+            (index,), tau = align([np.arange(n, dtype=np.float64)[:, None]], measured, delay)
             kept = slice(job.signal.trim_start, len(tau) - job.signal.trim_end)
             if kept.stop <= kept.start:
                 raise FitError(

@@ -13,6 +13,7 @@ from ..errors import SignalError
 
 Convention = Literal["scipy", "matlab"]
 Form = Literal["sections", "transfer-function"]
+Spikes = Literal["hampel"]
 
 
 LARGEST_ORDER = 10
@@ -48,6 +49,10 @@ class SignalProcessing:
         samples, which pins the filter to their unfiltered noise: the first kept sample of white torque noise, decimated by 50,
         has 40 times the variance of the others (``test_signals.py``), which spoils estimates and sigmas.
 
+    spikes : {"hampel"} or None
+        Replace spikes of the measured torques before anything else is done with them: Hampel's filter (`didim.signal.spikes`).
+        None leaves them as they are.
+
     Raises
     ------
     SignalError
@@ -63,6 +68,7 @@ class SignalProcessing:
     decimation: tuple[int, ...] = ()
     decimation_convention: Convention = "scipy"
     edge_rows: int = 2
+    spikes: Spikes | None = None
 
     @property
     def kept_rows(self) -> slice:
@@ -94,6 +100,8 @@ class SignalProcessing:
                 raise SignalError(f"{key} must be 'scipy' or 'matlab', got {getattr(self, key)!r}")
         if self.form not in get_args(Form):
             raise SignalError(f"form must be 'sections' or 'transfer-function', got {self.form!r}")
+        if self.spikes not in (None, *get_args(Spikes)):
+            raise SignalError(f"spikes must be 'hampel' or None, got {self.spikes!r}")
 
 
 def _whole(key: str, value: object) -> int:

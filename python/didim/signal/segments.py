@@ -18,6 +18,7 @@ from ..log.recording import Recording
 from .align import align
 from .filters import differentiate
 from .processing import SignalProcessing
+from .spikes import without_spikes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +85,9 @@ def segments(recording: Recording, signal: SignalProcessing, delay_samples: floa
             place += f", window of samples {start} to {stop}"
         with at_place(place):
             found_motion = differentiate(recording.q[start:stop], recording.rate_hz, signal)
-            motion, tau = align(found_motion, recording.tau[start:stop], delay_samples)
+            motion, tau = align(
+                found_motion, without_spikes(recording.tau[start:stop], signal), delay_samples
+            )
         found.append(trimmed(recording, place, signal, motion, tau))
     return found
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.arrays import Array
+from .processing import SignalProcessing
 
 WINDOW = 11
 """Samples of the sliding window: short beside the motion, long enough for a median of noise."""
@@ -64,6 +65,11 @@ def hampel(
     return cleaned, spikes
 
 
+def without_spikes(tau: Array, signal: SignalProcessing) -> Array:
+    """Return measured torques, (n_samples, n_dof), without spikes where the settings say so."""
+    return hampel(tau)[0] if signal.spikes == "hampel" else tau
+
+
 def _medians(signal: Array, window: int) -> tuple[Array, Array]:
     """Median, and median absolute deviation from it, of the window around each sample."""
     half = window // 2
@@ -81,5 +87,7 @@ def _resolution(signal: Array) -> float:
     """Smallest step of a coarsely quantised signal, whose windows are mostly constant; 0 for others."""
     steps = np.abs(np.diff(signal))
     moving = steps[steps > 0.0]
-    # Half of the samples repeat the one before: the steps in between are the resolution of the recording.
-    return float(np.min(moving)) if 0 < moving.size < 0.5 * steps.size else 0.0
+    # Where half of the samples repeat the one before, the steps in between are the resolution of the recording. Steps that are
+    # rarer do not matter: the median of a window is then the level of its sample.
+    coarse = 0.05 * steps.size < moving.size < 0.5 * steps.size
+    return float(np.min(moving)) if coarse else 0.0

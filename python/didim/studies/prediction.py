@@ -28,6 +28,7 @@ from ..signal.decimation import decimation_stages
 from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, segments, trimmed
+from ..signal.spikes import without_spikes
 
 Motion = Literal["measured", "simulated"]
 
@@ -202,7 +203,9 @@ def _simulated(
     if not simulation.outcomes[0].completed:
         raise FitError(f"{place}: the simulation {simulation.outcomes[0]}")
     motion, tau = align(
-        [simulation.q, simulation.dq, simulation.ddq], _torque(recording)[slice(*window)], delay
+        [simulation.q, simulation.dq, simulation.ddq],
+        without_spikes(_torque(recording)[slice(*window)], experiment.signal),
+        delay,
     )
     return trimmed(recording, place, experiment.signal, motion, tau)
 

@@ -28,6 +28,7 @@ from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
 from ...signal.align import align
+from ...signal.spikes import without_spikes
 from ..idim_ls import IDIMLS
 from ..method import Job, delay_record, digests, ratio, ratios
 from ..start import standard_start
@@ -309,7 +310,9 @@ def _windows(job: Job, output: Output) -> list[Window]:
             loop = closed_loop(experiment, recording, (start, stop))
             q = np.ascontiguousarray(recording.q[start:stop])
             tau = (
-                np.zeros_like(q) if recording.tau is None else np.ascontiguousarray(recording.tau[start:stop])
+                np.zeros_like(q)
+                if recording.tau is None
+                else np.ascontiguousarray(without_spikes(recording.tau[start:stop], job.signal))
             )
             with np.errstate(over="ignore"):
                 sizes = np.linalg.norm(tau, axis=0)
