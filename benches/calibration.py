@@ -2,6 +2,7 @@
 
     python benches/calibration.py [--seeds 100] [--starts 20] [--json FILE]
     python benches/calibration.py --methods cloe --seeds 20 --starts 0
+    python benches/calibration.py --methods idim-ls --seeds 40 --starts 0 --cutoff-hz 60
 
 simulates the log of the packaged TX40 experiment once, adds noise once per seed, and identifies each log by IDIM-LS and
 DIDIM, or by CLOE (Levenberg and Marquardt from (21)). For right standard deviations the root mean square of
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -69,10 +71,16 @@ def main() -> None:
     parser.add_argument(
         "--methods", nargs="+", choices=("idim-ls", "didim", "cloe"), default=["idim-ls", "didim"]
     )
+    parser.add_argument(
+        "--cutoff-hz", type=float, help="of the filter of IDIM-LS, instead of the packaged one"
+    )
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
 
     experiment = packaged_experiment("tx40")
+    if arguments.cutoff_hz is not None:
+        signal = replace(experiment.signal, cutoff_hz=arguments.cutoff_hz)
+        experiment = replace(experiment, signal=signal)
     x = experiment.robot.parameter_set("didim")
     base = experiment.robot.base_parameters
     truth = base.project(x)

