@@ -22,6 +22,7 @@ FLOORS = (
     ("experiment",),
     ("result",),
     ("methods",),
+    ("export",),
     ("studies",),
     ("plot",),
     ("formats",),

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from .diagnosis.finding import Finding, Findings
     from .experiment.experiment import Experiment
     from .experiment.experiment_file import load_experiment
+    from .export.mjcf import to_mjcf
+    from .export.sdf import to_sdf
+    from .export.urdf import to_urdf
     from .log.recording import Recording
     from .loop.closed_loop import SimulationStatus
     from .loop.controller import Controller, Digital
@@ -103,6 +106,9 @@ __all__ = [
     "report",
     "simulate",
     "simulated_log",
+    "to_mjcf",
+    "to_sdf",
+    "to_urdf",
     "validate",
 ]
 
@@ -145,6 +151,9 @@ _LATER = {
     "regressor": "model.dynamics",
     "simulate": "loop.simulation",
     "simulated_log": "studies.simulated_log",
+    "to_mjcf": "export.mjcf",
+    "to_sdf": "export.sdf",
+    "to_urdf": "export.urdf",
     "validate": "studies.validation",
 }
 """Modules of the names that are loaded when they are asked for: a program waits for the parts it uses, and for no others."""

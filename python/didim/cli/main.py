@@ -18,6 +18,7 @@ from ..errors import DidimError, RobotWarning
 from .base import add as add_base
 from .check import add as add_check
 from .compare import add as add_compare
+from .export import add as add_export
 from .identify import add as add_identify
 from .init import add as add_init
 from .options import CONVERGED, INTERRUPTED, Parser, refuse
@@ -89,5 +90,6 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_identify,
     add_validate,
     add_simulate,
+    add_export,
     add_base,
 )

@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
         gravity=options.gravity,
         snap=SNAP if options.snap is None else options.snap,
     )
-    if reading.suspicion is not None:
+    if reading.suspicion is not None and options.snap is None:
         print(f"didim: warning: {reading.suspicion}", file=sys.stderr)
     tell(reading.robot.notes)
     if options.output is not None:

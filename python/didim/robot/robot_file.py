@@ -45,7 +45,7 @@ def load_robot(
     gravity : sequence of 3 float, optional
         Acceleration of gravity in the base link of a URDF (m/s^2); by default the z axis of the root link points up.
     snap : float, optional
-        Largest angle (rad) by which rounded right angles are snapped; 1e-4 by default, 0 for none.
+        Largest angle (rad) by which rounded right angles are snapped; 1e-4 by default, 0 for none. Given, there is no warning.
 
     Returns
     -------
@@ -66,9 +66,9 @@ def load_robot(
     if path.suffix.lower() == ".urdf":
         from .urdf.reading import read_urdf
 
-        snap = SNAP if snap is None else snap
-        reading = read_urdf(path, tip=tip, base=base, lock=lock, gravity=gravity, snap=snap)
-        if reading.suspicion is not None:
+        limit = SNAP if snap is None else snap
+        reading = read_urdf(path, tip=tip, base=base, lock=lock, gravity=gravity, snap=limit)
+        if reading.suspicion is not None and snap is None:
             warnings.warn(reading.suspicion, RobotWarning, stacklevel=2)
         return reading.robot
     for option, value in (("tip", tip), ("base", base), ("lock", lock), ("gravity", gravity)):
@@ -82,7 +82,7 @@ def load_robot(
     content = read_toml(path, RobotError)
     angles = RightAngles(SNAP if snap is None else snap)
     robot = _robot(Table(content, path.name, RobotError), path, angles)
-    if angles.suspicious:
+    if angles.suspicious and snap is None:
         warnings.warn(angles.suspicion(path.name), RobotWarning, stacklevel=2)
     for parameter_set in robot._named:  # now, so that a wrong description is an error of loading
         robot.parameter_set(parameter_set)

@@ -1,0 +1,77 @@
+"""``didim export``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .options import CONVERGED, add_command, refuse, tell
+
+if TYPE_CHECKING:
+    from .options import Commands
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands, "export", run, "write identified parameters into the user's URDF, or as MJCF or SDF"
+    )
+    parser.add_argument("fit", metavar="FIT.json", type=Path, nargs="?", help="result of an identification")
+    parser.add_argument(
+        "--parameters",
+        metavar="FILE|NAME",
+        help="in place of a result: a file of parameters (.toml, .npz), or a parameter set of the robot",
+    )
+    parser.add_argument(
+        "--robot",
+        metavar="ROBOT",
+        help="robot, robot file or URDF (default: the file that the result was made with, beside it or the URDF; the URDF itself)",
+    )
+    form = parser.add_mutually_exclusive_group(required=True)
+    form.add_argument(
+        "--urdf", metavar="ARM.urdf", type=Path, help="URDF whose inertias and friction are replaced"
+    )
+    form.add_argument("--mjcf", action="store_true", help="write MJCF, the format of MuJoCo")
+    form.add_argument("--sdf", action="store_true", help="write SDF, the format of Gazebo and Drake")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="new file (default: stdout)")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    parser.add_argument(
+        "--keep-lumped",
+        action="store_true",
+        help="in a URDF: links that are fixed to a moving one keep their inertia, and it gets the difference",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    from .._tools.files import write_atomically
+    from ..export.source import exported_parameters
+    from ..export.write import export
+
+    if (options.fit is None) == (options.parameters is None):
+        return refuse("export takes either a result, FIT.json, or --parameters")
+    if options.keep_lumped and options.urdf is None:
+        return refuse("--keep-lumped is for --urdf")
+    if options.output is not None and options.output.exists() and not options.force:
+        return refuse(f"{options.output}: the file is there already; --force overwrites it")
+    source = exported_parameters(
+        fit=options.fit, parameters=options.parameters, robot=options.robot, urdf=options.urdf
+    )
+    tell(source.notes)
+    content, report = export(
+        source.robot,
+        source.x,
+        "urdf" if options.urdf is not None else "mjcf" if options.mjcf else "sdf",
+        urdf=options.urdf,
+        keep_lumped=options.keep_lumped,
+        from_prior=source.from_prior,
+    )
+    if options.output is None:
+        sys.stdout.buffer.write(content)
+        print(report, file=sys.stderr)
+        return CONVERGED
+    write_atomically(options.output, content)
+    print(f"{options.output}: written\n\n{report}")
+    return CONVERGED

@@ -1,0 +1,1 @@
+"""Identified parameters written into the files of simulators."""

@@ -1,0 +1,255 @@
+"""What an exported file needs of a robot: a body per link, the drive of each joint, and the place of everything.
+
+Standard parameters that no robot can have are refused here, link by link and joint by joint. Tested in ``tests/test_export.py``.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._tools.arrays import Array
+from ..errors import FitError
+from ..model.dynamics import standard_vector
+from ..robot.rigid_body import INERTIAL, inverse, mdh_pose, pseudo_inertia, why_no_body
+from ..robot.robot import JointLimits, Robot
+
+
+@dataclass(frozen=True, eq=False)
+class LinkBody:
+    """One moving link with its joint, in the frames of the exported file.
+
+    Attributes
+    ----------
+    link, joint, kind : str
+        Names, and ``revolute`` or ``prismatic``.
+    pose : (4, 4) array
+        Frame of the link at position zero in that of the link before (the base for the first), m.
+    axis : (3,) array
+        Unit axis of the joint in the frame of the link.
+    pseudo : (4, 4) array
+        Pseudo-inertia in the frame of the link.
+    limits : JointLimits
+        Of the joint.
+    viscous, coulomb : float
+        Friction of the joint: ``Fv`` (N.m.s/rad or N.s/m) and ``Fc`` (N.m or N), the mean of both directions where they differ.
+    rotor : float
+        ``Ia`` (kg.m^2 or kg), joint side.
+    """
+
+    link: str
+    joint: str
+    kind: str
+    pose: Array
+    axis: Array
+    pseudo: Array
+    limits: JointLimits
+    viscous: float
+    coulomb: float
+    rotor: float
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledMotor:
+    """A motor that turns with several joints, (22): its speed is ``coefficients @ dq``.
+
+    Attributes
+    ----------
+    number : int
+        The motor, and the joint it is named after, from 0.
+    coefficients : (n_dof,) array
+        Row of the coupling matrix, 1 for its own joint.
+    rotor, viscous, coulomb : float
+        ``Ia``, ``Fvm`` and ``Fcm``.
+    """
+
+    number: int
+    coefficients: Array
+    rotor: float
+    viscous: float
+    coulomb: float
+
+
+@dataclass(frozen=True, eq=False)
+class ExportModel:
+    """A robot with physical parameters, ready to be written.
+
+    Attributes
+    ----------
+    name, base : str
+        Of the robot, and of the link that stands still.
+    gravity : (3,) array
+        Acceleration of gravity in the base (m/s^2).
+    links : tuple of LinkBody
+        From the base outwards.
+    motors : tuple of CoupledMotor
+        Motors that turn with several joints.
+    left_out : tuple of str
+        Sentences on parameters that neither URDF, MJCF nor SDF has a place for.
+    """
+
+    name: str
+    base: str
+    gravity: Array
+    links: tuple[LinkBody, ...]
+    motors: tuple[CoupledMotor, ...]
+    left_out: tuple[str, ...]
+
+    def own_share(self, key: str) -> Array:
+        """Return the ``rotor``, ``viscous`` or ``coulomb`` of each joint without the shares of coupled motors.
+
+        ``Ia_j`` and ``Fv_j`` contain ``c^2`` times those of every motor that turns with joint j (24), ``Fc_j`` contains only
+        that of its own motor.
+
+        Raises
+        ------
+        FitError
+            When a share is negative: no drive has that.
+        """
+        share = np.array([getattr(link, key) for link in self.links])
+        for motor in self.motors:
+            value = getattr(motor, key)
+            if key == "coulomb":
+                share[motor.number] -= value
+            else:
+                share -= motor.coefficients**2 * value
+        # Where a motor is all that a joint has, rounding may leave a negative zero.
+        scale = np.array([abs(getattr(link, key)) for link in self.links])
+        share[np.abs(share) <= 1e-14 * scale] = 0.0
+        for link, value in zip(self.links, share, strict=True):
+            if value < 0.0:
+                raise FitError(
+                    f"{_WORDS[key]} of joint {link.joint!r} without its coupled motors is {value:.4g}: no drive has that; "
+                    "export physically consistent parameters"
+                )
+        return share
+
+
+_WORDS = {"rotor": "rotor inertia", "viscous": "viscous friction", "coulomb": "Coulomb friction"}
+
+
+def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
+    """Check that standard parameters are those of a robot, and lay them out for a file.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; one with a ``[urdf]`` table keeps the names and frames of its URDF.
+    x : (n_parameters,) array
+        Standard parameters in the order of ``robot.parameter_names``, SI units, joint side.
+
+    Raises
+    ------
+    FitError
+        When a link is not a body, or a friction or rotor inertia is negative; the message names the link or joint.
+    ShapeError
+        When `x` has another length, or a NaN.
+    """
+    values = dict(zip(robot.parameter_names, standard_vector(robot, x).tolist(), strict=True))
+    places = robot.correspondence
+    n = robot.n_dof
+    links = [place.link for place in places.links] if places else [f"link{j + 1}" for j in range(n)]
+    joints = robot.joint_names or tuple(f"joint{j + 1}" for j in range(n))
+    offsets = [place.matrix for place in places.links] if places else [np.eye(4)] * n
+    geometry = robot.geometry
+    bodies = []
+    before = inverse(places.base_matrix) if places else np.eye(4)
+    for j in range(n):
+        step = mdh_pose(geometry.alpha[j], geometry.d[j], geometry.theta[j], geometry.r[j])
+        inside = inverse(offsets[j])
+        ten = np.array([values[f"{key}{j + 1}"] for key in INERTIAL])
+        pseudo = inside @ pseudo_inertia(ten) @ inside.T
+        _check_body(links[j], pseudo)
+        viscous, coulomb = _friction(values, j)
+        body = LinkBody(
+            link=links[j],
+            joint=joints[j],
+            kind=geometry.kinds[j],
+            pose=_clean(inverse(before) @ step @ offsets[j]),
+            axis=_clean(inside[:3, 2]),
+            pseudo=0.5 * (pseudo + pseudo.T),
+            limits=robot.limits[j],
+            viscous=viscous,
+            coulomb=coulomb,
+            rotor=values[f"Ia{j + 1}"],
+        )
+        _check_drive(body)
+        bodies.append(body)
+        before = offsets[j]
+    gravity = np.array(geometry.gravity)
+    return ExportModel(
+        name=robot.name,
+        base=places.base if places else "base",
+        gravity=_clean(places.base_matrix[:3, :3] @ gravity) if places else gravity,
+        links=tuple(bodies),
+        motors=tuple(_motors(robot, values)),
+        left_out=tuple(_left_out(robot, values, joints)),
+    )
+
+
+def _check_body(link: str, pseudo: Array) -> None:
+    reason = why_no_body(pseudo)
+    if reason is not None:
+        hint = ""
+        if not pseudo[3, 3]:
+            hint = " (base parameters alone give no masses)"
+        raise FitError(
+            f"link {link!r} is not a body: {reason}{hint}; export physically consistent parameters"
+        )
+
+
+def _check_drive(body: LinkBody) -> None:
+    for key, word in _WORDS.items():
+        value = getattr(body, key)
+        if value < 0.0:
+            raise FitError(
+                f"{word} of joint {body.joint!r} is negative ({value:.4g}); export physically consistent parameters"
+            )
+
+
+def _friction(values: dict[str, float], j: int) -> tuple[float, float]:
+    """Viscous and Coulomb friction of a joint, the mean of both directions where they have their own."""
+    if f"Fv{j + 1}" in values:
+        return values[f"Fv{j + 1}"], values[f"Fc{j + 1}"]
+    viscous, coulomb = (0.5 * (values[f"{key}{j + 1}+"] + values[f"{key}{j + 1}-"]) for key in ("Fv", "Fc"))
+    return viscous, coulomb
+
+
+def _motors(robot: Robot, values: dict[str, float]) -> list[CoupledMotor]:
+    found = []
+    for m, row in enumerate(np.array(robot.geometry.coupling)):
+        if f"Fvm{m + 1}" in values:
+            found.append(
+                CoupledMotor(
+                    number=m,
+                    coefficients=row / row[m],
+                    rotor=values[f"Ia{m + 1}"],
+                    viscous=values[f"Fvm{m + 1}"],
+                    coulomb=values[f"Fcm{m + 1}"],
+                )
+            )
+    return found
+
+
+def _left_out(robot: Robot, values: dict[str, float], joints: tuple[str, ...]) -> list[str]:
+    sentences = []
+    offsets = [joint for j, joint in enumerate(joints) if values.get(f"Off{j + 1}")]
+    if offsets:
+        sentences.append(
+            f"the torque offsets of {', '.join(offsets)} are left out: no format has a place for them"
+        )
+    known = re.compile(r"(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M|Ia|Fv|Fc|Off|Fvm|Fcm)\d+[+-]?")
+    terms = [name for name, value in values.items() if value and not known.fullmatch(name)]
+    if terms:
+        sentences.append(f"{', '.join(terms)} are left out: no format has a place for such friction")
+    if robot.friction.model == "asymmetric":
+        sentences.append("friction is the mean of both directions: no format has one per direction")
+    return sentences
+
+
+def _clean(matrix: Array) -> Array:
+    """Zeros where rounding left less than 1e-15 (of 1, or of 1 m)."""
+    return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)

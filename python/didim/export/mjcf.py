@@ -1,0 +1,124 @@
+"""A robot as MJCF, the model format of MuJoCo, which has a place for all of the model but torque offsets.
+
+``armature``, ``damping`` and ``frictionloss`` of a joint are ``Ia``, ``Fv`` and ``Fc``. A motor that turns with several joints is a
+fixed tendon over them, with its own armature, damping and friction loss; what it contributes to ``Ia_j``, ``Fv_j`` and ``Fc_j``,
+(24), is taken off the joints. Tested in ``tests/test_export_mjcf.py`` by ``mj_inverse``.
+"""
+
+from __future__ import annotations
+
+from xml.sax.saxutils import quoteattr
+
+from numpy.typing import ArrayLike
+
+from ..robot.rigid_body import central, quaternion
+from ..robot.robot import Robot
+from .bodies import ExportModel, LinkBody, export_model
+from .numbers import number, numbers
+
+
+def to_mjcf(robot: Robot, x: ArrayLike) -> str:
+    """Write a robot as MJCF.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; one that was read from a URDF keeps its names and frames.
+    x : (n_parameters,) array
+        Standard parameters in the order of ``robot.parameter_names``, SI units, joint side: those of real bodies.
+
+    Returns
+    -------
+    str
+        Content of the file. Gravity is seen from the base link, which is the world.
+
+    Raises
+    ------
+    FitError
+        When a link is not a body or a drive has negative parameters (``tests/test_export_mjcf.py``).
+    ShapeError
+        When `x` has another length, or a NaN.
+    """
+    return mjcf_text(export_model(robot, x))
+
+
+def mjcf_text(model: ExportModel) -> str:
+    """Return the MJCF of a robot that is laid out for a file."""
+    rotor, viscous, coulomb = (model.own_share(key) for key in ("rotor", "viscous", "coulomb"))
+    lines = [
+        f"<mujoco model={quoteattr(model.name)}>",
+        '  <compiler angle="radian" autolimits="true"/>',
+        f'  <option gravity="{numbers(model.gravity)}"/>',
+        "  <worldbody>",
+    ]
+    indent = "    "
+    own_base = model.base != "world"  # the name of MuJoCo's own outermost body
+    if own_base:
+        lines.append(f"{indent}<body name={quoteattr(model.base)}>")
+        indent += "  "
+    for j, link in enumerate(model.links):
+        lines += [indent + line for line in _body(link, rotor[j], viscous[j], coulomb[j])]
+        indent += "  "
+    for _ in range(len(model.links) + own_base):
+        indent = indent[:-2]
+        lines.append(f"{indent}</body>")
+    lines.append("  </worldbody>")
+    if model.motors:
+        lines += ["  <tendon>", *_tendons(model), "  </tendon>"]
+    lines += [
+        "  <actuator>",
+        *(f"    {_actuator(link)}" for link in model.links),
+        "  </actuator>",
+        "</mujoco>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _body(link: LinkBody, rotor: float, viscous: float, coulomb: float) -> list[str]:
+    mass, centre, inertia = central(link.pseudo)
+    entries = [inertia[at] for at in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    joint = {
+        "name": quoteattr(link.joint),
+        "type": '"slide"' if link.kind == "prismatic" else '"hinge"',
+        "axis": f'"{numbers(link.axis)}"',
+    }
+    if link.limits.position is not None:
+        joint["range"] = f'"{numbers(link.limits.position)}"'
+    for key, value in (("armature", rotor), ("damping", viscous), ("frictionloss", coulomb)):
+        if value:
+            joint[key] = f'"{number(value)}"'
+    attributes = " ".join(f"{key}={value}" for key, value in joint.items())
+    return [
+        f'<body name={quoteattr(link.link)} pos="{numbers(link.pose[:3, 3])}" '
+        f'quat="{numbers(quaternion(link.pose[:3, :3]))}">',
+        f"  <joint {attributes}/>",
+        f'  <inertial pos="{numbers(centre)}" mass="{number(mass)}" fullinertia="{numbers(entries)}"/>',
+    ]
+
+
+def _tendons(model: ExportModel) -> list[str]:
+    lines = []
+    for motor in model.motors:
+        attributes = "".join(
+            f' {key}="{number(value)}"'
+            for key, value in (
+                ("armature", motor.rotor),
+                ("damping", motor.viscous),
+                ("frictionloss", motor.coulomb),
+            )
+            if value
+        )
+        lines.append(f"    <fixed name={quoteattr(f'motor{motor.number + 1}')}{attributes}>")
+        lines += [
+            f'      <joint joint={quoteattr(link.joint)} coef="{number(coefficient)}"/>'
+            for link, coefficient in zip(model.links, motor.coefficients, strict=True)
+            if coefficient
+        ]
+        lines.append("    </fixed>")
+    return lines
+
+
+def _actuator(link: LinkBody) -> str:
+    effort = link.limits.effort
+    limit = f' ctrlrange="{numbers([-effort, effort])}"' if effort else ""
+    return f"<motor name={quoteattr(f'{link.joint}_motor')} joint={quoteattr(link.joint)}{limit}/>"

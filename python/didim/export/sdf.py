@@ -1,0 +1,127 @@
+"""A robot as SDF, the model format of Gazebo and Drake.
+
+Links stand at their poses in the model's frame, which is that of the base; joints have damping and friction. SDF has no place for
+rotor inertias and coupled motors. Tested in ``tests/test_export_sdf.py``, which reads the file with Pinocchio's algorithms.
+"""
+
+from __future__ import annotations
+
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._tools.arrays import Array
+from ..robot.rigid_body import central, roll_pitch_yaw
+from ..robot.robot import Robot
+from .bodies import ExportModel, LinkBody, export_model
+from .numbers import number, numbers
+
+VERSION = "1.6"
+"""Version of SDF that is written: the poses of links are those of the model's frame in every version."""
+
+
+def to_sdf(robot: Robot, x: ArrayLike) -> str:
+    """Write a robot as SDF.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; one that was read from a URDF keeps its names and frames.
+    x : (n_parameters,) array
+        Standard parameters in the order of ``robot.parameter_names``, SI units, joint side: those of real bodies.
+
+    Returns
+    -------
+    str
+        Content of the file: a model that is fixed to the world. Gravity is the world's, and not part of it.
+
+    Raises
+    ------
+    FitError
+        When a link is not a body or a drive has negative parameters (``tests/test_export_sdf.py``).
+    ShapeError
+        When `x` has another length, or a NaN.
+    """
+    return sdf_text(export_model(robot, x))
+
+
+def sdf_text(model: ExportModel) -> str:
+    """Return the SDF of a robot that is laid out for a file."""
+    lines = [
+        '<?xml version="1.0"?>',
+        f'<sdf version="{VERSION}">',
+        f"  <model name={quoteattr(model.name)}>",
+    ]
+    if model.base != "world":  # which SDF has already
+        lines += [
+            f"    <link name={quoteattr(model.base)}/>",
+            '    <joint name="world_to_base" type="fixed">',
+            "      <parent>world</parent>",
+            f"      <child>{escape(model.base)}</child>",
+            "    </joint>",
+        ]
+    frame = np.eye(4)
+    parent = model.base
+    for link in model.links:
+        frame = frame @ link.pose
+        lines += _link(link, frame) + _joint(link, parent)
+        parent = link.link
+    return "\n".join([*lines, "  </model>", "</sdf>"]) + "\n"
+
+
+def no_drives(model: ExportModel, format_name: str) -> list[str]:
+    """Return sentences on rotor inertias and coupled motors, for a format without them."""
+    sentences = []
+    rotors = [f"{link.joint} {link.rotor:.4g}" for link in model.links if link.rotor]
+    if rotors:
+        sentences.append(f"{format_name} has no place for rotor inertias (kg.m^2 or kg): {', '.join(rotors)}")
+    motors = ", ".join(str(motor.number + 1) for motor in model.motors)
+    if motors:
+        sentences.append(
+            f"{format_name} has no place for motors that turn several joints: {motors} (MJCF has)"
+        )
+    return sentences
+
+
+def _link(link: LinkBody, frame: Array) -> list[str]:
+    mass, centre, inertia = central(link.pseudo)
+    place = numbers([*frame[:3, 3], *roll_pitch_yaw(frame[:3, :3])])
+    entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    return [
+        f"    <link name={quoteattr(link.link)}>",
+        f"      <pose>{place}</pose>",
+        "      <inertial>",
+        f"        <pose>{numbers([*centre, 0.0, 0.0, 0.0])}</pose>",
+        f"        <mass>{number(mass)}</mass>",
+        "        <inertia>",
+        *(f"          <{key}>{number(inertia[at])}</{key}>" for key, at in entries.items()),
+        "        </inertia>",
+        "      </inertial>",
+        "    </link>",
+    ]
+
+
+def _joint(link: LinkBody, parent: str) -> list[str]:
+    limits = link.limits
+    entries = [
+        ("lower", limits.position and limits.position[0]),
+        ("upper", limits.position and limits.position[1]),
+        ("effort", limits.effort),
+        ("velocity", limits.velocity),
+    ]
+    limit = [f"          <{key}>{number(value)}</{key}>" for key, value in entries if value is not None]
+    return [
+        f'    <joint name={quoteattr(link.joint)} type="{link.kind}">',
+        f"      <parent>{escape(parent)}</parent>",
+        f"      <child>{escape(link.link)}</child>",
+        "      <axis>",
+        f"        <xyz>{numbers(link.axis)}</xyz>",
+        *(["        <limit>", *limit, "        </limit>"] if limit else []),
+        "        <dynamics>",
+        f"          <damping>{number(link.viscous)}</damping>",
+        f"          <friction>{number(link.coulomb)}</friction>",
+        "        </dynamics>",
+        "      </axis>",
+        "    </joint>",
+    ]

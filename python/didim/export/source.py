@@ -1,0 +1,112 @@
+"""Which parameters of which robot are exported: those of a result, of a file, or of a set. Tested in ``tests/test_export.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from .._tools.arrays import Array
+from ..errors import FitError
+from ..result.identification import Identification
+from ..robot.parameter_file import is_file, load_parameters
+from ..robot.robot import Robot
+from ..robot.robot_file import PACKAGED, load_robot
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What is exported.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot.
+    x : (n_parameters,) array
+        Standard parameters.
+    notes : tuple of str
+        Sentences on how they were found.
+    from_prior : mapping of int to tuple of str
+        For each link (from 0), its standard parameters that only a prior knows.
+    """
+
+    robot: Robot
+    x: Array
+    notes: tuple[str, ...] = ()
+    from_prior: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+
+
+def exported_parameters(
+    *, fit: Path | None, parameters: str | None, robot: str | None, urdf: Path | None
+) -> Source:
+    """Find robot and parameters for ``didim export``.
+
+    Parameters
+    ----------
+    fit : Path or None
+        Result of an identification.
+    parameters : str or None
+        In its place: a file of parameters, or a set of the robot.
+    robot : str or None
+        Robot; by default the file that the result was made with, or the URDF itself.
+    urdf : Path or None
+        The URDF that is edited.
+
+    Raises
+    ------
+    FitError
+        When the robot is not found, or is another one than the result's.
+    RobotError
+        When the robot cannot be read, or has no such set.
+    OSError
+        When a file cannot be read.
+    """
+    if fit is None:
+        assert parameters is not None
+        if robot is None and urdf is None:
+            raise FitError("which robot has these parameters? Say --robot ROBOT")
+        model = load_robot(urdf if robot is None else robot)  # type: ignore[arg-type]
+        x = load_parameters(model, parameters) if is_file(parameters) else model.parameter_set(parameters)
+        return Source(model, x, model.notes)
+    result = Identification.load(fit)
+    model = _robot_of(result, fit, robot, urdf)
+    return Source(model, result.parameters, model.notes)
+
+
+def _robot_of(fit: Identification, path: Path, robot: str | None, urdf: Path | None) -> Robot:
+    """Return the robot that a result was made with."""
+    found = _candidate(fit, path, urdf) if robot is None else load_robot(robot)
+    used = fit.settings.get("robot", {}).get("friction", {})
+    options = {key: used[key] for key in ("model", "coulomb", "coupling") if key in used}
+    if options.get("coulomb") == "tanh":  # the shape near standstill has no say in the parameters
+        options["coulomb"] = "sign"
+    found = found.with_friction(**options)
+    if found.parameter_names != fit.parameter_names:
+        other = next((name for name in fit.parameter_names if name not in found.parameter_names), None)
+        what = f"parameter {other!r}" if other else f"{len(fit.parameter_names)} parameters"
+        raise FitError(
+            f"{path.name}: it has {what}, which robot {found.name!r} has not; is it of another robot?"
+        )
+    return found
+
+
+def _candidate(fit: Identification, path: Path, urdf: Path | None) -> Robot:
+    """Look for the robot file by its name and digest: beside the result, the URDF, and here; or among the packaged robots."""
+    names = [key.removeprefix("robot ") for key in fit.digests if key.startswith("robot ")]
+    folders = [path.parent, *([] if urdf is None else [urdf.parent]), Path(), PACKAGED]
+    other = None
+    for name in names:
+        for folder in folders:
+            file = folder / name
+            if not file.is_file():
+                continue
+            found = load_robot(file)
+            if found.digest == fit.digests[f"robot {name}"]:
+                return found
+            other = file
+    if other is not None:
+        raise FitError(
+            f"{other} has changed since {path.name} was made with it; identify again, or say --robot ROBOT to take it all the same"
+        )
+    wanted = f"its robot file {names[0]!r} is" if names else "its robot is"
+    raise FitError(f"{path.name}: {wanted} not beside it; say where it is: --robot ROBOT")

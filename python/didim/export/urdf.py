@@ -1,0 +1,222 @@
+"""New inertias and friction in the user's own URDF, every other byte as it was.
+
+Only ``<inertial>`` of the moving links and ``<dynamics>`` of their joints change; comments, order, white space and the blocks of
+other programs stay. A group of links that move together goes into its moving link, and those that are fixed to it lose their
+``<inertial>``. Links that hang on locked joints, such as fingers, keep theirs: the moving link gets the difference.
+Tested in ``tests/test_export_urdf.py`` with Pinocchio, MuJoCo and yourdfpy.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from numpy.typing import ArrayLike
+
+from .._tools.arrays import Array
+from ..errors import FitError
+from ..robot.rigid_body import central, why_no_body
+from ..robot.robot import Robot
+from ..robot.urdf.chain import Chain, choose_chain
+from ..robot.urdf.description import Description, read_description
+from ..robot.urdf.xml_spans import Element, parse_xml
+from .bodies import ExportModel, LinkBody, export_model
+from .numbers import number, numbers
+
+ROTOR_NOTE = " didim: rotor inertia "
+"""How the comment on a rotor inertia begins, which a later export replaces."""
+
+
+@dataclass(frozen=True)
+class Edit:
+    """New bytes for the span from `start` to `end` of a file."""
+
+    start: int
+    end: int
+    text: bytes
+
+
+def to_urdf(robot: Robot, x: ArrayLike, urdf: str | Path, *, keep_lumped: bool = False) -> bytes:
+    """Write parameters into the URDF that a robot was read from.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot read from a URDF, or from a robot file with a ``[urdf]`` table.
+    x : (n_parameters,) array
+        Standard parameters in the order of ``robot.parameter_names``, SI units, joint side: those of real bodies.
+    urdf : str or Path
+        The URDF.
+    keep_lumped : bool
+        Leave fixed links their ``<inertial>`` and write the difference into the moving link.
+
+    Returns
+    -------
+    bytes
+        Content of the new file.
+
+    Raises
+    ------
+    FitError
+        When the file is another one than the robot was read from, a link is not a body, or a drive has negative parameters
+        (``tests/test_export_urdf.py``).
+    ShapeError
+        When `x` has another length, or a NaN.
+    """
+    data = urdf_bytes(robot, Path(urdf))
+    model = export_model(robot, x)
+    description, chain = described(robot, data, Path(urdf).name)
+    return edited(data, edits(data, Path(urdf).name, model, description, chain, keep_lumped))
+
+
+def urdf_bytes(robot: Robot, urdf: Path) -> bytes:
+    """Return the content of the URDF, which must be the one that the robot was read from."""
+    places = robot.correspondence
+    if places is None:
+        raise FitError(
+            f"robot {robot.name!r} was not read from a URDF: its file has no [urdf] table "
+            f"(make one: didim robot {urdf.name} -o arm.toml)"
+        )
+    data = urdf.read_bytes()
+    if hashlib.sha256(data).hexdigest() != places.sha256:
+        raise FitError(
+            f"{urdf.name} is not the file that robot {robot.name!r} was read from ({places.file}, whose digest the robot has); "
+            "read it again: didim robot"
+        )
+    return data
+
+
+def described(robot: Robot, data: bytes, where: str) -> tuple[Description, Chain]:
+    """Return what the URDF of a robot says, and its chain."""
+    places = robot.correspondence
+    assert places is not None
+    description = read_description(data, where)
+    chain = choose_chain(description, base=places.base, tip=places.tip, lock=dict(places.lock))
+    return description, chain
+
+
+def edits(
+    data: bytes, where: str, model: ExportModel, description: Description, chain: Chain, keep_lumped: bool
+) -> list[Edit]:
+    """Return the changes of a file, in no order."""
+    outermost = parse_xml(data, where)
+    links = {element.attributes.get("name"): element for element in outermost.all("link")}
+    joints = {element.attributes.get("name"): element for element in outermost.all("joint")}
+    newline = b"\r\n" if b"\r\n" in data else b"\n"
+    found = []
+    for body, group in zip(model.links, chain.groups, strict=True):
+        pseudo = body.pseudo.copy()
+        kept = []
+        for member in group[1:]:
+            inertial = description.links[member.link]
+            if inertial is None:
+                continue
+            if keep_lumped or member.locked:
+                pseudo -= member.pose @ inertial.pseudo @ member.pose.T
+                kept.append(member.link)
+            else:
+                element = links[member.link].find("inertial")
+                assert element is not None
+                found.append(
+                    Edit(
+                        element.start,
+                        element.end,
+                        f"<!-- inertial: part of link {_safe(body.link)} -->".encode(),
+                    )
+                )
+        reason = why_no_body(pseudo)
+        if reason is not None:
+            raise FitError(
+                f"link {body.link!r} is not a body without the links that keep their own inertia ({', '.join(kept)}): {reason}"
+            )
+        found.append(_inertial(data, links[body.link], pseudo, newline))
+        found += _dynamics(data, joints[body.joint], body, newline)
+    return found
+
+
+def edited(data: bytes, changes: Iterable[Edit]) -> bytes:
+    """Return a file with changes that do not overlap."""
+    parts, place = [], 0
+    for change in sorted(changes, key=lambda change: (change.start, change.end)):
+        parts += [data[place : change.start], change.text]
+        place = change.end
+    return b"".join([*parts, data[place:]])
+
+
+def _inertial(data: bytes, link: Element, pseudo: Array, newline: bytes) -> Edit:
+    """Return the inertial element of a link, in place of the one it has, or as its first child."""
+    mass, centre, inertia = central(pseudo)
+    old = link.find("inertial")
+    indent = _indent(data, old.start) if old else _indent(data, link.start) + b"  "
+    entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    moments = " ".join(f'{key}="{number(inertia[at])}"' for key, at in entries.items())
+    lines = [
+        "<inertial>",
+        f'  <origin xyz="{numbers(centre)}" rpy="0 0 0"/>',
+        f'  <mass value="{number(mass)}"/>',
+        f"  <inertia {moments}/>",
+        "</inertial>",
+    ]
+    text = (newline + indent).join(line.encode() for line in lines)
+    if old is not None:
+        return Edit(old.start, old.end, text)
+    text = newline + indent + text
+    if link.opened == link.end:  # <link name="x"/>
+        slash = data.rindex(b"/", link.start, link.end)
+        return Edit(slash, link.end, b">" + text + newline + _indent(data, link.start) + b"</link>")
+    return Edit(link.opened, link.opened, text)
+
+
+def _dynamics(data: bytes, joint: Element, body: LinkBody, newline: bytes) -> list[Edit]:
+    """Friction of a joint, and its rotor inertia as a comment: URDF has no place for it."""
+    found = []
+    values = {"damping": body.viscous, "friction": body.coulomb}
+    old = joint.find("dynamics")
+    behind = b""
+    if old is not None:
+        changed = {
+            key: value for key, value in values.items() if float(old.attributes.get(key, "0")) != value
+        }
+        found += [_attribute(data, old, key, number(value)) for key, value in changed.items()]
+    indent = _indent(data, joint.children[-1].start)
+    if old is None and any(values.values()):
+        words = " ".join(f'{key}="{number(value)}"' for key, value in values.items())
+        behind += newline + indent + f"<dynamics {words}/>".encode()
+    note = next((comment for comment in joint.comments if comment.text.startswith(ROTOR_NOTE)), None)
+    unit = "kg" if body.kind == "prismatic" else "kg.m^2"
+    text = f"<!--{ROTOR_NOTE}{number(body.rotor)} {unit} (armature), which URDF has no place for -->".encode()
+    if note is not None:
+        found.append(Edit(note.start, note.end, text))
+    elif body.rotor:
+        behind += newline + indent + text
+    if behind:
+        last = max(joint.children, key=lambda child: child.end).end
+        found.append(Edit(last, last, behind))
+    return found
+
+
+def _attribute(data: bytes, element: Element, key: str, value: str) -> Edit:
+    """Return a new value of an attribute of an opening tag."""
+    text = f'{key}="{value}"'.encode()
+    old = re.compile(rb"(?<=\s)%s\s*=\s*(\"[^\"]*\"|'[^']*')" % key.encode())
+    found = old.search(data, element.start, element.opened)
+    if found:
+        return Edit(found.start(), found.end(), text)
+    place = element.start + len(f"<{element.tag}")
+    return Edit(place, place, b" " + text)
+
+
+def _indent(data: bytes, start: int) -> bytes:
+    """White space between the line's beginning and an element that is the first on its line."""
+    line = data.rfind(b"\n", 0, start) + 1
+    before = data[line:start]
+    found = re.match(rb"[ \t]*", before)
+    return found.group() if found else b""
+
+
+def _safe(name: str) -> str:
+    """Return a name as it may stand in a comment, ASCII only."""
+    return re.sub(r"-(?=-)", "- ", name).encode("ascii", "replace").decode()

@@ -1,0 +1,87 @@
+"""One call for every format: the content of the file, and the report on it. Tested in ``tests/test_export.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._tools.arrays import Array
+from ..robot.rigid_body import INERTIAL, inverse, pseudo_inertia
+from ..robot.robot import Robot
+from ..robot.urdf.reading import URDF_SET
+from .bodies import export_model
+from .mjcf import mjcf_text
+from .report import ExportReport, compare_links
+from .sdf import no_drives, sdf_text
+from .urdf import described, edited, edits, urdf_bytes
+
+Format = Literal["urdf", "mjcf", "sdf"]
+
+FORMATS: tuple[Format, ...] = ("urdf", "mjcf", "sdf")
+"""Formats that are written."""
+
+
+def export(
+    robot: Robot,
+    x: ArrayLike,
+    form: Format,
+    *,
+    urdf: str | Path | None = None,
+    keep_lumped: bool = False,
+    from_prior: Mapping[int, Sequence[str]] | None = None,
+) -> tuple[bytes, ExportReport]:
+    """Write parameters in a format, and report on each link.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    x : (n_parameters,) array
+        Standard parameters in the order of ``robot.parameter_names``, SI units, joint side: those of real bodies.
+    form : {"urdf", "mjcf", "sdf"}
+        Format.
+    urdf : str or Path, optional
+        The URDF that is edited; needed for "urdf".
+    keep_lumped : bool
+        In a URDF, leave fixed links their inertia and write the difference.
+    from_prior : mapping of int to sequence of str, optional
+        For each link (from 0), its standard parameters that only a prior knows, for the report.
+
+    Raises
+    ------
+    FitError
+        When a link is not a body, a drive has negative parameters, or the URDF is not that of the robot.
+    OSError
+        When the URDF cannot be read.
+    """
+    model = export_model(robot, x)
+    before = _of_description(robot)
+    if form == "urdf":
+        path = Path("" if urdf is None else urdf)
+        data = urdf_bytes(robot, path)
+        description, chain = described(robot, data, path.name)
+        content = edited(data, edits(data, path.name, model, description, chain, keep_lumped))
+        sentences = [*model.left_out, *no_drives(model, "a URDF")]
+    elif form == "mjcf":
+        content, sentences = mjcf_text(model).encode(), list(model.left_out)
+    else:
+        content, sentences = sdf_text(model).encode(), [*model.left_out, *no_drives(model, "SDF")]
+    return content, compare_links(model, before, sentences, from_prior)
+
+
+def _of_description(robot: Robot) -> list[Array | None]:
+    """Pseudo-inertias of the description that a robot was read from, in the frames of its links."""
+    places = robot.correspondence
+    if places is None or URDF_SET not in robot.sets:
+        return [None] * robot.n_dof
+    values = dict(zip(robot.parameter_names, robot.sets[URDF_SET], strict=True))
+    found: list[Array | None] = []
+    for j, place in enumerate(places.links):
+        inside = inverse(place.matrix)
+        ten = np.array([values[f"{key}{j + 1}"] for key in INERTIAL])
+        found.append(inside @ pseudo_inertia(ten) @ inside.T)
+    return found
