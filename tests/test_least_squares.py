@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from didim import _core
 from didim.errors import FitError, RankError
-from didim.regression.least_squares import residual_std, row_weights, solve
+from didim.regression.block import stacked
+from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem
 from didim.regression.settings import LeastSquaresSettings
 from didim.signal.decimation import decimate, decimation_stages
@@ -30,8 +31,7 @@ def system(sizes: tuple[float, ...] = (1.0,), n_samples: int = 200, seed: int = 
     rng = np.random.default_rng(seed)
     w = rng.standard_normal((n_samples * len(sizes), 3)) * [1.0, 5.0, 0.3]
     noise = np.repeat(sizes, n_samples) * rng.standard_normal(n_samples * len(sizes))
-    joints = tuple(slice(k * n_samples, (k + 1) * n_samples) for k in range(len(sizes)))
-    return LinearSystem(w=w, y=w @ BETA + noise, joints=joints, names=NAMES)
+    return LinearSystem(w=w, y=w @ BETA + noise, blocks=stacked(len(sizes), [n_samples]), names=NAMES)
 
 
 def test_ordinary_least_squares_and_equations_9_and_10() -> None:
@@ -43,8 +43,7 @@ def test_ordinary_least_squares_and_equations_9_and_10() -> None:
     covariance = squares[0] / (200 - 3) * np.linalg.inv(one.w.T @ one.w)
     np.testing.assert_allclose(fit.covariance, covariance, rtol=1e-10, atol=1e-18)
     assert fit.condition_number == pytest.approx(singular[0] / singular[-1], rel=1e-12)
-    assert residual_std(one, fit, PLAIN) == pytest.approx(np.sqrt(squares[0] / 197), rel=1e-12)
-    np.testing.assert_array_equal(row_weights(one, fit), 1.0)
+    np.testing.assert_array_equal(fit.weights, 1.0)
 
 
 def test_variance_by_r_minus_1() -> None:
@@ -57,13 +56,14 @@ def test_variance_by_r_minus_1() -> None:
 def test_the_correlation_changes_the_covariance_only_when_asked() -> None:
     one = system()
     correlation = np.array([1.0, 0.5, 0.1])
-    plain = solve(one, PLAIN, correlation=correlation)
+    coloured = replace(one, blocks=stacked(1, [200], correlation=correlation))
+    plain = solve(coloured, PLAIN)
     np.testing.assert_array_equal(plain.covariance, solve(one, PLAIN).covariance)
-    corrected = solve(one, replace(PLAIN, decimation_corrected=True), correlation=correlation)
+    corrected = solve(coloured, replace(PLAIN, decimation_corrected=True))
     np.testing.assert_array_equal(corrected.solution, plain.solution)
     # By the definition, with the whole matrices; two windows do not see each other.
     for windows in ((), (120, 80)):
-        two = replace(one, windows=windows)
+        two = replace(one, blocks=stacked(1, windows or (200,), correlation=correlation))
         t = np.zeros((200, 200))
         for start, stop in ((0, 200),) if not windows else ((0, 120), (120, 200)):
             for lag, value in enumerate(correlation):
@@ -73,7 +73,7 @@ def test_the_correlation_changes_the_covariance_only_when_asked() -> None:
         left = np.eye(200) - one.w @ p @ one.w.T
         variance = plain.residual @ plain.residual / np.trace(left @ t @ left)
         expected = variance * p @ one.w.T @ t @ one.w @ p
-        found = solve(two, replace(PLAIN, decimation_corrected=True), correlation=correlation).covariance
+        found = solve(two, replace(PLAIN, decimation_corrected=True)).covariance
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
@@ -82,9 +82,8 @@ def test_weights_are_the_inverse_residuals_of_each_joint() -> None:
     fit = solve(two, LeastSquaresSettings())
     first = two.y - two.w @ np.linalg.lstsq(two.w, two.y, rcond=None)[0]
     sigma = np.array([np.sqrt(np.mean(first[:200] ** 2)), np.sqrt(np.mean(first[200:] ** 2))])
-    np.testing.assert_allclose(fit.joint_sigma, sigma, rtol=1e-12)
     scale = np.repeat(1.0 / sigma, 200)
-    np.testing.assert_allclose(row_weights(two, fit), scale, rtol=1e-12)
+    np.testing.assert_allclose(fit.weights, scale, rtol=1e-12)
     w, y = two.w * scale[:, None], two.y * scale
     beta, squares, _, _ = np.linalg.lstsq(w, y, rcond=None)
     np.testing.assert_allclose(fit.solution, beta, rtol=1e-12)
@@ -128,7 +127,7 @@ def test_the_callback_stops_between_solutions() -> None:
     two = system((0.1, 10.0))
     fit = solve(two, LeastSquaresSettings(), progress=lambda number, beta, residual: True)
     assert fit.stopped
-    np.testing.assert_array_equal(fit.joint_sigma, 1.0)
+    np.testing.assert_array_equal(fit.weights, 1.0)
     np.testing.assert_allclose(fit.solution, solve(two, PLAIN).solution, rtol=0, atol=0)
     assert not solve(two, PLAIN, progress=lambda number, beta, residual: True).stopped
 
@@ -154,15 +153,14 @@ def coverage(settings: LeastSquaresSettings, decimated: bool, seeds: int = 400) 
     w = decimate(np.column_stack([np.sin(9.0 * t), np.cos(14.0 * t), np.ones_like(t)]), stages)
     w = np.concatenate([w, w[::-1] * [1.0, -2.0, 0.5]])
     half = w.shape[0] // 2
-    joints = (slice(0, half), slice(half, 2 * half))
+    blocks = stacked(2, [half], correlation=noise_correlation(signal))
     errors = []
     for _ in range(seeds):
         noise = decimate(rng.standard_normal((n_samples, 2)) * [0.3, 3.0], stages)
         y = w @ BETA + noise.T.reshape(-1)
         fit = solve(
-            LinearSystem(w=np.ascontiguousarray(w), y=y, joints=joints, names=NAMES),
+            LinearSystem(w=np.ascontiguousarray(w), y=y, blocks=blocks, names=NAMES),
             settings,
-            correlation=noise_correlation(signal),
         )
         errors.append((fit.solution - BETA) / np.sqrt(np.diag(fit.covariance)))
     return float(np.sqrt(np.mean(np.square(errors))))
@@ -227,7 +225,7 @@ def test_what_the_core_refuses_is_a_sentence(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_too_few_rows_and_no_columns() -> None:
     one = system()
-    short = replace(one, w=one.w[:3], y=one.y[:3], joints=(slice(0, 3),))
+    short = replace(one, w=one.w[:3], y=one.y[:3], blocks=stacked(1, [3]))
     with pytest.raises(FitError, match="3 rows cannot determine 3 parameters; use a longer record"):
         solve(short, PLAIN)
     with pytest.raises(FitError, match="no parameter is left to estimate"):
@@ -256,8 +254,8 @@ def test_variances_of_nearly_dependent_columns_are_not_negative() -> None:
     one = system()
     w = rng.standard_normal((200, 3))
     w[:, 2] = w[:, 0] + w[:, 1] + 1e-9 * rng.standard_normal(200)
-    near = replace(one, w=w, y=rng.standard_normal(200), joints=(slice(0, 100), slice(100, 200)))
-    fit = solve(near, LeastSquaresSettings(), correlation=np.array([1.0, 0.3, 0.1]))
+    blocks = stacked(2, [100], correlation=np.array([1.0, 0.3, 0.1]))
+    fit = solve(replace(one, w=w, y=rng.standard_normal(200), blocks=blocks), LeastSquaresSettings())
     variances = np.diag(fit.covariance)
     assert (variances > 0.0).all()
     # The direction that the columns nearly share has the variance of its 200 rows of 1e-9, correlation apart.

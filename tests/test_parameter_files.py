@@ -23,7 +23,7 @@ from test_cli import identify_arm, one_line
 from test_compare import ARM
 
 arm = arm_fixture
-PLANAR2 = Path(didim.__file__).parent / "robots" / "planar2.toml"
+PLANAR2 = Path(didim.__file__).parent / "packaged" / "robots" / "planar2.toml"
 
 
 @pytest.fixture(scope="module")

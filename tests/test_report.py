@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 import builtins
+import importlib
 import re
-import sys
 from dataclasses import dataclass, field, replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -44,6 +44,12 @@ from test_compare import ARM
 
 Row = list[str]
 REPORTS = ("identify", "compare", "validate")
+MODULES = {
+    "identify": "didim.methods.identify",
+    "compare": "didim.studies.compare",
+    "validate": "didim.studies.validation",
+}
+"""Modules of the functions that the commands call."""
 
 
 @dataclass
@@ -415,7 +421,7 @@ def test_a_report_that_cannot_be_written_is_told_before_the_work(
         assert main(["identify", str(files / "arm.toml"), "--quiet", "--json", str(files / "fit.json")]) == 0
     for name in REPORTS:
         # Called, they would be an error.
-        monkeypatch.setattr(sys.modules[f"didim.{name}"], name, None)
+        monkeypatch.setattr(importlib.import_module(MODULES[name]), name, None)
     assert main([command, *arguments, "--report", str(files / "no" / "fit.html")]) == 2
     out, err = capsys.readouterr()
     assert out == ""

@@ -90,7 +90,7 @@ def test_a_new_robot_without_python(project: Path, tmp_path: Path, monkeypatch: 
     page = project / "docs" / "new_robot.md"
     text = page.read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    shutil.copy(project / "python" / "didim" / "robots" / "tx40.toml", "my_robot.toml")
+    shutil.copy(project / "python" / "didim" / "packaged" / "robots" / "tx40.toml", "my_robot.toml")
     rows = tables(page)["line was is"]
     assert len(rows) == 3
     for _, before, after in rows:

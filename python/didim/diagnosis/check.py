@@ -23,7 +23,7 @@ from ..experiment.experiment_file import load_experiment
 from ..log.recording import Recording
 from ..log.sampling import MINIMUM_SAMPLES, TimeFault
 from ..methods.idim_ls import IDIMLS
-from ..methods.method import Job
+from ..methods.job import Job
 from ..regression.least_squares import solve
 from ..regression.linear_system import linear_system
 from ..regression.suspicions import driving_friction
@@ -157,9 +157,9 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
     # A wrong fixed value must not speak for the log.
     job = IDIMLS(fixed={}).job(experiment)
     robot = job.robot
-    wish = 0.0 if job.wish == "estimate" else float(job.wish)
+    declared = 0.0 if job.delay_setting == "estimate" else float(job.delay_setting)
     try:
-        parts = job.parts("fit", wish)
+        parts = job.parts("fit", declared)
         probe = Probe(job, _stretches(parts, MOST_SAMPLES))
         whole = probe if probe.n_samples == sum(len(part.q) for part in parts) else Probe(job, parts)
     except (SignalError, FitError) as error:
@@ -194,7 +194,7 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
                 advice="Turn the sign of the gain or of the column",
             )
         ]
-    found = check_delay(job, wish) or reader.fine()
+    found = check_delay(job, declared) or reader.fine()
     found += check_limits(experiment, parts)
     found += check_standstill(robot, parts)
     return found + check_excitation(robot, parts, whole, as_declared(robot.n_dof))
@@ -203,7 +203,8 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
 def _driving(job: Job, parts: Sequence[Segment]) -> tuple[list[int], str] | None:
     system = linear_system(job.robot, parts, job.signal, job.selection)
     try:
-        return driving_friction(system, solve(system, job.settings))
+        # Thresholds of this check are those of white noise.
+        return driving_friction(system, solve(system, replace(job.settings, decimation_corrected=False)))
     except RankError:  # told as parameters that the log cannot tell
         return None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import DidimError
-from ..methods.method import Job
+from ..methods.job import Job
 from .finding import Finding
 
 SMALLEST_SAMPLES = 1.0
@@ -14,7 +14,7 @@ SMALLEST_GAIN = 0.05
 
 def check_delay(job: Job, compensated: float) -> list[Finding]:
     """Compare the delay that fits best with the one that is compensated."""
-    if job.wish == "estimate":
+    if job.delay_setting == "estimate":
         return []
     try:
         estimate = job.estimate_delay()

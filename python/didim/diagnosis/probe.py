@@ -18,7 +18,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from ..errors import DidimError
-from ..methods.method import Job
+from ..methods.job import Job
 from ..regression.linear_system import linear_system
 from ..signal.decimation import decimate, decimation_stages
 from ..signal.segments import Segment

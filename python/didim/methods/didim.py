@@ -23,18 +23,19 @@ from ..experiment.experiment import Experiment
 from ..loop.closed_loop import LARGE_ERROR, Outcome
 from ..model.dynamics import inertia_matrix
 from ..model.safe_step import safe_step, thinned
-from ..regression.least_squares import WeightedFit, solve
-from ..regression.linear_system import LinearSystem, linear_system
+from ..regression.fit import Fit
+from ..regression.linear_system import LinearSystem
 from ..regression.suspicions import suspicions
 from ..result.identification import Identification
 from ..result.iteration import Iteration
 from ..result.status import Status
 from ..robot.robot import Robot
-from ..signal.noise import noise_correlation
 from ..signal.segments import Segment
+from .builder import fitted
 from .didim_windows import Simulated, Window, checked_positions, windows_of
 from .idim_ls import IDIMLS
-from .method import FitSettings, Job, ratio
+from .job import Job, ratio
+from .method import FitSettings, Motion
 from .start import Start, standard_start
 
 GainUpdating = Literal["first", "always", "never"]
@@ -81,6 +82,7 @@ class DIDIM(FitSettings):
     """
 
     name: ClassVar[str] = "didim"
+    motion: ClassVar[Motion] = "simulated"
 
     start: Start = "unit"
     tolerance: float = 1e-3
@@ -137,13 +139,12 @@ class _Run:
         self.method, self.job, self.progress, self.say = method, job, progress, say
         self.robot: Robot = job.robot
         self.delay = job.delay()
-        self.windows = windows_of(job, self.delay[0])
+        self.windows = windows_of(job, self.delay.samples)
         self.n_simulations = 0
         self.remarks: list[str] = []
         self.refined = False
         self.usual: list[Window] | None = None
         """The windows with the steps of the experiment, while smaller ones are taken."""
-        self.correlation = noise_correlation(job.signal) if job.settings.decimation_corrected else None
         self.direct: Identification | None = None
         """IDIM-LS estimate, where a start or the gains need it."""
 
@@ -163,7 +164,7 @@ class _Run:
         last_norm = np.nan
         for number in range(1, method.max_iterations + 1):
             system = self._system(simulated)
-            fit = solve(system, job.settings, correlation=self.correlation)
+            fit = job.solve(system)
             target = job.robot.base_parameters.lift(job.selection.expand(fit.solution))
             largest = self._safe_step(simulated, x, target)
             norm = float(np.linalg.norm(fit.residual))
@@ -229,10 +230,11 @@ class _Run:
         findings = self._findings(system, fit, simulated, x, status)
         q = np.concatenate([motion[0] for motion in simulated.motions])
         return replace(
-            job.result(
+            fitted(
+                job,
+                method,
                 system,
                 fit,
-                method=method.name,
                 status=status,
                 history=history,
                 delay=self.delay,
@@ -290,7 +292,7 @@ class _Run:
             idim = IDIMLS(
                 weights=method.weights,
                 signal=method.signal,
-                compensate_samples=self.delay[0],
+                compensate_samples=self.delay.samples,
                 fixed=method.fixed,
                 dropped=method.dropped,
             )
@@ -339,6 +341,8 @@ class _Run:
             Segment(
                 name=window.name,
                 place=window.place,
+                recording=window.recording,
+                window=window.window,
                 rate_hz=window.loop.rate_hz,
                 q=np.ascontiguousarray(q),
                 dq=np.ascontiguousarray(dq),
@@ -347,7 +351,7 @@ class _Run:
             )
             for window, (q, dq, ddq, _) in zip(self.windows, simulated.motions, strict=True)
         ]
-        return linear_system(self.robot, parts, self.job.signal, self.job.selection)
+        return self.job.system(parts)
 
     def _safe_step(self, simulated: Simulated, x: Array, target: Array) -> float:
         """Return the largest step towards the least-squares solution that keeps M(q) positive definite along the motion."""
@@ -378,7 +382,7 @@ class _Run:
             return []
 
     def _findings(
-        self, system: LinearSystem, fit: WeightedFit, simulated: Simulated, x: Array, status: Status
+        self, system: LinearSystem, fit: Fit, simulated: Simulated, x: Array, status: Status
     ) -> list[str]:
         """Sentences on what a reader must know: suspicions, the step of the integration, the reference."""
         found = suspicions(system, fit) if status.converged else self._suspicions()

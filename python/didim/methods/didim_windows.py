@@ -12,8 +12,9 @@ from ..experiment.loop import closed_loop
 from ..loop.closed_loop import ClosedLoop
 from ..model.safe_step import thinned
 from ..signal.align import align
+from ..signal.segments import kept_samples, place_of
 from ..signal.spikes import without_spikes
-from .method import Job
+from .job import Job
 
 CHECKED_POSITIONS = 500
 """Positions along a simulated motion at which M(q) is kept positive definite."""
@@ -26,6 +27,8 @@ class Window:
     loop: ClosedLoop
     name: str
     place: str
+    recording: int
+    window: int
     tau: Array
     """Measured torques, aligned and trimmed, (n_kept, n_dof)."""
     kept: slice
@@ -46,40 +49,41 @@ class Simulated:
 
 
 def windows_of(job: Job, delay: float) -> list[Window]:
-    """Return the windows of the recordings that are fitted, their torques moved back by a delay in samples."""
+    """Return the windows of the recordings that are fitted, their torques moved back by a delay in samples.
+
+    Raises
+    ------
+    FitError
+        Without a recording to fit, without torques, or when trimming leaves nothing of a window.
+    """
     experiment = job.experiment
-    recordings = [item for item in experiment.recordings if item.role == "fit"]
-    if not recordings:
-        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
     found = []
-    for recording in recordings:
+    for number, recording in enumerate(experiment.recordings):
+        if recording.role != "fit":
+            continue
         if recording.tau is None:
             raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
-        for start, stop in recording.windows:
+        for window, (start, stop) in enumerate(recording.windows):
             loop = closed_loop(experiment, recording, (start, stop))
-            n = stop - start
             # The torque is moved back against the motion as for IDIM-LS; the motion is simulated later.
-            measured = without_spikes(recording.tau[start:stop], job.signal)
-            (index,), tau = align([np.arange(n, dtype=np.float64)[:, None]], measured, delay)
-            kept = slice(job.signal.trim_start, len(tau) - job.signal.trim_end)
-            if kept.stop <= kept.start:
-                raise FitError(
-                    f"recording '{recording.name}': trimming {job.signal.trim_start} and {job.signal.trim_end} samples "
-                    "leaves nothing"
-                )
+            samples = np.arange(stop - start, dtype=np.float64)[:, None]
+            (index,), tau = align([samples], without_spikes(recording.tau[start:stop], job.signal), delay)
+            place = place_of(recording, (start, stop))
+            kept = kept_samples(len(tau), place, job.signal)
             first = int(index[0, 0])
-            place = f"recording '{recording.name}'"
-            if (start, stop) != (0, len(recording.q)):
-                place += f", window of samples {start} to {stop}"
             found.append(
                 Window(
                     loop=loop,
                     name=recording.name,
                     place=place,
+                    recording=number,
+                    window=window,
                     tau=np.ascontiguousarray(tau[kept]),
                     kept=slice(first + kept.start, first + kept.stop),
                 )
             )
+    if not found:
+        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
     return found
 
 

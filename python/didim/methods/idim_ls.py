@@ -11,13 +11,12 @@ import numpy as np
 from .._tools.arrays import Array
 from .._tools.words import counted
 from ..experiment.experiment import Experiment
-from ..regression.least_squares import solve
-from ..regression.linear_system import linear_system
 from ..regression.suspicions import suspicions
 from ..result.identification import Identification
 from ..result.iteration import Iteration
-from ..signal.noise import noise_correlation
-from .method import FitSettings, ratio, solved_status
+from .builder import fitted, solved_status
+from .job import ratio
+from .method import FitSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,11 +59,12 @@ class IDIMLS(FitSettings):
         """
         job = self.job(experiment)
         delay = job.delay()
-        if delay[1] is not None:
-            say(f"torque {delay[1].samples:+.2f} samples ({1e3 * delay[1].seconds:+.3f} ms) after the motion")
-        parts = job.parts("fit", delay[0])
+        if delay.estimate is not None:
+            milliseconds = 1e3 * delay.estimate.seconds
+            say(f"torque {delay.samples:+.2f} samples ({milliseconds:+.3f} ms) after the motion")
+        parts = job.parts("fit", delay.samples)
         say(f"{counted(len(parts), 'window')} of {sum(part.q.shape[0] for part in parts)} samples")
-        system = linear_system(job.robot, parts, job.signal, job.selection)
+        system = job.system(parts)
         say(f"observation matrix of {system.w.shape[0]} rows and {system.w.shape[1]} columns")
 
         history: list[Iteration] = []
@@ -82,12 +82,14 @@ class IDIMLS(FitSettings):
             )
             return progress(history[-1])
 
-        correlation = noise_correlation(job.signal) if job.settings.decimation_corrected else None
-        fit = solve(system, job.settings, correlation=correlation, progress=record)
-        return job.result(
+        fit = job.solve(system, record)
+        if not history:  # the solver reported no solution of its own
+            record(1, fit.solution, fit.residual)
+        return fitted(
+            job,
+            self,
             system,
             fit,
-            method=self.name,
             status=solved_status(fit),
             history=history,
             delay=delay,

@@ -1,64 +1,160 @@
-"""Covariance of the estimate for noise that decimation has correlated: ``C = P (sum_j sigma_j^2 W_j^T T W_j) P``.
+"""Covariance of an estimate, by what is known of the noise of the rows: white, decimated, or with a correlation of its own.
 
-Tested in ``tests/test_least_squares.py``.
+    C = P (sum_b sigma_b^2 W_b^T T_b W_b) P,   P = (W^T W)^-1
+
+over the blocks of rows, with the correlation T_b of the noise in a block. White noise has T = 1 and one sigma,
+which is (10). Decimated noise has the correlation of the filter, and a sigma per joint where weights are per joint:
+
+    sigma_j^2 = |rho_j|^2 / E_j
+
+where E_j is the expectation of ``|rho_j|^2`` for unit noise, which takes the place of the rows less parameters of (9).
+The correlation of CLOE's output errors is estimated from them. Tested in ``tests/test_least_squares.py``, ``tests/test_cloe.py``.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from .._tools.arrays import Array
+from .block import Block
 from .linear_system import LinearSystem
 from .settings import LeastSquaresSettings
 
-# A joint with fewer expected squares than this share of its rows takes the variance of all joints.
 SMALLEST_SHARE = 0.05
+"""A joint with fewer expected squares than this share of its rows takes the variance of all joints."""
+CORRELATED = 0.1
+"""Correlation of neighbouring errors from which they no longer count as white."""
 
 
-def correlated_covariance(
-    system: LinearSystem,
-    settings: LeastSquaresSettings,
-    scale: Array,
-    residual: Array,
-    inverse_r: Array,
-    correlation: Array,
+def covariance(
+    system: LinearSystem, settings: LeastSquaresSettings, weights: Array, residual: Array, inverse_r: Array
 ) -> Array:
-    """Covariance for noise with a correlation in each window of each joint; rows and residual are divided by the weights."""
-    b = inverse_r.shape[0]
-    colored, plain = np.empty((len(system.joints), b, b)), np.empty((len(system.joints), b, b))
-    for joint, rows in enumerate(system.joints):
+    """Covariance of a least-squares estimate as the settings ask for it: (10), or for decimated noise.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        The system that was solved; its blocks know the correlation of decimated noise.
+    settings : LeastSquaresSettings
+        Variance, weights, and whether decimation counts.
+    weights : (r,) array
+        Factor of each row.
+    residual : (r,) array
+        ``Y - W beta``, without weights.
+    inverse_r : (b, b) array
+        Inverse of the triangle R of the weighted W.
+    """
+    weighted = residual * weights
+    if settings.decimation_corrected and any(block.correlation is not None for block in system.blocks):
+        return decimated(system, settings, weights, weighted, inverse_r)
+    return white(float(np.sum(weighted**2)) / settings.divisor(*system.w.shape), inverse_r)
+
+
+def white(variance: float, inverse_r: Array) -> Array:
+    """Equation (10): ``sigma^2 R^-1 R^-T``."""
+    return variance * np.asarray(inverse_r @ inverse_r.T)
+
+
+def decimated(
+    system: LinearSystem, settings: LeastSquaresSettings, weights: Array, residual: Array, inverse_r: Array
+) -> Array:
+    """Covariance for noise with a known correlation in each block; `residual` is weighted."""
+    b, n = inverse_r.shape[0], len(system.joints)
+    coloured, plain = np.empty((n, b, b)), np.empty((n, b, b))
+    for joint, (rows, blocks) in enumerate(zip(system.joints, system.joint_blocks, strict=True)):
         # In the orthonormal columns Q = W R^-1: in those of a nearly dependent W rounding would make variances negative.
-        q = (system.w[rows] * scale[rows, None]) @ inverse_r
+        q = (system.w[rows] * weights[rows, None]) @ inverse_r
         plain[joint] = q.T @ q
-        colored[joint] = q.T @ _apply_correlation(q, system.windows or (len(q),), correlation)
+        coloured[joint] = q.T @ _correlated(q, blocks, rows.start)
     squares = np.array([residual[rows] @ residual[rows] for rows in system.joints])
     sizes = np.array([rows.stop - rows.start for rows in system.joints], dtype=np.float64)
-    # What is left of unit noise: the trace of (1 - H) T (1 - H) within the rows of the joint, H = Q Q^T.
-    traces = np.trace(colored, axis1=1, axis2=2)
-    expected = sizes - 2.0 * traces + np.einsum("jab,ab->j", plain, colored.sum(axis=0))
+    # Expected squares of the residual of unit noise: the trace of (1 - H) T (1 - H) within the rows of the joint, H = Q Q^T.
+    traces = np.trace(coloured, axis1=1, axis2=2)
+    expected = sizes - 2.0 * traces + np.einsum("jab,ab->j", plain, coloured.sum(axis=0))
+    pooled = squares.sum() / expected.sum()
     if settings.weights == "none":
-        variances = np.full(len(squares), squares.sum() / expected.sum())
+        variances = np.full(n, pooled)
     else:
-        # A joint whose rows hardly outnumber its own parameters cannot tell its noise: all joints together can.
-        pooled = squares.sum() / expected.sum()
-        told_by_itself = expected > SMALLEST_SHARE * sizes
-        variances = np.where(told_by_itself, squares / np.where(told_by_itself, expected, 1.0), pooled)
-    return np.asarray(inverse_r @ np.einsum("j,jab->ab", variances, colored) @ inverse_r.T)
+        # A joint whose rows hardly outnumber its own parameters cannot identify its noise: all joints together can.
+        by_itself = expected > SMALLEST_SHARE * sizes
+        variances = np.where(by_itself, squares / np.where(by_itself, expected, 1.0), pooled)
+    return np.asarray(inverse_r @ np.einsum("j,jab->ab", variances, coloured) @ inverse_r.T)
 
 
-def _apply_correlation(w: Array, windows: Sequence[int], correlation: Array) -> Array:
-    """``T w`` with a symmetric Toeplitz matrix in each window of rows."""
+def _correlated(w: Array, blocks: Sequence[Block], first: int) -> Array:
+    """``T w`` with the symmetric Toeplitz matrix of each block's correlation; row 0 of `w` is row `first` of the system."""
     out = np.empty_like(w)
-    start = 0
-    for length in windows:
+    for block in blocks:
+        rows = slice(block.rows.start - first, block.rows.stop - first)
+        if block.correlation is None:
+            out[rows] = w[rows]
+            continue
+        length = block.n_rows
         lags = np.zeros(length)
-        known = min(length, correlation.size)
-        lags[:known] = correlation[:known]
+        known = min(length, block.correlation.size)
+        lags[:known] = block.correlation[:known]
         # The matrix is a corner of a circulant one, which the Fourier transform makes diagonal.
         circle = np.concatenate([lags, [0.0], lags[:0:-1]])
-        spectrum = np.fft.rfft(circle)[:, None] * np.fft.rfft(w[start : start + length], circle.size, axis=0)
-        out[start : start + length] = np.fft.irfft(spectrum, circle.size, axis=0)[:length]
-        start += length
+        spectrum = np.fft.rfft(circle)[:, None] * np.fft.rfft(w[rows], circle.size, axis=0)
+        out[rows] = np.fft.irfft(spectrum, circle.size, axis=0)[:length]
     return out
+
+
+def autocorrelated(
+    columns: Array, errors: Array, blocks: Sequence[Block], inverse: Array
+) -> tuple[Array, list[int]]:
+    """Covariance for errors that are correlated as they show it, each block with a variance of its own.
+
+    Parameters
+    ----------
+    columns : (r, b) array
+        Weighted columns, or derivatives of weighted errors.
+    errors : (r,) array
+        Weighted errors at the estimate.
+    blocks : sequence of Block
+        Rows of each joint in each window.
+    inverse : (b, b) array
+        Inverse of ``columns^T columns``.
+
+    Returns
+    -------
+    (b, b) array
+        Covariance.
+    list of int
+        Joint of each block whose errors are correlated.
+    """
+    middle = np.zeros_like(inverse)
+    correlated: list[int] = []
+    for block in blocks:
+        part, rows = errors[block.rows], columns[block.rows].T
+        product = rows @ rows.T
+        freedom = max(1.0, part.size - float(np.sum(inverse * product)))
+        squares = float(part @ part)
+        if squares > 0.0 and abs(float(part[1:] @ part[:-1])) > CORRELATED * squares:
+            product = _coloured(rows, part)
+            correlated.append(block.joint)
+        middle += squares / freedom * product
+    return inverse @ middle @ inverse, correlated
+
+
+def _coloured(rows: Array, errors: Array) -> Array:
+    """``J R J'`` with the correlation R that the errors of a joint show, tapered by Parzen's window, which keeps it definite."""
+    n = errors.size
+    length = 2 ** math.ceil(math.log2(2 * n))
+    # As long as the errors stay correlated in the worst case, and short enough for the estimate of each lag to mean something.
+    lags = min(n - 1, max(2, n // 10))
+    spectrum = np.abs(np.fft.rfft(errors, length)) ** 2
+    correlation = np.fft.irfft(spectrum, length)[: lags + 1]
+    correlation /= correlation[0]
+    u = np.arange(lags + 1) / lags
+    correlation *= np.where(u <= 0.5, 1.0 - 6.0 * u**2 * (1.0 - u), 2.0 * (1.0 - u) ** 3)
+    symmetric = np.zeros(length)
+    symmetric[: lags + 1] = correlation
+    symmetric[length - lags :] = correlation[:0:-1]
+    weights = np.maximum(np.fft.rfft(symmetric).real, 0.0)
+    filtered = np.fft.irfft(np.fft.rfft(rows, length, axis=1) * weights, length, axis=1)[:, :n]
+    product = np.asarray(filtered @ rows.T)
+    return 0.5 * (product + product.T)

@@ -6,8 +6,10 @@ Y and every column of W go through the same decimation filter, which keeps the l
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -18,8 +20,10 @@ from .._tools.words import counted
 from ..errors import FitError
 from ..robot.robot import Robot
 from ..signal.decimation import Stage, decimate, decimation_stages
+from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, at_place
+from .block import Block, by_joint, stacked
 from .selection import Selection
 
 
@@ -73,7 +77,7 @@ def linear_system(
     estimated = selection.estimated
     known = None
     if len(estimated) < len(columns):
-        with np.errstate(over="ignore", invalid="ignore"):  # at_place below
+        with np.errstate(over="ignore", invalid="ignore"):  # reported below
             known = w_all @ selection.values
             y_all = y_all - known
         if not np.isfinite(y_all).all():
@@ -84,10 +88,15 @@ def linear_system(
     return LinearSystem(
         w=np.ascontiguousarray(w_all),
         y=np.ascontiguousarray(y_all),
-        joints=tuple(slice(joint * rows, (joint + 1) * rows) for joint in range(n_dof)),
+        blocks=stacked(
+            n_dof,
+            [y.shape[1] for y in y_parts],
+            places=[(part.recording, part.window) for part in parts],
+            rates_hz=[part.rate_hz / math.prod(signal.decimation) for part in parts],
+            correlation=noise_correlation(signal),
+        ),
         names=tuple(robot.base_parameters.names[index] for index in estimated),
         known=known,
-        windows=tuple(y.shape[1] for y in y_parts),
     )
 
 
@@ -120,22 +129,29 @@ class LinearSystem:
         Observation matrix.
     y : ndarray, shape (r,)
         Measured torques, N.m or N, joint side.
-    joints : tuple of slice
-        Rows of each joint.
+    blocks : tuple of Block
+        Rows of each joint in each window; they cover all rows, joint by joint.
     names : tuple of str
         Names of the columns.
     known : ndarray, shape (r,), optional
         Torques of the parameters that are fixed, already taken out of ``y``.
-    windows : tuple of int
-        Rows of each window within a joint's; one window by default.
     """
 
     w: Array
     y: Array
-    joints: tuple[slice, ...]
+    blocks: tuple[Block, ...]
     names: tuple[str, ...]
     known: Array | None = None
-    windows: tuple[int, ...] = ()
+
+    @cached_property
+    def joint_blocks(self) -> tuple[tuple[Block, ...], ...]:
+        """Blocks of each joint."""
+        return tuple(tuple(blocks) for blocks in by_joint(self.blocks))
+
+    @cached_property
+    def joints(self) -> tuple[slice, ...]:
+        """Rows of each joint."""
+        return tuple(slice(blocks[0].rows.start, blocks[-1].rows.stop) for blocks in self.joint_blocks)
 
     @property
     def measured(self) -> Array:
@@ -145,6 +161,22 @@ class LinearSystem:
     def norms(self, rows: Array) -> Array:
         """2-norm of each joint's part of a vector of r rows, shape (n_dof,)."""
         return np.array([np.linalg.norm(rows[joint]) for joint in self.joints])
+
+    def part(self, blocks: Sequence[Block]) -> LinearSystem:
+        """Return the system of some of the blocks, such as all windows but one; their rows are numbered anew."""
+        blocks = [block for joint in by_joint(blocks) for block in joint]
+        rows = np.concatenate([np.arange(block.rows.start, block.rows.stop) for block in blocks])
+        ends = np.cumsum([0, *(block.n_rows for block in blocks)]).tolist()
+        return replace(
+            self,
+            w=np.ascontiguousarray(self.w[rows]),
+            y=self.y[rows],
+            known=None if self.known is None else self.known[rows],
+            blocks=tuple(
+                replace(block, rows=slice(start, stop))
+                for block, start, stop in zip(blocks, ends[:-1], ends[1:], strict=True)
+            ),
+        )
 
 
 def check_size(system: LinearSystem) -> None:
@@ -167,3 +199,22 @@ def check_size(system: LinearSystem) -> None:
     for column in np.flatnonzero(~np.isfinite(columns)):
         name = system.names[column]
         raise FitError(f"the column of {name} is too large to be squared; check the unit of the positions")
+
+
+def check_solvable(system: LinearSystem) -> None:
+    """Refuse a system without columns, one with too few rows, and numbers that cannot be squared.
+
+    Raises
+    ------
+    FitError
+        The sentence says what to change.
+    """
+    rows, columns = system.w.shape
+    if columns == 0:
+        raise FitError("no parameter is left to estimate: all are fixed or dropped")
+    if rows <= columns:
+        raise FitError(
+            f"{counted(rows, 'row')} cannot determine {counted(columns, 'parameter')}; "
+            "use a longer record or window, or decimate less"
+        )
+    check_size(system)

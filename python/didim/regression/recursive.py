@@ -13,9 +13,10 @@ import didim._core as _core
 from .._tools.arrays import Array, real_array
 from ..errors import FitError, RankError, ShapeError
 from ..robot.robot import Robot
-from .least_squares import SMALLEST_RELATIVE_RESIDUAL, dependence_sentence
+from .least_squares import dependence_sentence
 from .selection import select
 from .triangles import Triangles
+from .weights import SMALLEST_RELATIVE_RESIDUAL
 
 
 @dataclass(frozen=True, eq=False)

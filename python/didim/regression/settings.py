@@ -58,6 +58,10 @@ class LeastSquaresSettings:
         if not isinstance(self.decimation_corrected, bool):
             raise FitError(f"decimation_corrected must be true or false, got {self.decimation_corrected!r}")
 
+    def divisor(self, rows: int, columns: int) -> int:
+        """Divisor of (9) for a system of so many rows and columns."""
+        return rows - columns if self.variance == "r-b" else rows - 1
+
     @property
     def solutions(self) -> int:
         """Number of systems to solve."""

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from .._tools.arrays import Array
-from .least_squares import WeightedFit
+from .fit import Fit
 from .linear_system import LinearSystem
 
 CLEAR = 0.5
@@ -23,14 +23,14 @@ DRIVING_SIGMA = 5.0
 """Standard deviations by which viscous friction must be negative for a suspicion."""
 
 
-def suspicions(system: LinearSystem, fit: WeightedFit) -> list[str]:
+def suspicions(system: LinearSystem, fit: Fit) -> list[str]:
     """Sentences on torques that look turned or exchanged; empty for a sound log.
 
     Parameters
     ----------
     system : LinearSystem
         Rows joint by joint, along measured or simulated motion.
-    fit : WeightedFit
+    fit : Fit
         Its solution.
     """
     found = _contradiction(system)
@@ -98,7 +98,7 @@ def _contradiction(system: LinearSystem) -> list[str]:
     ]
 
 
-def driving_friction(system: LinearSystem, fit: WeightedFit) -> tuple[list[int], str] | None:
+def driving_friction(system: LinearSystem, fit: Fit) -> tuple[list[int], str] | None:
     """Return the joints, from 0, whose friction would drive them, and a sentence on it; None for a sound log."""
     std = np.sqrt(np.diag(fit.covariance))
     values = dict(zip(system.names, zip(fit.solution, std, strict=True), strict=True))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,7 +32,9 @@ class Segment:
     place : str
         Recording and window, as messages open.
     rate_hz : float
-        Its rate.
+        Rate of the recording.
+    recording, window : int
+        Number of the recording, from 0, among those of the experiment, and of the window in it.
     q, dq, ddq : ndarray, shape (n_samples, n_dof)
         Joint position, velocity and acceleration, SI units.
     tau : ndarray, shape (n_samples, n_dof)
@@ -46,9 +48,13 @@ class Segment:
     dq: Array
     ddq: Array
     tau: Array
+    recording: int = 0
+    window: int = 0
 
 
-def segments(recording: Recording, signal: SignalProcessing, delay_samples: float = 0.0) -> list[Segment]:
+def segments(
+    recording: Recording, signal: SignalProcessing, delay_samples: float = 0.0, *, number: int = 0
+) -> list[Segment]:
     """Filter, differentiate and trim each window of a recording.
 
     Parameters
@@ -59,6 +65,8 @@ def segments(recording: Recording, signal: SignalProcessing, delay_samples: floa
         Filter and trimming.
     delay_samples : float
         How late the torque was recorded; it is moved back by as much.
+    number : int
+        Number of the recording in the experiment, from 0.
 
     Returns
     -------
@@ -79,16 +87,15 @@ def segments(recording: Recording, signal: SignalProcessing, delay_samples: floa
     if recording.tau is None:
         raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
     found = []
-    for start, stop in recording.windows:
-        place = f"recording '{recording.name}'"
-        if (start, stop) != (0, len(recording.q)):
-            place += f", window of samples {start} to {stop}"
+    for window, (start, stop) in enumerate(recording.windows):
+        place = place_of(recording, (start, stop))
         with at_place(place):
             found_motion = differentiate(recording.q[start:stop], recording.rate_hz, signal)
             motion, tau = align(
                 found_motion, without_spikes(recording.tau[start:stop], signal), delay_samples
             )
-        found.append(trimmed(recording, place, signal, motion, tau))
+        part = trimmed(recording, place, signal, motion, tau)
+        found.append(replace(part, recording=number, window=window))
     return found
 
 
@@ -115,16 +122,36 @@ def trimmed(
     FitError
         When trimming leaves nothing.
     """
-    kept = slice(signal.trim_start, tau.shape[0] - signal.trim_end)
-    if kept.stop <= kept.start:
-        raise FitError(
-            f"{place}: trimming {signal.trim_start} and {signal.trim_end} samples leaves nothing of "
-            f"{counted(tau.shape[0], 'sample')}"
-        )
+    kept = kept_samples(tau.shape[0], place, signal)
     q, dq, ddq, torque = (np.ascontiguousarray(values[kept]) for values in (*motion, tau))
     return Segment(
         name=recording.name, place=place, rate_hz=recording.rate_hz, q=q, dq=dq, ddq=ddq, tau=torque
     )
+
+
+def kept_samples(n_samples: int, place: str, signal: SignalProcessing) -> slice:
+    """Return the samples of a window that trimming leaves.
+
+    Raises
+    ------
+    FitError
+        When it leaves nothing; the sentence begins with `place`.
+    """
+    kept = slice(signal.trim_start, n_samples - signal.trim_end)
+    if kept.stop <= kept.start:
+        raise FitError(
+            f"{place}: trimming {signal.trim_start} and {signal.trim_end} samples leaves nothing of "
+            f"{counted(n_samples, 'sample')}"
+        )
+    return kept
+
+
+def place_of(recording: Recording, window: tuple[int, int]) -> str:
+    """Return recording and window as messages begin with them."""
+    place = f"recording '{recording.name}'"
+    if window != (0, len(recording.q)):
+        place += f", window of samples {window[0]} to {window[1]}"
+    return place
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, cast
+from typing import cast
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from ..experiment.experiment import Experiment
 from ..experiment.loop import closed_loop
 from ..log.recording import Recording
 from ..loop.simulation import Simulation
-from ..methods.method import FitSettings, ratios
+from ..methods.job import ratios
+from ..methods.method import FitSettings, Motion
 from ..regression.linear_system import linear_system
 from ..regression.selection import select
 from ..result.identification import Identification
@@ -29,8 +30,6 @@ from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, segments, trimmed
 from ..signal.spikes import without_spikes
-
-Motion = Literal["measured", "simulated"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,14 +125,15 @@ def predict(
     if not recordings:
         what = "recording" if role == "all" else f"recording with role {role!r}"
         raise FitError(f"experiment '{experiment.name}' has no {what}")
+    own_motion, compares_raw = motion_of(fit)
     if motion is None:
-        motion = "measured" if role == "held-out" or fit.method == "idim-ls" else "simulated"
+        motion = "measured" if role == "held-out" else own_motion
     if as_fitted:
         experiment, delay = _fitted(fit, experiment)
     else:
-        delay = FitSettings().job(experiment).delay()[0]
+        delay = FitSettings().job(experiment).delay().samples
     # CLOE compares what is simulated, sample by sample.
-    raw = motion == "simulated" and fit.method.startswith(("cloe", "clie"))
+    raw = motion == "simulated" and compares_raw
     found = []
     for recording in recordings:
         if recording.tau is None:
@@ -181,6 +181,15 @@ def simulate_window(
     arrays, outcomes = loop.run(x[None])
     q, dq, ddq, tau = (values[0] for values in arrays)
     return Simulation(loop.t, q, dq, ddq, tau, outcomes, None, loop.schedule.steps)
+
+
+def motion_of(fit: Identification) -> tuple[Motion, bool]:
+    """Return along which motion the method of a result predicts torques, and whether it compares them sample by sample."""
+    known = fit.settings.get("prediction")
+    if known is not None:
+        return ("measured" if known["motion"] == "measured" else "simulated"), bool(known["raw"])
+    # Results of version 0.1.0 do not say it, and there were three methods.
+    return "measured" if fit.method == "idim-ls" else "simulated", fit.method.startswith(("cloe", "clie"))
 
 
 def _fitted(fit: Identification, experiment: Experiment) -> tuple[Experiment, float]:

@@ -125,7 +125,8 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
         As for an identification of the experiment.
     """
     from ..experiment.loop import closed_loop
-    from ..methods.method import FitSettings, ratio, ratios
+    from ..methods.job import ratio, ratios
+    from ..methods.method import FitSettings
     from .run import recording_errors
 
     robot = experiment.simulation.robot(experiment.robot)
@@ -136,7 +137,7 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     if not experiment.recordings:
         raise FitError(f"experiment '{experiment.name}' has no recording to validate on")
     job = FitSettings().job(experiment)
-    delay = job.delay()[0]
+    delay = job.delay().samples
     beta = experiment.robot.base_parameters.project(fit.parameters)
     closed = experiment.reference is not None and experiment.controller is not None
     found = []

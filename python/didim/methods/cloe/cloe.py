@@ -19,7 +19,6 @@ from ...experiment.experiment import Experiment
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
-from ..method import FitSettings
 from .levenberg_marquardt import search
 from .output_error import OutputError
 from .settings import CLOESettings
@@ -64,8 +63,8 @@ class CLOE(CLOESettings):
     noise : sequence of float, optional
         Standard deviation of the measured positions per joint (rad or m): weights of Levenberg-Marquardt. Estimated from
         fifth differences of the measured positions by default, that of torques likewise.
-    fixed, dropped : mapping, sequence, optional
-        As in `FitSettings`.
+    variance, signal, compensate_samples, fixed, dropped : optional
+        As in `didim.methods.method.MethodSettings`; trimming and delay count for the torque errors of the result.
     threads : int, optional
         All cores by default.
 
@@ -90,8 +89,7 @@ class CLOE(CLOESettings):
         DidimError
             One of its kinds: without a reference or a controller, or for a start with which the robot cannot be simulated.
         """
-        settings = FitSettings(fixed=self.fixed, dropped=self.dropped)
-        job = settings.job(experiment, experiment.simulation.robot(experiment.robot))
+        job = self.job(experiment, experiment.simulation.robot(experiment.robot))
         problem = OutputError(self, job, say)
         first = self._search(problem, progress)
         if self.starts == 1 or first.status in (Status.STOPPED, Status.INTERRUPTED):

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...errors import FitError
+from ...regression.covariance import autocorrelated
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
@@ -23,8 +24,6 @@ DAMPINGS = np.array([1e-4, 1e-2, 1.0, 1e2])
 """Factors of the damping that are tried at once, one in each lane."""
 GRADIENT = 0.03
 """Cosine of the residual and the derivatives below which the gradient counts as zero."""
-CORRELATED = 0.1
-"""Correlation of neighbouring errors from which they no longer count as white."""
 MOST_ITERATIONS = 100
 NOISE_SAMPLES = 5
 """Fifth differences need more samples than these."""
@@ -179,7 +178,7 @@ def _covariance(
         return (
             np.zeros_like(normal),
             math.inf,
-            ["it ended before the derivatives that sigma is made of: there is none"],
+            ["stopped before the Jacobian was computed, so there are no standard deviations"],
         )
     size = np.sqrt(np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0))
     values, vectors = np.linalg.eigh(normal / np.outer(size, size))
@@ -189,44 +188,12 @@ def _covariance(
         told = f"the outputs do not tell {hardly} apart, or not at all: there are no standard deviations; fix or drop one"
         return np.zeros_like(normal), math.inf, [told]
     inverse = (vectors / values) @ vectors.T / np.outer(size, size)
-    n = problem.robot.n_dof
-    middle = np.zeros_like(normal)
-    correlated: list[int] = []
-    for block in problem.blocks():
-        for joint in range(n):
-            rows, part = jacobian[:, block][:, joint::n], errors[block][joint::n]
-            plain = rows @ rows.T
-            freedom = max(1.0, part.size - float(np.sum(inverse * plain)))
-            variance = float(part @ part) / freedom
-            if part @ part > 0.0 and abs(float(part[1:] @ part[:-1])) > CORRELATED * float(part @ part):
-                plain = _coloured(rows, part)
-                correlated.append(joint + 1)
-            middle += variance * plain
+    spread, correlated = autocorrelated(jacobian.T, errors, problem.blocks(), inverse)
     remarks = []
     if correlated:
-        joints = ", ".join(map(str, sorted(set(correlated))))
+        joints = ", ".join(str(joint + 1) for joint in sorted(set(correlated)))
         remarks.append(
             f"the output errors of joint {joints} are correlated in time: they are model error more than noise; the standard "
             "deviations take the correlation into account, and no bias"
         )
-    return inverse @ middle @ inverse, float(np.sqrt(values[-1] / values[0])), remarks
-
-
-def _coloured(rows: Array, errors: Array) -> Array:
-    """``J R J'`` with the correlation R that the errors of a joint show, tapered by Parzen's window, which keeps it definite."""
-    n = errors.size
-    length = 2 ** math.ceil(math.log2(2 * n))
-    # As long as the errors stay correlated in the worst case, and short enough for the estimate of each lag to mean something.
-    lags = min(n - 1, max(2, n // 10))
-    spectrum = np.abs(np.fft.rfft(errors, length)) ** 2
-    correlation = np.fft.irfft(spectrum, length)[: lags + 1]
-    correlation /= correlation[0]
-    u = np.arange(lags + 1) / lags
-    correlation *= np.where(u <= 0.5, 1.0 - 6.0 * u**2 * (1.0 - u), 2.0 * (1.0 - u) ** 3)
-    symmetric = np.zeros(length)
-    symmetric[: lags + 1] = correlation
-    symmetric[length - lags :] = correlation[:0:-1]
-    weights = np.maximum(np.fft.rfft(symmetric).real, 0.0)
-    filtered = np.fft.irfft(np.fft.rfft(rows, length, axis=1) * weights, length, axis=1)[:, :n]
-    product = np.asarray(filtered @ rows.T)
-    return 0.5 * (product + product.T)
+    return spread, float(np.sqrt(values[-1] / values[0])), remarks

@@ -22,15 +22,17 @@ from ...errors import FitError
 from ...experiment.loop import closed_loop
 from ...loop.closed_loop import ClosedLoop
 from ...model.dynamics import regressor
-from ...model.physics import physical_flags
 from ...model.safe_step import safe_step, thinned
+from ...regression.block import Block
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
 from ...signal.align import align
+from ...signal.segments import kept_samples, place_of
 from ...signal.spikes import without_spikes
+from ..builder import TorqueErrors, identification, record
 from ..idim_ls import IDIMLS
-from ..method import Job, delay_record, digests, ratio, ratios
+from ..job import Delay, Job
 from ..start import standard_start
 from .checkpoint import Checkpoint
 from .settings import CLOESettings, Output
@@ -45,12 +47,14 @@ DIFFERENCE = 1e-4
 
 @dataclass(frozen=True)
 class Window:
-    """A stretch of a log with the closed loop that runs along it; ``kept`` are the samples that trimming leaves."""
+    """A window of a log with the closed loop that runs along it."""
 
     loop: ClosedLoop
     q: Array
     tau: Array
-    kept: slice
+    place: str
+    recording: int
+    window: int
 
 
 class OutputError:
@@ -126,14 +130,25 @@ class OutputError:
                 rows.append(((tau - window.tau) * root_tau).reshape(len(points), -1))
         return np.concatenate(rows, axis=1), completed
 
-    def blocks(self) -> list[slice]:
-        """Rows of one output along one window each: sample by sample, joint by joint within."""
-        found, place = [], 0
+    def blocks(self) -> list[Block]:
+        """Blocks of the rows: one output along one window after the other, sample by sample, joint by joint within."""
+        found, place, n = [], 0, self.robot.n_dof
         for window in self.windows:
             for weights in (self.weight_q, self.weight_tau):
-                if weights.any():
-                    found.append(slice(place, place + window.q.size))
-                    place += window.q.size
+                if not weights.any():
+                    continue
+                stop = place + window.q.size
+                found += [
+                    Block(
+                        slice(place + joint, stop, n),
+                        joint,
+                        window.recording,
+                        window.window,
+                        window.loop.rate_hz,
+                    )
+                    for joint in range(n)
+                ]
+                place = stop
         return found
 
     def derivatives(self, point: Array, errors: Array) -> Array:
@@ -183,8 +198,8 @@ class OutputError:
         settings = self.settings()
         for key in ("max_iterations", "max_evaluations", "threads", "checkpoint", "tolerance", "starts"):
             settings.pop(key)
-        record = {key: value for key, value in self.job.record().items() if key != "versions"}
-        asked = json.dumps([settings, record], sort_keys=True, default=str)
+        asked_of_job = {key: value for key, value in record(self.job).items() if key != "versions"}
+        asked = json.dumps([settings, asked_of_job], sort_keys=True, default=str)
         digest = hashlib.sha256(asked.encode())
         for window in self.windows:
             loop = window.loop
@@ -204,7 +219,13 @@ class OutputError:
     def _start(self) -> Array:
         start = self.method.start
         if isinstance(start, str) and start == "idim-ls":
-            idim = IDIMLS(fixed=self.method.fixed, dropped=self.method.dropped)
+            method = self.method
+            idim = IDIMLS(
+                signal=method.signal,
+                compensate_samples=method.compensate_samples,
+                fixed=method.fixed,
+                dropped=method.dropped,
+            )
             x = idim.run(self.job.experiment, lambda iteration: False, self.say).parameters
         else:
             x = standard_start(self.robot, start)
@@ -234,55 +255,39 @@ class OutputError:
     ) -> Identification:
         """Put together the result at a point, with the errors of the simulated torques there."""
         x = self.standard(point[None])[0]
-        beta = self.base.project(x)
-        errors_tau, sizes = np.zeros(self.robot.n_dof), np.zeros(self.robot.n_dof)
+        errors, sizes = np.zeros(self.robot.n_dof), np.zeros(self.robot.n_dof)
         positions, n_rows, cost = [], 0, 0.0
         torques = all(recording.tau is not None for recording in self.job.experiment.recordings)
-        delay = self.job.delay() if torques else (0.0, None)
+        delay = self.job.delay() if torques else Delay()
         for window in self.windows:
             (q, _, _, tau), _ = window.loop.run(x[None], threads=self.method.threads)
-            # The measured torque is moved back against the motion, as by the other methods.
-            (simulated,), torque = align([np.ascontiguousarray(tau[0])], window.tau, delay[0])
-            errors_tau += np.sum((simulated - torque)[window.kept] ** 2, axis=0)
-            sizes += np.sum(torque[window.kept] ** 2, axis=0)
+            # The measured torque is moved back against the motion and trimmed, as by the other methods.
+            (simulated,), torque = align([np.ascontiguousarray(tau[0])], window.tau, delay.samples)
+            kept = kept_samples(len(torque), window.place, self.job.signal)
+            errors += np.sum((simulated - torque)[kept] ** 2, axis=0)
+            sizes += np.sum(torque[kept] ** 2, axis=0)
+            n_rows += torque[kept].size
             cost += float(np.sum((q[0] - window.q) ** 2))
             positions.append(q[0])
-            n_rows += q[0].size
         self.n_simulations += len(self.windows)
-        full = self.job.selection.expand_covariance(covariance)
-        everything = np.concatenate(positions)
-        norm = float(np.sqrt(errors_tau.sum()))
-        return Identification(
-            name=self.job.experiment.name,
-            robot=self.robot.name,
-            method=self.method.name,
+        return identification(
+            self.job,
+            self.method,
             status=status,
-            names=self.base.names,
-            units=self.base.units,
-            roles=self.job.selection.roles,
-            beta=beta,
-            covariance=full,
-            parameter_names=self.robot.parameter_names,
-            parameters=self.base.lift(beta),
-            relative_error=ratios(np.sqrt(errors_tau), np.sqrt(sizes)),
-            overall_relative_error=ratio(np.sqrt(errors_tau.sum()), np.sqrt(sizes.sum())),
-            error_norm=norm,
-            error_std=norm / math.sqrt(max(1, n_rows - len(self.estimated))),
+            history=history,
+            beta=self.base.project(x),
+            covariance=covariance,
+            errors=TorqueErrors.of_squares(errors, sizes, n_rows),
             condition_number=condition_number,
-            n_rows=n_rows,
+            delay=delay,
+            q=thinned(np.concatenate(positions), 2000),
+            held_out=torques,
             n_simulations=self.n_simulations,
-            history=tuple(history),
-            held_out=tuple(self.job.held_out(beta, delay[0])) if torques else (),
-            delay=delay_record(*delay),
-            warnings=physical_flags(self.robot, beta, np.sqrt(np.diag(full)), thinned(everything, 2000)),
+            settings={"cloe": {**self.settings(), **settings, "position_error_norm": math.sqrt(cost)}},
             remarks=(
                 *remarks,
                 *(() if torques else ("without torques in the log, torque errors mean nothing",)),
             ),
-            settings=self.job.record(
-                cloe={**self.settings(), **settings, "position_error_norm": math.sqrt(cost)}
-            ),
-            digests=digests(self.job.experiment),
         )
 
     def settings(self) -> dict[str, Any]:
@@ -295,18 +300,18 @@ class OutputError:
 
 def _windows(job: Job, output: Output) -> list[Window]:
     experiment = job.experiment
-    if output != "position" and job.wish != 0.0:
+    if output != "position" and job.delay_setting != 0.0:
         raise FitError(
-            f"output {output!r} takes no delay of the torque back, and compensate_samples is {job.wish!r}: use output "
+            f"output {output!r} takes no delay of the torque back, and compensate_samples is {job.delay_setting!r}: use output "
             "'position', or DIDIM"
         )
     found = []
-    for recording in experiment.recordings:
+    for number, recording in enumerate(experiment.recordings):
         if recording.role != "fit":
             continue
         if recording.tau is None and output != "position":
             raise FitError(f"recording '{recording.name}' has no torques, which output {output!r} needs")
-        for start, stop in recording.windows:
+        for count, (start, stop) in enumerate(recording.windows):
             loop = closed_loop(experiment, recording, (start, stop))
             q = np.ascontiguousarray(recording.q[start:stop])
             tau = (
@@ -321,8 +326,9 @@ def _windows(job: Job, output: Output) -> list[Window]:
                 raise FitError(
                     f"recording '{recording.name}': the torques of joint {joint} are too large to be squared; check their unit"
                 )
-            kept = slice(job.signal.trim_start, len(q) - job.signal.trim_end)
-            found.append(Window(loop, q, tau, kept))
+            place = place_of(recording, (start, stop))
+            kept_samples(len(q), place, job.signal)  # now, not after the search
+            found.append(Window(loop, q, tau, place, number, count))
     if not found:
         raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
     return found

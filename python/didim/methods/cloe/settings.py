@@ -12,6 +12,7 @@ import numpy as np
 
 from ..._tools.arrays import real_array
 from ...errors import FitError
+from ..method import MethodSettings, Motion
 from ..start import Start
 
 Optimizer = Literal["levenberg-marquardt", "nelder-mead"]
@@ -20,7 +21,7 @@ Variant = Literal["scaled", "adaptive", "literal"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class CLOESettings:
+class CLOESettings(MethodSettings):
     """Settings of CLOE, without the search itself: what its searches read.
 
     Parameters
@@ -52,8 +53,8 @@ class CLOESettings:
     noise : sequence of float, optional
         Standard deviation of the measured positions per joint (rad or m): weights of Levenberg-Marquardt. Estimated from
         fifth differences of the measured positions by default, that of torques likewise.
-    fixed, dropped : mapping, sequence, optional
-        As in `FitSettings`.
+    variance, signal, compensate_samples, fixed, dropped : optional
+        As in `MethodSettings`; trimming and delay count for the torque errors of the result.
     threads : int, optional
         All cores by default.
 
@@ -71,13 +72,13 @@ class CLOESettings:
     variant: Variant = "adaptive"
     tolerance: float = 1e-6
     noise: Sequence[float] | None = None
-    fixed: dict[str, float] | None = None
-    dropped: Sequence[str] | None = None
     threads: int | None = None
     starts: int = 1
     seed: int = 0
     checkpoint: str | Path | None = None
 
+    motion: ClassVar[Motion] = "simulated"
+    raw: ClassVar[bool] = True
     kind: ClassVar[str] = "cloe"
 
     @property
@@ -86,6 +87,7 @@ class CLOESettings:
         return f"{'clie' if self.output == 'torque' else 'cloe'}-{self.optimizer}"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for key, known in (
             ("optimizer", ("levenberg-marquardt", "nelder-mead")),
             ("output", ("position", "torque", "both")),

@@ -1,0 +1,228 @@
+"""The result of a run: one builder for every method, so that rows, degrees of freedom and errors are counted alike.
+
+Tested in ``tests/test_builder.py``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.version import __version__
+from ..experiment.experiment import Experiment
+from ..model.physics import physical_flags
+from ..regression.fit import Fit
+from ..regression.linear_system import LinearSystem
+from ..regression.solver import solver_record
+from ..result.identification import Identification
+from ..result.iteration import Iteration
+from ..result.status import Status
+from .job import Delay, Job, ratio, ratios
+from .method import Described
+
+LARGEST_CONDITION_NUMBER = 1e10
+"""Condition number beyond which fewer than about six of the sixteen digits of the estimate are left."""
+
+
+@dataclass(frozen=True)
+class TorqueErrors:
+    """Errors of the torques on the rows that are summed.
+
+    Attributes
+    ----------
+    norms : (n_dof,) array
+        Norm of the error of each joint (N.m or N).
+    torques : (n_dof,) array
+        Norm of the measured torque of each joint (N.m or N).
+    norm, torque : float
+        The same of all joints together.
+    n_rows : int
+        Rows of all joints.
+    """
+
+    norms: Array
+    torques: Array
+    norm: float
+    torque: float
+    n_rows: int
+
+    @classmethod
+    def of(cls, system: LinearSystem, residual: Array) -> TorqueErrors:
+        """Return the errors on the rows of a linear system."""
+        measured = system.measured
+        norm, torque = (float(np.linalg.norm(rows)) for rows in (residual, measured))
+        return cls(system.norms(residual), system.norms(measured), norm, torque, system.y.size)
+
+    @classmethod
+    def of_squares(cls, errors: Array, torques: Array, n_rows: int) -> TorqueErrors:
+        """Return the errors from the sums of squares of each joint, (n_dof,)."""
+        norm, torque = (float(np.sqrt(squares.sum())) for squares in (errors, torques))
+        return cls(np.sqrt(errors), np.sqrt(torques), norm, torque, n_rows)
+
+
+def identification(
+    job: Job,
+    method: Described,
+    *,
+    status: Status,
+    history: Sequence[Iteration],
+    beta: Array,
+    covariance: Array,
+    errors: TorqueErrors,
+    condition_number: float,
+    delay: Delay,
+    q: Array,
+    held_out: bool = True,
+    n_simulations: int = 0,
+    output_error: tuple[float, float] | None = None,
+    settings: Mapping[str, Any] | None = None,
+    remarks: Sequence[str] = (),
+) -> Identification:
+    """Put together the result of a method.
+
+    Parameters
+    ----------
+    job : Job
+        Experiment and settings of the run.
+    method : Described
+        Its name, and along which motion it predicts.
+    status, history, condition_number, delay, n_simulations, output_error, remarks
+        As in `Identification`.
+    beta : (b,) array
+        All base parameters, fixed ones included.
+    covariance : (n_estimated, n_estimated) array
+        Covariance of the estimated ones.
+    errors : TorqueErrors
+        Errors of the torques on the rows of the fit.
+    q : (n_samples, n_dof) array
+        Positions at which physics is checked.
+    held_out : bool
+        Whether the recordings kept out have torques to compare with.
+    settings : mapping, optional
+        What the method adds to the record of the settings.
+    """
+    robot = job.robot
+    full = job.selection.expand_covariance(covariance)
+    freedom = max(1, job.settings.divisor(errors.n_rows, len(job.selection.estimated)))
+    return Identification(
+        name=job.experiment.name,
+        robot=robot.name,
+        method=method.name,
+        status=status,
+        names=robot.base_parameters.names,
+        units=robot.base_parameters.units,
+        roles=job.selection.roles,
+        beta=beta,
+        covariance=full,
+        parameter_names=robot.parameter_names,
+        parameters=robot.base_parameters.lift(beta),
+        relative_error=ratios(errors.norms, errors.torques),
+        overall_relative_error=ratio(errors.norm, errors.torque),
+        error_norm=errors.norm,
+        error_std=errors.norm / float(np.sqrt(freedom)),
+        condition_number=condition_number,
+        n_rows=errors.n_rows,
+        n_simulations=n_simulations,
+        output_error=output_error,
+        history=tuple(history),
+        held_out=tuple(job.held_out(beta, delay.samples)) if held_out else (),
+        warnings=physical_flags(robot, beta, np.sqrt(np.diag(full)), q),
+        remarks=tuple(remarks),
+        delay=delay.record(),
+        settings=record(job, prediction={"motion": method.motion, "raw": method.raw}, **(settings or {})),
+        digests=digests(job.experiment),
+    )
+
+
+def fitted(
+    job: Job,
+    method: Described,
+    system: LinearSystem,
+    fit: Fit,
+    *,
+    status: Status,
+    history: Sequence[Iteration],
+    delay: Delay,
+    q: Array,
+    beta: Array | None = None,
+    n_simulations: int = 0,
+    output_error: tuple[float, float] | None = None,
+    settings: Mapping[str, Any] | None = None,
+    remarks: Sequence[str] = (),
+) -> Identification:
+    """Put together the result of a method that ends with the solution of a system (7); see `identification`.
+
+    `beta` are the parameters reached, (b,), where they are not those of the last solution.
+    """
+    return identification(
+        job,
+        method,
+        status=status,
+        history=history,
+        beta=job.selection.expand(fit.solution) if beta is None else beta,
+        covariance=fit.covariance,
+        errors=TorqueErrors.of(system, fit.residual),
+        condition_number=fit.condition_number,
+        delay=delay,
+        q=q,
+        n_simulations=n_simulations,
+        output_error=output_error,
+        settings={"solver": solver_record(job.solver_choice, fit), **(settings or {})},
+        remarks=(*fit.remarks, *remarks),
+    )
+
+
+def record(job: Job, **more: Any) -> dict[str, Any]:
+    """Return settings and recordings of a run, as JSON has them (lists, no tuples)."""
+    import scipy  # loads subprocess and more
+
+    asked = {
+        "versions": {"didim": __version__, "numpy": np.__version__, "scipy": scipy.__version__},
+        "experiment": job.experiment.name,
+        # With the friction of the experiment, which the digest of the robot file does not include.
+        "robot": {
+            "name": job.robot.name,
+            "geometry": asdict(job.robot.geometry),
+            "friction": asdict(job.robot.friction),
+        },
+        "signal": asdict(job.signal),
+        "least_squares": asdict(job.settings),
+        "delay": {"compensate_samples": job.delay_setting},
+        "fixed": dict(job.fixed),
+        "dropped": job.dropped,
+        "recordings": [
+            {
+                "name": item.name,
+                "role": item.role,
+                "rate_hz": item.rate_hz,
+                "windows": item.windows,
+                **item.origin,
+            }
+            for item in job.experiment.recordings
+        ],
+        **more,
+    }
+    restored: dict[str, Any] = json.loads(json.dumps(asked))
+    return restored
+
+
+def solved_status(fit: Fit) -> Status:
+    """Return how a single least-squares problem ended."""
+    if fit.stopped:
+        return Status.STOPPED
+    if not fit.converged:
+        return Status.NOT_CONVERGED
+    return Status.SOLVED if fit.condition_number < LARGEST_CONDITION_NUMBER else Status.ILL_CONDITIONED
+
+
+def digests(experiment: Experiment) -> dict[str, str]:
+    """Return the digests of all files that an experiment was read from."""
+    found = dict(experiment.digests)
+    for recording in experiment.recordings:
+        found |= {f"data {file}": digest for file, digest in recording.digests.items()}
+    return found

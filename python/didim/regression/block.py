@@ -1,0 +1,95 @@
+"""Blocks: the rows of one joint in one window of a recording.
+
+Weights, the variance (9), the covariance of decimated noise, a jackknife over windows, parameters of each log and a system that is
+solved window by window are functions of blocks and of nothing else. Tested in ``tests/test_solver.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from .._tools.arrays import Array
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows of one joint in one window.
+
+    Attributes
+    ----------
+    rows : slice
+        Rows of the system, in the order of time.
+    joint : int
+        Joint, from 0.
+    recording : int
+        Recording, from 0, among those of the experiment.
+    window : int
+        Window of the recording, from 0.
+    rate_hz : float
+        Rate of the rows, after decimation.
+    correlation : (n_lags,) array or None
+        Autocorrelation that white noise of the log has on these rows, from lag 0 on, where it is 1; None where it stays white.
+    """
+
+    rows: slice
+    joint: int
+    recording: int = 0
+    window: int = 0
+    rate_hz: float = 1.0
+    correlation: Array | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows."""
+        return len(range(self.rows.start, self.rows.stop, self.rows.step or 1))
+
+
+def stacked(
+    n_joints: int,
+    lengths: Sequence[int],
+    *,
+    places: Sequence[tuple[int, int]] | None = None,
+    rates_hz: Sequence[float] | None = None,
+    correlation: Array | None = None,
+) -> tuple[Block, ...]:
+    """Blocks of rows that stand joint by joint, the windows of a joint one after the other.
+
+    Parameters
+    ----------
+    n_joints : int
+        Number of joints.
+    lengths : sequence of int
+        Rows of each window, for each joint the same.
+    places : sequence of (int, int), optional
+        Recording and window of each; windows of one recording by default.
+    rates_hz : sequence of float, optional
+        Rate of each; 1 Hz by default.
+    correlation : (n_lags,) array, optional
+        See `Block`.
+    """
+    places = [(0, window) for window in range(len(lengths))] if places is None else places
+    rates = [1.0] * len(lengths) if rates_hz is None else rates_hz
+    found, start = [], 0
+    for joint in range(n_joints):
+        for length, (recording, window), rate in zip(lengths, places, rates, strict=True):
+            rows = slice(start, start + length)
+            found.append(Block(rows, joint, recording, window, rate, correlation))
+            start += length
+    return tuple(found)
+
+
+def by_joint(blocks: Iterable[Block]) -> list[list[Block]]:
+    """Blocks of each joint, in the order of joints."""
+    found: dict[int, list[Block]] = {}
+    for block in blocks:
+        found.setdefault(block.joint, []).append(block)
+    return [found[joint] for joint in sorted(found)]
+
+
+def by_window(blocks: Iterable[Block]) -> list[list[Block]]:
+    """Blocks of each window of each recording, in their order: what a jackknife leaves out together."""
+    found: dict[tuple[int, int], list[Block]] = {}
+    for block in blocks:
+        found.setdefault((block.recording, block.window), []).append(block)
+    return [found[place] for place in sorted(found)]

@@ -1,0 +1,49 @@
+"""The solution of a linear system (7), in the form that every solver gives it. Tested in ``tests/test_solver.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from .._tools.arrays import Array
+
+Progress = Callable[[int, Array, Array], bool]
+"""Called with the number of a solution, from 1, its estimate and its residual; True stops the solver."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Solution of a `LinearSystem`.
+
+    Attributes
+    ----------
+    solution : ndarray, shape (b,)
+        Estimate.
+    covariance : ndarray, shape (b, b)
+        Its covariance, (10) or what the solver says instead; zero where it says nothing.
+    residual : ndarray, shape (r,)
+        ``Y - W beta`` in the units of Y, without weights.
+    weights : ndarray, shape (r,)
+        Factor of each row in the last solution; ones without weights.
+    condition_number : float
+        Condition number of W as it is, without weights.
+    stopped : bool
+        Whether the callback asked to stop.
+    converged : bool
+        False for iterations that ended before they reached their aim.
+    remarks : tuple of str
+        Sentences that a reader of the result should know.
+    record : mapping
+        Numbers and settings of the solver, as JSON has them, for the settings of the result.
+    """
+
+    solution: Array
+    covariance: Array
+    residual: Array
+    weights: Array
+    condition_number: float
+    stopped: bool = False
+    converged: bool = True
+    remarks: tuple[str, ...] = ()
+    record: Mapping[str, Any] = field(default_factory=dict)

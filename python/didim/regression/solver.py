@@ -1,0 +1,98 @@
+"""The seam of the regressions: a solver takes a linear system (7) and gives a `Fit`. Tested in ``tests/test_solver.py``.
+
+A solver is a function or an object that can be called: ``solve(system, settings, progress=None) -> Fit``. A method
+takes its name in `SOLVERS`, or the solver itself: ``IDIMLS(solver=...)``, ``DIDIM(solver=...)``. A solver with settings
+of its own is a frozen dataclass with ``__call__``: it can be pickled and compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Protocol, runtime_checkable
+
+from .._tools.words import did_you_mean
+from ..errors import FitError
+from ..robot.robot import Robot
+from .fit import Fit, Progress
+from .linear_system import LinearSystem
+from .selection import Selection
+from .settings import LeastSquaresSettings
+
+
+class Solver(Protocol):
+    """Solution of (7): called with a system, the settings of least squares and a callback for each solution."""
+
+    def __call__(
+        self, system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None
+    ) -> Fit:
+        """Solve a system."""
+
+
+@runtime_checkable
+class RobotSolver(Protocol):
+    """A solver that must know whose parameters the columns are, such as one with physical constraints."""
+
+    def for_robot(self, robot: Robot, selection: Selection) -> Solver:
+        """Return the solver for the systems of a robot, whose columns are the estimated base parameters of `selection`."""
+
+
+SolverChoice = str | Solver | RobotSolver
+
+SOLVERS: dict[str, str | Solver | RobotSolver] = {
+    "least-squares": "didim.regression.least_squares:solve",
+}
+"""Solvers by name, or where they are, as "module:object": loaded when the solver is asked for."""
+
+
+def check_solver(choice: object) -> None:
+    """Refuse what is neither a known name nor a solver.
+
+    Raises
+    ------
+    FitError
+        The sentence lists the names that are known.
+    """
+    if isinstance(choice, str):
+        if choice not in SOLVERS:
+            raise FitError(
+                f"there is no solver {choice!r}{did_you_mean(choice, SOLVERS)} (there are: {', '.join(SOLVERS)})"
+            )
+    elif isinstance(choice, type) or not (callable(choice) or isinstance(choice, RobotSolver)):
+        raise FitError(f"solver must be a name or a function of a system and settings, got {choice!r}")
+
+
+def solver_of(choice: SolverChoice, robot: Robot, selection: Selection) -> Solver:
+    """Return a solver, by name or as it is, for the systems of a robot.
+
+    Raises
+    ------
+    FitError
+        For an unknown name.
+    """
+    check_solver(choice)
+    if isinstance(choice, str):
+        place = SOLVERS[choice]
+        if isinstance(place, str):
+            module, _, name = place.partition(":")
+            place = getattr(import_module(module), name)
+        assert not isinstance(place, str)  # an object of the module
+        choice = place
+    return choice.for_robot(robot, selection) if isinstance(choice, RobotSolver) else choice
+
+
+def solver_name(choice: SolverChoice) -> str:
+    """Name of a solver for the record of a result."""
+    if isinstance(choice, str):
+        return choice
+    place = f"{getattr(choice, '__module__', '')}:{getattr(choice, '__qualname__', '')}"
+    for name, known in SOLVERS.items():
+        if known is choice or known == place:
+            return name
+    own = getattr(choice, "name", None)
+    return own if isinstance(own, str) else getattr(choice, "__name__", type(choice).__name__)
+
+
+def solver_record(choice: SolverChoice, fit: Fit) -> Mapping[str, object]:
+    """Name of a solver and what it says of itself, for the record of a result."""
+    return {"name": solver_name(choice), **fit.record}

@@ -1,0 +1,33 @@
+"""Weights of the rows: the reciprocal of the size of each joint's residuals. Tested in ``tests/test_least_squares.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .linear_system import LinearSystem
+
+SMALLEST_RELATIVE_RESIDUAL = 1e-9
+"""Lower bound of a joint's residual as a share of its torque: rounding noise would get an infinite weight."""
+
+
+def joint_sigma(system: LinearSystem, residual: Array) -> Array:
+    """Root mean square of each joint's residuals, never zero; shape (n_dof,)."""
+    counts = np.array([joint.stop - joint.start for joint in system.joints])
+    sigma = system.norms(residual) / np.sqrt(counts)
+    torque = system.norms(system.y) / np.sqrt(counts)
+    # A joint without torque has no size of its own: it takes that of the largest.
+    floor = SMALLEST_RELATIVE_RESIDUAL * np.where(torque > 0.0, torque, torque.max(initial=0.0))
+    sigma = np.maximum(sigma, floor)
+    return cast(Array, np.where(sigma > 0.0, sigma, 1.0))
+
+
+def per_row(system: LinearSystem, per_joint: Sequence[float] | Array) -> Array:
+    """Value of each row's joint, shape (r,)."""
+    rows = np.empty(system.y.size)
+    for joint, value in zip(system.joints, per_joint, strict=True):
+        rows[joint] = value
+    return rows
