@@ -21,7 +21,7 @@ from didim.experiment.specs import ReferenceSpec
 from didim.loop.controller import Controller
 from didim.loop.reference import Reference
 from didim.loop.tuning import mean_inertia
-from didim.methods.didim import GainUpdating
+from didim.methods.didim_settings import GainUpdating
 from didim.methods.start import Start, unit_rotors
 from didim.result.iteration import Iteration
 from didim.studies.simulated_log import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
@@ -289,7 +289,7 @@ def test_gain_updating_also_where_steps_are_shortened(slack: Experiment, slack_f
 def test_history_and_counts(log: Experiment, fit: Identification, truth: Array) -> None:
     assert fit.method == "didim"
     assert [item.iteration for item in fit.history] == list(range(1, fit.n_iterations + 1))
-    assert fit.n_simulations == fit.n_iterations + 1
+    assert fit.n_simulations == fit.n_iterations + 2  # the start, and the check with half the steps
     keys = {
         "step_length",
         "largest_safe_step",
@@ -298,6 +298,8 @@ def test_history_and_counts(log: Experiment, fit: Identification, truth: Array) 
         "output_error_before",
         "output_error_after",
         "condition_number",
+        "contraction",
+        "remaining_sigma",
     }
     for item in fit.history:
         assert set(item.more) == keys
@@ -395,7 +397,8 @@ def test_windows_and_recordings_count_together(arm: Experiment, arm_truth: Array
         found = identify(replace(measured_start, recordings=recordings), DIDIM())
         assert found.converged
         np.testing.assert_allclose(found.beta, arm_truth, atol=0.02)
-        assert found.n_simulations == count * (found.n_iterations + 1)
+        # The last one of the first window is made with half the steps too.
+        assert found.n_simulations == count * (found.n_iterations + 1) + 1
     both = identify(replace(arm, recordings=(recording, other)), DIDIM())
     np.testing.assert_allclose(both.beta, arm_truth, atol=MET)
     # Both count: torques of which one is 10 % too large give parameters in between.
@@ -500,7 +503,7 @@ def test_emps_from_one_kilogram_needs_gain_updating(emps: Experiment) -> None:
     assert found.status is Status.NOT_CONVERGED
     full = [item.more["residual_change"] for item in found.history if item.more["step_length"] == 1.0]
     assert np.nanmin(full) < 0.025
-    told = "with these parameters the robot does not follow: its torques are off by 6"
+    told = "with these parameters the robot does not follow: its torques are off by 5"
     (remark,) = [remark for remark in found.remarks if remark.startswith(told)]
     assert remark.endswith("or let gain_updating be 'first'")
     near = identify(emps, DIDIM(gain_updating="never", start="published"))
@@ -554,7 +557,7 @@ def test_command(file: Path, arm_truth: Array, tmp_path: Path, capsys: pytest.Ca
     np.testing.assert_allclose(found.beta, arm_truth, atol=MET)
     data = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))
     assert (data["method"], data["converged"]) == ("didim", True)
-    assert data["n_simulations"] == data["n_iterations"] + 1
+    assert data["n_simulations"] == data["n_iterations"] + 2
     assert data["output_error"][0] > 0.5
     assert data["history"][0]["step_length"] == 1.0
     assert data["settings"]["didim"]["gain_updating"] == "first"

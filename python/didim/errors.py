@@ -28,7 +28,17 @@ class SignalError(DidimError):
 
 
 class RankError(DidimError):
-    """A log that cannot tell some parameters apart; the message names them."""
+    """A log that cannot tell some parameters apart; the message names them.
+
+    Attributes
+    ----------
+    columns : tuple of int
+        Columns of the observation matrix that depend on others, from 0.
+    """
+
+    def __init__(self, message: str, columns: tuple[int, ...] = ()) -> None:
+        super().__init__(message)
+        self.columns = columns
 
 
 class IndefiniteError(DidimError):

@@ -90,7 +90,7 @@ def _identification(fit: Identification, form: str) -> str:
     grid = Grid((*head[:-1], "remark"), body, "llrrrl")
     errors_head, *errors = fit.error_rows()
     title = f"{fit.name}: robot {fit.robot} by {fit.method}"
-    notes = [*fit.warnings, *fit.remarks, fit.status.value]
+    notes = [*fit.warnings, *fit.remarks, fit.conclusion]
     if form == "latex":
         lines = [" ".join(row) for row in (errors_head, *errors)]
         return _latex(grid, [title, *lines, *notes])
@@ -130,7 +130,12 @@ def _comparison(comparison: Comparison, form: str) -> str:
         body.append(cells)
     align = "llr" + "rrr" * len(fits)
     titles = [TITLES.get(method, method) for method in fits]
-    notes = ["off: estimate less truth, in standard deviations", sentence(comparison), *comparison.notes]
+    notes = [
+        "off: estimate less truth, in standard deviations",
+        sentence(comparison),
+        *comparison.notes,
+        *comparison.remarks,
+    ]
     if form == "latex":
         grid = Grid(
             ("", "", "truth", *("estimate", "sigma %", "off") * len(fits)),

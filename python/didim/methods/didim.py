@@ -7,23 +7,23 @@ velocities, no band-pass filter. Tested in ``tests/test_didim.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from numbers import Real
-from typing import Any, ClassVar, Literal
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 import didim._core as _core
 
 from .._tools.arrays import Array
-from .._tools.words import counted
-from ..errors import DidimError, FitError
+from .._tools.words import counted, listing
+from ..errors import DidimError, FitError, RankError
 from ..experiment.experiment import Experiment
-from ..loop.closed_loop import LARGE_ERROR, Outcome
+from ..loop.closed_loop import LARGE_ERROR, Outcome, SimulationStatus
 from ..model.dynamics import inertia_matrix
 from ..model.safe_step import safe_step, thinned
 from ..regression.fit import Fit
+from ..regression.least_squares import solve_partly
 from ..regression.linear_system import LinearSystem
 from ..regression.suspicions import suspicions
 from ..result.identification import Identification
@@ -32,85 +32,34 @@ from ..result.status import Status
 from ..robot.robot import Robot
 from ..signal.segments import Segment
 from .builder import fitted
-from .didim_windows import Simulated, Window, checked_positions, windows_of
+from .didim_convergence import (
+    Path,
+    best_sentence,
+    rule_sentence,
+    slow_sentence,
+    step_sentence,
+    stuck_sentence,
+)
+from .didim_settings import DIDIMSettings
+from .didim_windows import Point, Simulated, Solved, Window, checked_positions, windows_of
 from .idim_ls import IDIMLS
 from .job import Job, ratio
-from .method import FitSettings, Motion
-from .start import Start, standard_start
+from .start import standard_start
 
-GainUpdating = Literal["first", "always", "never"]
-
-
+RECORDED = ("tolerance", "sigma_fraction", "max_iterations", "gain_updating", "margin")
+"""Settings in the record of a result, beside the start."""
 ROUNDING = 1e-10
 """Share of the torques below which a residual is rounding."""
 CAREFUL = 2
 """Where a robot cannot be simulated, all is tried again with equal steps, so many times smaller than the smallest one before."""
+SLOW = 0.3
+"""Remaining distance, in standard deviations, beyond which a result says that the iteration contracts slowly."""
 MOST_HALVINGS = 20
 """How often a step is halved when the simulation after it does not reach its end."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class DIDIM(FitSettings):
-    """Settings of DIDIM, beside those of `FitSettings`.
-
-    Parameters
-    ----------
-    start : str, mapping, array or Identification
-        Initial parameters (`didim.methods.start.standard_start`): "unit" for (17), "idim-ls", a parameter set of the robot
-        file, ...
-    tolerance : float
-        Stop when the norm of the residual changes by less than this share (absolute value of the change; the paper takes
-        2.5 %).
-    sigma_fraction : float
-        Or when no parameter changes by more than this fraction of its standard deviation.
-    max_iterations : int
-        Least-squares solutions at most.
-    gain_updating : {"first", "always", "never"}
-        Scale the gains of the simulated controller by ``J(x) / J``, joint by joint, in the first simulation, also after every
-        step that had to be shortened, or never; ``J`` is the mean of ``diag M(q)`` along the reference, once for the parameters
-        simulated and once for the IDIM-LS estimate. A robot far from the real one then tracks like it. After a full step
-        the gains are those of the controller, so that the result does not depend on it.
-    margin : float
-        A step that must be shortened keeps at least this share of M(q), at every position of the motion (between 0 and 1).
-    stop : bool
-        False to make all iterations, whatever the rule says.
-
-    Raises
-    ------
-    FitError
-        For a value out of its range.
-    """
-
-    name: ClassVar[str] = "didim"
-    motion: ClassVar[Motion] = "simulated"
-
-    start: Start = "unit"
-    tolerance: float = 1e-3
-    sigma_fraction: float = 0.3
-    max_iterations: int = 20
-    gain_updating: GainUpdating = "first"
-    margin: float = 0.1
-    stop: bool = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for key, low, high in (("tolerance", 0.0, 0.025), ("sigma_fraction", 0.0, 1.0), ("margin", 0.0, 1.0)):
-            value = getattr(self, key)
-            number = isinstance(value, Real) and not isinstance(value, bool)
-            if not number or not low <= value <= high or (key == "margin" and not 0.0 < value < 1.0):
-                raise FitError(f"{key} must be between {low:g} and {high:g}, got {value!r}")
-        if (
-            isinstance(self.max_iterations, bool)
-            or not isinstance(self.max_iterations, int)
-            or self.max_iterations < 1
-        ):
-            raise FitError(
-                f"max_iterations must be a whole number of at least 1, got {self.max_iterations!r}"
-            )
-        if self.gain_updating not in ("first", "always", "never"):
-            raise FitError(f"gain_updating must be 'first', 'always' or 'never', got {self.gain_updating!r}")
-        if not isinstance(self.stop, bool):
-            raise FitError(f"stop must be True or False, got {self.stop!r}")
+class DIDIM(DIDIMSettings):
+    """DIDIM with its settings, those of `DIDIMSettings` and `FitSettings`."""
 
     def run(
         self,
@@ -145,78 +94,81 @@ class _Run:
         self.refined = False
         self.usual: list[Window] | None = None
         """The windows with the steps of the experiment, while smaller ones are taken."""
+        self.stuck: dict[int, str] = {}
+        """Parameters that the simulated motion did not identify, by iteration."""
         self.direct: Identification | None = None
         """IDIM-LS estimate, where a start or the gains need it."""
 
     def result(self) -> Identification:
-        method, job = self.method, self.job
-        x = self._start()
-        updating = method.gain_updating != "never"
-        simulated = self._simulate(x, self._scale(x) if updating else None)
-        if isinstance(simulated, Outcome):
-            if self._refine():
-                return self.result()
-            raise self._no_start(f"the simulation {simulated}")
-        first_error = simulated.error
+        method = self.method
+        point = best = self._begin()
+        first_error = point.simulated.error
         history: list[Iteration] = []
-        status = Status.NOT_CONVERGED
-        system: LinearSystem
+        path = Path()
+        status, ending = Status.NOT_CONVERGED, ""
         last_norm = np.nan
-        for number in range(1, method.max_iterations + 1):
-            system = self._system(simulated)
-            fit = job.solve(system)
-            target = job.robot.base_parameters.lift(job.selection.expand(fit.solution))
-            largest = self._safe_step(simulated, x, target)
-            norm = float(np.linalg.norm(fit.residual))
-            std = np.sqrt(np.diag(job.selection.expand_covariance(fit.covariance)))
-            with np.errstate(divide="ignore", invalid="ignore"):
-                change = np.abs(job.robot.base_parameters.project(target - x)) / std
-            moved = float(np.nanmax(np.where(std > 0.0, change, 0.0)))
+        while len(history) < method.max_iterations:
+            solved = self._solve(point)
+            largest = self._safe_step(point, solved.target)
+            moved = self._in_sigma(solved, solved.target - point.x)
             # What may be the last simulation has its check of the steps beside it, on another core.
-            step, x_next, next_simulated = self._advance(x, target, largest, moved <= method.sigma_fraction)
+            step, after = self._advance(point, solved.target, largest, moved <= method.sigma_fraction)
             if step < largest and self._refine():
                 # A step that keeps M(q) > 0 leads to a robot; that it cannot be simulated is a matter of the steps in time.
-                return self.result()
+                again = self._simulate(point.x, point.simulated.scale)
+                if isinstance(again, Simulated):
+                    point = replace(point, simulated=again)
+                    continue
+            norm = float(np.linalg.norm(solved.fit.residual))
             relative_change = ratio(abs(norm - last_norm), last_norm)
-            error = ratio(np.linalg.norm(fit.residual), np.linalg.norm(system.measured))
-            more = {
-                "step_length": step,
-                "largest_safe_step": largest,
-                "largest_change_in_sigma": moved,
-                "residual_change": relative_change,
-                "output_error_before": simulated.error,
-                "output_error_after": np.nan if isinstance(next_simulated, Outcome) else next_simulated.error,
-                "condition_number": fit.condition_number,
-            }
+            error = ratio(norm, np.linalg.norm(solved.system.measured))
+            x_next = after.x if isinstance(after, Point) else point.x
+            path.add(self.robot.base_parameters.project(x_next - point.x), full=step == 1.0)
+            contraction = path.contraction(solved.std)
             history.append(
                 Iteration(
-                    iteration=number,
+                    iteration=len(history) + 1,
                     relative_error=error,
-                    step=ratio(np.linalg.norm(x_next - x), np.linalg.norm(x_next)),
-                    more=more,
+                    step=ratio(np.linalg.norm(x_next - point.x), np.linalg.norm(x_next)),
+                    more={
+                        "step_length": step,
+                        "largest_safe_step": largest,
+                        "largest_change_in_sigma": moved,
+                        "residual_change": relative_change,
+                        "output_error_before": point.simulated.error,
+                        "output_error_after": after.simulated.error if isinstance(after, Point) else np.nan,
+                        "condition_number": solved.fit.condition_number,
+                        "contraction": np.nan if contraction is None else contraction.rate,
+                        "remaining_sigma": np.nan if contraction is None else contraction.remaining_largest,
+                    },
                 )
             )
             stopped = self.progress(history[-1])
-            if isinstance(next_simulated, Outcome):
+            if isinstance(after, Outcome):
                 status = Status.NO_STEP
-                self.remarks.append(f"after the shortest step tried the simulation {next_simulated}")
+                self.remarks.append(f"after the shortest step tried the simulation {after}")
                 break
-            x, simulated, last_norm = x_next, next_simulated, norm
+            point, last_norm = after, norm
+            if point.simulated.error < best.simulated.error:
+                best = point
             if stopped:
                 status = Status.STOPPED
                 break
-            # A robot that flounders may have steady residuals; it is further from the log than no torque at all.
-            sound = step == 1.0 and simulated.error < 1.0
+            # A diverging robot may have steady residuals; it is further from the log than no torque at all.
+            sound = step == 1.0 and point.simulated.error < 1.0 and not solved.kept
             # Without noise the residual, and the sigmas made of it, end as rounding.
             exact = error <= ROUNDING
             if sound and (exact or moved <= method.sigma_fraction or relative_change <= method.tolerance):
                 status = Status.CONVERGED
+                ending = rule_sentence(
+                    moved, method.sigma_fraction, relative_change, method.tolerance, exact=exact
+                )
                 if self.usual is not None:
-                    # On with the steps of the experiment: the result must not tell from where it was come to.
+                    # Repeat the last iterations with the experiment's own steps, so the result does not depend on the start.
                     small, self.windows, self.usual = self.windows, self.usual, None
-                    again = self._simulate(x, None)
-                    if not isinstance(again, Outcome):
-                        simulated, status = again, Status.NOT_CONVERGED
+                    again = self._simulate(point.x, None)
+                    if isinstance(again, Simulated):
+                        point, status = replace(point, simulated=again), Status.NOT_CONVERGED
                         continue
                     self.windows = small
                 if method.stop:
@@ -224,28 +176,94 @@ class _Run:
             else:
                 status = Status.NOT_CONVERGED
         self.say(counted(self.n_simulations, "simulation"))
-        beta = job.robot.base_parameters.project(x)
-        # Of a shortened step the parameters are not those of the solution: neither are their errors.
-        fit = replace(fit, residual=system.y - system.w @ beta[job.selection.estimated])
-        findings = self._findings(system, fit, simulated, x, status)
-        q = np.concatenate([motion[0] for motion in simulated.motions])
-        return replace(
-            fitted(
-                job,
-                method,
-                system,
-                fit,
-                status=status,
-                history=history,
-                delay=self.delay,
-                q=thinned(q, 2000),
-                beta=beta,
-                settings=self._settings(),
-                remarks=findings,
-                n_simulations=self.n_simulations,
-            ),
-            output_error=(first_error, simulated.error),
+        if status is Status.CONVERGED:
+            # Of the last solution; a shortened step cannot be the last.
+            slow = path.contraction(solved.std)
+            if slow is not None and slow.remaining_largest > SLOW and not exact:
+                self.remarks.append(slow_sentence(slow, len(history)))
+            return self._finish(point, solved, status, ending, history, first_error)
+        ending = best_sentence(best.iteration, len(history), best.simulated.error)
+        return self._finish(best, self._solve(best), status, ending, history, first_error)
+
+    def _finish(
+        self,
+        point: Point,
+        solved: Solved,
+        status: Status,
+        ending: str,
+        history: Sequence[Iteration],
+        first_error: float,
+    ) -> Identification:
+        """Put together the result at a point, with the errors of its parameters; without standard deviations unless converged."""
+        job, system = self.job, solved.system
+        beta = job.robot.base_parameters.project(point.x)
+        fit = replace(solved.fit, residual=system.y - system.w @ beta[job.selection.estimated])
+        findings = self._findings(system, fit, point, status)
+        q = np.concatenate([motion[0] for motion in point.simulated.motions])
+        result = fitted(
+            job,
+            self.method,
+            system,
+            fit,
+            status=status,
+            history=history,
+            delay=self.delay,
+            q=thinned(q, 2000),
+            beta=beta,
+            settings=self._settings(),
+            remarks=findings,
+            n_simulations=self.n_simulations,
         )
+        if not status.converged:
+            # (10) holds at the minimum: of any other point it says nothing.
+            result = replace(result, covariance=np.zeros_like(result.covariance))
+        return replace(result, ending=ending, output_error=(first_error, point.simulated.error))
+
+    def _begin(self) -> Point:
+        """Return the start with its simulation, with smaller steps in time where those of the experiment do not do."""
+        x = self._start()
+        scale = self._scale(x) if self.method.gain_updating != "never" else None
+        simulated = self._simulate(x, scale)
+        if isinstance(simulated, Outcome) and self._refine():
+            simulated = self._simulate(x, scale)
+        if isinstance(simulated, Outcome):
+            raise self._no_start(f"the simulation {simulated}")
+        return Point(x, simulated, 0)
+
+    def _solve(self, point: Point) -> Solved:
+        """Solve (7) along the motion of a point.
+
+        Parameters that this motion does not identify, because simulated joints stick in friction, keep the values of the point;
+        it is the log that lacks them only if the measured motion does not identify them either.
+        """
+        job = self.job
+        system = self._system(point.simulated)
+        try:
+            fit = job.solve(system)
+            kept: tuple[int, ...] = ()
+        except RankError as reason:
+            self._blame_log()
+            values = job.robot.base_parameters.project(point.x)[job.selection.estimated]
+            fit, kept = solve_partly(system, job.solve, values, reason.columns)
+            self.stuck[point.iteration] = listing([system.names[column] for column in kept])
+        target = job.robot.base_parameters.lift(job.selection.expand(fit.solution))
+        std = np.sqrt(np.diag(job.selection.expand_covariance(fit.covariance)))
+        return Solved(system, fit, target, std, kept)
+
+    def _blame_log(self) -> None:
+        """Raise the error of a log whose measured motion does not identify all parameters either."""
+        try:
+            self._idim_ls()
+        except RankError:
+            raise
+        except DidimError:
+            return  # the measured motion says nothing
+
+    def _in_sigma(self, solved: Solved, step: Array) -> float:
+        """Largest change of a base parameter, in standard deviations."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = np.abs(self.robot.base_parameters.project(step)) / solved.std
+        return float(np.nanmax(np.where(solved.std > 0.0, change, 0.0)))
 
     def _refine(self) -> bool:
         """Take small steps everywhere, once, unless it is the log that looks wrong.
@@ -291,6 +309,9 @@ class _Run:
             method = self.method
             idim = IDIMLS(
                 weights=method.weights,
+                reweightings=method.reweightings,
+                variance=method.variance,
+                decimation_corrected=method.decimation_corrected,
                 signal=method.signal,
                 compensate_samples=self.delay.samples,
                 fixed=method.fixed,
@@ -317,7 +338,9 @@ class _Run:
             with ThreadPoolExecutor(1) as other:
                 finer = other.submit(self._finer, x, scale)
                 found = self._simulate(x, scale)
-                return found if isinstance(found, Outcome) else replace(found, finer=finer.result())
+                fine = finer.result()
+            self.n_simulations += 1
+            return found if isinstance(found, Outcome) else replace(found, finer=fine)
         motions, squares, size = [], 0.0, 0.0
         for window in self.windows:
             arrays, outcomes = window.loop.run(x[None], gain_scale=None if scale is None else scale[None])
@@ -353,26 +376,27 @@ class _Run:
         ]
         return self.job.system(parts)
 
-    def _safe_step(self, simulated: Simulated, x: Array, target: Array) -> float:
+    def _safe_step(self, point: Point, target: Array) -> float:
         """Return the largest step towards the least-squares solution that keeps M(q) positive definite along the motion."""
-        q = checked_positions(np.concatenate([motion[0] for motion in simulated.motions]))
-        return safe_step(self.robot, q, x, target, self.method.margin)
+        q = checked_positions(np.concatenate([motion[0] for motion in point.simulated.motions]))
+        return safe_step(self.robot, q, point.x, target, self.method.margin)
 
     def _advance(
-        self, x: Array, target: Array, largest: float, checked: bool
-    ) -> tuple[float, Array, Simulated | Outcome]:
+        self, point: Point, target: Array, largest: float, checked: bool
+    ) -> tuple[float, Point | Outcome]:
         """Go towards the target as far as it is safe and the simulation reaches its end; stay where no step does."""
-        step = largest
+        step, ended = largest, Outcome(SimulationStatus.DIVERGED)
         for _ in range(MOST_HALVINGS):
-            x_next = x + step * (target - x) if step < 1.0 else target
+            x_next = point.x + step * (target - point.x) if step < 1.0 else target
             # With "first" the scale has served its turn; after a full step it would only spoil known gains.
             updating = self.method.gain_updating == "always" and step < 1.0
             found = self._simulate(x_next, self._scale(x_next) if updating else None, checked)
-            if not isinstance(found, Outcome):
-                return step, x_next, found
+            if isinstance(found, Simulated):
+                return step, Point(x_next, found, point.iteration + 1)
+            ended = found
             self.say(f"with a step of {step:.3g} the simulation {found}; half of it")
             step *= 0.5
-        return 0.0, x, found
+        return 0.0, ended
 
     def _suspicions(self) -> list[str]:
         """Return what looks wrong along the measured motion, which no wrong parameter spoils."""
@@ -381,13 +405,14 @@ class _Run:
         except DidimError:
             return []
 
-    def _findings(
-        self, system: LinearSystem, fit: Fit, simulated: Simulated, x: Array, status: Status
-    ) -> list[str]:
+    def _findings(self, system: LinearSystem, fit: Fit, point: Point, status: Status) -> list[str]:
         """Sentences on what a reader must know: suspicions, the step of the integration, the reference."""
         found = suspicions(system, fit) if status.converged else self._suspicions()
         suspected = bool(found)
         found += self.remarks
+        if self.stuck:
+            found.append(stuck_sentence(self.stuck))
+        simulated = point.simulated
         if simulated.error >= 1.0:
             hint = ", or let gain_updating be 'first'" if self.method.gain_updating == "never" else ""
             found.append(
@@ -395,12 +420,15 @@ class _Run:
                 f"the controller, start elsewhere{hint}"
             )
         motion = simulated.motions[0]
-        fine = self._finer(x, simulated.scale) if simulated.finer is None else simulated.finer
+        fine = simulated.finer
+        if fine is None:
+            fine = self._finer(point.x, simulated.scale)
+            self.n_simulations += 1
         error = np.sqrt(np.mean((fine - motion[3]) ** 2, axis=0))
         size = np.sqrt(np.mean(fine**2, axis=0))
-        # A wrong log leads to robots that no step is small enough for.
+        # With a wrong log no step is small enough.
         if not suspected and not np.all(error <= LARGE_ERROR * size):
-            found.append(_step_sentence(error, size))
+            found.append(step_sentence(error, size))
         if getattr(self.job.experiment.reference, "kind", "") == "measured":
             found.append(
                 "the reference is the measured position: what the controller did to follow the real one is not in it, and "
@@ -409,18 +437,10 @@ class _Run:
         return found
 
     def _settings(self) -> dict[str, Any]:
-        method = self.method
-        experiment = self.job.experiment
+        method, experiment = self.method, self.job.experiment
         start = method.start if isinstance(method.start, str) else "given"
         return {
-            "didim": {
-                "start": start,
-                "tolerance": method.tolerance,
-                "sigma_fraction": method.sigma_fraction,
-                "max_iterations": method.max_iterations,
-                "gain_updating": method.gain_updating,
-                "margin": method.margin,
-            },
+            "didim": {"start": start, **{key: getattr(method, key) for key in RECORDED}},
             "closed_loop": {
                 "reference": getattr(experiment.reference, "settings", None),
                 "controller": getattr(experiment.controller, "settings", None),
@@ -428,13 +448,3 @@ class _Run:
                 "steps": self.windows[0].loop.schedule.steps,
             },
         }
-
-
-def _step_sentence(error: Array, size: Array) -> str:
-    if not np.isfinite(error).all():
-        return "the integration step is too large: with half of it the simulation ends early; reduce step_s and fine_step_s"
-    joint = int(np.argmax(np.divide(error, size, out=np.full_like(error, np.inf), where=size > 0.0)))
-    return (
-        f"the integration step is too large: halving it changes the torque of joint {joint + 1} by {error[joint]:.2g} rms of "
-        f"{size[joint]:.2g}; reduce step_s and fine_step_s in [simulation]"
-    )

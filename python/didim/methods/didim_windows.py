@@ -11,6 +11,8 @@ from ..errors import FitError
 from ..experiment.loop import closed_loop
 from ..loop.closed_loop import ClosedLoop
 from ..model.safe_step import thinned
+from ..regression.fit import Fit
+from ..regression.linear_system import LinearSystem
 from ..signal.align import align
 from ..signal.segments import kept_samples, place_of
 from ..signal.spikes import without_spikes
@@ -46,6 +48,29 @@ class Simulated:
     """Norm of measured less simulated torque over that of measured torque, (12)."""
     finer: Array | None = None
     """Torques of the first window with half the steps, where they were asked for."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """An iterate: standard parameters with the motion simulated with them, and the number of its iteration (0: the start)."""
+
+    x: Array
+    simulated: Simulated
+    iteration: int
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The linear system (7) along a simulated motion with its solution."""
+
+    system: LinearSystem
+    fit: Fit
+    target: Array
+    """Standard parameters of the solution, (n_parameters,)."""
+    std: Array
+    """Standard deviations of the base parameters, (b,)."""
+    kept: tuple[int, ...]
+    """Columns that the motion does not identify, which keep their values."""
 
 
 def windows_of(job: Job, delay: float) -> list[Window]:

@@ -92,5 +92,5 @@ def identify(
     start = time.perf_counter()
     fit = method.run(experiment, progress, say)
     fit = replace(fit, elapsed=time.perf_counter() - start)
-    say(f"{fit.elapsed:.3f} s; {fit.status.value}")
+    say(f"{fit.elapsed:.3f} s; {fit.conclusion}")
     return fit

@@ -14,7 +14,8 @@ r independent ones. With ``decimation_corrected`` the covariance counts this (``
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -81,7 +82,8 @@ def solve(
         except ValueError as reason:
             raise FitError(str(reason)) from None
         if scaled.dependent:
-            raise RankError(dependence_sentence(system.names, scaled.dependent))
+            columns = tuple(index for index, _ in scaled.dependent)
+            raise RankError(dependence_sentence(system.names, scaled.dependent), columns)
         if number == 1:
             condition_number = _condition_number(np.asarray(scaled.singular_values))
         beta = np.asarray(scaled.solution)
@@ -107,6 +109,57 @@ def solve(
         condition_number=condition_number,
         stopped=stopped,
     )
+
+
+def solve_partly(
+    system: LinearSystem,
+    solver: Callable[[LinearSystem], Fit],
+    values: Array,
+    kept: Sequence[int],
+) -> tuple[Fit, tuple[int, ...]]:
+    """Solve (7) for the columns that it identifies; the others keep their values.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        Rows joint by joint.
+    solver : callable
+        Solves the smaller system.
+    values : ndarray, shape (b,)
+        Values of the parameters that are kept.
+    kept : sequence of int
+        Columns that depend on others, from `RankError.columns`.
+
+    Returns
+    -------
+    Fit
+        Of all columns; the variance of those that were kept is zero.
+    tuple of int
+        Columns that were kept.
+
+    Raises
+    ------
+    FitError
+        As `solve`; RankError where the other columns depend on each other with the weights of the second solution.
+
+    Notes
+    -----
+    ``test_didim_endings.py`` has a start along whose motion an offset cannot be told from friction.
+    """
+    columns = len(system.names)
+    free, held = [column for column in range(columns) if column not in set(kept)], sorted(kept)
+    smaller = replace(
+        system,
+        w=np.ascontiguousarray(system.w[:, free]),
+        y=system.y - system.w[:, held] @ values[held],
+        known=None,
+        names=tuple(system.names[column] for column in free),
+    )
+    fit = solver(smaller)
+    solution, covariance = values.copy(), np.zeros((columns, columns))
+    solution[free] = fit.solution
+    covariance[np.ix_(free, free)] = fit.covariance
+    return replace(fit, solution=solution, covariance=covariance), tuple(held)
 
 
 def _condition_number(singular: Array) -> float:

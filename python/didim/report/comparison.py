@@ -33,7 +33,7 @@ def comparison_page(comparison: Comparison) -> str:
             f"{method_title(subject.method)}: {badge}",
             sentence(comparison),
             _tiles(comparison),
-            comparison.notes,
+            (*comparison.notes, *comparison.remarks),
         ),
         _cost_section(comparison),
         _deviation_section(comparison),

@@ -81,7 +81,7 @@ def judged(fit: Identification) -> tuple[Level, str, str]:
         text += f"; on '{item.name}', which was kept out of the fit, {percent(item.overall_relative_error)}"
     text += "."
     if not fit.converged:
-        return "bad", fit.status.value.partition(":")[0], f"{fit.status.value} {text}"
+        return "bad", fit.status.value.partition(":")[0], f"{fit.conclusion} {text}"
     if fit.warnings:
         return (
             "caution",
@@ -294,7 +294,7 @@ def _correlation_section(fit: Identification) -> Html:
 def _convergence_section(fit: Identification) -> Html:
     if not fit.history:
         return Html("")
-    content = [paragraph(fit.status.value)]
+    content = [paragraph(fit.conclusion)]
     if fit.output_error is not None:
         before, after = fit.output_error
         content.append(

@@ -43,7 +43,8 @@ class Identification:
     beta : ndarray, shape (b,)
         Base parameters.
     covariance : ndarray, shape (b, b)
-        Equation (10); zero for fixed and dropped parameters.
+        Equation (10); zero for fixed and dropped parameters, and zero throughout where no standard deviations are known,
+        as after an iteration that did not converge.
     parameter_names : tuple of str
         Of the standard parameters.
     parameters : ndarray, shape (p,)
@@ -79,6 +80,8 @@ class Identification:
         "compensated_samples", and "estimated_samples" and "estimated_seconds" if the delay was estimated.
     settings, digests : mapping
         What was asked for; SHA-256 of every file read.
+    ending : str
+        Sentence on the stopping rule that fired, or on what the result is when none did; empty where the status says it all.
 
     Notes
     -----
@@ -112,6 +115,7 @@ class Identification:
     delay: Mapping[str, float] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     digests: Mapping[str, str] = field(default_factory=dict)
+    ending: str = ""
 
     def __post_init__(self) -> None:
         n_base = len(self.names)
@@ -144,6 +148,11 @@ class Identification:
     def converged(self) -> bool:
         """Whether the method reached what it aims at."""
         return self.status.converged
+
+    @property
+    def conclusion(self) -> str:
+        """How it ended, and by which rule."""
+        return f"{self.status.value} {self.ending}".rstrip()
 
     @property
     def n_iterations(self) -> int:
@@ -182,7 +191,7 @@ class Identification:
             )
         if self.remarks:
             lines += ["", "To know:", *(f"  {text}" for text in self.remarks)]
-        verdict = self.status.value
+        verdict = self.conclusion
         if self.warnings:
             lines += ["", "Not physical as it stands:", *(f"  {text}" for text in self.warnings)]
             # The last line is what is read: it must not sound like plain success.
@@ -207,6 +216,7 @@ class Identification:
             "status": self.status.value,
             "status_name": self.status.name,
             "converged": self.converged,
+            "ending": self.ending,
             "n_iterations": self.n_iterations,
             "n_simulations": self.n_simulations,
             "output_error": None if self.output_error is None else [_finite(e) for e in self.output_error],
@@ -270,7 +280,7 @@ class Identification:
     def save_parameters(self, path: str | Path) -> None:
         """Write the parameters alone, as TOML or npz: see `didim.robot.parameter_file.write_parameters`."""
         estimates = Estimates(
-            title=f"{self.name}: base parameters of robot {self.robot} by {self.method}. {self.status.value}",
+            title=f"{self.name}: base parameters of robot {self.robot} by {self.method}. {self.conclusion}",
             comments=self.warnings,
             names=self.names,
             units=self.units,

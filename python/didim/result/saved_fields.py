@@ -60,6 +60,7 @@ def fields_of(data: dict[str, Any]) -> dict[str, Any]:
         ),
         "warnings": tuple(data["warnings"]),
         "remarks": tuple(data.get("remarks", ())),
+        "ending": str(data.get("ending", "")),
         "output_error": _pair(data.get("output_error")),
         "delay": data["delay"],
         "settings": data["settings"],

@@ -13,7 +13,7 @@ class Status(Enum):
         "Not solved well: the observation matrix is so badly conditioned that few digits of the estimate are "
         "right; use a more exciting motion, or drop or fix parameters."
     )
-    CONVERGED = "Converged: another iteration would change neither the residual nor the parameters."
+    CONVERGED = "Converged: the stopping rule of the method is met."
     NO_STEP = (
         "Not converged: no step, however short, led to parameters with which the simulation reaches its end; check the "
         "controller, the step of the integration, and the sign and the unit of the torques."
@@ -23,7 +23,7 @@ class Status(Enum):
         "at the controller and at the log."
     )
     INTERRUPTED = "Interrupted: the estimate is the best point found so far."
-    STOPPED = "Stopped by the callback: the estimate is that of the last iteration made."
+    STOPPED = "Stopped by the callback: the estimate is the best point found so far."
 
     @property
     def converged(self) -> bool:

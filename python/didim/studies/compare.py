@@ -136,8 +136,14 @@ def compare(
     for method in methods:
         if isinstance(method, CLOE) and isinstance(method.start, str) and method.start != "idim-ls":
             sets["start"] = standard_start(log.robot, method.start)
-    norms = position_norms(log, sets)
-    return Comparison(log, log.robot.base_parameters.project(x), fits, tuple(notes), norms)
+    return Comparison(
+        log,
+        log.robot.base_parameters.project(x),
+        fits,
+        tuple(notes),
+        position_norms(log, sets),
+        torque_errors(log, sets),
+    )
 
 
 def position_norms(log: Experiment, parameters: Mapping[str, Array]) -> dict[str, float]:
@@ -152,3 +158,17 @@ def position_norms(log: Experiment, parameters: Mapping[str, Array]) -> dict[str
         np.stack(list(parameters.values())), recording.q, tau, weight_q=ones, weight_tau=0.0 * ones
     )
     return dict(zip(parameters, np.sqrt(costs).tolist(), strict=True))
+
+
+def torque_errors(log: Experiment, parameters: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the relative errors of simulated torques by name, (n_dof,) each, unfiltered; NaN where no run completes."""
+    from ..experiment.loop import closed_loop
+
+    (recording,) = log.recordings
+    if recording.tau is None:
+        return {}
+    arrays, _ = closed_loop(log, recording).run(np.stack(list(parameters.values())))
+    sizes = np.linalg.norm(recording.tau, axis=0)
+    errors = np.linalg.norm(arrays[3] - recording.tau, axis=1)
+    shares = np.divide(errors, sizes, out=np.full_like(errors, np.nan), where=sizes > 0.0)
+    return dict(zip(parameters, shares, strict=True))

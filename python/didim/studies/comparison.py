@@ -47,6 +47,9 @@ class Comparison:
         What was shortened.
     norms : dict of float
         Norm (19) of the position errors (rad) of each method, at the "truth", and at the "start" of CLOE.
+    torque_errors : dict of (n_dof,) array
+        Norm of simulated less measured torque over that of the measured torque, joint by joint, at the same parameters;
+        neither is filtered. The errors of the fits themselves are of filtered torques where a method filters.
     """
 
     experiment: Experiment
@@ -54,6 +57,14 @@ class Comparison:
     fits: dict[str, Identification]
     notes: tuple[str, ...] = ()
     norms: Mapping[str, float] = field(default_factory=dict)
+    torque_errors: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks of all methods, each with the name of its method."""
+        return tuple(
+            f"{TITLES.get(name, name)}: {text}" for name, fit in self.fits.items() for text in fit.remarks
+        )
 
     def deviations(self, method: str) -> Array:
         """Estimate less truth in standard deviations, (b,)."""
@@ -68,6 +79,10 @@ class Comparison:
             "truth": dict(zip(names, self.truth.tolist(), strict=True)),
             "position_norms": {
                 name: value if np.isfinite(value) else None for name, value in self.norms.items()
+            },
+            "torque_errors": {
+                name: [float(value) if np.isfinite(value) else None for value in values]
+                for name, values in self.torque_errors.items()
             },
             "methods": {method: fit.to_dict() for method, fit in self.fits.items()},
         }
@@ -111,9 +126,15 @@ def _render(comparison: Comparison) -> str:
             )
             line += f"   {fit.beta[index]:9.4g} {shown:>8} {_off(off):>5}"
         lines.append(line)
-    lines += ["", *_effort(comparison, methods, groups), "", sentence(comparison)]
-    lines += comparison.notes
+    lines += ["", *_effort(comparison, methods, groups), ""]
+    if comparison.remarks:
+        lines += ["To know:", *(f"  {text}" for text in comparison.remarks), ""]
+    lines += [sentence(comparison), *comparison.notes]
     return "\n".join(lines)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:9.3f}" if np.isfinite(share) else f"{'-':>9}"
 
 
 def _off(value: float) -> str:
@@ -122,11 +143,14 @@ def _off(value: float) -> str:
 
 def _effort(comparison: Comparison, methods: list[str], groups: list[str]) -> list[str]:
     n = comparison.experiment.robot.n_dof
-    width = max(len("relative error %"), *map(len, groups))
-    lines = [f"{'relative error %':{width}}" + "".join(f"{f'joint {joint + 1}':>9}" for joint in range(n))]
-    for method, group in zip(methods, groups, strict=True):
-        errors = comparison.fits[method].relative_error
-        lines.append(f"{group:{width}}" + "".join(f"{100.0 * error:9.3f}" for error in errors))
+    named = {"truth": "(truth)", **dict(zip(methods, groups, strict=True))}
+    title = "torque error %"
+    width = max(len(title), *map(len, named.values()))
+    lines = [f"{title:{width}}" + "".join(f"{f'joint {joint + 1}':>9}" for joint in range(n))]
+    for method, group in named.items():
+        # Of all methods alike: simulated less measured torque, neither filtered nor decimated.
+        errors = comparison.torque_errors.get(method, np.full(n, np.nan))
+        lines.append(f"{group:{width}}" + "".join(_percent(error) for error in errors))
     reference = comparison.fits.get("didim")
     ratios = reference is not None and reference.elapsed > 0.0
     head = f"{'':{width}}{'iterations':>11}{'simulations':>12}{'seconds':>9}"
@@ -154,10 +178,10 @@ def sentence(comparison: Comparison) -> str:
     if "didim" not in comparison.fits:
         return "DIDIM was not run."
     fit = comparison.fits["didim"]
-    well = fit.relative_std_percent < WELL_IDENTIFIED_PERCENT
-    worst = float(np.nanmax(np.abs(comparison.deviations("didim")[well]))) if well.any() else float("nan")
     if not fit.converged:
         return f"DIDIM did not converge: {fit.status.value}"
+    well = fit.relative_std_percent < WELL_IDENTIFIED_PERCENT
+    worst = float(np.nanmax(np.abs(comparison.deviations("didim")[well]))) if well.any() else float("nan")
     text = (
         f"DIDIM found {counted(len(fit.names), 'base parameter')} in {counted(fit.n_iterations, 'iteration')}, "
         f"{counted(fit.n_simulations, 'simulation')} and {duration(fit.elapsed)}; the {int(well.sum())} with a sigma below "

@@ -1,0 +1,173 @@
+"""How a DIDIM run ends: the rule that stopped it, and how far it still was from its fixed point.
+
+The iteration ``x <- F(x)`` contracts: near its end each step is ``rate`` times the one before, so that
+``rate / (1 - rate)`` times the last step is left to go. A slack control loop contracts slowly: the residual rests while the
+parameters still move. Distances are measured in standard deviations. Tested in ``tests/test_didim_endings.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.words import counted
+
+MOST_STEPS = 8
+"""Steps that the contraction rate is estimated from; earlier ones are far from the end."""
+SAFETY = 1.5
+"""Factor on the remaining distance: the slowest direction shows late in the ratio of the steps."""
+
+
+@dataclass(frozen=True)
+class Contraction:
+    """How fast the iteration approaches its fixed point.
+
+    Attributes
+    ----------
+    rate : float
+        Norm of a step over that of the step before, in standard deviations; below 1 for an iteration that converges.
+    remaining_rms, remaining_largest : float
+        Estimated distance from the fixed point in standard deviations: root mean square of all parameters, and upper bound of
+        the largest; infinite where the steps do not shrink.
+    """
+
+    rate: float
+    remaining_rms: float
+    remaining_largest: float
+
+
+@dataclass
+class Path:
+    """Steps that an iteration has made, each (b,); a shortened step begins anew."""
+
+    steps: list[Array] = field(default_factory=list)
+
+    def add(self, step: Array, *, full: bool) -> None:
+        """Take the change of the base parameters in one iteration, and whether it was the whole step."""
+        self.steps = [*self.steps[-(MOST_STEPS - 1) :], step] if full else []
+
+    def contraction(self, std: Array) -> Contraction | None:
+        """Return the contraction in units of `std`, (b,), zero for parameters that do not count; None before two full steps."""
+        counted_in = std > 0.0
+        if len(self.steps) < 2 or not counted_in.any():
+            return None
+        return contraction_of([step[counted_in] / std[counted_in] for step in self.steps])
+
+
+def contraction_of(steps: Sequence[Array]) -> Contraction:
+    """Estimate the contraction from two or more steps in standard deviations, the last one last.
+
+    Notes
+    -----
+    The rate is the larger of the last two ratios of norms. The distance is a geometric series with it, or the
+    distance from the point that two directions of contraction extrapolate to, whichever is larger.
+    """
+    norms = [float(np.linalg.norm(step)) for step in steps]
+    ratios = [after / before for before, after in pairwise(norms) if before > 0.0]
+    if not ratios:
+        return Contraction(0.0, 0.0, 0.0)
+    rate = max(ratios[-2:])
+    last = np.abs(steps[-1])
+    if not rate < 1.0:
+        return Contraction(rate, float("inf"), float("inf"))
+    left = SAFETY * rate / (1.0 - rate)
+    rms, largest = left * float(np.sqrt(np.mean(last**2))), left * float(last.max())
+    ahead = _extrapolated(steps)
+    if ahead is not None:
+        rms = max(rms, float(np.sqrt(np.mean(ahead**2))))
+        largest = max(largest, float(np.abs(ahead).max()))
+    return Contraction(rate, rms, largest)
+
+
+def _extrapolated(steps: Sequence[Array]) -> Array | None:
+    """Distance to the fixed point by minimal polynomial extrapolation with two modes; None with too few or unusable steps."""
+    if len(steps) < 4:
+        return None
+    # s_{k+2} + a s_{k+1} + b s_k = 0 for two modes; the sum of all steps to come follows from a and b.
+    older, middle, newer = (np.concatenate(steps[first : len(steps) - 2 + first]) for first in range(3))
+    (a, b), *_ = np.linalg.lstsq(np.column_stack([middle, older]), -newer, rcond=None)
+    if not 1.0 + a + b > 1e-6:
+        return None
+    rates = np.roots([1.0, a, b])
+    if np.abs(rates).max() >= 1.0:
+        return None
+    # With s_{n+1} = -a s_n - b s_{n-1}, the sum of s_{n+1}, s_{n+2}, ... is -((a + b) s_n + b s_{n-1}) / (1 + a + b).
+    return np.asarray(-((a + b) * steps[-1] + b * steps[-2]) / (1.0 + a + b))
+
+
+def rule_sentence(
+    moved: float, sigma_fraction: float, residual_change: float, tolerance: float, *, exact: bool
+) -> str:
+    """Name the stopping rule that fired.
+
+    Parameters
+    ----------
+    moved, sigma_fraction : float
+        Largest change of a parameter in the last step, in standard deviations, and its limit.
+    residual_change, tolerance : float
+        Relative change of the residual in the last step, and its limit.
+    exact : bool
+        Whether the residual is rounding.
+    """
+    if exact:
+        return "Stopped because the residual is rounding."
+    parameters = (
+        f"the last step changed no parameter by more than {moved:.2g} sigma (limit {sigma_fraction:g})"
+    )
+    residual = f"the residual changed by {100.0 * residual_change:.2g} % (limit {100.0 * tolerance:g} %)"
+    if moved <= sigma_fraction and residual_change <= tolerance:
+        return f"Stopped by both rules: {parameters}, and {residual}."
+    if moved <= sigma_fraction:
+        return f"Stopped by the rule on the parameters: {parameters}."
+    return f"Stopped by the rule on the residual: {residual}, but the last step still changed a parameter by {moved:.2g} sigma."
+
+
+def slow_sentence(contraction: Contraction, n_iterations: int) -> str:
+    """Say that the iteration contracts slowly, and how far its end may be."""
+    if not np.isfinite(contraction.remaining_largest):
+        return (
+            f"the steps do not shrink (factor {contraction.rate:.2g} per iteration): the distance from the fixed point is "
+            f"unknown after {counted(n_iterations, 'iteration')}"
+        )
+    return (
+        f"slow contraction: each step is {contraction.rate:.2g} times the one before, so the fixed point may still be "
+        f"{contraction.remaining_largest:.2g} sigma away ({contraction.remaining_rms:.2g} sigma rms); a stiffer controller "
+        "contracts faster, and tolerance = 0 with more iterations goes on"
+    )
+
+
+def best_sentence(iteration: int, n_iterations: int, error: float) -> str:
+    """Say which point a run that did not converge returns."""
+    which = "the start" if iteration == 0 else f"iteration {iteration}"
+    return (
+        f"The result is the best of the start and {counted(n_iterations, 'iteration')}, {which}, with simulated torques off by "
+        f"{100.0 * error:.3g} %; it has no standard deviations."
+    )
+
+
+def stuck_sentence(stuck: Mapping[int, str]) -> str:
+    """Say which parameters were kept because simulated joints stuck; `stuck` has their names by iteration, 0 for the start."""
+    first = min(stuck)
+    where = "the start" if first == 0 else f"iteration {first}"
+    more = (
+        f", nor that of {counted(len(stuck) - 1, 'later iteration')} all parameters" if len(stuck) > 1 else ""
+    )
+    return (
+        f"the motion simulated with {where} does not identify {stuck[first]}{more}: a simulated joint sticks or moves one way "
+        "only, which is no fault of the log; until it moves these parameters keep their values"
+    )
+
+
+def step_sentence(error: Array, size: Array) -> str:
+    """Say that the steps of the integration are too large; error and size of the torques are (n_dof,), rms (N.m or N)."""
+    if not np.isfinite(error).all():
+        return "the integration step is too large: with half of it the simulation ends early; reduce step_s and fine_step_s"
+    joint = int(np.argmax(np.divide(error, size, out=np.full_like(error, np.inf), where=size > 0.0)))
+    return (
+        f"the integration step is too large: halving it changes the torque of joint {joint + 1} by {error[joint]:.2g} rms of "
+        f"{size[joint]:.2g}; reduce step_s and fine_step_s in [simulation]"
+    )
