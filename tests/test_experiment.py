@@ -240,7 +240,10 @@ def test_a_robot_file_whose_name_does_not_end_in_toml(log: Path) -> None:
     robot = load_robot("planar2").path.read_bytes()
     (log.parent / "mine").write_bytes(robot)
     said = message(log, LOG.replace('"planar2"', '"mine"'))
-    assert said == f"{log.parent / 'mine'}: the name of a robot file must end in .toml; rename it"
+    assert (
+        said
+        == f"{log.parent / 'mine'}: the name of a robot file must end in .toml, or .urdf for a URDF; rename it"
+    )
     (log.parent / "mine").rename(log.parent / "mine.toml")
     said = message(log, LOG.replace('"planar2"', '"mine"'))
     assert said == "no packaged robot 'mine'; did you mean the file 'mine.toml'?"

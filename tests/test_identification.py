@@ -244,3 +244,13 @@ def test_every_status_is_a_sentence() -> None:
     for status in Status:
         assert status.value.endswith(".")
         assert len(status.value.split()) > 5
+
+
+def test_names_of_joints_stand_below_the_errors() -> None:
+    fit = replace(example(), settings={"robot": {"joint_names": ["shoulder", "elbow"]}})
+    assert fit.joint_names == ("shoulder", "elbow")
+    lines = str(fit).splitlines()
+    errors = next(k for k, line in enumerate(lines) if line.startswith("relative error %"))
+    assert "joints: 1 shoulder, 2 elbow" in lines[errors + 2 : errors + 5]
+    assert "\njoints:" not in str(example())
+    assert example().joint_names == ()

@@ -32,6 +32,7 @@ class FakeRobot:
 
     name: str = "arm"
     joint_kinds: Sequence[str] = ("revolute", "revolute")
+    joint_names: Sequence[str] = ()
     gains: tuple[float, ...] | None = None
 
 
@@ -734,3 +735,44 @@ def test_the_logs_of_the_tx40_and_the_emps(shared: Path) -> None:
     assert emps.q.shape == (24841, 1)
     assert emps.tau is not None
     assert np.abs(emps.tau).max() < 4.4 * 35.15
+
+
+NAMED = FakeRobot(joint_names=("shoulder", "elbow"))
+
+
+def test_columns_by_name_of_joint(tmp_path: Path, csv_file: Path) -> None:
+    content = described("a.csv")
+    content["position"]["columns"] = {"elbow": "q2", "shoulder": "q1"}
+    content["torque"]["columns"] = {"elbow": 5, "shoulder": 4}
+    recording = read(tmp_path, content, NAMED)
+    _, q, tau = motion()
+    np.testing.assert_array_equal(recording.q, q)
+    np.testing.assert_array_equal(recording.tau, tau)
+
+
+@pytest.mark.parametrize(
+    ("robot", "columns", "message"),
+    [
+        (
+            NAMED,
+            {"elbow": "q2", "sholder": "q1"},
+            "joint 'sholder', which the robot has not; did you mean 'shoulder'?",
+        ),
+        (NAMED, {"elbow": "q2"}, "columns has none for joint 'shoulder'"),
+        (NAMED, {"elbow": "q2", "shoulder": "q2"}, "columns names a column twice"),
+        (NAMED, {"elbow": "q2", "shoulder": 1.5}, "columns must be a list of names, or of numbers from 1"),
+        (
+            FakeRobot(),
+            {"elbow": "q2", "shoulder": "q1"},
+            "columns by name of joint need a robot whose joints have names",
+        ),
+    ],
+)
+def test_wrong_columns_by_name_of_joint(
+    tmp_path: Path, csv_file: Path, robot: FakeRobot, columns: dict[str, Any], message: str
+) -> None:
+    content = described("a.csv")
+    content["position"]["columns"] = columns
+    with pytest.raises(ExperimentError) as error:
+        read(tmp_path, content, robot)
+    assert message in str(error.value)

@@ -88,9 +88,9 @@ def one_joint(joint: str = "", *, kind: str = "revolute", link: str = '<link nam
     ("data", "message"),
     [
         (one_joint('<axis xyz="0 0 0"/>'), "joint 'j': its axis has length zero"),
-        (one_joint('<axis xyz="0 0"/>'), "xyz of <axis> must be 3 finite numbers, got '0 0'"),
-        (one_joint('<origin rpy="0 nan 0"/>'), "rpy of <origin> must be 3 finite numbers"),
-        (one_joint('<limit velocity="fast"/>'), "velocity of <limit> must be a finite number, got 'fast'"),
+        (one_joint('<axis xyz="0 0"/>'), "xyz of <axis> must be 3 numbers of at most 1e+09, got '0 0'"),
+        (one_joint('<origin rpy="0 nan 0"/>'), "rpy of <origin> must be 3 numbers"),
+        (one_joint('<limit velocity="fast"/>'), "velocity of <limit> must be a number, got 'fast'"),
         (one_joint(kind="screw"), "its type must be revolute, continuous, prismatic or fixed, got 'screw'"),
         (one_joint().replace(b'<parent link="a"/>', b""), "joint 'j': it has no <parent link=...>"),
         (one_joint().replace(b'<child link="b"/>', b'<child link="c"/>'), "joint 'j': there is no link 'c'"),
@@ -109,7 +109,7 @@ def one_joint(joint: str = "", *, kind: str = "revolute", link: str = '<link nam
         ),
         (
             one_joint(link='<link name="b"><inertial><mass value="x"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>'),
-            "link 'b': value of <mass> must be a finite number, got 'x'",
+            "link 'b': value of <mass> must be a number of at most 1e+09, got 'x'",
         ),
     ],
 )  # fmt: skip
@@ -124,3 +124,17 @@ def test_another_encoding_is_named() -> None:
         read_description(GRIPPER_ARM.encode("utf-16"), "arm.urdf")
     latin = GRIPPER_ARM.replace('version="1.0"', 'version="1.0" encoding="latin-1"').replace("hand", "händ")
     assert "händ" in read_description(latin.encode("latin-1"), "arm.urdf").links
+
+
+@pytest.mark.parametrize(
+    ("limit", "expected"),
+    [
+        ('lower="-1" upper="2" velocity="3" effort="4"', (-1.0, 2.0, 3.0, 4.0)),
+        ('lower="0" upper="0" velocity="0" effort="0"', (None, None, None, None)),
+        ('lower="-1e16" upper="1e16" velocity="1e10" effort="inf"', (None, None, None, None)),
+        ('upper="2"', (None, None, None, None)),
+    ],
+)
+def test_limits_that_stand_for_none(limit: str, expected: tuple[float | None, ...]) -> None:
+    joint = read_description(one_joint(f"<limit {limit}/>"), "arm.urdf").joints["b"]
+    assert (joint.lower, joint.upper, joint.velocity, joint.effort) == expected

@@ -16,7 +16,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.toml import Table
-from .._tools.words import counted
+from .._tools.words import counted, did_you_mean
 from ..errors import RecordingError
 from ..robot.transmission import reduction_matrix
 from .data_file import Column, DataFile, open_data_file
@@ -32,6 +32,8 @@ class _Robot(Protocol):
     def name(self) -> str: ...
     @property
     def joint_kinds(self) -> Sequence[str]: ...
+    @property
+    def joint_names(self) -> Sequence[str]: ...
     @property
     def gains(self) -> Sequence[float] | None: ...
 
@@ -61,13 +63,16 @@ class DataFolder:
         self._folder = folder
         self._files: dict[tuple[str, str | None, bool | None], DataFile] = {}
 
-    def source(self, table: Table, count: int) -> _Source:
-        """Columns that a table declares with `file`, `columns`, `variable`, `delimiter` and `header`."""
+    def source(self, table: Table, count: int, joints: Sequence[str] = ()) -> _Source:
+        """Columns that a table declares with `file`, `columns`, `variable`, `delimiter` and `header`.
+
+        `joints` are the names of the robot's joints, by which `columns` may be given.
+        """
         name = table.text("file")
         delimiter = table.text("delimiter", None, choices=[",", ";", "\t", " "])
         header = table.boolean("header", None)
         variable = table.text("variable", None)
-        columns = self._columns(table, count)
+        columns = self._columns(table, count, joints)
         key = (name, delimiter, header)
         if key not in self._files:
             self._files[key] = open_data_file(self._folder / name, name, delimiter=delimiter, header=header)
@@ -76,10 +81,12 @@ class DataFolder:
         return _Source(table, file, columns, variable, count)
 
     @staticmethod
-    def _columns(table: Table, count: int) -> list[Column] | None:
+    def _columns(table: Table, count: int, joints: Sequence[str]) -> list[Column] | None:
         columns = table.raw("columns", None)
         if columns is None:
             return None
+        if isinstance(columns, dict):
+            columns = _by_joint(table, columns, joints)
         if not isinstance(columns, list) or not all(type(column) in (str, int) for column in columns):
             table.fail(f"columns must be a list of names, or of numbers from 1, got {columns!r}")
         if len(columns) != count:
@@ -87,6 +94,19 @@ class DataFolder:
         if len(set(columns)) < count:
             table.fail(f"columns names a column twice: {columns!r}")
         return cast("list[Column]", columns)
+
+
+def _by_joint(table: Table, columns: Mapping[str, Any], joints: Sequence[str]) -> list[Any]:
+    """Columns in the order of the joints, from a table ``{ joint = column }``."""
+    if not joints:
+        table.fail("columns by name of joint need a robot whose joints have names")
+    for name in columns:
+        if name not in joints:
+            table.fail(f"columns names joint {name!r}, which the robot has not{did_you_mean(name, joints)}")
+    missing = [name for name in joints if name not in columns]
+    if missing:
+        table.fail(f"columns has none for joint {missing[0]!r}")
+    return [columns[name] for name in joints]
 
 
 def read_reduction(table: Table | None, robot_reduction: Array | None, n_dof: int) -> Array | None:
@@ -147,7 +167,7 @@ def read_recording(
     if tables["position"] is None:
         table.fail("the table [recording.position] is missing")
     sources = {
-        key: folder.source(part, 1 if key == "time" else n_dof)
+        key: folder.source(part, 1) if key == "time" else folder.source(part, n_dof, robot.joint_names)
         for key, part in tables.items()
         if part is not None
     }

@@ -187,6 +187,7 @@ def record(job: Job, **more: Any) -> dict[str, Any]:
         # With the friction of the experiment, which the digest of the robot file does not include.
         "robot": {
             "name": job.robot.name,
+            "joint_names": job.robot.joint_names,
             "geometry": asdict(job.robot.geometry),
             "friction": asdict(job.robot.friction),
         },

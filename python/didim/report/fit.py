@@ -328,7 +328,11 @@ def robot_section(experiment: Experiment) -> Html:
     robot = experiment.robot
     geometry = robot.geometry
     rows = [
-        [str(j + 1), kind, *(f"{getattr(geometry, key)[j]:.6g}" for key in ("alpha", "d", "theta", "r"))]
+        [
+            robot.joint_label(j).removeprefix("joint "),
+            kind,
+            *(f"{getattr(geometry, key)[j]:.6g}" for key in ("alpha", "d", "theta", "r")),
+        ]
         for j, kind in enumerate(geometry.kinds)
     ]
     head = ["joint", "kind", "alpha (rad)", "d (m)", "theta (rad)", "r (m)"]

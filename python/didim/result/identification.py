@@ -155,6 +155,11 @@ class Identification:
         return f"{self.status.value} {self.ending}".rstrip()
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the robot's joints; empty where its file has none."""
+        return tuple(self.settings.get("robot", {}).get("joint_names", ()))
+
+    @property
     def n_iterations(self) -> int:
         """Number of iterations, that of the last entry of the history."""
         return self.history[-1].iteration if self.history else 0
@@ -177,7 +182,10 @@ class Identification:
         count = counted(len(self.names), "base parameter")
         lines = [f"{self.name}: {count} of robot {self.robot} by {self.method}", ""]
         lines += parameter_lines(self.parameter_rows())
-        lines += ["", *error_lines(self.error_rows()), ""]
+        lines += ["", *error_lines(self.error_rows())]
+        names = self.joint_names
+        lines += [f"joints: {', '.join(f'{j + 1} {name}' for j, name in enumerate(names))}"] if names else []
+        lines.append("")
         lines.append(
             f"condition number {self.condition_number:.6g}, error norm {self.error_norm:.7g}, "
             f"standard deviation of the error {self.error_std:.5g}, {self.n_rows} rows"

@@ -5,7 +5,6 @@ Tested in ``tests/test_urdf.py``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,6 +18,9 @@ from .xml_spans import Element, parse_xml
 
 MOVING = ("revolute", "continuous", "prismatic")
 """Types of joints with one degree of freedom."""
+
+LARGEST = 1e9
+"""Largest number of a description (m, rad, kg, kg.m^2, N.m): no robot has a larger one."""
 
 KNOWN = (*MOVING, "fixed", "floating", "planar", "spherical")
 
@@ -218,10 +220,30 @@ def _numbers(element: Element | None, key: str, default: tuple[float, ...], wher
         values = tuple(float(word) for word in text.split())
     except ValueError:
         values = ()
-    if len(values) != len(default) or not all(map(math.isfinite, values)):
-        wanted = "a finite number" if len(default) == 1 else f"{len(default)} finite numbers"
-        raise RobotError(f"{where} {key} of <{element.tag}> must be {wanted}, got {text!r}")
+    if len(values) != len(default) or not all(abs(value) <= LARGEST for value in values):
+        wanted = "a number" if len(default) == 1 else f"{len(default)} numbers"
+        raise RobotError(
+            f"{where} {key} of <{element.tag}> must be {wanted} of at most {LARGEST:g}, got {text!r}"
+        )
     return values
+
+
+def _bound(limit: Element, key: str, where: str) -> float | None:
+    """Return a number of a ``<limit>``; None where it is so large that it stands for none."""
+    text = limit.attributes[key]
+    try:
+        value = float(text)
+    except ValueError:
+        raise RobotError(f"{where} {key} of <limit> must be a number, got {text!r}") from None
+    return value if abs(value) <= LARGEST else None
+
+
+def _limit(limit: Element | None, key: str, where: str) -> float | None:
+    """Return a limit of speed or effort; None where there is none, or a zero that stands for none."""
+    if limit is None or key not in limit.attributes:
+        return None
+    value = _bound(limit, key, where)
+    return value if value is not None and value > 0.0 else None
 
 
 def _number(element: Element | None, key: str, where: str) -> float:
@@ -274,13 +296,11 @@ def _joint(element: Element, where: str) -> UrdfJoint:
     if kind in MOVING and not length > 0.0:
         raise RobotError(f"{where} its axis has length zero")
     limit, dynamics, mimic = (element.find(tag) for tag in ("limit", "dynamics", "mimic"))
-    lower, upper = (
-        _number(limit, key, where) if limit is not None and key in limit.attributes else None
-        for key in ("lower", "upper")
-    )
-    if kind == "continuous" or lower is None or upper is None or not lower < upper:
-        lower = upper = None
-    velocity, effort = (_number(limit, key, where) for key in ("velocity", "effort"))
+    lower = upper = None
+    if kind != "continuous" and limit is not None and {"lower", "upper"} <= set(limit.attributes):
+        lower, upper = (_bound(limit, key, where) for key in ("lower", "upper"))
+        if lower is None or upper is None or not lower < upper:
+            lower = upper = None
     return UrdfJoint(
         name=name,
         kind=kind,
@@ -290,8 +310,8 @@ def _joint(element: Element, where: str) -> UrdfJoint:
         axis=axis / length if length > 0.0 else axis,
         lower=lower,
         upper=upper,
-        velocity=velocity if velocity > 0.0 else None,
-        effort=effort if effort > 0.0 else None,
+        velocity=_limit(limit, "velocity", where),
+        effort=_limit(limit, "effort", where),
         damping=_number(dynamics, "damping", where),
         friction=_number(dynamics, "friction", where),
         mimic=mimic.attributes.get("joint", "") if mimic is not None else None,
