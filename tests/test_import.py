@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, get_type_hints
 
 import pytest
 
@@ -82,7 +85,8 @@ def test_every_public_name_is_listed_before_it_is_loaded_and_found() -> None:
 
 def test_type_checkers_read_the_names_where_they_are_loaded_from() -> None:
     path = Path(str(didim.__file__))
-    (block,) = (node for node in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(node, ast.If))
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
     read = {
         alias.name: node.module
         for node in block.body
@@ -100,9 +104,9 @@ def test_type_checkers_read_the_names_where_they_are_loaded_from() -> None:
 def test_modules_of_the_package_are_found_too() -> None:
     loaded_by("import didim; assert didim.formats.FORMATS and didim.robot.__doc__")
     with pytest.raises(AttributeError, match="module 'didim' has no attribute 'robots_of_mine'"):
-        _ = didim.robots_of_mine
+        _ = didim.robots_of_mine  # type: ignore[attr-defined]
     with pytest.raises(AttributeError, match="module 'didim' has no attribute '__main__'"):
-        _ = didim.__main__
+        _ = didim.__main__  # type: ignore[attr-defined]
 
 
 def test_a_module_that_fails_to_load_says_what_it_misses() -> None:
@@ -123,3 +127,46 @@ def test_a_module_that_fails_to_load_says_what_it_misses() -> None:
         "    raise AssertionError"
     )
     assert "didim.log.data_file" not in loaded_by(code)
+
+
+def functions_of(thing: object) -> list[Callable[..., Any]]:
+    """Functions and methods of a public name that people may call."""
+    if inspect.isfunction(thing):
+        return [thing]
+    if inspect.ismodule(thing):
+        own = [member for name, member in inspect.getmembers(thing, inspect.isfunction) if name[0] != "_"]
+        return [member for member in own if member.__module__.startswith(thing.__name__)]
+    if not inspect.isclass(thing):
+        return []
+    members = [member for name, member in inspect.getmembers(thing) if name[0] != "_"]
+    return [member for member in members if inspect.isfunction(member) and member.__module__[:5] == "didim"]
+
+
+@pytest.mark.parametrize("name", didim.__all__)
+def test_type_hints_can_be_read(name: str) -> None:
+    thing = getattr(didim, name)
+    for function in functions_of(thing):
+        hints = get_type_hints(function)
+        assert "return" in hints, function
+    if inspect.isclass(thing):
+        get_type_hints(thing)
+
+
+def test_type_hints_name_the_classes() -> None:
+    hints = get_type_hints(didim.identify)
+    assert hints["experiment"] is didim.Experiment
+    assert hints["return"] is didim.Identification
+    assert {function.__name__ for function in functions_of(didim.Reference)} >= {"at"}
+
+
+def test_type_checkers_refuse_names_that_do_not_exist() -> None:
+    tree = ast.parse(Path(str(didim.__file__)).read_text(encoding="utf-8"))
+    (hidden,) = (
+        node
+        for node in tree.body
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "not TYPE_CHECKING"
+    )
+    assert [node.name for node in hidden.body if isinstance(node, ast.FunctionDef)] == ["__getattr__"]
+    assert not [
+        node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "__getattr__"
+    ]

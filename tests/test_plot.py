@@ -400,4 +400,4 @@ def test_import_didim_loads_no_matplotlib_and_pictures_no_pyplot() -> None:
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
     with pytest.raises(AttributeError, match="module 'didim' has no attribute 'plots'"):
-        didim.plots  # noqa: B018
+        didim.plots  # type: ignore[attr-defined]  # noqa: B018

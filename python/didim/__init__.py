@@ -159,19 +159,21 @@ _LATER = {
 """Modules of the names that are loaded when they are asked for: a program waits for the parts it uses, and for no others."""
 
 
-def __getattr__(name: str) -> Any:
-    """Load what is in `_LATER`, or a module of the package."""
-    if name in _LATER:
-        value = getattr(import_module(f".{_LATER[name]}", __name__), name)
-        globals()[name] = value  # found without this function the next time
-        return value
-    if name.isidentifier() and not name.startswith("_"):
-        try:
-            return import_module(f".{name}", __name__)
-        except ModuleNotFoundError as reason:
-            if reason.name != f"{__name__}.{name}":
-                raise
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:  # type checkers refuse names that are not above
+
+    def __getattr__(name: str) -> Any:
+        """Load what is in `_LATER`, or a module of the package."""
+        if name in _LATER:
+            value = getattr(import_module(f".{_LATER[name]}", __name__), name)
+            globals()[name] = value  # found without this function the next time
+            return value
+        if name.isidentifier() and not name.startswith("_"):
+            try:
+                return import_module(f".{name}", __name__)
+            except ModuleNotFoundError as reason:
+                if reason.name != f"{__name__}.{name}":
+                    raise
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import RecordingError
-from ..log.data_file import CsvFile, open_data_file
+from ..log.csv_file import CsvFile
+from ..log.data_file import open_data_file
 
 WORDS = {
     "time": ("t", "time", "timestamp", "stamp", "clock"),

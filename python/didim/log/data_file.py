@@ -1,46 +1,28 @@
-"""Columns of numbers out of CSV, npz and MATLAB (version 5) files, each fault named by row and column.
+"""Data files: a format per suffix, and what a recording needs of any of them.
 
-A file is opened once, asked which columns are wanted, and read once. Rows count from 1 and leave the header
-out. Tested in ``tests/test_recording.py``.
+A file is opened once, asked which columns are wanted, and read once. Tested in ``tests/test_recording.py``.
 """
 
 from __future__ import annotations
 
-import csv
-import hashlib
-import io
-import json
-import re
-from collections.abc import Sequence
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
-from typing import Any, NoReturn, Protocol
 
-import numpy as np
-
-import didim._core as _core
-
-from .._tools.arrays import Array
-from .._tools.words import counted, did_you_mean, listing
 from ..errors import RecordingError
+from .csv_file import CsvFile
+from .data_format import DataFile
 
-Column = str | int
-"""A column by name, or by number from 1."""
+Reader = Callable[[bytes, str], DataFile]
+"""Makes a `DataFile` of the content of a file, and its name in messages."""
 
-# A number as they are written where the decimal sign is a comma.
-DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-
-
-class DataFile(Protocol):
-    """What a recording needs of a file of any format."""
-
-    name: str
-    sha256: str
-
-    def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
-        """Announce columns, so that one reading of the file serves all; wrong names are raised here."""
-
-    def get(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> Array:
-        """Columns as (n_samples, count), in the file's unit, all finite."""
+TEXT = (".csv", ".txt", ".tsv", ".dat")
+"""Suffixes of text files with one sample a line."""
+READERS: dict[str, str | Reader] = {
+    ".npz": "didim.log.array_file:NpzFile",
+    ".mat": "didim.log.array_file:MatFile",
+}
+"""Readers of the other formats by suffix, or where they are, as "module:name": loaded when such a file is opened."""
 
 
 def open_data_file(path: Path, name: str, *, delimiter: str | None, header: bool | None) -> DataFile:
@@ -72,353 +54,16 @@ def open_data_file(path: Path, name: str, *, delimiter: str | None, header: bool
     if not raw or raw.isspace():
         raise RecordingError(f"{name}: the file is empty")
     suffix = path.suffix.lower()
-    if suffix in (".csv", ".txt", ".tsv", ".dat"):
+    if suffix in TEXT:
         return CsvFile(raw, name, "," if delimiter is None else delimiter, header)
     if delimiter is not None or header is not None:
         raise RecordingError(f"{name}: delimiter and header are for CSV files only")
-    if suffix in (".npz", ".mat"):
-        return ArrayFile(raw, name, matlab=suffix == ".mat")
-    raise RecordingError(f"{name}: the format {suffix!r} is unknown; known are .csv .txt .tsv .dat .npz .mat")
-
-
-def _number_or_none(cell: str) -> float | None:
-    try:
-        return None if "_" in cell else float(cell)
-    except ValueError:
-        return None
-
-
-class CsvFile:
-    """Text with one sample a line.
-
-    Parameters
-    ----------
-    raw
-        Content of the file.
-    name
-        Its name in messages.
-    delimiter
-        One character; a blank stands for any white space.
-    header
-        Whether the first line holds names; None finds out, and refuses a first line that is half of each.
-    """
-
-    def __init__(self, raw: bytes, name: str, delimiter: str, header: bool | None) -> None:
-        self.name = name
-        self.sha256 = hashlib.sha256(raw).hexdigest()
-        self._check_text(raw)
-        # Line ends and blanks behind the last sample mean nothing; a tab may be a separator.
-        self._body = raw.removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n ")
-        self._delimiter = delimiter
-        end = self._body.find(b"\n")
-        self._first = (self._body if end < 0 else self._body[:end]).decode("utf-8", "replace")
-        cells = [cell.strip().strip('"') for cell in self._split(self._first)]
-        self._n_columns = len(cells)
-        if not any(cells):
-            self._fail("the first line is blank")
-        numeric = [_number_or_none(cell) is not None for cell in cells]
-        if header is None:
-            header = not any(numeric)
-            if any(numeric) and not all(numeric):
-                odd = cells[numeric.index(False)]
-                self._fail(
-                    f"the first line is neither names nor numbers ({odd!r} is no number)"
-                    + (self._delimiter_hint() or "; say header = true or header = false")
-                )
-        # NumPy writes its header behind a comment sign.
-        self.names = [cells[0].removeprefix("#").strip(), *cells[1:]] if header else None
-        self._n_rows = self._body.count(b"\n") + (not header)
-        self._wanted: dict[int, None] = {}
-        # Columns that were read, and their values, (n_samples, n_read).
-        self._read: list[int] = []
-        self._values: Array | None = None
-
-    def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
-        """Announce columns."""
-        self._wanted.update(dict.fromkeys(self._indices(columns, variable, count)))
-
-    def get(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> Array:
-        """Columns as (n_samples, count)."""
-        indices = self._indices(columns, variable, count)
-        if self._values is None or not set(indices) <= set(self._read):
-            self._wanted.update(dict.fromkeys(indices))
-            self._read = sorted(self._wanted)
-            self._values = self._load(self._read)
-        if indices == self._read:
-            return self._values
-        return self._values.take([self._read.index(index) for index in indices], axis=1)
-
-    def _fail(self, text: str) -> NoReturn:
-        raise RecordingError(f"{self.name}: {text}")
-
-    def _check_text(self, raw: bytes) -> None:
-        """Refuse what is no text in UTF-8, or has line ends that would be taken for parts of a line."""
-        if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-            self._fail("the file is UTF-16 text; save it as UTF-8")
-        zero = raw.find(b"\0")
-        if zero >= 0:
-            self._fail(f"this is no text file in UTF-8, byte {zero} is zero (is it binary, or UTF-16?)")
-        if b"\r" in raw and raw.count(b"\r") != raw.count(b"\r\n"):
-            self._fail("lines end with a carriage return alone; save the file with LF or CR LF line ends")
-
-    def _split(self, line: str) -> list[str]:
-        if self._delimiter == " ":
-            return line.split()
-        try:
-            return next(csv.reader([line.rstrip("\r\n")], delimiter=self._delimiter), [])
-        except csv.Error as reason:
-            self._fail(f"this is no CSV file ({reason})")
-
-    def _delimiter_hint(self) -> str:
-        """End of a sentence that names another delimiter where the first line looks like it."""
-        for other in (";", "\t", ",", " "):
-            # Names may hold commas and blanks: these are likely only where nothing else separates.
-            if other in self._first and other != self._delimiter and (other in ";\t" or self._n_columns == 1):
-                return f"; is delimiter = {json.dumps(other)} meant?"
-        return ""
-
-    def _column(self, index: int) -> str:
-        return repr(self.names[index]) if self.names else str(index + 1)
-
-    def _row(self, row: int) -> str:
-        """Row counted from 1, with the line of the file where the two differ."""
-        return f"row {row} (line {row + 1})" if self.names else f"row {row}"
-
-    def _indices(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> list[int]:
-        if variable is not None:
-            self._fail("variable is for .mat and .npz files; a CSV file has columns")
-        if columns is None:
-            if self._n_columns != count:
-                self._fail(
-                    f"the file has {counted(self._n_columns, 'column')} where {count} "
-                    f"{'is' if count == 1 else 'are'} wanted"
-                    + ("; transpose it?" if self._n_rows == count else self._columns_hint(count))
-                )
-            return list(range(count))
-        return [self._index(column) for column in columns]
-
-    def _columns_hint(self, count: int) -> str:
-        return self._delimiter_hint() or (", so columns must say which" if self._n_columns > count else "")
-
-    def _index(self, column: Column) -> int:
-        if isinstance(column, int):
-            if not 1 <= column <= self._n_columns:
-                there = f"the columns are 1 to {self._n_columns}" if self._n_columns > 1 else "there is one"
-                self._fail(f"there is no column {column}; {there}{self._delimiter_hint()}")
-            return column - 1
-        if self.names is None:
-            self._fail(f"there is no column {column!r}: the file has no header, so columns go by number")
-        if column not in self.names:
-            there = f"the {'columns are' if self._n_columns > 1 else 'only one is'} {listing(self.names)}"
-            hint = did_you_mean(column, self.names) or self._delimiter_hint()
-            self._fail(f"there is no column {column!r}; {there}{hint}")
-        if self.names.count(column) > 1:
-            self._fail(f"column {column!r} stands twice in the header")
-        return self.names.index(column)
-
-    def _load(self, usecols: list[int]) -> Array:
-        """Parse the wanted columns; only when something looks wrong, walk the lines and name it."""
-        if self._n_rows == 0:
-            self._fail("there are no rows below the header")
-        plain = self._parse_plain(usecols)
-        if plain is not None:
-            return plain
-        quoted = b'"' in self._body
-        try:
-            values = np.loadtxt(
-                io.BytesIO(self._body),
-                delimiter=None if self._delimiter == " " else self._delimiter,
-                comments=None,
-                skiprows=0 if self.names is None else 1,
-                usecols=usecols,
-                ndmin=2,
-                quotechar='"' if quoted else None,
-            )
-        except ValueError as reason:
-            self._find_fault(usecols)
-            self._fail(f"{reason}")
-        # The parser passes over blank lines and over cells beyond the wanted ones: both are lost samples or
-        # shifted columns, so the separators are counted.
-        if len(values) != self._n_rows or quoted or not self._is_rectangular():
-            self._find_fault(usecols)
-        if not np.isfinite(values).all():
-            row, column = np.argwhere(~np.isfinite(values))[0]
-            place = f"{self._row(row + 1)}, column {self._column(usecols[column])}"
-            self._fail(f"{place}, is {values[row, column]}")
-        return values
-
-    def _parse_plain(self, usecols: list[int]) -> Array | None:
-        """Let the core parse text that is nothing but numbers; None for any other, for the way that has words for it."""
-        if not self._delimiter.isascii():
-            return None
-        begin = 0 if self.names is None else self._body.find(b"\n") + 1
-        return _core.parse_table(self._body[begin:], ord(self._delimiter), self._n_columns, usecols)
-
-    def _is_rectangular(self) -> bool:
-        lines = self._body.count(b"\n") + 1
-        if self._delimiter == " ":
-            return len(self._body.split()) == lines * self._n_columns
-        return self._body.count(self._delimiter.encode()) == lines * (self._n_columns - 1)
-
-    def _find_fault(self, usecols: list[int]) -> None:
-        """Raise on the first line that is blank, ragged or not numeric; return when there is none."""
-        lines = self._body.decode("utf-8", "replace").split("\n")
-        for row, line in enumerate(lines[self.names is not None :], start=1):
-            if not line.strip():
-                self._fail(f"{self._row(row)} is blank; samples must not be missing")
-            cells = self._split(line)
-            if len(cells) != self._n_columns:
-                hint = "; are there decimal commas?" if len(cells) == 2 * self._n_columns else ""
-                self._fail(
-                    f"{self._row(row)} has {counted(len(cells), 'column')} where the first line has "
-                    f"{self._n_columns}{hint}"
-                )
-            for index in usecols:
-                cell = cells[index].strip()
-                if _number_or_none(cell) is None:
-                    hint = "; a decimal comma must be a point" if DECIMAL_COMMA.fullmatch(cell) else ""
-                    text = f"{cell!r}, not a number{hint}" if cell else "empty"
-                    self._fail(f"{self._row(row)}, column {self._column(index)}, is {text}")
-
-
-class ArrayFile:
-    """Named arrays: NumPy's npz, or MATLAB's mat of version 5.
-
-    Parameters
-    ----------
-    raw
-        Content of the file.
-    name
-        Its name in messages.
-    matlab
-        Whether it is a .mat file.
-    """
-
-    def __init__(self, raw: bytes, name: str, *, matlab: bool) -> None:
-        self.name = name
-        self.sha256 = hashlib.sha256(raw).hexdigest()
-        self._raw = raw
-        self._matlab = matlab
-        self._arrays: dict[str, Array] = {}
-        if matlab and (b"MATLAB 7.3" in raw[:128] or raw.startswith(b"\x89HDF")):
-            self._fail("this is a version 7.3 (HDF5) .mat file; save it in MATLAB with save(..., '-v7')")
-        try:
-            self.names = self._variables()
-        except Exception:  # whatever a foreign parser stumbles over in bytes of another kind
-            kind = "MATLAB version 5" if matlab else "npz"
-            self._fail(f"this is not a readable {kind} file")
-
-    def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
-        """Announce columns; arrays are read one by one, so that only their names are checked."""
-        for name in self._plan(columns, variable, count)[0]:
-            self._check_name(name)
-
-    def get(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> Array:
-        """Columns as (n_samples, count)."""
-        names, numbers = self._plan(columns, variable, count)
-        if variable is None and columns is not None:
-            return self._stack([(name, self._vector(name)) for name in names])
-        matrix = self._matrix(names[0])
-        if numbers is None:
-            return self._whole(names[0], matrix, count)
-        for number in numbers:
-            if not 1 <= number <= matrix.shape[1]:
-                self._fail(f"variable {names[0]!r} has no column {number}; it has 1 to {matrix.shape[1]}")
-        return matrix[:, [number - 1 for number in numbers]]
-
-    def _fail(self, text: str) -> NoReturn:
-        raise RecordingError(f"{self.name}: {text}")
-
-    def _variables(self) -> list[str]:
-        if self._matlab:
-            from scipy.io import whosmat
-
-            return [str(entry[0]) for entry in whosmat(self._stream())]
-        with np.load(io.BytesIO(self._raw), allow_pickle=False) as arrays:
-            return list(arrays.files)
-
-    def _stream(self) -> Any:
-        # Any, because scipy-stubs know paths only; the file is not read a second time.
-        return io.BytesIO(self._raw)
-
-    def _plan(
-        self, columns: Sequence[Column] | None, variable: str | None, count: int
-    ) -> tuple[list[str], list[int] | None]:
-        """Variables to read, and the numbers of the columns wanted of a matrix (None for all)."""
-        if variable is None and columns is not None:
-            names = [column for column in columns if isinstance(column, str)]
-            if len(names) != len(columns):
-                self._fail("columns by number need variable = the matrix they belong to")
-            return names, None
-        if variable is None:
-            if len(self.names) != 1:
-                self._fail(f"variable must say which array is meant; there are {listing(self.names)}")
-            variable = self.names[0]
-        if columns is None:
-            return [variable], None
-        numbers = [column for column in columns if isinstance(column, int)]
-        if len(numbers) != len(columns):
-            self._fail(f"columns of the matrix {variable!r} go by number, from 1")
-        return [variable], numbers
-
-    def _check_name(self, name: str) -> None:
-        if name not in self.names:
-            near = did_you_mean(name, self.names)
-            self._fail(f"there is no variable {name!r}; the variables are {listing(self.names)}{near}")
-
-    def _matrix(self, name: str) -> Array:
-        """Read a variable as a finite matrix; a NumPy vector becomes one column."""
-        if name not in self._arrays:
-            self._check_name(name)
-            values = self._number_array(name)
-            if values.ndim == 1:
-                values = values[:, np.newaxis]
-            if values.ndim != 2:
-                self._fail(f"variable {name!r} must be a vector or a matrix, its shape is {values.shape}")
-            bad = np.argwhere(~np.isfinite(values))
-            if len(bad):
-                row, column = bad[0]
-                place = f"row {row + 1}, column {column + 1}"
-                self._fail(f"variable {name!r}, {place}, is {values[row, column]}")
-            self._arrays[name] = values
-        return self._arrays[name]
-
-    def _number_array(self, name: str) -> Array:
-        values: Any
-        try:
-            if self._matlab:
-                from scipy.io import loadmat
-
-                values = loadmat(self._stream(), variable_names=[name])[name]
-            else:
-                with np.load(io.BytesIO(self._raw), allow_pickle=False) as arrays:
-                    values = arrays[name]
-        except Exception as reason:  # likewise
-            self._fail(f"variable {name!r} cannot be read ({reason})")
-        if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
-            self._fail(f"variable {name!r} is no array of real numbers")
-        return np.ascontiguousarray(values, dtype=np.float64)
-
-    def _vector(self, name: str) -> Array:
-        matrix = self._matrix(name)
-        # MATLAB keeps a vector as a matrix of one row or of one column: either is the same vector.
-        if 1 not in matrix.shape:
-            self._fail(f"variable {name!r} must be a vector, its shape is {matrix.shape}")
-        return matrix.reshape(-1)
-
-    def _whole(self, name: str, matrix: Array, count: int) -> Array:
-        if count == 1 and 1 in matrix.shape:
-            return matrix.reshape(-1, 1)
-        if matrix.shape[1] != count:
-            hint = "; transpose it?" if matrix.shape[0] == count else ""
-            self._fail(f"variable {name!r} must have shape (n_samples, {count}), got {matrix.shape}{hint}")
-        return matrix
-
-    def _stack(self, vectors: list[tuple[str, Array]]) -> Array:
-        first_name, first = vectors[0]
-        for name, vector in vectors[1:]:
-            if len(vector) != len(first):
-                self._fail(
-                    f"variables {first_name!r} and {name!r} differ in length: {len(first)} and {len(vector)}"
-                )
-        return np.column_stack([vector for _, vector in vectors])
+    if suffix not in READERS:
+        known = " ".join((*TEXT, *READERS))
+        raise RecordingError(f"{name}: the format {suffix!r} is unknown; known are {known}")
+    reader = READERS[suffix]
+    if isinstance(reader, str):
+        module, _, reader_name = reader.partition(":")
+        reader = getattr(import_module(module), reader_name)
+        assert not isinstance(reader, str)  # a class or function of the module
+    return reader(raw, name)

@@ -19,7 +19,8 @@ from .._tools.toml import Table
 from .._tools.words import counted, did_you_mean
 from ..errors import RecordingError
 from ..robot.transmission import reduction_matrix
-from .data_file import Column, DataFile, open_data_file
+from .data_file import open_data_file
+from .data_format import Column, DataFile
 from .recording import ROLES, Recording, Role, clock
 from .sampling import MINIMUM_SAMPLES, TimeFault, check_time, slices, stretches, time_faults
 from .units import TIME, effort_factors, position_factors

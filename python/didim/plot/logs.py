@@ -18,6 +18,8 @@ from .style import FAINT, MEASURED, MODEL, RESIDUAL, line, new_figure, per_row, 
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+else:  # matplotlib is optional, and slow to load
+    Figure = Any
 
 
 Pieces = list[tuple[Array, Array, Array]]

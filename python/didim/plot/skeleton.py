@@ -15,6 +15,8 @@ from .style import FAINT, MODEL, RESIDUAL, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+else:  # matplotlib is optional, and slow to load
+    Figure = Any
 
 
 AXIS_SHARE = 0.13

@@ -15,6 +15,8 @@ from ..errors import PlotError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+else:  # matplotlib is optional, and slow to load
+    Axes = Figure = Any
 
 
 _Arguments = ParamSpec("_Arguments")

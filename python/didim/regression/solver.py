@@ -42,7 +42,7 @@ SolverChoice = str | Solver | RobotSolver
 SOLVERS: dict[str, str | Solver | RobotSolver] = {
     "least-squares": "didim.regression.least_squares:solve",
 }
-"""Solvers by name, or where they are, as "module:object": loaded when the solver is asked for."""
+"""Solvers by name, or where they are, as "module:object": loaded when the solver is asked for. A class has its default settings."""
 
 
 def check_solver(choice: object) -> None:
@@ -76,8 +76,9 @@ def solver_of(choice: SolverChoice, robot: Robot, selection: Selection) -> Solve
         if isinstance(place, str):
             module, _, name = place.partition(":")
             place = getattr(import_module(module), name)
-        assert not isinstance(place, str)  # an object of the module
-        choice = place
+        # A class of solvers stands for the one with its default settings.
+        choice = place() if isinstance(place, type) else place
+        assert not isinstance(choice, str)
     return choice.for_robot(robot, selection) if isinstance(choice, RobotSolver) else choice
 
 

@@ -1,0 +1,187 @@
+"""Files of named arrays: NumPy's npz, MATLAB's mat of version 5. Tested in ``tests/test_recording.py``."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any, ClassVar, NoReturn
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.words import did_you_mean, listing
+from ..errors import RecordingError
+from .data_format import Column
+
+
+class ArrayFile(ABC):
+    """A file of named arrays. A format has two methods: `variables` and `array`.
+
+    Parameters
+    ----------
+    raw
+        Content of the file.
+    name
+        Its name in messages.
+    """
+
+    kind: ClassVar[str]
+    """Name of the format in messages."""
+
+    def __init__(self, raw: bytes, name: str) -> None:
+        self.name = name
+        self.sha256 = hashlib.sha256(raw).hexdigest()
+        self.raw = raw
+        self._arrays: dict[str, Array] = {}
+        try:
+            self.names = self.variables()
+        except RecordingError:
+            raise
+        except Exception:  # a foreign parser may raise anything on bytes of another kind
+            self.fail(f"this is not a readable {self.kind} file")
+
+    @abstractmethod
+    def variables(self) -> list[str]:
+        """Names of the arrays; any error means that the file is of another kind."""
+
+    @abstractmethod
+    def array(self, name: str) -> Any:
+        """Array of one of these names, of real numbers."""
+
+    def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
+        """Announce columns; arrays are read one by one, so that only their names are checked."""
+        for name in self._plan(columns, variable, count)[0]:
+            self._check_name(name)
+
+    def get(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> Array:
+        """Columns as (n_samples, count)."""
+        names, numbers = self._plan(columns, variable, count)
+        if variable is None and columns is not None:
+            return self._stack([(name, self._vector(name)) for name in names])
+        matrix = self._matrix(names[0])
+        if numbers is None:
+            return self._whole(names[0], matrix, count)
+        for number in numbers:
+            if not 1 <= number <= matrix.shape[1]:
+                self.fail(f"variable {names[0]!r} has no column {number}; it has 1 to {matrix.shape[1]}")
+        return matrix[:, [number - 1 for number in numbers]]
+
+    def fail(self, text: str) -> NoReturn:
+        """Raise an error that names the file."""
+        raise RecordingError(f"{self.name}: {text}")
+
+    def _plan(
+        self, columns: Sequence[Column] | None, variable: str | None, count: int
+    ) -> tuple[list[str], list[int] | None]:
+        """Variables to read, and the numbers of the columns wanted of a matrix (None for all)."""
+        if variable is None and columns is not None:
+            names = [column for column in columns if isinstance(column, str)]
+            if len(names) != len(columns):
+                self.fail("columns by number need variable = the matrix they belong to")
+            return names, None
+        if variable is None:
+            if len(self.names) != 1:
+                self.fail(f"variable must say which array is meant; there are {listing(self.names)}")
+            variable = self.names[0]
+        if columns is None:
+            return [variable], None
+        numbers = [column for column in columns if isinstance(column, int)]
+        if len(numbers) != len(columns):
+            self.fail(f"columns of the matrix {variable!r} go by number, from 1")
+        return [variable], numbers
+
+    def _check_name(self, name: str) -> None:
+        if name not in self.names:
+            near = did_you_mean(name, self.names)
+            self.fail(f"there is no variable {name!r}; the variables are {listing(self.names)}{near}")
+
+    def _matrix(self, name: str) -> Array:
+        """Read a variable as a finite matrix; a NumPy vector becomes one column."""
+        if name not in self._arrays:
+            self._check_name(name)
+            values = self._number_array(name)
+            if values.ndim == 1:
+                values = values[:, np.newaxis]
+            if values.ndim != 2:
+                self.fail(f"variable {name!r} must be a vector or a matrix, its shape is {values.shape}")
+            bad = np.argwhere(~np.isfinite(values))
+            if len(bad):
+                row, column = bad[0]
+                place = f"row {row + 1}, column {column + 1}"
+                self.fail(f"variable {name!r}, {place}, is {values[row, column]}")
+            self._arrays[name] = values
+        return self._arrays[name]
+
+    def _number_array(self, name: str) -> Array:
+        try:
+            values = self.array(name)
+        except Exception as reason:  # likewise
+            self.fail(f"variable {name!r} cannot be read ({reason})")
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
+            self.fail(f"variable {name!r} is no array of real numbers")
+        return np.ascontiguousarray(values, dtype=np.float64)
+
+    def _vector(self, name: str) -> Array:
+        matrix = self._matrix(name)
+        # MATLAB keeps a vector as a matrix of one row or of one column: either is the same vector.
+        if 1 not in matrix.shape:
+            self.fail(f"variable {name!r} must be a vector, its shape is {matrix.shape}")
+        return matrix.reshape(-1)
+
+    def _whole(self, name: str, matrix: Array, count: int) -> Array:
+        if count == 1 and 1 in matrix.shape:
+            return matrix.reshape(-1, 1)
+        if matrix.shape[1] != count:
+            hint = "; transpose it?" if matrix.shape[0] == count else ""
+            self.fail(f"variable {name!r} must have shape (n_samples, {count}), got {matrix.shape}{hint}")
+        return matrix
+
+    def _stack(self, vectors: list[tuple[str, Array]]) -> Array:
+        first_name, first = vectors[0]
+        for name, vector in vectors[1:]:
+            if len(vector) != len(first):
+                self.fail(
+                    f"variables {first_name!r} and {name!r} differ in length: {len(first)} and {len(vector)}"
+                )
+        return np.column_stack([vector for _, vector in vectors])
+
+
+class NpzFile(ArrayFile):
+    """NumPy's npz."""
+
+    kind = "npz"
+
+    def variables(self) -> list[str]:
+        """Names of the arrays."""
+        with np.load(io.BytesIO(self.raw), allow_pickle=False) as arrays:
+            return list(arrays.files)
+
+    def array(self, name: str) -> Any:
+        """Array of a name."""
+        with np.load(io.BytesIO(self.raw), allow_pickle=False) as arrays:
+            return arrays[name]
+
+
+class MatFile(ArrayFile):
+    """MATLAB's mat of version 5."""
+
+    kind = "MATLAB version 5"
+
+    def variables(self) -> list[str]:
+        """Names of the variables."""
+        if b"MATLAB 7.3" in self.raw[:128] or self.raw.startswith(b"\x89HDF"):
+            self.fail("this is a version 7.3 (HDF5) .mat file; save it in MATLAB with save(..., '-v7')")
+        from scipy.io import whosmat
+
+        # Any, because scipy-stubs know paths only; the file is not read a second time.
+        stream: Any = io.BytesIO(self.raw)
+        return [str(entry[0]) for entry in whosmat(stream)]
+
+    def array(self, name: str) -> Any:
+        """Variable of a name."""
+        from scipy.io import loadmat
+
+        stream: Any = io.BytesIO(self.raw)
+        return loadmat(stream, variable_names=[name])[name]
