@@ -163,6 +163,14 @@ def test_a_robot_file_with_few_digits(tmp_path: Path, capsys: pytest.CaptureFixt
     assert len(didim.load_robot(path, snap=2e-3).base_parameters.names) == 58
     assert main(["base", str(path)]) == 0
     assert capsys.readouterr().err.startswith("didim: warning: ur.toml: angles are nearly right ones")
+    (tmp_path / "ur.urdf").write_text(ur_urdf("1.57"))
+    for command in ("robot", "base"):
+        assert main([command, str(tmp_path / "ur.urdf")]) == 0
+        assert capsys.readouterr().err.startswith(
+            "didim: warning: ur.urdf: the axes of j1, j4, j5 are nearly"
+        )
+    assert main(["robot", str(tmp_path / "ur.urdf"), "--snap", "2e-3"]) == 0
+    assert "warning" not in capsys.readouterr().err
 
 
 def test_the_zero_of_a_revolute_joint_is_not_snapped(tmp_path: Path) -> None:
