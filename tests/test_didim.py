@@ -21,7 +21,7 @@ from didim.experiment.specs import ReferenceSpec
 from didim.loop.controller import Controller
 from didim.loop.reference import Reference
 from didim.loop.tuning import mean_inertia
-from didim.methods.didim_settings import GainUpdating
+from didim.methods.didim.settings import GainUpdating
 from didim.methods.start import Start, unit_rotors
 from didim.result.iteration import Iteration
 from didim.studies.simulated_log import LOG_REFINEMENT, measured, packaged_experiment, simulated_log

@@ -19,7 +19,7 @@ from didim.experiment.specs import Measurement, SimulationSettings
 from didim.loop.closed_loop import ClosedLoop
 from didim.loop.controller import Controller
 from didim.loop.reference import Reference
-from didim.methods.didim_convergence import contraction_of, rule_sentence
+from didim.methods.didim.convergence import contraction_of, rule_sentence
 from didim.studies.simulated_log import measured, packaged_experiment
 from scripts import script
 

@@ -22,7 +22,7 @@ from didim.experiment.experiment import Experiment
 from didim.experiment.experiment_file import load_experiment
 from didim.log.recording import Recording
 from didim.loop.simulation import simulate
-from didim.methods.didim import DIDIM
+from didim.methods.didim.didim import DIDIM
 from didim.methods.identify import identify
 from didim.methods.idim_ls import IDIMLS
 from didim.result.identification import Identification

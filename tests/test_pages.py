@@ -136,7 +136,7 @@ def test_the_method_of_contributing_runs(
     fit = didim.identify(didim.load_experiment(arm, data=arm.parent / "data"), method())
     plain = didim.identify(
         didim.load_experiment(arm, data=arm.parent / "data"),
-        didim.IDIMLS(weights="none"),
+        didim.IDIMLS(),
     )
     np.testing.assert_array_equal(fit.beta, plain.beta)
     np.testing.assert_array_equal(fit.covariance, plain.covariance)

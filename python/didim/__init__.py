@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from .loop.reference import Reference
     from .loop.simulation import Simulation, StepWarning, simulate
     from .methods.cloe.cloe import CLOE
-    from .methods.didim import DIDIM
+    from .methods.didim.didim import DIDIM
     from .methods.identify import identify
     from .methods.idim_ls import IDIMLS
     from .model.dynamics import direct_dynamics, inertia_matrix, inverse_dynamics, regressor
@@ -115,7 +115,7 @@ __all__ = [
 
 _LATER = {
     "CLOE": "methods.cloe.cloe",
-    "DIDIM": "methods.didim",
+    "DIDIM": "methods.didim.didim",
     "IDIMLS": "methods.idim_ls",
     "BaseParameters": "robot.base_parameters",
     "Comparison": "studies.comparison",

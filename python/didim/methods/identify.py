@@ -17,7 +17,7 @@ from .method import Method
 
 METHODS: dict[str, str | Callable[..., Method]] = {
     "idim-ls": "didim.methods.idim_ls:IDIMLS",
-    "didim": "didim.methods.didim:DIDIM",
+    "didim": "didim.methods.didim.didim:DIDIM",
     "cloe": "didim.methods.cloe.cloe:CLOE",
 }
 """Settings class of each method by name, or where it is, as "module:class": loaded when the method is asked for."""

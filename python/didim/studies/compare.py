@@ -42,7 +42,7 @@ def all_methods(
         Of the simplex; one method each.
     """
     from ..methods.cloe.cloe import CLOE
-    from ..methods.didim import DIDIM
+    from ..methods.didim.didim import DIDIM
     from ..methods.idim_ls import IDIMLS
 
     start = "apriori" if "apriori" in experiment.robot.sets else "unit"

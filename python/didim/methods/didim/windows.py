@@ -1,4 +1,4 @@
-"""Windows of a log for DIDIM: the closed loop of each, and the torques to explain. Tested in ``tests/test_didim.py``."""
+"""Windows of a log for DIDIM, and the points and steps of its iteration. Tested in ``tests/test_didim.py``."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._tools.arrays import Array
-from ..errors import FitError
-from ..experiment.loop import closed_loop
-from ..loop.closed_loop import ClosedLoop
-from ..model.safe_step import thinned
-from ..regression.fit import Fit
-from ..regression.linear_system import LinearSystem
-from ..signal.align import align
-from ..signal.segments import kept_samples, place_of
-from ..signal.spikes import without_spikes
-from .job import Job
+from ..._tools.arrays import Array
+from ...errors import FitError
+from ...experiment.loop import closed_loop
+from ...loop.closed_loop import ClosedLoop, Outcome
+from ...model.safe_step import thinned
+from ...regression.fit import Fit
+from ...regression.linear_system import LinearSystem
+from ...signal.align import align
+from ...signal.segments import kept_samples, place_of
+from ...signal.spikes import without_spikes
+from ..job import Job
 
 CHECKED_POSITIONS = 500
 """Positions along a simulated motion at which M(q) is kept positive definite."""
@@ -71,6 +71,22 @@ class Solved:
     """Standard deviations of the base parameters, (b,)."""
     kept: tuple[int, ...]
     """Columns that the motion does not identify, which keep their values."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step from one point to the next."""
+
+    length: float
+    """Share of the way to the solution."""
+    largest: float
+    """Largest share that keeps M(q) positive definite."""
+    moved: float
+    """Largest change of a base parameter on the whole way, in standard deviations."""
+    after: Point | Outcome
+    """Where it leads, or how the simulation of the shortest step ended."""
+    repeated: bool = False
+    """Whether it leads nowhere but to the same parameters, simulated with smaller steps in time."""
 
 
 def windows_of(job: Job, delay: float) -> list[Window]:

@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from .._tools.arrays import Array
-from .._tools.words import counted
+from ..._tools.arrays import Array
+from ..._tools.words import counted
 
 MOST_STEPS = 8
 """Steps that the contraction rate is estimated from; earlier ones are far from the end."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import ClassVar, Literal
 
-from ..errors import FitError
-from .method import FitSettings, Motion
-from .start import Start
+from ...errors import FitError
+from ..method import FitSettings, Motion
+from ..start import Start
 
 GainUpdating = Literal["first", "always", "never"]
 

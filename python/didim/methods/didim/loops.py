@@ -1,0 +1,152 @@
+"""The closed loops of a log for DIDIM: simulations with candidate parameters, with the steps of the experiment or smaller ones.
+
+Tested in ``tests/test_didim.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...errors import DidimError
+from ...loop.closed_loop import Outcome
+from ...model.dynamics import inertia_matrix
+from ...result.identification import Identification
+from ..idim_ls import IDIMLS
+from ..job import Delay, Job, ratio
+from .settings import DIDIMSettings
+from .windows import Simulated, Window, checked_positions, windows_of
+
+CAREFUL = 2
+"""Where a robot cannot be simulated, all is tried again with equal steps, so many times smaller than the smallest one before."""
+
+
+class Loops:
+    """The closed loop of every window, and the IDIM-LS estimate that starts and gains may need.
+
+    Attributes
+    ----------
+    windows : list of Window
+        Windows with the steps that are taken now.
+    n_simulations : int
+        Simulations so far.
+    remarks : list of str
+        Sentences on the steps.
+    """
+
+    def __init__(self, method: DIDIMSettings, job: Job, delay: Delay, say: Callable[[str], None]) -> None:
+        self.method, self.job, self.delay, self.say = method, job, delay, say
+        self.windows = windows_of(job, delay.samples)
+        self.n_simulations = 0
+        self.remarks: list[str] = []
+        self._usual: list[Window] | None = None
+        self._refined = False
+        self._direct: Identification | None = None
+
+    def simulate(self, x: Array, scale: Array | None = None, checked: bool = False) -> Simulated | Outcome:
+        """Simulate every window with parameters `x`, (n_parameters,), and scaled gains, (n_dof,).
+
+        `checked` simulates the first window with half the steps beside it, on another core.
+        """
+        if checked:
+            from concurrent.futures import ThreadPoolExecutor
+
+            with ThreadPoolExecutor(1) as other:
+                finer = other.submit(self._with_half_steps, x, scale)
+                found = self.simulate(x, scale)
+                fine = finer.result()
+            self.n_simulations += 1
+            return found if isinstance(found, Outcome) else replace(found, finer=fine)
+        motions, squares, size = [], 0.0, 0.0
+        for window in self.windows:
+            arrays, outcomes = window.loop.run(x[None], gain_scale=None if scale is None else scale[None])
+            self.n_simulations += 1
+            if not outcomes[0].completed:
+                return outcomes[0]
+            q, dq, ddq, tau = (values[0][window.kept] for values in arrays)
+            motions.append((q, dq, ddq, tau))
+            squares += float(np.sum((window.tau - tau) ** 2))
+            size += float(np.sum(window.tau**2))
+        return Simulated(motions, scale, ratio(np.sqrt(squares), np.sqrt(size)))
+
+    def finer(self, x: Array, simulated: Simulated) -> Array:
+        """Torques along the first window with half the steps, (n_kept, n_dof); NaN after an early end."""
+        if simulated.finer is not None:
+            return simulated.finer
+        self.n_simulations += 1
+        return self._with_half_steps(x, simulated.scale)
+
+    def _with_half_steps(self, x: Array, scale: Array | None) -> Array:
+        window = self.windows[0]
+        arrays, _ = window.loop.divided(2).run(x[None], gain_scale=None if scale is None else scale[None])
+        return np.asarray(arrays[3][0][window.kept])
+
+    def take_small_steps(self) -> bool:
+        """Take small steps in time everywhere, once, unless it is the log that looks wrong; whether they are taken now.
+
+        Those of the experiment suit the robot of the log and its motion; one with less inertia is stiff elsewhere too.
+        """
+        if self._refined or self.suspicions():
+            return False
+        self._refined, self._usual = True, self.windows
+        smallest = min(min(window.loop.steps[0], *window.loop.steps[1]) for window in self.windows) / CAREFUL
+        self.windows = [replace(window, loop=window.loop.even(smallest)) for window in self.windows]
+        self.remarks.append(
+            "from this start the simulation fails with the steps of the experiment: until the end is near they are "
+            f"{1e3 * smallest:.3g} ms throughout"
+        )
+        self.say(self.remarks[-1])
+        return True
+
+    def take_usual_steps(self, x: Array) -> Simulated | None:
+        """Return the simulation with the steps of the experiment after small ones; None where these hold, or remain needed."""
+        if self._usual is None:
+            return None
+        small, self.windows, self._usual = self.windows, self._usual, None
+        again = self.simulate(x)
+        if isinstance(again, Simulated):
+            return again
+        self.windows = small
+        return None
+
+    def reference_positions(self) -> Array:
+        """Positions along the references at which M(q) is looked at, (n, n_dof)."""
+        positions = [window.loop.motion.at(window.loop.t)[0] for window in self.windows]
+        return checked_positions(np.concatenate(positions))
+
+    def gain_scale(self, x: Array) -> Array:
+        """Factor of the gains of each joint: J(x) over the J of the IDIM-LS estimate, (n_dof,)."""
+        q = self.reference_positions()
+        here, real = (
+            np.diagonal(inertia_matrix(self.job.robot, q, parameters), axis1=1, axis2=2).mean(axis=0)
+            for parameters in (x, self.direct().parameters)
+        )
+        return np.where((real > 0.0) & (here > 0.0), here / np.where(real > 0.0, real, 1.0), 1.0)
+
+    def direct(self) -> Identification:
+        """Return the IDIM-LS estimate with the settings of the method."""
+        if self._direct is None:
+            method = self.method
+            idim = IDIMLS(
+                solver=method.solver,
+                weights=method.weights,
+                reweightings=method.reweightings,
+                variance=method.variance,
+                decimation_corrected=method.decimation_corrected,
+                signal=method.signal,
+                compensate_samples=self.delay.samples,
+                fixed=method.fixed,
+                dropped=method.dropped,
+            )
+            self._direct = idim.run(self.job.experiment, lambda iteration: False, self.say)
+        return self._direct
+
+    def suspicions(self) -> list[str]:
+        """Return what looks wrong along the measured motion, which no wrong parameter spoils."""
+        try:
+            return list(self.direct().remarks)
+        except DidimError:
+            return []
