@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import didim
 from didim import Experiment, Finding, FitError, Recording, SignalProcessing, check, load_experiment
 from didim.cli.main import main
-from didim.diagnosis.finding import KINDS
+from didim.diagnosis.finding import KINDS, Findings
 from didim.studies.simulated_log import PACKAGED, measured, simulated_log
 from planted import SIGNAL, Log, log_of, tx40_exact
 from test_documented import tables
@@ -450,3 +450,10 @@ def test_the_files_of_these_tests_say_what_they_should(log: Log, tmp_path: Path)
     content = tomllib.loads(log.write(tmp_path).read_text(encoding="utf-8"))
     assert content["recording"][0]["position"]["columns"] == [f"q{k}" for k in range(1, 7)]
     assert np.allclose(load_experiment(tmp_path / "log.toml").recordings[0].q, log.q, rtol=1e-9, atol=1e-15)
+
+
+def test_names_of_joints_stand_below_the_findings() -> None:
+    found = Finding(kind="gap", sentence="joint 2 jumps", advice="Look at it", joints=(2,))
+    named = Findings("log", (found,), ("shoulder", "elbow"))
+    assert str(named).splitlines()[-1] == "joints: 2 elbow"
+    assert len(str(Findings("log", (found,))).splitlines()) == 2

@@ -109,7 +109,7 @@ def check(
         )
     if not slow and not without and any(recording.role == "fit" for recording in experiment.recordings):
         found += _model(experiment, known)
-    return Findings(experiment.name, tuple(found))
+    return Findings(experiment.name, tuple(found), experiment.robot.joint_names)
 
 
 def _without(recording: Recording, findings: Sequence[Finding]) -> Recording:

@@ -105,10 +105,13 @@ class Findings(Sequence[Finding]):
         Name of the experiment.
     items : tuple of Finding
         The findings.
+    joint_names : tuple of str
+        Names of the robot's joints; empty where its file has none.
     """
 
     experiment: str
     items: tuple[Finding, ...] = ()
+    joint_names: tuple[str, ...] = ()
 
     @overload
     def __getitem__(self, index: int) -> Finding: ...
@@ -127,7 +130,11 @@ class Findings(Sequence[Finding]):
         if not self.items:
             return f"{self.experiment}: nothing found."
         head = f"{self.experiment}: {len(self)} finding{'' if len(self) == 1 else 's'}"
-        return "\n".join([head, *(f"- {item}" for item in self.items)])
+        lines = [head, *(f"- {item}" for item in self.items)]
+        joints = sorted({joint for item in self.items for joint in item.joints})
+        if self.joint_names and joints:
+            lines.append(f"joints: {', '.join(f'{joint} {self.joint_names[joint - 1]}' for joint in joints)}")
+        return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``didim check --json`` writes."""
