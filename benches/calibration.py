@@ -49,7 +49,7 @@ def random_starts(experiment: didim.Experiment, parameters: str, count: int, see
         groups.append((KINDS.get(letters, letters), joint))
     truth = np.asarray(robot.set_base(parameters))
     loop = closed_loop(experiment, experiment.recordings[0])
-    q, _, _ = loop.motion.at(loop.t[::50])
+    q, _, _ = loop.reference.at(loop.t[::50])
     rng = np.random.default_rng(seed)
     found: list[Array] = []
     while len(found) < count:

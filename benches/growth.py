@@ -225,7 +225,7 @@ def _loop(task: Task, duration_s: float) -> ClosedLoop:
     return ClosedLoop.of(
         task.robot,
         reference,
-        task.loop.law,
+        task.loop.controller,
         rate_hz=RATE_HZ,
         duration_s=duration_s,
         step=STEP_S,
@@ -234,8 +234,8 @@ def _loop(task: Task, duration_s: float) -> ClosedLoop:
 
 
 def _simulation(loop: ClosedLoop, x: Array, candidates: int, threads: int) -> Callable[[], None]:
-    xs, one = np.tile(x, (candidates, 1)), np.ones(loop.model.n_dof)
-    q = loop.motion.at(loop.t)[0]
+    xs, one = np.tile(x, (candidates, 1)), np.ones(loop.robot.n_dof)
+    q = loop.reference.at(loop.t)[0]
     tau = np.zeros_like(q)
 
     def run() -> None:

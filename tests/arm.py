@@ -89,7 +89,7 @@ def arm_file(log: Experiment, data: Path, file: Path) -> Path:
     assert recording.tau is not None
     assert recording.q_ref is not None
     np.savez(data / "log.npz", q=recording.q, tau=recording.tau, q_ref=recording.q_ref)
-    laws = closed_loop(log, recording).law.laws
+    laws = closed_loop(log, recording).controller.laws
     text = FILE.replace("NAME", file.stem)
     text = text.replace("KP", str(laws[:, 0].tolist())).replace("KV", str(laws[:, 1].tolist()))
     file.write_text(text, encoding="utf-8")

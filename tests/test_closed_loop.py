@@ -205,7 +205,7 @@ def test_recorded_and_measured_references(tmp_path: Path) -> None:
             filtered, dq, _ = differentiate(q[start:stop], 100.0, experiment.signal)
             followed = q_ref[start:stop] if kind == "recorded" else filtered
             assert (loop.rate_hz, loop.n_records) == (100.0, stop - start)
-            np.testing.assert_allclose(loop.motion.at(loop.t)[0], followed, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(loop.reference.at(loop.t)[0], followed, rtol=0, atol=1e-12)
             # The run begins as the log does, which may be in motion.
             assert loop.start is not None
             np.testing.assert_array_equal(loop.start, [filtered[0], dq[0]])
@@ -277,9 +277,9 @@ def test_a_model_fed_forward_leaves_little_to_the_feedback(tmp_path: Path) -> No
     errors = []
     for extra in ("", 'feedforward_of = "reference"\n'):
         loop = closed_loop(load(tmp_path, FOURIER, PD + extra, smooth))
-        (q, _, _, _), outcomes = loop.run(loop.model.sets["reference"][None])
+        (q, _, _, _), outcomes = loop.run(loop.robot.sets["reference"][None])
         assert outcomes[0].completed
-        errors.append(np.abs(q[0] - loop.motion.at(loop.t)[0]).max())
+        errors.append(np.abs(q[0] - loop.reference.at(loop.t)[0]).max())
     assert errors[0] > 0.01
     # Straight lines between samples of the torque at 1 kHz.
     assert errors[1] < 1e-6
@@ -312,14 +312,14 @@ def test_simulation_settings_are_those_of_the_run(tmp_path: Path) -> None:
     experiment = load(tmp_path, FOURIER, PD, table("simulation", **keys, smoothing_rad_s=[0.01, 0.02]))
     loop = closed_loop(experiment)
     assert (loop.rate_hz, loop.n_records, loop.divergence) == (50.0, 76, 7.0)
-    assert loop.model.friction.coulomb == "tanh"
-    assert loop.model.friction.smoothing == (0.01, 0.02)
+    assert loop.robot.friction.coulomb == "tanh"
+    assert loop.robot.friction.smoothing == (0.01, 0.02)
     # The robot of the experiment, which the log is identified with, keeps its own friction.
     assert experiment.robot.friction.coulomb == "sign"
     by_hand = ClosedLoop.of(
         load_robot("planar2").with_smoothing([0.01, 0.02]),
-        loop.motion,
-        loop.law,
+        loop.reference,
+        loop.controller,
         rate_hz=50.0,
         duration_s=1.5,
         step=0.002,

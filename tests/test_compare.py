@@ -87,7 +87,7 @@ def test_the_papers_experiment_is_that_of_the_package(tx40: Comparison) -> None:
         torque_noise=(0.5, 0.5, 0.2, 0.1, 0.1, 0.1), position_noise=(1e-6, 1e-6, 2e-6, 2e-6, 2e-6, 3e-6)
     )
     np.testing.assert_array_equal(tx40.truth, log.robot.set_base("didim"))
-    q_ref, dq_ref, ddq_ref = closed_loop(packaged_experiment("tx40")).motion.at(recording.t)
+    q_ref, dq_ref, ddq_ref = closed_loop(packaged_experiment("tx40")).reference.at(recording.t)
     peaks = np.stack([np.abs(values).max(axis=0) for values in (q_ref, dq_ref, ddq_ref)])
     limits = np.array([[2.6, 1.8, 2.0, 3.5, 1.9, 4.0], [4.5, 4.5, 6.5, 6.5, 5, 10], [25, 25, 35, 60, 60, 90]])
     assert np.all(peaks <= limits * 1.0001)

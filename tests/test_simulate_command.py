@@ -164,7 +164,9 @@ def test_the_csv_reads_back_as_a_recording(
     assert recording.tau is not None
     np.testing.assert_allclose(recording.tau, tau, rtol=1e-14, atol=0)
     assert recording.q_ref is not None
-    np.testing.assert_allclose(recording.q_ref, report.loop.motion.at(report.loop.t)[0], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        recording.q_ref, report.loop.reference.at(report.loop.t)[0], rtol=0, atol=1e-14
+    )
     # Followed as a recorded reference, it is the same run again, and the command says so.
     capsys.readouterr()
     assert simulate(back) == 0
@@ -382,7 +384,7 @@ def test_the_report_is_a_table(arm: Path) -> None:
     assert re.fullmatch(r"arm: 1001 records in 2 s, \d+ steps: completed", lines[0])
     assert lines[1].split("  ")[-2:] == ["tracking error, largest", "torque, rms"]
     assert [line.split()[0] for line in lines[2:]] == ["1", "2"]
-    tracking = np.abs(report.arrays[0] - report.loop.motion.at(report.loop.t)[0]).max(axis=0)
+    tracking = np.abs(report.arrays[0] - report.loop.reference.at(report.loop.t)[0]).max(axis=0)
     for line, value in zip(lines[2:], tracking, strict=True):
         assert f" {value:.3g} " in line
     # The same by hand.

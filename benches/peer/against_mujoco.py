@@ -44,7 +44,7 @@ def contestants(task: Task, rounds: int) -> list[Contestant]:
     model = mujoco.MjModel.from_xml_string(mjcf(task))
     _check(mujoco, task, model)
     size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    target = task.loop.motion.at(np.arange(STEPS) * STEP_S)[0]
+    target = task.loop.reference.at(np.arange(STEPS) * STEP_S)[0]
 
     def rollouts(count: int, threads: int) -> Contestant:
         data = [mujoco.MjData(model) for _ in range(threads)]

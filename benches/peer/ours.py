@@ -58,7 +58,7 @@ def _repeat(run: Callable[[], object]) -> None:
 def _costs(task: Task, candidates: int, threads: int) -> Callable[[], None]:
     """Return simulations of the closed loop that leave a cost each."""
     xs, one = np.tile(task.x, (candidates, 1)), np.ones(6)
-    target = task.loop.motion.at(task.loop.t)[0]
+    target = task.loop.reference.at(task.loop.t)[0]
     torque = np.zeros_like(target)
 
     def run() -> None:

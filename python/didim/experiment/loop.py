@@ -88,7 +88,7 @@ def closed_loop(
             divergence=settings.divergence,
         )
         if recording is not None:
-            motion = measured_motion(recording, (start, stop), experiment.signal, loop.model)
+            motion = measured_motion(recording, (start, stop), experiment.signal, loop.robot)
             loop = loop if motion is None else loop.along(motion)
         return loop
     except DidimError as error:

@@ -111,17 +111,30 @@ class IntegrationError:
 
 
 @dataclass(frozen=True, eq=False)
+class CoreLoop:
+    """A closed loop in objects of the core."""
+
+    robot: _core.Robot
+    reference: _core.Reference
+    controller: _core.Controller
+    schedule: _core.Schedule
+    start: tuple[Sequence[float], Sequence[float]] | None
+    external: tuple[float, Array] | None
+    divergence: float
+
+
+@dataclass(frozen=True, eq=False)
 class ClosedLoop:
     """A robot with its controller and reference, ready to run any number of candidates.
 
     Attributes
     ----------
-    model : Robot
+    robot : Robot
         The robot.
-    motion : Reference
-        What it follows.
-    law : Controller
-        What makes it follow.
+    reference : Reference
+        The motion that it follows.
+    controller : Controller
+        The controller that makes it follow.
     rate_hz : float
         Records per second.
     n_records : int
@@ -138,9 +151,9 @@ class ClosedLoop:
         Tracking error (rad or m) that ends a run.
     """
 
-    model: Robot
-    motion: Reference
-    law: Controller
+    robot: Robot
+    reference: Reference
+    controller: Controller
     rate_hz: float
     n_records: int
     schedule: _core.Schedule
@@ -150,19 +163,17 @@ class ClosedLoop:
     divergence: float = DIVERGENCE
 
     @property
-    def robot(self) -> _core.Robot:
-        """The robot of the core."""
-        return self.model.core
-
-    @property
-    def reference(self) -> _core.Reference:
-        """The reference of the core."""
-        return self.motion.core
-
-    @property
-    def controller(self) -> _core.Controller:
-        """The controller of the core."""
-        return self.law.core
+    def core(self) -> CoreLoop:
+        """The closed loop as the core takes it."""
+        return CoreLoop(
+            self.robot.core,
+            self.reference.core,
+            self.controller.core,
+            self.schedule,
+            self.start,
+            self.external,
+            self.divergence,
+        )
 
     @property
     def t(self) -> Array:
@@ -235,14 +246,16 @@ class ClosedLoop:
         where a robot reverses.
         """
         schedule = _schedule(
-            self.model, self.motion, self.law, self.rate_hz, self.n_records, self.steps, motion
+            self.robot, self.reference, self.controller, self.rate_hz, self.n_records, self.steps, motion
         )
         return replace(self, schedule=schedule)
 
     def even(self, step: float) -> ClosedLoop:
         """Return the same loop with steps of at most `step` (s) throughout."""
-        steps = (step, [step] * self.model.n_dof)
-        schedule = _schedule(self.model, self.motion, self.law, self.rate_hz, self.n_records, steps, None)
+        steps = (step, [step] * self.robot.n_dof)
+        schedule = _schedule(
+            self.robot, self.reference, self.controller, self.rate_hz, self.n_records, steps, None
+        )
         return replace(self, schedule=schedule, steps=steps)
 
     def divided(self, parts: int) -> ClosedLoop:
@@ -267,7 +280,7 @@ class ClosedLoop:
         """
         scale = self._scale_of(x, gain_scale, threads)
         try:
-            arrays, endings = _core.simulate(self, x, scale, threads)
+            arrays, endings = _core.simulate(self.core, x, scale, threads)
         except ValueError as reason:
             raise SimulationError(str(reason)) from None
         outcomes = _outcomes(endings)
@@ -304,7 +317,7 @@ class ClosedLoop:
         scale = self._scale_of(x, gain_scale, threads)
         try:
             costs, endings = _core.simulate_cost(
-                self, x, scale, q, tau, weight_q.tolist(), weight_tau.tolist(), threads
+                self.core, x, scale, q, tau, weight_q.tolist(), weight_tau.tolist(), threads
             )
         except ValueError as reason:
             raise SimulationError(str(reason)) from None
@@ -337,9 +350,11 @@ class ClosedLoop:
         -----
         ``sensitivity/tests.rs`` and ``test_simulation.py`` check them by differences of simulations, 1e-6 of a column's norm.
         """
-        scale = np.ones(self.model.n_dof) if gain_scale is None else gain_scale
+        scale = np.ones(self.robot.n_dof) if gain_scale is None else gain_scale
         try:
-            arrays, end = _core.simulate_sensitivities(self, x.tolist(), scale.tolist(), directions, threads)
+            arrays, end = _core.simulate_sensitivities(
+                self.core, x.tolist(), scale.tolist(), directions, threads
+            )
         except ValueError as reason:
             raise SimulationError(str(reason)) from None
         return list(arrays), _outcomes([end])[0]
@@ -350,7 +365,7 @@ class ClosedLoop:
             raise SimulationError(f"x must have shape (n_candidates, n_parameters), got {x.shape}")
         if threads is not None and threads < 1:
             raise SimulationError(f"threads must be at least 1, got {threads}")
-        return np.ones((len(x), self.model.n_dof)) if gain_scale is None else gain_scale
+        return np.ones((len(x), self.robot.n_dof)) if gain_scale is None else gain_scale
 
     def integration_error(
         self, x: Array, q: Array, tau: Array, *, gain_scale: Array | None = None, threads: int | None = None

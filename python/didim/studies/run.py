@@ -67,8 +67,8 @@ class SimulationReport:
         q, dq, ddq, tau = self.arrays
         if self.experiment.measurement is not None:
             q, tau = self.experiment.measurement.measure(q, tau)
-        n = self.loop.model.n_dof
-        groups = {"q": q, "dq": dq, "ddq": ddq, "tau": tau, "q_ref": self.loop.motion.at(self.loop.t)[0]}
+        n = self.loop.robot.n_dof
+        groups = {"q": q, "dq": dq, "ddq": ddq, "tau": tau, "q_ref": self.loop.reference.at(self.loop.t)[0]}
         names = ["t", *(f"{name}{joint + 1}" for name in groups for joint in range(n))]
         text = io.StringIO()
         text.write(",".join(names) + "\n")
@@ -76,14 +76,14 @@ class SimulationReport:
         write_atomically(path, text.getvalue())
 
     def __str__(self) -> str:
-        robot = self.loop.model
+        robot = self.loop.robot
         lines = [
             f"{self.experiment.name}: {self.loop.n_records} records in {self.loop.t[-1]:.6g} s, "
             f"{self.loop.schedule.steps} steps: {self.outcome}"
         ]
         if not self.outcome.completed:
             return "\n".join(lines)
-        target = self.loop.motion.at(self.loop.t)[0]
+        target = self.loop.reference.at(self.loop.t)[0]
         tracking = np.abs(self.arrays[0] - target).max(axis=0)
         columns = {"tracking error, largest": [f"{value:.3g}" for value in tracking]}
         columns["torque, rms"] = [f"{value:.4g}" for value in np.sqrt(np.mean(self.arrays[3] ** 2, axis=0))]
@@ -132,15 +132,15 @@ def simulate_experiment(
     chosen = _recording(experiment, recording)
     window = None if chosen is None else chosen.windows[0]
     loop = closed_loop(experiment, chosen, window)
-    x = standard_parameters(loop.model, parameters)
+    x = standard_parameters(loop.robot, parameters)
     trajectories, outcomes = loop.run(x[None])
-    if chosen is None and outcomes[0].completed and loop.model.friction.coulomb == "tanh":
+    if chosen is None and outcomes[0].completed and loop.robot.friction.coulomb == "tanh":
         # The robot reverses later than its reference: once more, with steps that are fine where it does.
         motion = Reference.through(*(values[0] for values in trajectories[:3]), rate_hz=loop.rate_hz)
         loop = loop.along(motion)
         trajectories, outcomes = loop.run(x[None])
     q, dq, ddq, tau = (values[0] for values in trajectories)
-    sentences = outside_limits(loop.model, loop.motion, float(loop.t[-1]))
+    sentences = outside_limits(loop.robot, loop.reference, float(loop.t[-1]))
     errors: dict[str, Array] = {}
     if outcomes[0].completed:
         error = loop.integration_error(x, q, tau)

@@ -93,7 +93,7 @@ def simulated_log(
         # An identification has the steps that follow from this log: the log must have them too.
         if before is not None and np.array_equal(before.q, recording.q):
             break
-        motion = measured_motion(recording, (0, len(recording.q)), experiment.signal, loop.model)
+        motion = measured_motion(recording, (0, len(recording.q)), experiment.signal, loop.robot)
         if motion is None:
             break
         loop = loop.along(motion)

@@ -203,10 +203,10 @@ class OutputError:
         digest = hashlib.sha256(asked.encode())
         for window in self.windows:
             loop = window.loop
-            law = loop.law
+            law = loop.controller
             numbers = (loop.rate_hz, loop.n_records, loop.steps, loop.start, loop.divergence, law.digital)
             digest.update(repr(numbers).encode())
-            motion = loop.motion.at(loop.t)
+            motion = loop.reference.at(loop.t)
             signals = [part for part in (loop.external, law.feedforward) if part is not None]
             push = [np.append(values, rate) for rate, values in signals]
             for array in (
@@ -236,7 +236,7 @@ class OutputError:
         squares, sizes = np.zeros((self.robot.n_dof, len(columns))), np.zeros(self.robot.n_dof)
         for window in self.windows:
             t = window.loop.t[:: max(1, window.loop.n_records // 2000)]
-            w = regressor(self.robot, *window.loop.motion.at(t))[:, :, columns]
+            w = regressor(self.robot, *window.loop.reference.at(t))[:, :, columns]
             squares += np.mean(w**2, axis=0)
             sizes += np.mean(window.tau**2, axis=0)
         share = np.sqrt(np.sum(squares / np.where(sizes > 0.0, sizes, 1.0)[:, None], axis=0))

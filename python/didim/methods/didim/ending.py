@@ -114,7 +114,7 @@ def _record(method: DIDIMSettings, job: Job, loops: Loops) -> dict[str, Any]:
         "closed_loop": {
             "reference": getattr(job.experiment.reference, "settings", None),
             "controller": getattr(job.experiment.controller, "settings", None),
-            "laws": loop.law.laws.tolist(),
+            "laws": loop.controller.laws.tolist(),
             "steps": loop.schedule.steps,
         },
     }

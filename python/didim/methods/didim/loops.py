@@ -114,7 +114,7 @@ class Loops:
 
     def reference_positions(self) -> Array:
         """Positions along the references at which M(q) is looked at, (n, n_dof)."""
-        positions = [window.loop.motion.at(window.loop.t)[0] for window in self.windows]
+        positions = [window.loop.reference.at(window.loop.t)[0] for window in self.windows]
         return checked_positions(np.concatenate(positions))
 
     def gain_scale(self, x: Array) -> Array:
