@@ -168,28 +168,28 @@ PYTHON = (
 RUST = (
     Mutation(
         "gravity pushes instead of pulling",
-        "rust/src/inverse.rs",
+        "rust/src/model/inverse.rs",
         "Vector::splat([-x, -y, -z])",
         "Vector::splat([x, y, z])",
         "",
     ),
     Mutation(
         "Coriolis acceleration of a prismatic joint has the wrong sign",
-        "rust/src/inverse.rs",
+        "rust/src/model/inverse.rs",
         "a.x = omega.y.mul_add(twice, a.x);",
         "a.x = omega.y.neg_mul_add(twice, a.x);",
         "",
     ),
     Mutation(
         "a coupled motor rubs at the speed of the wrong joint",
-        "rust/src/friction.rs",
+        "rust/src/model/friction.rs",
         "tau[m] = (speed - dq[m]).mul_add(fvm,",
         "tau[m] = (speed - dq[0]).mul_add(fvm,",
         "",
     ),
     Mutation(
         "the middle stages of Runge-Kutta weigh as much as the outer ones",
-        "rust/src/runge_kutta.rs",
+        "rust/src/closed_loop/runge_kutta.rs",
         "weighted[j] += ddq[j] + ddq[j];",
         "weighted[j] += ddq[j];",
         "",

@@ -88,7 +88,7 @@ fn count(k: usize, rounds: usize) -> Result<(u64, String), Box<dyn Error>> {
     }
 }
 
-/// The code that this processor gets, as `rust/src/lanes.rs` chooses it.
+/// The code that this processor gets, as `rust/src/ground/dispatch.rs` chooses it.
 fn instruction_set() -> &'static str {
     #[cfg(target_arch = "x86_64")]
     if matches!(pulp::Arch::new(), pulp::Arch::V3(_)) {

@@ -6,9 +6,9 @@ mod instructions;
 mod tx40;
 
 use criterion::{Criterion, Throughput};
-use didim::base::base_parameters;
-use didim::direct::direct_dynamics;
-use didim::observation::{Log, observation};
+use didim::model::direct::direct_dynamics;
+use didim::regression::base::base_parameters;
+use didim::signal::observation::{Log, observation};
 use std::error::Error;
 use std::hint::black_box;
 use tx40::{Batch, ClosedLoop, FEW, SAMPLES, STEPS};

@@ -1,14 +1,16 @@
 //! What is timed and counted: the TX40, a batch of its samples, and one second of its closed loop.
 
-use didim::cancel::Cancel;
-use didim::control::{Controller, Law, Timing};
-use didim::inverse::inverse_dynamics;
-use didim::parameters::Layout;
-use didim::reference::{Fourier, Reference};
-use didim::regressor::regressor;
+use didim::closed_loop::control::{Controller, Law, Timing};
+use didim::closed_loop::observers::{Cost, Measured};
+use didim::closed_loop::reference::{Fourier, Reference};
+use didim::closed_loop::schedule::{Plan, Schedule};
+use didim::closed_loop::simulate::run_group;
+use didim::closed_loop::simulation::{Candidate, Outcome, Simulation};
+use didim::ground::cancel::Cancel;
+use didim::model::inverse::inverse_dynamics;
+use didim::model::regressor::regressor;
+use didim::robot::parameters::Layout;
 use didim::robot::{Friction, Joint, JointKind, Robot};
-use didim::schedule::{Plan, Schedule};
-use didim::simulate::{Candidate, Cost, Measured, Outcome, Simulation, run_group};
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::hint::black_box;
 

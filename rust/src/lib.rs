@@ -7,14 +7,29 @@
 //!
 //! | | | |
 //! |---|---|---|
-//! | (1) | `tau = M(q) ddq + N(q, dq)` | [`inverse`] |
-//! | (2) | `tau = IDM(q, dq, ddq) x` | [`regressor`] |
-//! | (3) | `x_j = XX XY XZ YY YZ ZZ MX MY MZ M Ia Fv Fc Off` | [`parameters`] |
-//! | (4) | `M(q) ddq = tau - N(q, dq)` | [`direct`], [`inertia`] |
-//! | (6) | `Y = W_st x + rho`, filtered and decimated in parallel | [`observation`], [`filter`] |
-//! | (7) | `Y = W beta + rho`, independent columns only | [`base`] |
-//! | (8)-(11) | least squares and its covariance | [`least_squares`] |
-//! | (22)-(24) | coupled wrist | [`friction`], [`robot`] |
+//! | (1) | `tau = M(q) ddq + N(q, dq)` | [`model::inverse`] |
+//! | (2) | `tau = IDM(q, dq, ddq) x` | [`model::regressor`] |
+//! | (3) | `x_j = XX XY XZ YY YZ ZZ MX MY MZ M Ia Fv Fc Off` | [`robot::parameters`] |
+//! | (4) | `M(q) ddq = tau - N(q, dq)` | [`model::direct`], [`model::inertia`] |
+//! | (6) | `Y = W_st x + rho`, filtered and decimated in parallel | [`signal::observation`], [`signal::filter`] |
+//! | (7) | `Y = W beta + rho`, independent columns only | [`regression::base`] |
+//! | (8)-(11) | least squares and its covariance | [`regression::least_squares`] |
+//! | (22)-(24) | coupled wrist | [`model::friction`], [`robot`] |
+//!
+//! ## The map
+//!
+//! A folder uses only the folders above it in this list.
+//!
+//! | | |
+//! |---|---|
+//! | [`ground`] | numbers side by side in registers, vectors, threads, requests to stop |
+//! | [`robot`] | a robot checked once; its parameters, and what of its geometry is zero |
+//! | [`model`] | inverse, regressor, inertia and direct model, sample by sample |
+//! | [`signal`] | text of data files, filters, the observation matrix of a log |
+//! | [`regression`] | base parameters and least squares |
+//! | [`closed_loop`] | references, controllers, steps, simulations |
+//! | [`tangent`] | derivatives of the inverse model and of simulations |
+//! | `python` | the binding: arrays in, arrays out |
 //!
 //! ## Conventions
 //!
@@ -29,33 +44,12 @@
 //! apart, the others regrouped into them. *Regressor*: the torques' derivatives with respect to the standard parameters at
 //! one sample. *Observation matrix*: the regressors of a whole log, filtered. *Lanes*: samples or candidates side by side in a register.
 
-pub mod base;
-pub mod bodies;
-pub mod cancel;
-pub mod control;
-pub mod direct;
-pub mod error;
-pub mod filter;
-pub mod friction;
-pub mod geometry;
-pub mod inertia;
-pub mod inverse;
-pub mod kinematics;
-pub mod lanes;
-pub mod least_squares;
-pub mod observation;
-pub mod parallel;
-pub mod parameters;
+pub mod closed_loop;
+pub mod ground;
+pub mod model;
 #[cfg(feature = "python")]
 pub mod python;
-pub mod reference;
-pub mod regressor;
+pub mod regression;
 pub mod robot;
-pub mod runge_kutta;
-pub mod schedule;
-pub mod sensitivity;
-pub mod shape;
-pub mod simulate;
-pub mod spatial;
-pub mod table;
-mod unroll;
+pub mod signal;
+pub mod tangent;

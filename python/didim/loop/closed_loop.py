@@ -348,7 +348,8 @@ class ClosedLoop:
 
         Notes
         -----
-        ``sensitivity/tests.rs`` and ``test_simulation.py`` check them by differences of simulations, 1e-6 of a column's norm.
+        ``tangent/closed_loop/tests.rs`` and ``test_simulation.py`` check them by differences of simulations, 1e-6 of the norm of a
+        column.
         """
         scale = np.ones(self.robot.n_dof) if gain_scale is None else gain_scale
         try:

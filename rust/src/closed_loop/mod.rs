@@ -1,0 +1,12 @@
+//! The closed loop, (4) with a controller that follows a reference.
+
+pub mod control;
+pub mod law;
+pub mod observers;
+pub mod point_to_point;
+pub mod reference;
+pub mod runge_kutta;
+pub mod sampled;
+pub mod schedule;
+pub mod simulate;
+pub mod simulation;

@@ -1,0 +1,113 @@
+//! What takes the records of a simulation: whole trajectories, or the cost of each candidate alone.
+
+use crate::ground::dispatch::WIDTH;
+
+/// One record of a group of lanes: entry `j * lanes + l` is joint `j` of lane `l`.
+#[derive(Debug, Clone, Copy)]
+pub struct Record<'a> {
+    /// Lane of the group that these begin with.
+    pub first: usize,
+    /// Lanes recorded together.
+    pub lanes: usize,
+    /// Positions.
+    pub q: &'a [f64],
+    /// Velocities.
+    pub dq: &'a [f64],
+    /// Accelerations.
+    pub ddq: &'a [f64],
+    /// Torques of the drives.
+    pub tau: &'a [f64],
+}
+
+/// Takes the records of a group of lanes. Called through a pointer, so that the kernel is compiled once for all of them.
+pub trait Observer: Send {
+    /// Takes record `k`.
+    fn record(&mut self, k: usize, record: &Record<'_>);
+}
+
+/// Whole trajectories of the lanes, each `(records, n)` row-major.
+#[derive(Debug, Clone, Default)]
+pub struct Trajectories {
+    /// Per lane.
+    pub lanes: Vec<Trajectory>,
+}
+
+/// One trajectory, `(records, n)` row-major.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Trajectory {
+    /// Positions.
+    pub q: Vec<f64>,
+    /// Velocities.
+    pub dq: Vec<f64>,
+    /// Accelerations.
+    pub ddq: Vec<f64>,
+    /// Torques of the drives.
+    pub tau: Vec<f64>,
+}
+
+impl Trajectories {
+    /// Memory for `lanes` trajectories.
+    pub fn new(lanes: usize, records: usize, n: usize) -> Self {
+        let empty = || Vec::with_capacity(records * n);
+        let one = || Trajectory { q: empty(), dq: empty(), ddq: empty(), tau: empty() };
+        Self { lanes: (0..lanes).map(|_| one()).collect() }
+    }
+}
+
+impl Observer for Trajectories {
+    fn record(&mut self, _k: usize, record: &Record<'_>) {
+        for (l, lane) in self.lanes.iter_mut().skip(record.first).take(record.lanes).enumerate() {
+            for (out, values) in [
+                (&mut lane.q, record.q),
+                (&mut lane.dq, record.dq),
+                (&mut lane.ddq, record.ddq),
+                (&mut lane.tau, record.tau),
+            ] {
+                out.extend(values.iter().skip(l).step_by(record.lanes));
+            }
+        }
+    }
+}
+
+/// What a cost compares a simulation with, `(records, n)` row-major each.
+#[derive(Debug, Clone, Copy)]
+pub struct Measured<'a> {
+    /// Positions.
+    pub q: &'a [f64],
+    /// Torques of the drives.
+    pub tau: &'a [f64],
+    /// Weight of a squared position error, one per joint.
+    pub weight_q: &'a [f64],
+    /// Weight of a squared torque error, one per joint.
+    pub weight_tau: &'a [f64],
+}
+
+/// Sum of weighted squared errors of each lane: no memory per record.
+#[derive(Debug, Clone, Copy)]
+pub struct Cost<'a> {
+    measured: Measured<'a>,
+    n: usize,
+    /// Sum of each lane.
+    pub sums: [f64; WIDTH],
+}
+
+impl<'a> Cost<'a> {
+    /// Nothing summed yet.
+    pub fn new(measured: Measured<'a>, n: usize) -> Self {
+        Self { measured, n, sums: [0.0; WIDTH] }
+    }
+}
+
+impl Observer for Cost<'_> {
+    fn record(&mut self, k: usize, record: &Record<'_>) {
+        let Measured { q, tau, weight_q, weight_tau } = self.measured;
+        for j in 0..self.n {
+            let (at, lanes) = (k * self.n + j, j * record.lanes..(j + 1) * record.lanes);
+            let rows = record.q[lanes.clone()].iter().zip(&record.tau[lanes]);
+            for (sum, (of_q, of_tau)) in self.sums.iter_mut().skip(record.first).zip(rows) {
+                let (e, f) = (of_q - q[at], of_tau - tau[at]);
+                *sum += weight_q[j] * e * e + weight_tau[j] * f * f;
+            }
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! A digital controller at work: measured positions, outputs on their way, integrators.
+
+use super::control::{Digital, Law};
+use super::law::{Instant, law};
+use crate::ground::arrays::MAX_DOF;
+use crate::ground::lanes::Lanes;
+
+/// Memory of a digital controller on lanes.
+#[derive(Debug, Clone)]
+pub struct Sampled<const L: usize, const F: bool> {
+    /// Measured positions, newest first.
+    history: Vec<[Lanes<L, F>; MAX_DOF]>,
+    /// Outputs on their way, newest first.
+    queue: Vec<[Lanes<L, F>; MAX_DOF]>,
+    z: [Lanes<L, F>; MAX_DOF],
+    differences: Vec<f64>,
+}
+
+impl<const L: usize, const F: bool> Sampled<L, F> {
+    /// Before the first sample: the robot has moved with its initial velocity so far, and the outputs were zero.
+    pub fn start(digital: &Digital, q: &[Lanes<L, F>; MAX_DOF], dq: &[Lanes<L, F>; MAX_DOF]) -> Self {
+        let taps = digital.smoothing.len();
+        let before = |k: usize| std::array::from_fn(|j| q[j] - dq[j].scale(digital.period * k as f64));
+        let weight = |k: usize| digital.smoothing.get(k).copied().unwrap_or(0.0);
+        Self {
+            // The first sample pushes all of them one place back.
+            history: (1..=taps + 1).map(before).collect(),
+            queue: vec![[Lanes::zero(); MAX_DOF]; digital.delay + 1],
+            z: [Lanes::zero(); MAX_DOF],
+            differences: (0..=taps)
+                .map(|k| (weight(k) - if k > 0 { weight(k - 1) } else { 0.0 }) / digital.period)
+                .collect(),
+        }
+    }
+
+    /// Integrators of the joints.
+    pub fn integrators(&self) -> [Lanes<L, F>; MAX_DOF] {
+        self.z
+    }
+
+    /// Weights of the newest, the one before, ... position in the velocity.
+    pub fn differences(&self) -> &[f64] {
+        &self.differences
+    }
+
+    /// Position and velocity of joint `j` as the last sample saw them.
+    #[inline(always)]
+    pub fn measured(&self, j: usize) -> (Lanes<L, F>, Lanes<L, F>) {
+        let mut velocity = Lanes::zero();
+        for (difference, positions) in self.differences.iter().zip(&self.history) {
+            velocity = positions[j].mul_add(Lanes::splat(*difference), velocity);
+        }
+        (self.history[0][j], velocity)
+    }
+
+    /// One sample: takes the positions, and returns the torques that act until the next.
+    #[inline(always)]
+    pub fn step(
+        &mut self,
+        laws: &[Law],
+        digital: &Digital,
+        instant: &Instant<'_, L, F>,
+        q: &[Lanes<L, F>; MAX_DOF],
+    ) -> [Lanes<L, F>; MAX_DOF] {
+        self.history.rotate_right(1);
+        self.queue.rotate_right(1);
+        for (j, one) in laws.iter().enumerate() {
+            let resolution = digital.resolution[j];
+            let measured = if resolution > 0.0 {
+                q[j].map(|value| (value / resolution).round() * resolution)
+            } else {
+                q[j]
+            };
+            self.history[0][j] = measured;
+            let (_, velocity) = self.measured(j);
+            let (torque, dz) = law(one, instant, j, measured, velocity, self.z[j]);
+            self.z[j] = dz.mul_add(Lanes::splat(digital.period), self.z[j]);
+            self.queue[0][j] = torque;
+        }
+        self.queue[digital.delay]
+    }
+}

@@ -1,0 +1,382 @@
+//! The closed loop, (4) with its controller and reference, by the classical Runge-Kutta method: one candidate or thousands.
+//!
+//! Candidates run side by side in the lanes of a register, and groups of lanes on several threads; none sees another, so
+//! the bits do not depend on either number. Tested in `closed_loop/simulate/tests.rs`: order four,
+//! energy, power balance, a pendulum against its elliptic functions; and against the EMPS in the Python tests.
+
+use crate::closed_loop::control::{Digital, Timing};
+use crate::closed_loop::law::{Instant, PlainLaws, law};
+use crate::closed_loop::observers::{Observer, Record};
+use crate::closed_loop::reference::Target;
+use crate::closed_loop::runge_kutta::{PerJoint, Point, Stages};
+use crate::closed_loop::sampled::Sampled;
+use crate::closed_loop::schedule::Segment;
+use crate::closed_loop::simulation::{Candidate, Outcome, Simulation, SimulationError, check};
+use crate::ground::arrays::MAX_DOF;
+use crate::ground::cancel::Cancel;
+use crate::ground::dispatch::{Kernel, WIDTH, dispatch_on};
+use crate::ground::lanes::Lanes;
+use crate::ground::parallel;
+use crate::model::direct::Direct;
+use crate::model::friction::Drives;
+use crate::model::links::Links;
+use crate::robot::arm::{Arm, Elbow, Place, outwards};
+use crate::robot::geometry::Geometry;
+
+/// How often, in segments, a run asks whether it shall stop.
+const PATIENCE: usize = 256;
+/// The same within a segment, in steps.
+const LONG: usize = 4096;
+/// Angle (rad) beyond which the sines of `lanes.rs` lose digits.
+const FARTHEST: f64 = 1e5;
+
+/// Runs candidates in groups of lanes on at most `threads` threads; each group gets an observer of its own.
+///
+/// `observer(lanes)` makes one for a group of so many candidates. The result has a group's outcomes and its observer, in the order
+/// of the candidates.
+pub fn simulate<O: Observer>(
+    simulation: Simulation<'_>,
+    candidates: &[Candidate<'_>],
+    threads: usize,
+    cancel: &Cancel<'_>,
+    observer: impl Fn(usize) -> O + Sync,
+) -> Result<Vec<(Vec<Outcome>, O)>, SimulationError> {
+    check(&simulation, candidates)?;
+    // Lanes that would run empty are worth less than threads that would.
+    let width = if candidates.len() == 1 { 1 } else { WIDTH };
+    Ok(parallel::map(candidates.len().div_ceil(width), threads, |g| {
+        let group = &candidates[g * width..(g * width + width).min(candidates.len())];
+        let mut observer = observer(group.len());
+        let outcomes = if group.len() == 1 {
+            run_group::<1>(simulation, group, cancel, &mut observer)
+        } else {
+            run_group::<WIDTH>(simulation, group, cancel, &mut observer)
+        };
+        (outcomes, observer)
+    }))
+}
+
+/// Runs up to `L` candidates on one thread.
+pub fn run_group<const L: usize>(
+    simulation: Simulation<'_>,
+    candidates: &[Candidate<'_>],
+    cancel: &Cancel<'_>,
+    observer: &mut dyn Observer,
+) -> Vec<Outcome> {
+    if candidates.is_empty() {
+        return Vec::new();
+    }
+    let geometry = Geometry::of(simulation.robot);
+    match geometry.known::<Elbow>() {
+        Some(geometry) => dispatch_on::<L, _>(Run { simulation, geometry, candidates, cancel, observer }),
+        None => dispatch_on::<L, _>(Run { simulation, geometry, candidates, cancel, observer }),
+    }
+}
+
+struct Run<'a, S> {
+    simulation: Simulation<'a>,
+    geometry: Geometry<S>,
+    candidates: &'a [Candidate<'a>],
+    cancel: &'a Cancel<'a>,
+    observer: &'a mut dyn Observer,
+}
+
+impl<S: Arm> Kernel for Run<'_, S> {
+    type Output = Vec<Outcome>;
+
+    #[inline(always)]
+    fn run<const L: usize, const F: bool>(self) -> Vec<Outcome> {
+        let Self { simulation, geometry, candidates, cancel, observer } = self;
+        if !F {
+            return portable(simulation, candidates, cancel, observer);
+        }
+        let outcomes = Loop::<L, F, S>::new(simulation, &geometry, candidates, 0).run(cancel, observer);
+        outcomes[..candidates.len()].to_vec()
+    }
+}
+
+/// One candidate after the other: without vector registers lanes gain nothing, and would take long to compile.
+fn portable(
+    simulation: Simulation<'_>,
+    candidates: &[Candidate<'_>],
+    cancel: &Cancel<'_>,
+    observer: &mut dyn Observer,
+) -> Vec<Outcome> {
+    let mut outcomes = Vec::with_capacity(candidates.len());
+    for (lane, one) in candidates.iter().enumerate() {
+        let geometry = Geometry::of(simulation.robot);
+        let one = Loop::<1, false, _>::new(simulation, &geometry, std::slice::from_ref(one), lane);
+        outcomes.extend(one.run(cancel, observer));
+    }
+    outcomes
+}
+
+/// The state of a run, and its memory: nothing is allocated once it runs.
+struct Loop<'a, const L: usize, const F: bool, S> {
+    simulation: Simulation<'a>,
+    geometry: Geometry<S>,
+    drives: Drives<'a>,
+    links: Links<L, F>,
+    scale: PerJoint<L, F>,
+    /// The laws, where they are plain; a digital controller asks for its own.
+    plain: Option<PlainLaws>,
+    /// Lane of the group that this one is, where it is one of several.
+    first: usize,
+    outcomes: [Outcome; L],
+    running: usize,
+    stages: Stages<L, F>,
+    /// Torques of the drives; those of a digital controller hold between its samples.
+    tau: PerJoint<L, F>,
+    dz: PerJoint<L, F>,
+    /// The reference, and the time it was evaluated for.
+    target: Target,
+    aimed: f64,
+    piece: usize,
+    feedforward: [f64; MAX_DOF],
+    external: [f64; MAX_DOF],
+    /// Positions, velocities, accelerations and torques for the observer.
+    buffers: [[f64; MAX_DOF * WIDTH]; 4],
+}
+
+impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
+    #[inline(always)]
+    fn new(
+        simulation: Simulation<'a>,
+        geometry: &Geometry<S>,
+        candidates: &[Candidate<'_>],
+        first: usize,
+    ) -> Self {
+        const { assert!(L <= WIDTH, "buffers and costs have room for so many lanes") };
+        let n = simulation.robot.n_dof();
+        let last = candidates.len().saturating_sub(1);
+        // Lanes without a candidate of their own repeat the last one.
+        let lane = |pick: fn(&Candidate<'_>, usize) -> f64, k: usize| {
+            Lanes(std::array::from_fn(|l| pick(&candidates[l.min(last)], k)))
+        };
+        let nothing = [Lanes::zero(); MAX_DOF];
+        let x: Vec<Lanes<L, F>> =
+            (0..candidates[0].x.len()).map(|k| lane(|candidate, k| candidate.x[k], k)).collect();
+        let integrates = simulation.controller.laws().iter().any(|law| law.integral != 0.0);
+        let mut this = Self {
+            simulation,
+            geometry: *geometry,
+            drives: Drives::of(simulation.robot),
+            links: Links::of(simulation.robot, geometry, &x),
+            scale: nothing,
+            plain: PlainLaws::of(simulation.controller),
+            first,
+            outcomes: [Outcome::Completed; L],
+            running: L,
+            stages: Stages::new(integrates),
+            tau: nothing,
+            dz: nothing,
+            target: Target::zero(),
+            aimed: f64::NAN,
+            piece: 0,
+            feedforward: [0.0; MAX_DOF],
+            external: [0.0; MAX_DOF],
+            buffers: [[0.0; MAX_DOF * WIDTH]; 4],
+        };
+        this.aim(0.0);
+        for j in 0..n {
+            let (q, dq) =
+                simulation.start.map_or((this.target.q[j], this.target.dq[j]), |(q, dq)| (q[j], dq[j]));
+            this.stages.here.q[j] = Lanes::splat(q);
+            this.stages.here.dq[j] = Lanes::splat(dq);
+            this.scale[j] = lane(|candidate, j| candidate.scale[j], j);
+        }
+        this
+    }
+
+    /// The whole run. The stages of a step are a loop around the one place that evaluates the model: inlined four times and more
+    /// it would take minutes to compile, and fill the cache of instructions.
+    #[inline(always)]
+    fn run(mut self, cancel: &Cancel<'_>, observer: &mut dyn Observer) -> [Outcome; L] {
+        let schedule = self.simulation.schedule;
+        let mut sampled = match self.simulation.controller.timing() {
+            Timing::Continuous => None,
+            Timing::Digital(digital) => {
+                Some((digital, Sampled::start(digital, &self.stages.here.q, &self.stages.here.dq)))
+            }
+        };
+        // On its own, not a part of `self`: what no one asks for is then never stored.
+        let mut direct = Direct::new(&self.geometry);
+        // The last record needs one more evaluation: a segment without length, whose step ends after its first stage.
+        let end = schedule.end();
+        let last =
+            Segment { start: end, step: 0.0, steps: 1, record: true, control: schedule.last_control() };
+        let mut records = 0;
+        for (index, segment) in schedule.segments().iter().chain(std::iter::once(&last)).enumerate() {
+            if index % PATIENCE == 0 && cancel.requested() {
+                return self.cancelled(segment.start);
+            }
+            if index > 0 {
+                self.check_tracking(segment.start);
+                if self.running == 0 {
+                    return self.outcomes;
+                }
+            }
+            if segment.control
+                && let Some((digital, sampled)) = &mut sampled
+            {
+                self.sample(digital, sampled, segment.start);
+            }
+            for step in 0..segment.steps {
+                if step % LONG == LONG - 1 && cancel.requested() {
+                    return self.cancelled(segment.start);
+                }
+                let t = segment.start + step as f64 * segment.step;
+                for stage in 0..4 {
+                    self.evaluate(&mut direct, Stages::<L, F>::time(stage, t, segment.step), stage > 0);
+                    if stage == 0 && step == 0 && segment.record {
+                        self.hand_over(records, &direct.ddq, observer);
+                        records += 1;
+                    }
+                    if segment.step == 0.0 {
+                        break;
+                    }
+                    self.stages.advance(self.geometry.n(), stage, segment.step, &direct.ddq, &self.dz);
+                }
+            }
+        }
+        self.outcomes
+    }
+
+    /// Gives the observer where the run stands, with the torques and accelerations evaluated there.
+    #[inline(always)]
+    fn hand_over(&mut self, k: usize, ddq: &PerJoint<L, F>, observer: &mut dyn Observer) {
+        let n = self.geometry.n();
+        let Point { q, dq, .. } = &self.stages.here;
+        outwards!(S, n, place => {
+            let j = place.index();
+            for (buffer, values) in self.buffers.iter_mut().zip([q, dq, ddq, &self.tau]) {
+                buffer[j * L..(j + 1) * L].copy_from_slice(&values[j].0);
+            }
+        });
+        let [q, dq, ddq, tau] = &self.buffers;
+        let (q, dq, ddq, tau) = (&q[..n * L], &dq[..n * L], &ddq[..n * L], &tau[..n * L]);
+        observer.record(k, &Record { first: self.first, lanes: L, q, dq, ddq, tau });
+    }
+
+    /// Torques and accelerations at one time; `near` the positions of the evaluation that started the step, or at them.
+    #[inline(always)]
+    fn evaluate(&mut self, direct: &mut Direct<L, F>, t: f64, near: bool) {
+        let Simulation { controller, external, .. } = self.simulation;
+        let n = self.geometry.n();
+        if let Timing::Continuous = controller.timing() {
+            self.aim(t);
+            let Point { q, dq, z } = &self.stages.here;
+            if let Some(laws) = &self.plain {
+                laws.torques(&self.geometry, &self.target, &self.scale, q, dq, &mut self.tau);
+            } else {
+                let instant = Instant {
+                    target: &self.target,
+                    feedforward: controller.feedforward().map(|_| &self.feedforward),
+                    scale: &self.scale,
+                };
+                for (j, one) in controller.laws()[..n].iter().enumerate() {
+                    (self.tau[j], self.dz[j]) = law(one, &instant, j, q[j], dq[j], z[j]);
+                }
+            }
+        }
+        if let Some(external) = external {
+            external.at(t, &mut self.external);
+        }
+        let Self { geometry, drives, links, stages, tau, .. } = self;
+        direct.solve(geometry, drives, links, &stages.here.q, &stages.here.dq, tau, &self.external, near);
+        let mut smallest = direct.pivots[0];
+        outwards!(S, n, place => smallest = direct.pivots[place.index()].min(smallest));
+        if !smallest.all_above(0.0) {
+            let pivots = direct.pivots;
+            self.find_indefinite(t, &pivots);
+        }
+    }
+
+    /// Reference and feed-forward at one time.
+    #[inline(always)]
+    fn aim(&mut self, t: f64) {
+        if t == self.aimed {
+            return; // the stages in the middle of a step
+        }
+        self.aimed = t;
+        self.simulation.reference.at_on::<F>(t, &mut self.piece, &mut self.target);
+        if let Some(signal) = self.simulation.controller.feedforward() {
+            signal.at(t, &mut self.feedforward);
+        }
+    }
+
+    #[inline(always)]
+    fn sample(&mut self, digital: &Digital, sampled: &mut Sampled<L, F>, t: f64) {
+        self.aim(t);
+        let controller = self.simulation.controller;
+        let instant = Instant {
+            target: &self.target,
+            feedforward: controller.feedforward().map(|_| &self.feedforward),
+            scale: &self.scale,
+        };
+        self.tau = sampled.step(controller.laws(), digital, &instant, &self.stages.here.q);
+    }
+
+    #[cold]
+    fn find_indefinite(&mut self, time: f64, pivots: &PerJoint<L, F>) {
+        let n = self.geometry.n();
+        for l in 0..L {
+            // Within one step a run can diverge so far that sines mean nothing, nor do the pivots made of them.
+            let lost = (0..n).find(|&j| {
+                let q = self.stages.here.q[j].0[l].abs();
+                q.is_nan() || q > FARTHEST
+            });
+            let joint = (0..n).find(|&j| pivots[j].0[l] <= 0.0);
+            if let (Some(joint), Some(_)) = (lost, joint) {
+                self.end(l, Outcome::Diverged { time, joint });
+            } else if let Some(joint) = joint {
+                self.end(l, Outcome::Indefinite { time, joint });
+            }
+        }
+    }
+
+    /// Ends the runs whose tracking error has left the bounds. NaN is beyond any bound.
+    #[inline(always)]
+    fn check_tracking(&mut self, time: f64) {
+        self.aim(time);
+        let bound = Lanes::splat(self.simulation.divergence);
+        // By how much the joints are out of bounds; what is no number stays so in a sum.
+        let mut beyond = Lanes::zero();
+        for j in 0..self.geometry.n() {
+            let error = (self.stages.here.q[j] - Lanes::splat(self.target.q[j])).abs();
+            beyond += Lanes::zero().max(error - bound);
+        }
+        if !(-beyond).all_above(-f64::MIN_POSITIVE) {
+            self.find_diverged(time);
+        }
+    }
+
+    #[cold]
+    fn find_diverged(&mut self, time: f64) {
+        for j in 0..self.geometry.n() {
+            for l in 0..L {
+                let error = (self.stages.here.q[j].0[l] - self.target.q[j]).abs();
+                if error.is_nan() || error > self.simulation.divergence {
+                    self.end(l, Outcome::Diverged { time, joint: j });
+                }
+            }
+        }
+    }
+
+    fn end(&mut self, lane: usize, outcome: Outcome) {
+        if self.outcomes[lane] == Outcome::Completed {
+            self.outcomes[lane] = outcome;
+            self.running -= 1;
+        }
+    }
+
+    fn cancelled(mut self, time: f64) -> [Outcome; L] {
+        for lane in 0..L {
+            self.end(lane, Outcome::Cancelled { time });
+        }
+        self.outcomes
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

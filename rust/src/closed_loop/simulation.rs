@@ -1,0 +1,112 @@
+//! What is simulated: a robot, its reference, controller and schedule, the candidates, and how their runs end.
+
+use super::control::{ControlError, Controller, Signal, check_signal};
+use super::reference::Reference;
+use super::schedule::Schedule;
+use crate::robot::Robot;
+use crate::robot::parameters::Layout;
+use thiserror::Error;
+
+/// A simulation whose parts do not fit together.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum SimulationError {
+    /// A list of the wrong length.
+    #[error("{what} has {got} entries where {want} are needed")]
+    Length {
+        /// Name of the list.
+        what: &'static str,
+        /// Entries needed.
+        want: usize,
+        /// Entries given.
+        got: usize,
+    },
+    /// A schedule made for another controller.
+    #[error("the schedule was made for another controller: only one of them is digital")]
+    Schedule,
+    /// A signal that is none.
+    #[error(transparent)]
+    Signal(#[from] ControlError),
+}
+
+/// What is simulated; candidates differ only in their parameters and the scale of their gains.
+#[derive(Clone, Copy)]
+pub struct Simulation<'a> {
+    /// The robot.
+    pub robot: &'a Robot,
+    /// What it follows.
+    pub reference: &'a Reference,
+    /// What makes it follow.
+    pub controller: &'a Controller,
+    /// When.
+    pub schedule: &'a Schedule,
+    /// External torque on the joints, joint side.
+    pub external: Option<&'a Signal>,
+    /// Positions and velocities at time 0; those of the reference if None.
+    pub start: Option<(&'a [f64], &'a [f64])>,
+    /// Tracking error (rad or m) that counts as divergence.
+    pub divergence: f64,
+}
+
+/// One candidate.
+#[derive(Debug, Clone, Copy)]
+pub struct Candidate<'a> {
+    /// Standard parameters.
+    pub x: &'a [f64],
+    /// Scale of the gains, one per joint.
+    pub scale: &'a [f64],
+}
+
+/// How the run of a candidate ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Outcome {
+    /// With the last record.
+    Completed,
+    /// With a tracking error beyond bounds, or one that is no number any more.
+    Diverged {
+        /// When (s).
+        time: f64,
+        /// Joint, from 0.
+        joint: usize,
+    },
+    /// With an inertia matrix that is not positive definite.
+    Indefinite {
+        /// When (s).
+        time: f64,
+        /// Joint whose pivot is not positive, from 0.
+        joint: usize,
+    },
+    /// On request.
+    Cancelled {
+        /// When (s).
+        time: f64,
+    },
+}
+
+/// Everything fits together.
+pub(crate) fn check(
+    simulation: &Simulation<'_>,
+    candidates: &[Candidate<'_>],
+) -> Result<(), SimulationError> {
+    let n = simulation.robot.n_dof();
+    let count = Layout::of(simulation.robot).count();
+    let length = |what, want, got| {
+        if want == got { Ok(()) } else { Err(SimulationError::Length { what, want, got }) }
+    };
+    length("the reference", n, simulation.reference.n_dof())?;
+    length("the controller", n, simulation.controller.laws().len())?;
+    if let Some((q, dq)) = simulation.start {
+        length("the initial positions", n, q.len())?;
+        length("the initial velocities", n, dq.len())?;
+    }
+    if let Some(external) = simulation.external {
+        check_signal("the external torque", external, n)?;
+    }
+    if simulation.controller.period().is_some() != simulation.schedule.segments().iter().any(|s| s.control) {
+        return Err(SimulationError::Schedule);
+    }
+    for candidate in candidates {
+        length("x", count, candidate.x.len())?;
+        length("the scale of the gains", n, candidate.scale.len())?;
+    }
+    Ok(())
+}

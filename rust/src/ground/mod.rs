@@ -1,0 +1,9 @@
+//! What everything stands on: numbers side by side, vectors, threads, and requests to stop.
+
+pub mod arrays;
+pub mod cancel;
+pub mod dispatch;
+pub mod elementary;
+pub mod lanes;
+pub mod parallel;
+pub mod spatial;

@@ -1,0 +1,142 @@
+//! 3-vectors on lanes, and the two turns that take a vector from frame `j-1` to frame `j`.
+
+use crate::ground::lanes::Lanes;
+use crate::robot::Twist;
+use std::ops::{Add, Sub};
+
+/// A vector in some frame.
+///
+/// It is aligned, and with it all that contains one: a vector register that is stored across a line of the cache takes twice as long.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(32))]
+pub struct Vector<const L: usize, const F: bool> {
+    /// Component along x.
+    pub x: Lanes<L, F>,
+    /// Component along y.
+    pub y: Lanes<L, F>,
+    /// Component along z.
+    pub z: Lanes<L, F>,
+}
+
+impl<const L: usize, const F: bool> Vector<L, F> {
+    /// From its components.
+    #[inline(always)]
+    pub fn new(x: Lanes<L, F>, y: Lanes<L, F>, z: Lanes<L, F>) -> Self {
+        Self { x, y, z }
+    }
+
+    /// The null vector.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self::new(Lanes::zero(), Lanes::zero(), Lanes::zero())
+    }
+
+    /// The same vector in each lane.
+    #[inline(always)]
+    pub fn splat(v: [f64; 3]) -> Self {
+        Self::new(Lanes::splat(v[0]), Lanes::splat(v[1]), Lanes::splat(v[2]))
+    }
+
+    /// Scalar product.
+    #[inline(always)]
+    pub fn dot(self, b: Self) -> Lanes<L, F> {
+        self.z.mul_add(b.z, self.y.mul_add(b.y, self.x * b.x))
+    }
+
+    /// Vector product.
+    #[inline(always)]
+    pub fn cross(self, b: Self) -> Self {
+        Self::new(
+            self.y.mul_sub(b.z, self.z * b.y),
+            self.z.mul_sub(b.x, self.x * b.z),
+            self.x.mul_sub(b.y, self.y * b.x),
+        )
+    }
+
+    /// Components after `Rot(x, alpha)` of the frame: `Rot(x, alpha)^T v`.
+    #[inline(always)]
+    pub fn into_twisted(self, twist: Twist) -> Self {
+        match twist {
+            Twist::Zero => self,
+            Twist::Half => Self::new(self.x, -self.y, -self.z),
+            Twist::Plus => Self::new(self.x, self.z, -self.y),
+            Twist::Minus => Self::new(self.x, -self.z, self.y),
+            Twist::General(c, s) => Self::new(
+                self.x,
+                self.y.mul_add(Lanes::splat(c), self.z.scale(s)),
+                self.z.mul_add(Lanes::splat(c), self.y.scale(-s)),
+            ),
+        }
+    }
+
+    /// Back: `Rot(x, alpha) v`.
+    #[inline(always)]
+    pub fn out_of_twisted(self, twist: Twist) -> Self {
+        self.into_twisted(match twist {
+            Twist::Plus => Twist::Minus,
+            Twist::Minus => Twist::Plus,
+            Twist::General(c, s) => Twist::General(c, -s),
+            right => right,
+        })
+    }
+
+    /// Components after `Rot(z, theta)` of the frame, from the sine and cosine of theta.
+    #[inline(always)]
+    pub fn into_turned(self, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
+        Self::new(self.x.mul_add(cosine, self.y * sine), self.y.mul_sub(cosine, self.x * sine), self.z)
+    }
+
+    /// Back: `Rot(z, theta) v`.
+    #[inline(always)]
+    pub fn out_of_turned(self, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
+        Self::new(self.x.mul_sub(cosine, self.y * sine), self.y.mul_add(cosine, self.x * sine), self.z)
+    }
+}
+
+impl<const L: usize, const F: bool> Add for Vector<L, F> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self::new(self.x + b.x, self.y + b.y, self.z + b.z)
+    }
+}
+
+impl<const L: usize, const F: bool> Sub for Vector<L, F> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self::new(self.x - b.x, self.y - b.y, self.z - b.z)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn close(a: Vector<1, false>, b: Vector<1, false>) -> bool {
+        let e = a - b;
+        e.dot(e).0[0].sqrt() < 1e-12
+    }
+
+    proptest! {
+        #[test]
+        fn turns_are_rotations(v in prop::array::uniform3(-3.0..3.0_f64), angle in -7.0..7.0_f64) {
+            let v = Vector::<1, false>::splat(v);
+            let (s, c) = Lanes([angle]).sin_cos();
+            prop_assert!(close(v.into_turned(s, c).out_of_turned(s, c), v));
+            for twist in [Twist::Zero, Twist::Half, Twist::Plus, Twist::Minus, Twist::General(c.0[0], s.0[0])] {
+                prop_assert!(close(v.into_twisted(twist).out_of_twisted(twist), v));
+                let (c, s) = twist.cos_sin();
+                prop_assert!(close(v.into_twisted(twist), v.into_twisted(Twist::General(c, s))));
+            }
+        }
+
+        #[test]
+        fn the_vector_product_is_normal_to_both(a in prop::array::uniform3(-3.0..3.0_f64), b in prop::array::uniform3(-3.0..3.0_f64)) {
+            let (a, b) = (Vector::<1, false>::splat(a), Vector::splat(b));
+            prop_assert!(a.cross(b).dot(a).0[0].abs() < 1e-12);
+            prop_assert!(a.cross(b).dot(b).0[0].abs() < 1e-12);
+        }
+    }
+}

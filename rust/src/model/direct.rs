@@ -1,0 +1,310 @@
+//! Direct dynamic model (4): `M(q) ddq = tau - N(q, dq)`.
+//!
+//! One pass outwards gives the wrenches of `N`, one inwards everything else, joint by joint from the last: the body that a joint
+//! carries, its column of `M`, and the elimination `M = L' D L` of that joint, which needs only what lies further out. So the
+//! divisions wait for nothing and nothing waits for them. The pivots `D` tell whether `M` is positive definite.
+//! Identity that tests it: direct after inverse is the identity; independently, Pinocchio's `aba`.
+
+use crate::ground::arrays::MAX_DOF;
+use crate::ground::arrays::ShapeError;
+use crate::ground::arrays::check_length;
+use crate::ground::dispatch::{Kernel, dispatch};
+use crate::ground::lanes::Lanes;
+use crate::model::bodies::{Body, Wrench};
+use crate::model::friction::Drives;
+use crate::model::inverse::link_wrenches;
+use crate::model::links::{Links, Lower};
+use crate::model::motion::State;
+use crate::robot::Robot;
+use crate::robot::arm::unrolled;
+use crate::robot::arm::{Arm, Place, inwards, outwards};
+use crate::robot::geometry::{Frames, Geometry, Pose, Step};
+use crate::robot::parameters::Layout;
+
+/// Memory of the direct model, and its result: nothing is cleared or copied per call.
+#[derive(Debug, Clone, Copy)]
+pub struct Direct<const L: usize, const F: bool> {
+    frames: Frames<L, F>,
+    /// Of the links; then, at each joint, of all that it carries.
+    wrenches: [Wrench<L, F>; MAX_DOF],
+    /// Column `k` of `M`: the wrench that the body carried by joint `k` needs for a unit acceleration, seen from the frame
+    /// at hand.
+    columns: [Wrench<L, F>; MAX_DOF],
+    /// `L`, unit diagonal not stored.
+    factor: Lower<L, F>,
+    /// All that the joint at hand carries.
+    carried: Body<L, F>,
+    /// Column of `D L` at hand.
+    scaled: [Lanes<L, F>; MAX_DOF],
+    inverse_pivots: [Lanes<L, F>; MAX_DOF],
+    /// Joint accelerations (rad/s^2 or m/s^2).
+    pub ddq: [Lanes<L, F>; MAX_DOF],
+    /// Pivots `D`, joint by joint: all positive exactly where `M` is positive definite.
+    pub pivots: [Lanes<L, F>; MAX_DOF],
+}
+
+impl<const L: usize, const F: bool> Direct<L, F> {
+    /// Nothing computed yet.
+    #[inline(always)]
+    pub fn new<S: Arm>(geometry: &Geometry<S>) -> Self {
+        let zero = [Lanes::zero(); MAX_DOF];
+        Self {
+            frames: Frames::new(geometry),
+            wrenches: [Wrench::none(); MAX_DOF],
+            columns: [Wrench::none(); MAX_DOF],
+            factor: [zero; MAX_DOF],
+            carried: Body::none(),
+            scaled: zero,
+            inverse_pivots: zero,
+            ddq: zero,
+            pivots: zero,
+        }
+    }
+
+    /// Accelerations of `L` states under torques `tau` of the drives and `external` ones. `near`: the positions lie near those of
+    /// the last call that was not, as those of the later stages of a step do; only the time depends on how near.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)] // the robot in three parts, and the state
+    pub fn solve<S: Arm>(
+        &mut self,
+        geometry: &Geometry<S>,
+        drives: &Drives<'_>,
+        links: &Links<L, F>,
+        q: &[Lanes<L, F>; MAX_DOF],
+        dq: &[Lanes<L, F>; MAX_DOF],
+        tau: &[Lanes<L, F>; MAX_DOF],
+        external: &[f64; MAX_DOF],
+        near: bool,
+    ) {
+        let n = geometry.n();
+        if near {
+            self.frames.follow(geometry, q);
+        } else {
+            self.frames.anchor(geometry, q);
+        }
+        drives.friction(geometry, links, dq, &mut self.ddq);
+        outwards!(S, n, place => {
+            let j = place.index();
+            self.ddq[j] = (tau[j] + Lanes::splat(external[j])) - self.ddq[j];
+        });
+        link_wrenches::<L, F, false, S>(geometry, &links.bodies, &self.frames, dq, dq, &mut self.wrenches);
+        self.carried = links.bodies[n - 1];
+        inwards!(S, n, place => {
+            let (step, j) = (geometry.step(place), place.index());
+            self.columns[j] = self.carried.unit_wrench(step.form.turns);
+            self.eliminate(place, n, step.form.turns, &links.rotors);
+            if j > 0 {
+                let at = self.frames.pose(j);
+                columns_inwards(place, &step, at, &mut self.columns[..n]);
+                self.wrenches[j - 1] = self.wrenches[j - 1].with(&self.wrenches[j].moved_in(place, &step, at));
+                self.carried = self.carried.moved_in(place, &step, at, &links.bodies[j - 1]);
+            }
+        });
+        outwards!(S, n, place => self.substitute(place));
+    }
+
+    /// Column `j` of `L' D L` and of `L' y = right`, from the wrenches in frame `j`.
+    #[inline(always)]
+    #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
+    fn eliminate<P: Place>(&mut self, place: P, n: usize, turns: bool, rotors: &Lower<L, F>) {
+        let j = place.index();
+        self.ddq[j] -= self.wrenches[j].felt(turns);
+        if const { P::FORM.is_some() } {
+            unrolled!(K in 5 4 3 2 1 0 => if const { K >= P::INDEX } {
+                let mut entry = rotors[K][j] + self.columns[K].felt(turns);
+                unrolled!(I in 5 4 3 2 1 => if const { I > K } {
+                    entry = self.factor[I][K].neg_mul_add(self.scaled[I], entry);
+                });
+                self.scale_entry(K, j, entry);
+            });
+        } else {
+            for k in (j..n).rev() {
+                let mut entry = rotors[k][j] + self.columns[k].felt(turns);
+                for i in (k + 1..n).rev() {
+                    entry = self.factor[i][k].neg_mul_add(self.scaled[i], entry);
+                }
+                self.scale_entry(k, j, entry);
+            }
+        }
+        self.pivots[j] = self.scaled[j];
+        self.inverse_pivots[j] = Lanes::splat(1.0) / self.scaled[j];
+    }
+
+    #[inline(always)]
+    fn scale_entry(&mut self, k: usize, j: usize, entry: Lanes<L, F>) {
+        self.scaled[k] = entry;
+        if k > j {
+            let factor = entry * self.inverse_pivots[k];
+            self.factor[k][j] = factor;
+            self.ddq[j] = factor.neg_mul_add(self.ddq[k], self.ddq[j]);
+        }
+    }
+
+    /// `ddq` of a joint from `L ddq = y / D`, once that of those before is known.
+    #[inline(always)]
+    fn substitute<P: Place>(&mut self, place: P) {
+        let j = place.index();
+        let mut ddq = self.ddq[j] * self.inverse_pivots[j];
+        if const { P::FORM.is_some() } {
+            unrolled!(I in 0 1 2 3 4 => if const { I < P::INDEX } {
+                ddq = self.factor[P::INDEX][I].neg_mul_add(self.ddq[I], ddq);
+            });
+        } else {
+            for i in 0..j {
+                ddq = self.factor[j][i].neg_mul_add(self.ddq[i], ddq);
+            }
+        }
+        self.ddq[j] = ddq;
+    }
+
+    /// Accelerations that torques cause by themselves, at the state solved last.
+    pub fn respond(&self, n: usize, tau: &[Lanes<L, F>; MAX_DOF]) -> [Lanes<L, F>; MAX_DOF] {
+        let mut ddq = *tau;
+        for j in (0..n).rev() {
+            for k in j + 1..n {
+                ddq[j] = self.factor[k][j].neg_mul_add(ddq[k], ddq[j]);
+            }
+        }
+        for j in 0..n {
+            ddq[j] = ddq[j] * self.inverse_pivots[j];
+            for i in 0..j {
+                ddq[j] = self.factor[j][i].neg_mul_add(ddq[i], ddq[j]);
+            }
+        }
+        ddq
+    }
+}
+
+/// The columns of `M` from a joint on, one frame inwards.
+#[inline(always)]
+#[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
+fn columns_inwards<P: Place, const L: usize, const F: bool>(
+    place: P,
+    step: &Step,
+    at: Pose<'_, L, F>,
+    columns: &mut [Wrench<L, F>],
+) {
+    if const { P::FORM.is_some() } {
+        unrolled!(K in 0 1 2 3 4 5 => if const { K >= P::INDEX } {
+            columns[K] = columns[K].moved_in(place, step, at);
+        });
+    } else {
+        for column in &mut columns[place.index()..] {
+            *column = column.moved_in(place, step, at);
+        }
+    }
+}
+
+/// A sample whose inertia matrix is not positive definite.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Indefinite {
+    /// Sample, from 0.
+    pub sample: usize,
+    /// Joint whose pivot is not positive, from 0.
+    pub joint: usize,
+}
+
+struct Batch<'a> {
+    robot: &'a Robot,
+    q: &'a [f64],
+    dq: &'a [f64],
+    tau: &'a [f64],
+    x: &'a [f64],
+    ddq: &'a mut [f64],
+}
+
+impl Kernel for Batch<'_> {
+    type Output = Option<Indefinite>;
+    #[inline(always)]
+    fn run<const L: usize, const F: bool>(self) -> Option<Indefinite> {
+        let geometry = Geometry::of(self.robot);
+        let n = geometry.n();
+        let drives = Drives::of(self.robot);
+        let links = Links::<L, F>::of_one(self.robot, &geometry, self.x);
+        let (mut result, mut state) = (Direct::new(&geometry), State::zero());
+        for (block, out) in self.ddq.chunks_mut(n * L).enumerate() {
+            // The torques travel in the place of the accelerations, which are what is asked for.
+            state.load(n, block * L, self.q, self.dq, self.tau);
+            result.solve(&geometry, &drives, &links, &state.q, &state.dq, &state.ddq, &[0.0; MAX_DOF], false);
+            for (l, row) in out.chunks_mut(n).enumerate() {
+                for j in 0..n {
+                    let pivot = result.pivots[j].0[l];
+                    if pivot <= 0.0 || pivot.is_nan() {
+                        return Some(Indefinite { sample: block * L + l, joint: j });
+                    }
+                    row[j] = result.ddq[j].0[l];
+                }
+            }
+        }
+        None
+    }
+}
+
+/// Accelerations of a batch, row-major `(n_samples, n_dof)`, joint side; the first sample with an indefinite `M`, if there is one.
+pub fn direct_dynamics(
+    robot: &Robot,
+    q: &[f64],
+    dq: &[f64],
+    tau: &[f64],
+    x: &[f64],
+    ddq: &mut [f64],
+) -> Result<Option<Indefinite>, ShapeError> {
+    for (what, array) in [("q", q), ("dq", dq), ("tau", tau)] {
+        check_length(what, array, ddq.len())?;
+    }
+    check_length("x", x, Layout::of(robot).count())?;
+    Ok(if ddq.is_empty() { None } else { dispatch(Batch { robot, q, dq, tau, x, ddq }) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::inverse::inverse_dynamics;
+    use crate::model::links::tests::{parameters, polar, robot};
+    use crate::robot::Joint;
+    use crate::robot::arm::{At, DISPLACED, MOMENTS};
+
+    #[test]
+    fn axes_that_meet_in_a_point_need_no_forces() {
+        // A shoulder of three axes, then an arm: the wrenches within the shoulder are moments only.
+        let arm = robot(&[false; 5]);
+        let bend = |(j, joint): (usize, &Joint)| {
+            if j < 3 { Joint { d: 0.0, r: 0.0, ..*joint } } else { Joint { d: 0.3, ..*joint } }
+        };
+        let robot = arm.with_joints(arm.joints().iter().enumerate().map(bend).collect()).unwrap();
+        let carries = [1, 2, 3, 4].map(|j| Geometry::of(&robot).step(At(j)).form.carries);
+        assert_eq!(carries, [MOMENTS, MOMENTS, DISPLACED, DISPLACED]);
+        let motion = |a: f64| (0..35).map(|k| (a * f64::from(k) + a).sin() * 2.0).collect::<Vec<_>>();
+        let (q, dq, ddq, x) = (motion(1.1), motion(0.7), motion(1.7), parameters(&robot));
+        let (mut tau, mut back) = (vec![0.0; 35], vec![0.0; 35]);
+        inverse_dynamics(&robot, &q, &dq, &ddq, &x, &mut tau).unwrap();
+        assert_eq!(direct_dynamics(&robot, &q, &dq, &tau, &x, &mut back).unwrap(), None);
+        for (back, want) in back.iter().zip(&ddq) {
+            assert!((back - want).abs() < 1e-9, "{back} {want}");
+        }
+    }
+
+    #[test]
+    fn an_indefinite_inertia_matrix_is_named_by_sample_and_joint() {
+        let q = [0.3, 0.5, 0.1, 1.0, -0.2, -1.5, 0.0, 0.2, 0.0, -1.9, 0.7, 2.1, 0.1, 3.0];
+        let run = |inertia: f64, mass: f64, rotor: f64| {
+            let (robot, x) = polar([inertia, mass, rotor]);
+            direct_dynamics(&robot, &q, &[0.0; 14], &[0.0; 14], &x, &mut [0.0; 14]).unwrap()
+        };
+        // 4 - q^2 below zero, in the second block of lanes first.
+        assert_eq!(run(4.0, -1.0, 2.0), Some(Indefinite { sample: 5, joint: 0 }));
+        assert_eq!(run(10.0, -1.0, 2.0), None);
+        assert_eq!(run(4.0, 1.0, -1.5), Some(Indefinite { sample: 0, joint: 1 }));
+        assert_eq!(run(f64::NAN, 1.0, 1.0), Some(Indefinite { sample: 0, joint: 0 }));
+    }
+
+    #[test]
+    fn arrays_that_do_not_fit_are_named() {
+        let (robot, x) = polar([4.0, 1.0, 2.0]);
+        let error = direct_dynamics(&robot, &[0.0; 4], &[0.0; 4], &[0.0; 2], &x, &mut [0.0; 4]).unwrap_err();
+        assert_eq!(error.to_string(), "tau has 2 numbers where 4 are needed");
+        let error = direct_dynamics(&robot, &[], &[], &[], &x[3..], &mut []).unwrap_err();
+        assert_eq!(error.to_string(), "x has 25 numbers where 28 are needed");
+        assert_eq!(direct_dynamics(&robot, &[], &[], &[], &x, &mut []).unwrap(), None);
+    }
+}

@@ -1,0 +1,319 @@
+//! Rotor inertia and friction of joints and of coupled motors, (22) to (24) for any transmission `C`.
+//!
+//! `Ia_j`, `Fv_j` and `Fc_j` contain what a coupled motor puts on the diagonal of joint `j`, as (24) has it; what is
+//! left is written here. Motor `m` turns with `s = c_m . dq`, and joint `i /= m` feels `c_mi` times its torque:
+//!
+//! | column | row m | row i |
+//! |---|---|---|
+//! | `Ia_m` | `c_m . ddq` | `c_mi (c_m . ddq) - c_mi^2 ddq_i` |
+//! | `Fvm_m` | `s - dq_m` | `c_mi s - c_mi^2 dq_i` |
+//! | `Fcm_m` | `sign(s) - sign(dq_m)` | `c_mi sign(s)`; as printed in (23): `c_mi sign(dq_m)` |
+
+use crate::ground::arrays::MAX_DOF;
+use crate::ground::dispatch::WIDTH;
+use crate::ground::lanes::{Lanes, side_by_side, spread};
+use crate::model::links::Links;
+use crate::model::motion::State;
+use crate::robot::arm::{Arm, Place, outwards};
+use crate::robot::geometry::Geometry;
+use crate::robot::{CoupledMotor, Coupling, Robot};
+
+/// `sign`, `sign` with a dead zone, or `tanh(dq / v)`, as joint `j` has it. Between -1 and 1.
+#[inline(always)]
+pub fn sign<const L: usize, const F: bool>(robot: &Robot, j: usize, dq: Lanes<L, F>) -> Lanes<L, F> {
+    let friction = robot.friction();
+    let steepness = if friction.smoothing[j] > 0.0 { 1.0 / friction.smoothing[j] } else { 0.0 };
+    smooth_sign(steepness, friction.dead_zone[j], dq)
+}
+
+/// The same from the slope of `tanh` (0 for a plain sign) and the dead zone.
+#[inline(always)]
+fn smooth_sign<const L: usize, const F: bool>(
+    steepness: f64,
+    dead_zone: f64,
+    dq: Lanes<L, F>,
+) -> Lanes<L, F> {
+    if steepness > 0.0 {
+        let s = dq.scale(steepness).tanh();
+        if dead_zone > 0.0 { s.where_above(dq.abs(), Lanes::splat(dead_zone)) } else { s }
+    } else {
+        Lanes::splat(1.0).copysign(dq).where_above(dq.abs(), Lanes::splat(dead_zone))
+    }
+}
+
+/// Columns of the friction parameters of joint `j` in its own row: `Fv Fc Off`, or `Fv+ Fc+ Fv- Fc-`.
+#[inline(always)]
+pub fn own_columns<const L: usize, const F: bool>(
+    robot: &Robot,
+    j: usize,
+    dq: Lanes<L, F>,
+) -> [Lanes<L, F>; 4] {
+    let s = sign(robot, j, dq);
+    if robot.friction().asymmetric {
+        let zero = Lanes::zero();
+        [dq.max(zero), s.max(zero), dq.min(zero), s.min(zero)]
+    } else {
+        [dq, s, Lanes::splat(1.0), Lanes::zero()]
+    }
+}
+
+/// What a coupled motor adds to each row: the columns of its `Ia` (without its own joint's part), `Fvm` and `Fcm`.
+#[derive(Debug, Clone, Copy)]
+pub struct CoupledColumns<const L: usize, const F: bool> {
+    /// Column of `Ia_m`; in row m without `ddq_m`, which the joint's own block has.
+    pub rotor: Lanes<L, F>,
+    /// Column of `Fvm_m`.
+    pub viscous: Lanes<L, F>,
+    /// Column of `Fcm_m`.
+    pub coulomb: Lanes<L, F>,
+}
+
+/// Speed and acceleration of a coupled motor.
+#[derive(Debug, Clone, Copy)]
+pub struct Shaft<const L: usize, const F: bool> {
+    dq: Lanes<L, F>,
+    ddq: Lanes<L, F>,
+    /// Sign of the motor's speed.
+    turning: Lanes<L, F>,
+    /// Sign of the speed of the joint it is named after.
+    joint_turning: Lanes<L, F>,
+}
+
+impl<const L: usize, const F: bool> Shaft<L, F> {
+    /// Of one motor.
+    #[inline(always)]
+    pub fn of(robot: &Robot, coupled: &CoupledMotor, state: &State<L, F>) -> Self {
+        let m = coupled.motor;
+        let (mut dq, mut ddq) = (state.dq[m], state.ddq[m]);
+        for &(i, c) in &coupled.others {
+            dq = state.dq[i].mul_add(Lanes::splat(c), dq);
+            ddq = state.ddq[i].mul_add(Lanes::splat(c), ddq);
+        }
+        Self { dq, ddq, turning: sign(robot, m, dq), joint_turning: sign(robot, m, state.dq[m]) }
+    }
+
+    /// Entries in the motor's own row.
+    #[inline(always)]
+    pub fn own_row(&self, motor: usize, state: &State<L, F>) -> CoupledColumns<L, F> {
+        CoupledColumns {
+            rotor: self.ddq - state.ddq[motor],
+            viscous: self.dq - state.dq[motor],
+            coulomb: self.turning - self.joint_turning,
+        }
+    }
+
+    /// Entries in the row of another joint `i` with coefficient `c`.
+    #[inline(always)]
+    pub fn other_row(&self, robot: &Robot, i: usize, c: f64, state: &State<L, F>) -> CoupledColumns<L, F> {
+        let sign = match robot.friction().coupling {
+            Coupling::Shaft => self.turning,
+            Coupling::Printed => self.joint_turning,
+        };
+        CoupledColumns {
+            rotor: (self.ddq - state.ddq[i].scale(c)).scale(c),
+            viscous: (self.dq - state.dq[i].scale(c)).scale(c),
+            coulomb: sign.scale(c),
+        }
+    }
+}
+
+/// The drives as the kernels use them: divisions done, once per run.
+#[derive(Debug, Clone)]
+pub struct Drives<'a> {
+    coupled: &'a [CoupledMotor],
+    coupling: Coupling,
+    asymmetric: bool,
+    n: usize,
+    /// Reciprocal of the smoothing velocity, 0 for a plain sign; dead zone.
+    signs: [(f64, f64); MAX_DOF],
+    /// Reciprocals of the smoothing velocities of the joints, then of the coupled motors, where none is a plain sign and
+    /// there is no dead zone.
+    steepness: Option<[f64; 2 * MAX_DOF]>,
+}
+
+impl<'a> Drives<'a> {
+    /// Of a robot.
+    pub fn of(robot: &'a Robot) -> Self {
+        let friction = robot.friction();
+        let mut signs = [(0.0, 0.0); MAX_DOF];
+        for (sign, (&velocity, &dead_zone)) in
+            signs.iter_mut().zip(friction.smoothing.iter().zip(&friction.dead_zone))
+        {
+            *sign = (if velocity > 0.0 { 1.0 / velocity } else { 0.0 }, dead_zone);
+        }
+        let (coupling, asymmetric, n) = (friction.coupling, friction.asymmetric, robot.n_dof());
+        let smooth = signs[..n].iter().all(|&(steepness, dead_zone)| steepness > 0.0 && dead_zone == 0.0);
+        let mut steepness = [0.0; 2 * MAX_DOF];
+        for j in 0..n {
+            steepness[j] = signs[j].0;
+        }
+        for (index, coupled) in robot.coupled().iter().enumerate() {
+            steepness[n + index] = signs[coupled.motor].0;
+        }
+        let steepness = smooth.then_some(steepness);
+        Self { coupled: robot.coupled(), coupling, asymmetric, n, signs, steepness }
+    }
+
+    /// [`sign`] without its division.
+    #[inline(always)]
+    fn sign<const L: usize, const F: bool>(&self, j: usize, dq: Lanes<L, F>) -> Lanes<L, F> {
+        let (steepness, dead_zone) = self.signs[j];
+        smooth_sign(steepness, dead_zone, dq)
+    }
+
+    /// Friction torques at speeds `dq`, into `tau`.
+    #[inline(always)]
+    pub fn friction<const L: usize, const F: bool, S: Arm>(
+        &self,
+        geometry: &Geometry<S>,
+        links: &Links<L, F>,
+        dq: &[Lanes<L, F>; MAX_DOF],
+        tau: &mut [Lanes<L, F>; MAX_DOF],
+    ) {
+        let zero = Lanes::zero();
+        let n = geometry.n();
+        // A single lane takes its joints and coupled motors side by side, to the same bits.
+        let together = match &self.steepness {
+            Some(steepness) if L == 1 && F => Some(self.signs_together(n, steepness, dq)),
+            _ => None,
+        };
+        let mut signs = [zero; MAX_DOF];
+        if let Some(together) = &together {
+            for (sign, &value) in signs.iter_mut().zip(together) {
+                *sign = Lanes::splat(value);
+            }
+        } else {
+            outwards!(S, n, place => {
+                let j = place.index();
+                signs[j] = match &self.steepness {
+                    Some(steepness) => dq[j].scale(steepness[j]).tanh(),
+                    None => self.sign(j, dq[j]),
+                };
+            });
+        }
+        let [a, b, c, d] = &links.friction;
+        if self.asymmetric {
+            for j in 0..n {
+                let forward = dq[j].max(zero).mul_add(a[j], signs[j].max(zero) * b[j]);
+                tau[j] = dq[j].min(zero).mul_add(c[j], signs[j].min(zero).mul_add(d[j], forward));
+            }
+        } else if L == 1 && F {
+            for first in (0..n).step_by(WIDTH) {
+                let [a, b, c, dq, s] = [a, b, c, dq, &signs].map(|values| side_by_side(values, first));
+                spread(dq.mul_add(a, s.mul_add(b, c)), tau, first);
+            }
+        } else {
+            outwards!(S, n, place => {
+                let j = place.index();
+                tau[j] = dq[j].mul_add(a[j], signs[j].mul_add(b[j], c[j]));
+            });
+        }
+        for (index, (coupled, &[fvm, fcm])) in self.coupled.iter().zip(&links.coupled).enumerate() {
+            let m = coupled.motor;
+            let speed = shaft_speed(coupled, dq);
+            let turning = match &together {
+                Some(signs) => Lanes::splat(signs[n + index]),
+                None => self.sign(m, speed),
+            };
+            tau[m] = (speed - dq[m]).mul_add(fvm, (turning - signs[m]).mul_add(fcm, tau[m]));
+            let sign = match self.coupling {
+                Coupling::Shaft => turning,
+                Coupling::Printed => signs[m],
+            };
+            for &(i, c) in &coupled.others {
+                let torque = (speed - dq[i].scale(c)).mul_add(fvm, sign * fcm);
+                tau[i] = torque.mul_add(Lanes::splat(c), tau[i]);
+            }
+        }
+    }
+
+    /// Signs of the speeds of the joints, then of the coupled motors.
+    #[inline(always)]
+    fn signs_together<const L: usize, const F: bool>(
+        &self,
+        n: usize,
+        steepness: &[f64; 2 * MAX_DOF],
+        dq: &[Lanes<L, F>; MAX_DOF],
+    ) -> [f64; 2 * MAX_DOF] {
+        let count = (n + self.coupled.len()).min(2 * MAX_DOF);
+        let mut signs = [0.0; 2 * MAX_DOF];
+        for j in 0..n {
+            signs[j] = dq[j].0[0];
+        }
+        for (index, coupled) in self.coupled.iter().enumerate() {
+            signs[n + index] = shaft_speed(coupled, dq).0[0];
+        }
+        for first in (0..count).step_by(WIDTH) {
+            let speed = Lanes::<WIDTH, F>(std::array::from_fn(|k| signs[first + k]));
+            let steepness = Lanes::<WIDTH, F>(std::array::from_fn(|k| steepness[first + k]));
+            signs[first..first + WIDTH].copy_from_slice(&(speed * steepness).tanh().0);
+        }
+        signs
+    }
+
+    /// Adds what the rotors need for accelerations `ddq`.
+    #[inline(always)]
+    pub fn rotors<const L: usize, const F: bool>(
+        &self,
+        links: &Links<L, F>,
+        ddq: &[Lanes<L, F>; MAX_DOF],
+        tau: &mut [Lanes<L, F>; MAX_DOF],
+    ) {
+        for j in 0..self.n.min(MAX_DOF) {
+            tau[j] = links.rotors[j][j].mul_add(ddq[j], tau[j]);
+        }
+        for coupled in self.coupled {
+            let m = coupled.motor;
+            let ia = links.rotors[m][m];
+            let mut others = Lanes::zero();
+            for &(i, c) in &coupled.others {
+                others = ddq[i].mul_add(Lanes::splat(c), others);
+            }
+            tau[m] = ia.mul_add(others, tau[m]);
+            let all = ddq[m] + others;
+            for &(i, c) in &coupled.others {
+                tau[i] = ia.scale(c).mul_add(all - ddq[i].scale(c), tau[i]);
+            }
+        }
+    }
+}
+
+/// Speed of a coupled motor.
+#[inline(always)]
+fn shaft_speed<const L: usize, const F: bool>(
+    coupled: &CoupledMotor,
+    dq: &[Lanes<L, F>; MAX_DOF],
+) -> Lanes<L, F> {
+    let mut speed = dq[coupled.motor];
+    for &(i, c) in &coupled.others {
+        speed = dq[i].mul_add(Lanes::splat(c), speed);
+    }
+    speed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::{Friction, Joint, JointKind};
+
+    fn one_joint(friction: Friction) -> Robot {
+        let joint = Joint { kind: JointKind::Prismatic, alpha: 0.0, d: 0.0, theta: 0.0, r: 0.0 };
+        Robot::new(vec![joint], [0.0; 3], &[vec![1.0]], friction).unwrap()
+    }
+
+    #[test]
+    fn the_sign_is_zero_at_rest_and_in_the_dead_zone() {
+        let robot = one_joint(Friction { dead_zone: vec![0.1], ..Friction::sign(1) });
+        let s = sign(&robot, 0, Lanes::<4>([0.0, 0.1, -0.2, 0.3]));
+        assert_eq!(s.0, [0.0, 0.0, -1.0, 1.0]);
+        let s = sign(&one_joint(Friction::sign(1)), 0, Lanes::<2>([-0.0, 1e-300]));
+        assert_eq!(s.0, [0.0, 1.0]);
+    }
+
+    #[test]
+    fn asymmetric_columns_split_by_direction() {
+        let robot = one_joint(Friction { asymmetric: true, ..Friction::sign(1) });
+        let columns = own_columns(&robot, 0, Lanes::<2>([2.0, -3.0]));
+        assert_eq!(columns.map(|c| c.0), [[2.0, 0.0], [1.0, 0.0], [0.0, -3.0], [0.0, -1.0]]);
+    }
+}

@@ -1,0 +1,213 @@
+//! Inverse dynamic model (1) by Newton-Euler: joint torques from positions, velocities and accelerations.
+//!
+//! `tau = M(q) ddq + N(q, dq)`, rotors and friction included. Identity that tests it: `tau = W x` with the
+//! columns of [`crate::model::regressor`]; independently, Pinocchio's `rnea` in the Python tests.
+
+use crate::ground::arrays::MAX_DOF;
+use crate::ground::arrays::{ShapeError, check_length};
+use crate::ground::dispatch::{Kernel, dispatch};
+use crate::ground::lanes::Lanes;
+use crate::ground::spatial::Vector;
+use crate::model::bodies::{Body, Wrench};
+use crate::model::friction::Drives;
+use crate::model::links::Links;
+use crate::model::motion::{Angular, State};
+use crate::robot::Robot;
+use crate::robot::arm::{Arm, Place, by_twist, inwards, outwards};
+use crate::robot::geometry::{Frames, Geometry, Pose, Step};
+use crate::robot::parameters::Layout;
+
+/// What moves each link, at its origin and in its frame; of the first one only what its joint feels. Rotors are not in it.
+///
+/// Link `j` moves with the accelerations `a + U p` of its points: `a` is carried outwards, `U` follows from the angular velocity
+/// and acceleration. Gravity enters as an acceleration of the base. Without `MOVING`, joint accelerations are zero.
+#[inline(always)]
+pub fn link_wrenches<const L: usize, const F: bool, const MOVING: bool, S: Arm>(
+    geometry: &Geometry<S>,
+    bodies: &[Body<L, F>; MAX_DOF],
+    frames: &Frames<L, F>,
+    dq: &[Lanes<L, F>; MAX_DOF],
+    ddq: &[Lanes<L, F>; MAX_DOF],
+    wrenches: &mut [Wrench<L, F>; MAX_DOF],
+) {
+    let [x, y, z] = geometry.gravity;
+    let base = Vector::splat([-x, -y, -z]);
+    let mut link = Link { omega: Vector::zero(), domega: Vector::zero(), a: base, u: Angular::none() };
+    outwards!(S, geometry.n(), place => {
+        let (step, j) = (geometry.step(place), place.index());
+        link.move_on::<_, MOVING>(place, &step, frames.pose(j), dq[j], ddq[j]);
+        link.load::<MOVING>(j, &step, &bodies[j], ddq[j], &mut wrenches[j]);
+    });
+}
+
+/// How a link moves: seen from its own frame, its points have the accelerations `a + U p`.
+struct Link<const L: usize, const F: bool> {
+    omega: Vector<L, F>,
+    domega: Vector<L, F>,
+    a: Vector<L, F>,
+    u: Angular<L, F>,
+}
+
+impl<const L: usize, const F: bool> Link<L, F> {
+    /// From one link to the next.
+    #[inline(always)]
+    fn move_on<P: Place, const MOVING: bool>(
+        &mut self,
+        place: P,
+        step: &Step,
+        (s, c, t): Pose<'_, L, F>,
+        dq: Lanes<L, F>,
+        ddq: Lanes<L, F>,
+    ) {
+        let Self { omega, domega, a, u } = self;
+        if place.index() == 0 {
+            // The base does not turn.
+            *a = by_twist!(P, step, T => a.stepped::<T>(step, s, c));
+            if step.form.turns {
+                omega.z = dq;
+            }
+            if MOVING {
+                *(if step.form.turns { &mut domega.z } else { &mut a.z }) += ddq;
+            }
+            *u = if step.form.turns { Angular::about_z(omega.z, domega.z) } else { Angular::none() };
+            return;
+        }
+        *a = u.displaced(*a, &step.form.shifted, t);
+        (*omega, *domega, *a) = by_twist!(P, step, T =>
+            (omega.stepped::<T>(step, s, c), domega.stepped::<T>(step, s, c), a.stepped::<T>(step, s, c)));
+        if step.form.turns {
+            domega.x = omega.y.mul_add(dq, domega.x);
+            domega.y = omega.x.neg_mul_add(dq, domega.y);
+            omega.z += dq;
+        } else {
+            let twice = dq + dq;
+            a.x = omega.y.mul_add(twice, a.x);
+            a.y = omega.x.neg_mul_add(twice, a.y);
+        }
+        if MOVING {
+            *(if step.form.turns { &mut domega.z } else { &mut a.z }) += ddq;
+        }
+        *u = Angular::of(*omega, *domega);
+    }
+
+    /// The wrench that moves the link; of the first one only what its joint feels.
+    #[inline(always)]
+    fn load<const MOVING: bool>(
+        &self,
+        j: usize,
+        step: &Step,
+        body: &Body<L, F>,
+        ddq: Lanes<L, F>,
+        wrench: &mut Wrench<L, F>,
+    ) {
+        let (a, u) = (self.a, &self.u);
+        if j > 0 {
+            *wrench = if step.form.turns { body.regrouped_wrench(u, a) } else { body.wrench(u, a) };
+        } else if step.form.turns {
+            let moment = body.h.x.mul_sub(a.y, body.h.y * a.x);
+            wrench.moment.z = if MOVING { (body.xx + body.yy).mul_add(ddq, moment) } else { moment };
+        } else {
+            wrench.force.z = body.m * a.z;
+        }
+    }
+}
+
+/// Adds up the wrenches from the last to the first, and what each joint feels of them to `tau`.
+#[inline(always)]
+fn carry<const L: usize, const F: bool, S: Arm>(
+    geometry: &Geometry<S>,
+    frames: &Frames<L, F>,
+    wrenches: &mut [Wrench<L, F>; MAX_DOF],
+    tau: &mut [Lanes<L, F>; MAX_DOF],
+) {
+    inwards!(S, geometry.n(), place => {
+        let (step, j) = (geometry.step(place), place.index());
+        tau[j] += wrenches[j].felt(step.form.turns);
+        if j > 0 {
+            wrenches[j - 1] = wrenches[j - 1].with(&wrenches[j].moved_in(place, &step, frames.pose(j)));
+        }
+    });
+}
+
+/// Memory of the inverse model, and its result: nothing is cleared or copied per call.
+#[derive(Debug, Clone, Copy)]
+pub struct Inverse<const L: usize, const F: bool> {
+    frames: Frames<L, F>,
+    wrenches: [Wrench<L, F>; MAX_DOF],
+    /// Joint torques (N.m or N).
+    pub tau: [Lanes<L, F>; MAX_DOF],
+}
+
+impl<const L: usize, const F: bool> Inverse<L, F> {
+    /// Nothing computed yet.
+    #[inline(always)]
+    pub fn new<S: Arm>(geometry: &Geometry<S>) -> Self {
+        Self {
+            frames: Frames::new(geometry),
+            wrenches: [Wrench::none(); MAX_DOF],
+            tau: [Lanes::zero(); MAX_DOF],
+        }
+    }
+
+    /// Torques of `L` states.
+    #[inline(always)]
+    pub fn solve<S: Arm>(
+        &mut self,
+        geometry: &Geometry<S>,
+        drives: &Drives<'_>,
+        links: &Links<L, F>,
+        state: &State<L, F>,
+    ) {
+        let Self { frames, wrenches, tau } = self;
+        frames.place(geometry, &state.q);
+        drives.friction(geometry, links, &state.dq, tau);
+        drives.rotors(links, &state.ddq, tau);
+        link_wrenches::<L, F, true, S>(geometry, &links.bodies, frames, &state.dq, &state.ddq, wrenches);
+        carry(geometry, frames, wrenches, tau);
+    }
+}
+
+struct Batch<'a> {
+    robot: &'a Robot,
+    q: &'a [f64],
+    dq: &'a [f64],
+    ddq: &'a [f64],
+    x: &'a [f64],
+    tau: &'a mut [f64],
+}
+
+impl Kernel for Batch<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const L: usize, const F: bool>(self) {
+        let geometry = Geometry::of(self.robot);
+        let n = geometry.n();
+        let drives = Drives::of(self.robot);
+        let links = Links::<L, F>::of_one(self.robot, &geometry, self.x);
+        let (mut result, mut state) = (Inverse::new(&geometry), State::zero());
+        for (block, out) in self.tau.chunks_mut(n * L).enumerate() {
+            state.load(n, block * L, self.q, self.dq, self.ddq);
+            result.solve(&geometry, &drives, &links, &state);
+            Lanes::scatter(&result.tau[..n], out, n);
+        }
+    }
+}
+
+/// Torques (N.m or N, joint side) of a batch, row-major `(n_samples, n_dof)`, with all standard parameters `x`.
+pub fn inverse_dynamics(
+    robot: &Robot,
+    q: &[f64],
+    dq: &[f64],
+    ddq: &[f64],
+    x: &[f64],
+    tau: &mut [f64],
+) -> Result<(), ShapeError> {
+    for (what, array) in [("q", q), ("dq", dq), ("ddq", ddq)] {
+        check_length(what, array, tau.len())?;
+    }
+    check_length("x", x, Layout::of(robot).count())?;
+    if !tau.is_empty() {
+        dispatch(Batch { robot, q, dq, ddq, x, tau });
+    }
+    Ok(())
+}

@@ -1,0 +1,10 @@
+//! The equations of motion, (1) to (4), sample by sample.
+
+pub mod bodies;
+pub mod direct;
+pub mod friction;
+pub mod inertia;
+pub mod inverse;
+pub mod links;
+pub mod motion;
+pub mod regressor;

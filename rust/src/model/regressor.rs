@@ -1,0 +1,341 @@
+//! Regressor of the inverse dynamic model (2): `tau = IDM(q, dq, ddq) x`, linear in the standard parameters.
+//!
+//! A column of a link's inertial parameter is the wrench that a unit of it needs; row `i` is that wrench seen along
+//! axis `i`. Identity that tests it: `W x` equals [`crate::model::inverse`]; independently, Pinocchio's
+//! `computeJointTorqueRegressor` in the Python tests.
+
+use crate::ground::arrays::MAX_DOF;
+use crate::ground::arrays::ShapeError;
+use crate::ground::arrays::check_length;
+use crate::ground::dispatch::{Kernel, dispatch};
+use crate::ground::lanes::Lanes;
+use crate::ground::spatial::Vector;
+use crate::model::friction::{Shaft, own_columns};
+use crate::model::motion::{Angular, Axis, Motion, Placement, State};
+use crate::robot::Robot;
+use crate::robot::parameters::{FRICTION, IA, INERTIAL, Layout};
+
+/// Walks out along the robot; after `k` steps it knows the columns of link `k`.
+#[derive(Debug, Clone, Copy)]
+pub struct Walk<const L: usize, const F: bool> {
+    motion: Motion<L, F>,
+    axes: [Axis<L, F>; MAX_DOF],
+}
+
+impl<const L: usize, const F: bool> Walk<L, F> {
+    /// At the base.
+    #[inline(always)]
+    pub fn new(robot: &Robot) -> Self {
+        let axis = Axis { u: Vector::zero(), w: Vector::zero() };
+        Self { motion: Motion::base(robot), axes: [axis; MAX_DOF] }
+    }
+
+    /// Steps to link `j`.
+    #[inline(always)]
+    pub fn step(&mut self, robot: &Robot, j: usize, state: &State<L, F>) {
+        let at = Placement::of(robot, j, state.q[j]);
+        self.motion = self.motion.next(robot, j, &at, state.dq[j], state.ddq[j]);
+        for axis in &mut self.axes[..j] {
+            *axis = axis.next(robot, j, &at);
+        }
+        self.axes[j] = Axis::own(robot.joints()[j].kind);
+    }
+
+    /// The wrenches of unit parameters of the link the walk stands on.
+    #[inline(always)]
+    pub fn unit_wrenches(&self) -> UnitWrenches<L, F> {
+        UnitWrenches::of(&self.motion)
+    }
+
+    /// Row `i` of the ten inertial columns of that link.
+    #[inline(always)]
+    pub fn row(&self, i: usize, unit: &UnitWrenches<L, F>) -> [Lanes<L, F>; INERTIAL] {
+        let Axis { u, w } = self.axes[i];
+        let mut row = [Lanes::zero(); INERTIAL];
+        for k in 0..6 {
+            row[k] = u.dot(unit.inertia[k]);
+        }
+        let [ax, ay, az] = [unit.a.x, unit.a.y, unit.a.z];
+        row[6] = w.dot(unit.angular.column(0)) + u.z.mul_sub(ay, u.y * az);
+        row[7] = w.dot(unit.angular.column(1)) + u.x.mul_sub(az, u.z * ax);
+        row[8] = w.dot(unit.angular.column(2)) + u.y.mul_sub(ax, u.x * ay);
+        row[9] = w.dot(unit.a);
+        row
+    }
+}
+
+/// Moments of unit inertias (`XX XY XZ YY YZ ZZ`), and what forces and moments of the first moments and the mass follow from.
+#[derive(Debug, Clone, Copy)]
+pub struct UnitWrenches<const L: usize, const F: bool> {
+    inertia: [Vector<L, F>; 6],
+    angular: Angular<L, F>,
+    a: Vector<L, F>,
+}
+
+impl<const L: usize, const F: bool> UnitWrenches<L, F> {
+    #[inline(always)]
+    fn of(motion: &Motion<L, F>) -> Self {
+        let angular = Angular::of(motion.omega, motion.domega);
+        let [xx, yy, zz, xy, xz, yz] = angular.products;
+        let d = motion.domega;
+        Self {
+            inertia: [
+                Vector::new(d.x, xz, -xy),
+                Vector::new(d.y - xz, d.x + yz, xx - yy),
+                Vector::new(d.z + xy, zz - xx, d.x - yz),
+                Vector::new(-yz, d.y, xy),
+                Vector::new(yy - zz, d.z - xy, d.y + xz),
+                Vector::new(yz, -xz, d.z),
+            ],
+            angular,
+            a: motion.a,
+        }
+    }
+}
+
+/// Takes the entries of a regressor. A trait and not a closure: what it does must be inlined into the kernel.
+pub(crate) trait Entries<const L: usize, const F: bool> {
+    /// Takes the entry of `L` samples. Implementations are `#[inline(always)]`.
+    fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>);
+
+    /// Takes neighbouring entries of the inertial parameters of a link.
+    #[inline(always)]
+    fn put_link(&mut self, row: usize, first: usize, values: &[Lanes<L, F>; INERTIAL]) {
+        for (k, &value) in values.iter().enumerate() {
+            self.put(row, first + k, value);
+        }
+    }
+
+    /// Takes neighbouring entries of a drive.
+    #[inline(always)]
+    fn put_drive(&mut self, row: usize, first: usize, values: [Lanes<L, F>; 4]) {
+        for (k, value) in values.into_iter().enumerate() {
+            self.put(row, first + k, value);
+        }
+    }
+}
+
+/// Hands over every entry of the regressor that is not zero by structure.
+#[inline(always)]
+fn regressor_lanes<const L: usize, const F: bool>(
+    robot: &Robot,
+    state: &State<L, F>,
+    entries: &mut impl Entries<L, F>,
+) {
+    let layout = Layout::of(robot);
+    let mut walk = Walk::new(robot);
+    for j in 0..robot.n_dof() {
+        walk.step(robot, j, state);
+        let unit = walk.unit_wrenches();
+        let first = layout.joint(j);
+        for i in 0..=j {
+            entries.put_link(i, first, &walk.row(i, &unit));
+        }
+    }
+    drive_lanes(robot, state, entries);
+}
+
+/// The same for the columns of rotors and friction, joints and coupled motors.
+#[inline(always)]
+pub(crate) fn drive_lanes<const L: usize, const F: bool>(
+    robot: &Robot,
+    state: &State<L, F>,
+    entries: &mut impl Entries<L, F>,
+) {
+    let layout = Layout::of(robot);
+    for j in 0..robot.n_dof() {
+        let first = layout.joint(j);
+        let [a, b, c, d] = own_columns(robot, j, state.dq[j]);
+        entries.put_drive(j, first + IA, [state.ddq[j], a, b, c]);
+        if layout.per_joint() > FRICTION + 3 {
+            entries.put(j, first + FRICTION + 3, d);
+        }
+    }
+    for (index, coupled) in robot.coupled().iter().enumerate() {
+        let m = coupled.motor;
+        let shaft = Shaft::of(robot, coupled, state);
+        let first = layout.coupled(index);
+        let own = shaft.own_row(m, state);
+        entries.put(m, layout.joint(m) + IA, own.rotor + state.ddq[m]);
+        entries.put(m, first, own.viscous);
+        entries.put(m, first + 1, own.coulomb);
+        for &(i, c) in &coupled.others {
+            let row = shaft.other_row(robot, i, c, state);
+            entries.put(i, layout.joint(m) + IA, row.rotor);
+            entries.put(i, first, row.viscous);
+            entries.put(i, first + 1, row.coulomb);
+        }
+    }
+}
+
+/// Entries go to the rows of each of `L` samples.
+struct Rows<'a> {
+    out: &'a mut [f64],
+    /// Entries of a row, and of all rows of a sample.
+    p: usize,
+    sample: usize,
+}
+
+impl Rows<'_> {
+    /// Columns `first` to `first + width - 1` of a row of a sample.
+    #[inline(always)]
+    fn part(&mut self, sample: usize, row: usize, first: usize, width: usize) -> &mut [f64] {
+        let start = sample * self.sample + (row * self.p + first);
+        &mut self.out[start..start + width]
+    }
+}
+
+impl<const L: usize, const F: bool> Entries<L, F> for Rows<'_> {
+    #[inline(always)]
+    fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>) {
+        for l in 0..L {
+            self.part(l, row, column, 1)[0] = value.0[l];
+        }
+    }
+
+    /// In three vectors per sample; the last begins before the second has ended.
+    #[inline(always)]
+    fn put_link(&mut self, row: usize, first: usize, v: &[Lanes<L, F>; INERTIAL]) {
+        let parts = [[v[0], v[1], v[2], v[3]], [v[4], v[5], v[6], v[7]], [v[6], v[7], v[8], v[9]]];
+        let [a, b, c] = [Lanes::turned(parts[0]), Lanes::turned(parts[1]), Lanes::turned(parts[2])];
+        for l in 0..L {
+            let out = self.part(l, row, first, INERTIAL);
+            out[..4].copy_from_slice(&a[l]);
+            out[4..8].copy_from_slice(&b[l]);
+            out[6..].copy_from_slice(&c[l]);
+        }
+    }
+
+    #[inline(always)]
+    fn put_drive(&mut self, row: usize, first: usize, values: [Lanes<L, F>; 4]) {
+        let values = Lanes::turned(values);
+        for l in 0..L {
+            self.part(l, row, first, 4).copy_from_slice(&values[l]);
+        }
+    }
+}
+
+struct Batch<'a> {
+    robot: &'a Robot,
+    q: &'a [f64],
+    dq: &'a [f64],
+    ddq: &'a [f64],
+    w: &'a mut [f64],
+}
+
+impl Kernel for Batch<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const L: usize, const F: bool>(self) {
+        let n = self.robot.n_dof();
+        let p = Layout::of(self.robot).count();
+        // What is left of the last block goes through a block of its own.
+        let mut spare = vec![0.0; if self.w.len().is_multiple_of(n * p * L) { 0 } else { n * p * L }];
+        for (block, out) in self.w.chunks_mut(n * p * L).enumerate() {
+            let state = State::<L, F>::gather(n, block * L, self.q, self.dq, self.ddq);
+            let whole = out.len() == n * p * L;
+            let rows = if whole { &mut *out } else { &mut spare[..] };
+            rows.fill(0.0);
+            regressor_lanes(self.robot, &state, &mut Rows { out: rows, p, sample: n * p });
+            if !whole {
+                out.copy_from_slice(&spare[..out.len()]);
+            }
+        }
+    }
+}
+
+/// Regressor of a batch: `w` is row-major `(n_samples, n_dof, n_parameters)`, joint side.
+pub fn regressor(robot: &Robot, q: &[f64], dq: &[f64], ddq: &[f64], w: &mut [f64]) -> Result<(), ShapeError> {
+    for (what, array) in [("dq", dq), ("ddq", ddq)] {
+        check_length(what, array, q.len())?;
+    }
+    check_length("w", w, q.len() * Layout::of(robot).count())?;
+    if !q.is_empty() {
+        dispatch(Batch { robot, q, dq, ddq, w });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::inverse::inverse_dynamics;
+    use crate::model::links::tests::{parameters, robot};
+    use crate::robot::{Coupling, Friction};
+
+    fn motion(n: usize, samples: usize) -> [Vec<f64>; 3] {
+        [1.1, 0.7, 1.7].map(|a| (0..samples * n).map(|k| (a * k as f64 + a).sin() * 2.0).collect())
+    }
+
+    #[test]
+    fn torques_are_the_columns_times_the_parameters_for_all_shapes_of_friction() {
+        let plain = robot(&[false, true, false]);
+        let sign = Friction::sign(3);
+        let dead_zone = vec![0.5, 1.0, 1.5];
+        for friction in [
+            sign.clone(),
+            Friction { asymmetric: true, ..sign.clone() },
+            Friction { coupling: Coupling::Printed, ..sign.clone() },
+            Friction { dead_zone: dead_zone.clone(), ..sign.clone() },
+            Friction { dead_zone, smoothing: vec![0.3; 3], coupling: Coupling::Printed, ..sign },
+        ] {
+            let robot =
+                Robot::new(plain.joints().to_vec(), plain.gravity(), plain.transmission(), friction).unwrap();
+            let p = Layout::of(&robot).count();
+            let x: Vec<f64> = (0..p).map(|k| (0.7 * (k * k) as f64).sin()).collect();
+            let [q, dq, ddq] = motion(3, 11);
+            let (mut tau, mut w) = (vec![0.0; 33], vec![0.0; 33 * p]);
+            inverse_dynamics(&robot, &q, &dq, &ddq, &x, &mut tau).unwrap();
+            regressor(&robot, &q, &dq, &ddq, &mut w).unwrap();
+            for (tau, row) in tau.iter().zip(w.chunks_exact(p)) {
+                let want: f64 = row.iter().zip(&x).map(|(w, x)| w * x).sum();
+                assert!(
+                    (tau - want).abs() < 1e-11 * (1.0 + want.abs()),
+                    "{:?}: {tau} {want}",
+                    robot.friction()
+                );
+            }
+        }
+    }
+
+    /// Entries one by one, as the trait hands them over by itself; the rotor of a coupled motor comes twice, and the last one holds.
+    struct OneByOne(Vec<Option<f64>>, usize);
+
+    impl<const L: usize, const F: bool> Entries<L, F> for OneByOne {
+        fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>) {
+            self.0[row * self.1 + column] = Some(value.0[0]);
+        }
+    }
+
+    #[test]
+    fn entries_that_are_not_handed_over_are_zero() {
+        let robot = robot(&[false, true, false, false]);
+        let (n, p) = (4, Layout::of(&robot).count());
+        let [q, dq, ddq] = motion(n, 1);
+        let mut entries = OneByOne(vec![None; n * p], p);
+        let state = State::<1, false>::gather(n, 0, &q, &dq, &ddq);
+        regressor_lanes(&robot, &state, &mut entries);
+        let mut w = vec![0.0; n * p];
+        regressor(&robot, &q, &dq, &ddq, &mut w).unwrap();
+        for (entry, want) in entries.0.iter().zip(&w) {
+            assert!((entry.unwrap_or(0.0) - want).abs() < 1e-12 * (1.0 + want.abs()), "{entry:?} {want}");
+        }
+        // Ten columns of link j in rows up to j, four of each drive, and Ia, Fvm and Fcm of the coupled motor in the other row.
+        assert_eq!(entries.0.iter().flatten().count(), 10 * (1 + 2 + 3 + 4) + 4 * n + 5);
+    }
+
+    #[test]
+    fn arrays_that_do_not_fit_are_named() {
+        let robot = robot(&[false]);
+        let count = parameters(&robot).len();
+        let message = |dq: &[f64], ddq: &[f64], length: usize| {
+            regressor(&robot, &[0.0; 2], dq, ddq, &mut vec![0.0; length]).unwrap_err().to_string()
+        };
+        assert_eq!(message(&[0.0; 3], &[0.0; 2], 2 * count), "dq has 3 numbers where 2 are needed");
+        assert_eq!(message(&[0.0; 2], &[0.0; 1], 2 * count), "ddq has 1 numbers where 2 are needed");
+        assert_eq!(
+            message(&[0.0; 2], &[0.0; 2], count),
+            format!("w has 14 numbers where {} are needed", 2 * count)
+        );
+    }
+}

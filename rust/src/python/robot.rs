@@ -1,0 +1,70 @@
+//! Robots, for Python.
+
+use super::wrong;
+use crate::robot::parameters::{self, Layout};
+use crate::robot::{Coupling, Friction, Joint, JointKind, Robot as CoreRobot};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// A checked robot, immutable.
+#[pyclass(frozen, module = "didim._core")]
+pub(super) struct Robot(pub(super) CoreRobot);
+
+#[pymethods]
+impl Robot {
+    #[new]
+    #[pyo3(signature = (*, kind, alpha, d, theta, r, gravity, transmission, asymmetric, printed_coupling, smoothing, dead_zone))]
+    #[allow(clippy::too_many_arguments)] // one keyword each, called from one place in robot.py
+    fn new(
+        kind: Vec<u8>,
+        alpha: Vec<f64>,
+        d: Vec<f64>,
+        theta: Vec<f64>,
+        r: Vec<f64>,
+        gravity: [f64; 3],
+        transmission: Vec<Vec<f64>>,
+        asymmetric: bool,
+        printed_coupling: bool,
+        smoothing: Vec<f64>,
+        dead_zone: Vec<f64>,
+    ) -> PyResult<Self> {
+        let n = kind.len();
+        for (what, list) in [("alpha", &alpha), ("d", &d), ("theta", &theta), ("r", &r)] {
+            if list.len() != n {
+                return Err(PyValueError::new_err(format!("{what} needs {n} entries, got {}", list.len())));
+            }
+        }
+        let joints = (0..n)
+            .map(|j| Joint {
+                kind: if kind[j] == 0 { JointKind::Revolute } else { JointKind::Prismatic },
+                alpha: alpha[j],
+                d: d[j],
+                theta: theta[j],
+                r: r[j],
+            })
+            .collect();
+        let coupling = if printed_coupling { Coupling::Printed } else { Coupling::Shaft };
+        let friction = Friction { asymmetric, coupling, smoothing, dead_zone };
+        CoreRobot::new(joints, gravity, &transmission, friction).map(Self).map_err(wrong)
+    }
+
+    #[getter]
+    fn n_dof(&self) -> usize {
+        self.0.n_dof()
+    }
+
+    #[getter]
+    fn n_parameters(&self) -> usize {
+        Layout::of(&self.0).count()
+    }
+
+    #[getter]
+    fn parameter_names(&self) -> Vec<String> {
+        parameters::names(&self.0)
+    }
+
+    #[getter]
+    fn parameter_units(&self) -> Vec<&'static str> {
+        parameters::units(&self.0)
+    }
+}

@@ -1,0 +1,6 @@
+//! Linear problems, (7) to (11): base parameters and least squares.
+
+pub mod base;
+pub mod least_squares;
+mod symbols;
+mod triangle;

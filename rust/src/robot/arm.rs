@@ -1,0 +1,286 @@
+//! What a kernel knows of a robot when it is compiled: nothing, or which numbers of a common arm are zero.
+//!
+//! A kernel for any robot goes through the joints in a loop and asks at each what it has to do. For the shapes at the end of this
+//! file it is compiled once more from the same source, joint by joint, with the answers written in: no counter, no question, and
+//! what nobody asks for is left out. Numbers such as lengths are read from the robot in both. What it gains stands in
+//! docs/performance.md; that the results are the same to the bit is tested in `closed_loop/simulate/tests.rs`.
+
+use crate::ground::arrays::MAX_DOF;
+
+/// `alpha = 0`.
+pub const ZERO: u8 = 0;
+/// `alpha = pi/2`.
+pub const PLUS: u8 = 1;
+/// `alpha = -pi/2`.
+pub const MINUS: u8 = 2;
+/// Any other `alpha`.
+pub const GENERAL: u8 = 3;
+/// Only the robot tells.
+pub const UNKNOWN: u8 = 4;
+
+/// Of a wrench seen from the frame before only the moment is ever felt.
+pub const MOMENTS: u8 = 0;
+/// It turns with the frame; the origins are the same.
+pub const TURNED: u8 = 1;
+/// It turns, and the origin moves.
+pub const DISPLACED: u8 = 2;
+
+/// Joints of the arms that are known when kernels are compiled.
+pub const SIX: usize = 6;
+
+/// The form of a step from one frame to the next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StepForm {
+    /// Does the joint turn (or slide)?
+    pub turns: bool,
+    /// [`ZERO`], [`PLUS`], [`MINUS`] or [`GENERAL`].
+    pub twist: u8,
+    /// Which components of the displacement `t` can be other than zero.
+    pub shifted: [bool; 3],
+    /// What becomes of a wrench on its way inwards: [`MOMENTS`], [`TURNED`] or [`DISPLACED`].
+    pub carries: u8,
+    /// Does something slide here or further out? Only then what the joint carries has a mass after regrouping.
+    pub heavy: bool,
+    /// Does the joint before turn? Then the link before has been regrouped.
+    pub follows_turning: bool,
+}
+
+impl StepForm {
+    /// No step at all.
+    pub const STILL: Self = Self {
+        turns: true,
+        twist: ZERO,
+        shifted: [false; 3],
+        carries: MOMENTS,
+        heavy: false,
+        follows_turning: true,
+    };
+
+    /// Of a step by itself; [`complete`] adds what follows from the others.
+    pub const fn of(turns: bool, twist: u8, shifted: [bool; 3]) -> Self {
+        Self { turns, twist, shifted, ..Self::STILL }
+    }
+
+    const fn displaced(self) -> bool {
+        self.shifted[0] || self.shifted[1] || self.shifted[2]
+    }
+}
+
+/// The forms of `n` steps, with what follows from their neighbours.
+pub const fn complete<const N: usize>(mut forms: [StepForm; N], n: usize) -> [StepForm; N] {
+    // A force matters where it has a lever arm further in, or slides a joint.
+    let mut force_matters = !forms[0].turns;
+    let mut j = 0;
+    while j < n {
+        if j > 0 {
+            forms[j].carries = if forms[j].displaced() {
+                DISPLACED
+            } else if force_matters {
+                TURNED
+            } else {
+                MOMENTS
+            };
+            force_matters = force_matters || forms[j].displaced() || !forms[j].turns;
+            forms[j].follows_turning = forms[j - 1].turns;
+        }
+        j += 1;
+    }
+    let mut heavy = false;
+    while j > 0 {
+        j -= 1;
+        heavy = heavy || !forms[j].turns;
+        forms[j].heavy = heavy;
+    }
+    forms
+}
+
+/// What is known of a robot when a kernel is compiled.
+pub trait Arm: Copy {
+    /// The forms of its steps, [`complete`]; None where only the robot tells.
+    const FORMS: Option<[StepForm; SIX]>;
+    /// Are they known?
+    const KNOWN: bool = Self::FORMS.is_some();
+}
+
+/// Any robot.
+#[derive(Debug, Clone, Copy)]
+pub struct Any;
+
+impl Arm for Any {
+    const FORMS: Option<[StepForm; SIX]> = None;
+}
+
+/// A joint of a kernel: where it is, and what of it is known when the kernel is compiled.
+pub trait Place: Copy {
+    /// The form of its step, where it is known.
+    const FORM: Option<StepForm>;
+    /// Its index where that is known, otherwise zero.
+    const INDEX: usize;
+    /// Its index.
+    fn index(self) -> usize;
+}
+
+/// A joint of any robot.
+#[derive(Debug, Clone, Copy)]
+pub struct At(pub usize);
+
+impl Place for At {
+    const FORM: Option<StepForm> = None;
+    const INDEX: usize = 0;
+    #[inline(always)]
+    fn index(self) -> usize {
+        self.0.min(MAX_DOF - 1)
+    }
+}
+
+/// Joint `J` of a robot of known shape.
+#[derive(Debug, Clone, Copy)]
+pub struct Known<S, const J: usize>(std::marker::PhantomData<S>);
+
+impl<S, const J: usize> Known<S, J> {
+    /// Without a robot.
+    pub const HERE: Self = Self(std::marker::PhantomData);
+}
+
+impl<S: Arm, const J: usize> Place for Known<S, J> {
+    const FORM: Option<StepForm> = match S::FORMS {
+        Some(forms) => Some(forms[J]),
+        None => None,
+    };
+    const INDEX: usize = J;
+    #[inline(always)]
+    fn index(self) -> usize {
+        J
+    }
+}
+
+/// The twist of a place, as far as it is known.
+pub const fn twist_of<P: Place>() -> u8 {
+    match P::FORM {
+        Some(form) => form.twist,
+        None => UNKNOWN,
+    }
+}
+
+/// What a place does to a wrench, as far as it is known.
+pub const fn carries_of<P: Place>() -> u8 {
+    match P::FORM {
+        Some(form) => form.carries,
+        None => UNKNOWN,
+    }
+}
+
+/// Elbow arms as the TX40: an upper arm and a forearm, offset at the elbow, and three axes through the wrist.
+#[derive(Debug, Clone, Copy)]
+pub struct Elbow;
+
+impl Arm for Elbow {
+    const FORMS: Option<[StepForm; SIX]> = Some(complete(
+        [
+            StepForm::of(true, ZERO, [false; 3]),
+            StepForm::of(true, MINUS, [false; 3]),
+            StepForm::of(true, ZERO, [true, false, true]),
+            StepForm::of(true, PLUS, [false, true, false]),
+            StepForm::of(true, MINUS, [false; 3]),
+            StepForm::of(true, PLUS, [false; 3]),
+        ],
+        SIX,
+    ));
+}
+
+/// Runs `$body` with the constant `$t` for the twist of `$step`: each kind is compiled by itself, or only the known one.
+macro_rules! by_twist {
+    ($step:expr, $t:ident => $body:expr) => {
+        by_twist!(@any $step, $t => $body)
+    };
+    ($place:ty, $step:expr, $t:ident => $body:expr) => {
+        match const { $crate::robot::arm::twist_of::<$place>() } {
+            $crate::robot::arm::ZERO => by_twist!(@one ZERO $t => $body),
+            $crate::robot::arm::PLUS => by_twist!(@one PLUS $t => $body),
+            $crate::robot::arm::MINUS => by_twist!(@one MINUS $t => $body),
+            $crate::robot::arm::GENERAL => by_twist!(@one GENERAL $t => $body),
+            _ => by_twist!(@any $step, $t => $body),
+        }
+    };
+    (@any $step:expr, $t:ident => $body:expr) => {
+        match $step.form.twist {
+            $crate::robot::arm::ZERO => by_twist!(@one ZERO $t => $body),
+            $crate::robot::arm::PLUS => by_twist!(@one PLUS $t => $body),
+            $crate::robot::arm::MINUS => by_twist!(@one MINUS $t => $body),
+            _ => by_twist!(@one GENERAL $t => $body),
+        }
+    };
+    (@one $kind:ident $t:ident => $body:expr) => {{
+        const $t: u8 = $crate::robot::arm::$kind;
+        $body
+    }};
+}
+
+/// Runs `$body` for every joint from the first to the last; `$place` is its [`Place`].
+macro_rules! outwards {
+    ($shape:ty, $n:expr, $place:ident => $body:expr) => {
+        if const { <$shape as $crate::robot::arm::Arm>::KNOWN } {
+            outwards!(@known $shape, $place $body, 0 1 2 3 4 5);
+        } else {
+            for j in 0..$n {
+                let $place = $crate::robot::arm::At(j);
+                $body;
+            }
+        }
+    };
+    (@known $shape:ty, $place:ident $body:expr, $($j:literal)*) => {
+        $({
+            let $place = $crate::robot::arm::Known::<$shape, $j>::HERE;
+            $body;
+        })*
+    };
+}
+
+/// The same from the last joint to the first.
+macro_rules! inwards {
+    ($shape:ty, $n:expr, $place:ident => $body:expr) => {
+        if const { <$shape as $crate::robot::arm::Arm>::KNOWN } {
+            $crate::robot::arm::outwards!(@known $shape, $place $body, 5 4 3 2 1 0);
+        } else {
+            for j in (0..$n).rev() {
+                let $place = $crate::robot::arm::At(j);
+                $body;
+            }
+        }
+    };
+}
+
+/// The same statement for several constants.
+macro_rules! unrolled {
+    ($k:ident in $($value:literal)* => $body:expr) => {
+        $({
+            const $k: usize = $value;
+            $body
+        })*
+    };
+}
+
+/// The same short statement for joints `0` to `n - 1`, written out for the usual six: counters and addresses are a third of what such a
+/// loop executes.
+macro_rules! for_joints {
+    ($j:ident in $n:expr => $body:expr) => {
+        if $n == 6 {
+            for_joints!(@one $j 0 $body);
+            for_joints!(@one $j 1 $body);
+            for_joints!(@one $j 2 $body);
+            for_joints!(@one $j 3 $body);
+            for_joints!(@one $j 4 $body);
+            for_joints!(@one $j 5 $body);
+        } else {
+            for $j in 0..$n {
+                $body;
+            }
+        }
+    };
+    (@one $j:ident $value:literal $body:expr) => {{
+        let $j: usize = $value;
+        $body;
+    }};
+}
+
+pub(crate) use {by_twist, for_joints, inwards, outwards, unrolled};

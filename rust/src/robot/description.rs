@@ -1,0 +1,392 @@
+//! A serial robot: Khalil-Kleinfinger (modified Denavit-Hartenberg) joints, gravity, transmission
+//! and the shape of its friction. Everything is checked once, here; the rest of the core trusts it.
+//!
+//! Frame `j` follows frame `j-1` by `Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)`. A revolute
+//! joint (`sigma = 0`) turns by `theta + q`, a prismatic one (`sigma = 1`) slides by `r + q`.
+
+use crate::ground::arrays::MAX_DOF;
+use nalgebra::DMatrix;
+use std::f64::consts::FRAC_PI_2;
+use thiserror::Error;
+
+/// A robot description that is not a robot.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum RobotError {
+    /// No joints, or more than [`MAX_DOF`].
+    #[error("a robot has 1 to {max} joints, got {got}")]
+    JointCount {
+        /// Joints given.
+        got: usize,
+        /// Joints possible.
+        max: usize,
+    },
+    /// A list whose length is not the number of joints.
+    #[error("{what} needs {want} entries, one per joint, got {got}")]
+    Length {
+        /// Name of the list.
+        what: &'static str,
+        /// Entries needed.
+        want: usize,
+        /// Entries given.
+        got: usize,
+    },
+    /// A number that is NaN or infinite.
+    #[error("{what} of joint {joint} is not a finite number")]
+    NotFinite {
+        /// Name of the quantity.
+        what: &'static str,
+        /// Joint, counted from 1.
+        joint: usize,
+    },
+    /// A velocity below zero.
+    #[error("{what} of joint {joint} must not be negative, got {value}")]
+    Negative {
+        /// Name of the quantity.
+        what: &'static str,
+        /// Joint, counted from 1.
+        joint: usize,
+        /// Its value.
+        value: f64,
+    },
+    /// A gravity vector with a NaN or an infinity.
+    #[error("gravity must be three finite numbers")]
+    Gravity,
+    /// Rotor speeds that do not determine the joint speeds.
+    #[error(
+        "the transmission matrix is singular: the motors of the coupled joints cannot tell their speeds apart"
+    )]
+    SingularTransmission,
+    /// A motor that does not turn with the joint it is named after.
+    #[error(
+        "motor {motor} of the transmission matrix does not move with joint {motor}; number the motors so that its diagonal has no zero"
+    )]
+    DetachedMotor {
+        /// Motor, counted from 1.
+        motor: usize,
+    },
+}
+
+/// Angles closer than this to a multiple of 90 degrees are taken as that multiple.
+const RIGHT_ANGLE_TOLERANCE: f64 = 1e-12;
+
+/// What a joint does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JointKind {
+    /// Turns about its z axis; `q` in rad.
+    Revolute,
+    /// Slides along its z axis; `q` in m.
+    Prismatic,
+}
+
+/// One row of a modified Denavit-Hartenberg table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Joint {
+    /// Revolute or prismatic.
+    pub kind: JointKind,
+    /// Angle between `z_{j-1}` and `z_j` about `x_{j-1}` (rad).
+    pub alpha: f64,
+    /// Distance between `z_{j-1}` and `z_j` along `x_{j-1}` (m).
+    pub d: f64,
+    /// Angle between `x_{j-1}` and `x_j` about `z_j` (rad); added to `q` of a revolute joint.
+    pub theta: f64,
+    /// Distance between `x_{j-1}` and `x_j` along `z_j` (m); added to `q` of a prismatic joint.
+    pub r: f64,
+}
+
+/// Which equation the Coulomb friction of a coupled motor follows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Coupling {
+    /// On the motor shaft, along the speed `C dq`: it can only dissipate.
+    Shaft,
+    /// Equation (23) as printed: `sign(dq6)` on joint 5. It can create energy.
+    Printed,
+}
+
+/// The shape of the friction, and how its sign is taken near standstill.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Friction {
+    /// Viscous and Coulomb friction per direction (`Fv+ Fc+ Fv- Fc-`) instead of `Fv Fc Off`.
+    pub asymmetric: bool,
+    /// Coulomb friction of coupled motors.
+    pub coupling: Coupling,
+    /// Velocity `v` of `tanh(dq / v)` per joint (rad/s or m/s); 0 means `sign(dq)`.
+    pub smoothing: Vec<f64>,
+    /// Speed per joint (rad/s or m/s) up to which the sign is taken as 0.
+    pub dead_zone: Vec<f64>,
+}
+
+impl Friction {
+    /// `sign(dq)` on `n` joints, one value for both directions, shaft coupling.
+    pub fn sign(n: usize) -> Self {
+        Self {
+            asymmetric: false,
+            coupling: Coupling::Shaft,
+            smoothing: vec![0.0; n],
+            dead_zone: vec![0.0; n],
+        }
+    }
+}
+
+/// `alpha` as the kernels see it: right angles need no multiplication.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Twist {
+    /// `alpha = 0`.
+    Zero,
+    /// `alpha = pi`.
+    Half,
+    /// `alpha = pi/2`.
+    Plus,
+    /// `alpha = -pi/2`.
+    Minus,
+    /// Any other angle: its cosine and sine.
+    General(f64, f64),
+}
+
+impl Twist {
+    fn new(alpha: f64) -> Self {
+        let quarter = (alpha / FRAC_PI_2).round();
+        if (alpha - quarter * FRAC_PI_2).abs() > RIGHT_ANGLE_TOLERANCE {
+            return Self::General(alpha.cos(), alpha.sin());
+        }
+        #[allow(clippy::cast_possible_truncation)]
+        match (quarter as i64).rem_euclid(4) {
+            0 => Self::Zero,
+            1 => Self::Plus,
+            2 => Self::Half,
+            _ => Self::Minus,
+        }
+    }
+
+    /// Cosine and sine, exact at right angles.
+    pub fn cos_sin(self) -> (f64, f64) {
+        match self {
+            Self::Zero => (1.0, 0.0),
+            Self::Half => (-1.0, 0.0),
+            Self::Plus => (0.0, 1.0),
+            Self::Minus => (0.0, -1.0),
+            Self::General(c, s) => (c, s),
+        }
+    }
+}
+
+/// A checked robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Robot {
+    joints: Vec<Joint>,
+    twists: Vec<Twist>,
+    gravity: [f64; 3],
+    coupled: Vec<CoupledMotor>,
+    transmission: Vec<Vec<f64>>,
+    friction: Friction,
+}
+
+/// A motor that turns with more than its own joint: its speed is `dq_m + sum c_i dq_i`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CoupledMotor {
+    /// The motor, and the joint it is named after (from 0).
+    pub motor: usize,
+    /// The other joints and their coefficients in the motor's speed.
+    pub others: Vec<(usize, f64)>,
+}
+
+impl Robot {
+    /// Checks and stores a description.
+    ///
+    /// `gravity` is the acceleration of gravity in frame 0 (m/s^2). `transmission` is `C`: rotor speeds
+    /// in joint-side units are `C dq` (rows are motors). Its rows are scaled to a unit diagonal, which
+    /// is what `Ia_j` and the friction parameters refer to: (22) to (24).
+    pub fn new(
+        joints: Vec<Joint>,
+        gravity: [f64; 3],
+        transmission: &[Vec<f64>],
+        friction: Friction,
+    ) -> Result<Self, RobotError> {
+        let n = joints.len();
+        if n == 0 || n > MAX_DOF {
+            return Err(RobotError::JointCount { got: n, max: MAX_DOF });
+        }
+        for (j, joint) in joints.iter().enumerate() {
+            for (what, value) in
+                [("alpha", joint.alpha), ("d", joint.d), ("theta", joint.theta), ("r", joint.r)]
+            {
+                if !value.is_finite() {
+                    return Err(RobotError::NotFinite { what, joint: j + 1 });
+                }
+            }
+        }
+        if gravity.iter().any(|g| !g.is_finite()) {
+            return Err(RobotError::Gravity);
+        }
+        check_friction(n, &friction)?;
+        let transmission = normalised(n, transmission)?;
+        let twists = joints.iter().map(|joint| Twist::new(joint.alpha)).collect();
+        let coupled = coupled_motors(&transmission);
+        Ok(Self { joints, twists, gravity, coupled, transmission, friction })
+    }
+
+    /// Number of joints.
+    pub fn n_dof(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// The rows of the geometry.
+    pub fn joints(&self) -> &[Joint] {
+        &self.joints
+    }
+
+    /// `alpha` of each joint, ready for the kernels.
+    pub fn twists(&self) -> &[Twist] {
+        &self.twists
+    }
+
+    /// Acceleration of gravity in frame 0 (m/s^2).
+    pub fn gravity(&self) -> [f64; 3] {
+        self.gravity
+    }
+
+    /// Motors that turn with more than one joint, in order.
+    pub fn coupled(&self) -> &[CoupledMotor] {
+        &self.coupled
+    }
+
+    /// `C`, rows scaled to a unit diagonal.
+    pub fn transmission(&self) -> &[Vec<f64>] {
+        &self.transmission
+    }
+
+    /// Shape of the friction.
+    pub fn friction(&self) -> &Friction {
+        &self.friction
+    }
+
+    /// The same robot with other lengths and angles; used to tell symbols of equal value apart.
+    pub(crate) fn with_joints(&self, joints: Vec<Joint>) -> Result<Self, RobotError> {
+        Self::new(joints, self.gravity, &self.transmission, self.friction.clone())
+    }
+}
+
+fn check_friction(n: usize, friction: &Friction) -> Result<(), RobotError> {
+    for (what, values) in [("smoothing", &friction.smoothing), ("dead zone", &friction.dead_zone)] {
+        if values.len() != n {
+            return Err(RobotError::Length { what, want: n, got: values.len() });
+        }
+        for (j, &value) in values.iter().enumerate() {
+            if !value.is_finite() {
+                return Err(RobotError::NotFinite { what, joint: j + 1 });
+            }
+            if value < 0.0 {
+                return Err(RobotError::Negative { what, joint: j + 1, value });
+            }
+        }
+    }
+    Ok(())
+}
+
+fn normalised(n: usize, transmission: &[Vec<f64>]) -> Result<Vec<Vec<f64>>, RobotError> {
+    if transmission.len() != n {
+        return Err(RobotError::Length { what: "transmission", want: n, got: transmission.len() });
+    }
+    for (m, row) in transmission.iter().enumerate() {
+        if row.len() != n {
+            return Err(RobotError::Length { what: "a row of transmission", want: n, got: row.len() });
+        }
+        if row.iter().any(|c| !c.is_finite()) {
+            return Err(RobotError::NotFinite { what: "transmission", joint: m + 1 });
+        }
+    }
+    let singular = DMatrix::from_fn(n, n, |m, j| transmission[m][j]).singular_values();
+    if singular.min() <= 1e-12 * singular.max() {
+        return Err(RobotError::SingularTransmission);
+    }
+    transmission
+        .iter()
+        .enumerate()
+        .map(|(m, row)| match row[m] {
+            0.0 => Err(RobotError::DetachedMotor { motor: m + 1 }),
+            diagonal => Ok(row.iter().map(|c| c / diagonal).collect()),
+        })
+        .collect()
+}
+
+fn coupled_motors(transmission: &[Vec<f64>]) -> Vec<CoupledMotor> {
+    let others = |m: usize, row: &[f64]| -> Vec<(usize, f64)> {
+        row.iter().copied().enumerate().filter(|&(j, c)| j != m && c != 0.0).collect()
+    };
+    transmission
+        .iter()
+        .enumerate()
+        .map(|(motor, row)| CoupledMotor { motor, others: others(motor, row) })
+        .filter(|coupled| !coupled.others.is_empty())
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn joint() -> Joint {
+        Joint { kind: JointKind::Revolute, alpha: 0.0, d: 0.0, theta: 0.0, r: 0.0 }
+    }
+
+    fn message(joints: Vec<Joint>, transmission: &[Vec<f64>], friction: Friction) -> String {
+        Robot::new(joints, [0.0; 3], transmission, friction).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn wrong_descriptions_say_what_is_wrong() {
+        assert!(message(vec![], &[], Friction::sign(0)).contains("1 to 12 joints, got 0"));
+        let singular = [vec![1.0, 1.0], vec![1.0, 1.0]];
+        assert!(message(vec![joint(); 2], &singular, Friction::sign(2)).contains("singular"));
+        let swapped = [vec![0.0, 1.0], vec![1.0, 0.0]];
+        assert!(message(vec![joint(); 2], &swapped, Friction::sign(2)).contains("motor 1"));
+        let mut bent = joint();
+        bent.alpha = f64::NAN;
+        assert!(message(vec![joint(), bent], &swapped, Friction::sign(2)).contains("alpha of joint 2"));
+        let mut friction = Friction::sign(1);
+        friction.dead_zone[0] = -0.1;
+        assert!(message(vec![joint()], &[vec![1.0]], friction).contains("must not be negative, got -0.1"));
+    }
+
+    #[test]
+    fn numbers_and_lengths_are_checked_one_by_one() {
+        let one = [vec![1.0]];
+        let friction = |smoothing, dead_zone| Friction { smoothing, dead_zone, ..Friction::sign(1) };
+        assert_eq!(
+            message(vec![joint()], &one, friction(vec![0.0; 2], vec![0.0])),
+            "smoothing needs 1 entries, one per joint, got 2"
+        );
+        assert_eq!(
+            message(vec![joint()], &one, friction(vec![0.0], vec![f64::NAN])),
+            "dead zone of joint 1 is not a finite number"
+        );
+        let transmission = |rows: &[Vec<f64>]| message(vec![joint(); 2], rows, Friction::sign(2));
+        assert_eq!(transmission(&one), "transmission needs 2 entries, one per joint, got 1");
+        assert_eq!(
+            transmission(&[vec![1.0, 0.0], vec![1.0]]),
+            "a row of transmission needs 2 entries, one per joint, got 1"
+        );
+        assert_eq!(
+            transmission(&[vec![1.0, 0.0], vec![f64::NAN, 1.0]]),
+            "transmission of joint 2 is not a finite number"
+        );
+        let weightless = Robot::new(vec![joint()], [0.0, f64::INFINITY, 0.0], &one, Friction::sign(1));
+        assert_eq!(weightless.unwrap_err().to_string(), "gravity must be three finite numbers");
+    }
+
+    #[test]
+    fn right_angles_are_exact() {
+        assert_eq!(Twist::new(-FRAC_PI_2), Twist::Minus);
+        assert_eq!(Twist::new(3.0 * FRAC_PI_2), Twist::Minus);
+        assert_eq!(Twist::new(std::f64::consts::PI), Twist::Half);
+        assert!(matches!(Twist::new(0.3), Twist::General(..)));
+    }
+
+    #[test]
+    fn a_coupled_wrist_is_found_and_scaled() {
+        let robot =
+            Robot::new(vec![joint(); 2], [0.0; 3], &[vec![45.0, 0.0], vec![32.0, 32.0]], Friction::sign(2))
+                .unwrap();
+        assert_eq!(robot.coupled(), &[CoupledMotor { motor: 1, others: vec![(0, 1.0)] }]);
+        assert_eq!(robot.transmission(), &[vec![1.0, 0.0], vec![1.0, 1.0]]);
+    }
+}

@@ -1,0 +1,294 @@
+//! The geometry as the kernels walk it: what is constant, and what is zero, decided once per run.
+//!
+//! The step from frame `j-1` to frame `j` is a turn `Rot(x, alpha) Rot(z, theta)` about an origin displaced by
+//! `t = (d, -r sin alpha, r cos alpha)`, seen in frame `j-1`. Most components of `t` are zero and most twists right angles; a
+//! kernel asks once per joint ([`crate::robot::arm`]) and then runs through code that has no multiplication by them.
+
+use crate::ground::arrays::MAX_DOF;
+use crate::ground::dispatch::WIDTH;
+use crate::ground::elementary::SMALL_ANGLE;
+use crate::ground::lanes::{Lanes, side_by_side};
+use crate::ground::spatial::Vector;
+use crate::robot::arm::{Any, Arm, At, GENERAL, MINUS, PLUS, Place, SIX, StepForm, ZERO, complete, outwards};
+use crate::robot::{JointKind, Robot, Twist};
+use std::marker::PhantomData;
+
+/// The step to one frame from the one before.
+#[derive(Debug, Clone, Copy)]
+pub struct Step {
+    /// What it does.
+    pub form: StepForm,
+    /// Cosine of alpha.
+    pub cosine: f64,
+    /// Its sine.
+    pub sine: f64,
+    /// Angle about z at `q = 0`.
+    theta: f64,
+    /// `t` at `q = 0`.
+    shift: [f64; 3],
+}
+
+impl Step {
+    /// None at all.
+    const STILL: Self = Self { form: StepForm::STILL, cosine: 1.0, sine: 0.0, theta: 0.0, shift: [0.0; 3] };
+
+    fn of(robot: &Robot, j: usize) -> Self {
+        let joint = &robot.joints()[j];
+        let (cosine, sine) = robot.twists()[j].cos_sin();
+        let twist = match robot.twists()[j] {
+            Twist::Zero => ZERO,
+            Twist::Plus => PLUS,
+            Twist::Minus => MINUS,
+            Twist::Half | Twist::General(..) => GENERAL,
+        };
+        let turns = joint.kind == JointKind::Revolute;
+        let along = !turns || joint.r != 0.0;
+        let shifted = [joint.d != 0.0, along && sine != 0.0, along && cosine != 0.0];
+        Self {
+            form: StepForm::of(turns, twist, shifted),
+            cosine,
+            sine,
+            theta: joint.theta,
+            shift: [joint.d, -joint.r * sine, joint.r * cosine],
+        }
+    }
+}
+
+/// The steps of a robot, and what else its kernels ask for.
+#[derive(Debug, Clone, Copy)]
+pub struct Geometry<S = Any> {
+    n: usize,
+    steps: [Step; MAX_DOF],
+    /// Acceleration of gravity in frame 0 (m/s^2).
+    pub gravity: [f64; 3],
+    shape: PhantomData<S>,
+}
+
+impl Geometry {
+    /// Of a robot.
+    pub fn of(robot: &Robot) -> Self {
+        let n = robot.n_dof();
+        let mut steps = [Step::STILL; MAX_DOF];
+        for (j, step) in steps.iter_mut().enumerate().take(n) {
+            *step = Step::of(robot, j);
+        }
+        let forms = complete(steps.map(|step| step.form), n);
+        for (step, form) in steps.iter_mut().zip(forms) {
+            step.form = form;
+        }
+        Self { n, steps, gravity: robot.gravity(), shape: PhantomData }
+    }
+
+    /// The same for kernels that know its shape, if it has that shape.
+    pub fn known<S: Arm>(&self) -> Option<Geometry<S>> {
+        let same = self.n == SIX && S::FORMS?.iter().zip(&self.steps).all(|(form, step)| *form == step.form);
+        let Self { n, steps, gravity, .. } = *self;
+        same.then_some(Geometry { n, steps, gravity, shape: PhantomData })
+    }
+}
+
+impl<S: Arm> Geometry<S> {
+    /// Number of joints. The compiler sees that it is within the arrays.
+    #[inline(always)]
+    pub fn n(&self) -> usize {
+        if S::KNOWN { SIX } else { self.n.min(MAX_DOF) }
+    }
+
+    /// The step to a joint's frame.
+    #[inline(always)]
+    pub fn step<P: Place>(&self, place: P) -> Step {
+        let step = self.steps[place.index()];
+        Step { form: P::FORM.unwrap_or(step.form), ..step }
+    }
+}
+
+/// Where each frame is seen from the one before, on lanes.
+#[derive(Debug, Clone, Copy)]
+pub struct Frames<const L: usize, const F: bool> {
+    /// Sine of the angle about z.
+    pub sine: [Lanes<L, F>; MAX_DOF],
+    /// Its cosine.
+    pub cosine: [Lanes<L, F>; MAX_DOF],
+    /// `t`, of which only [`StepForm::shifted`] components are used.
+    pub shift: [Vector<L, F>; MAX_DOF],
+    /// Positions, sines and cosines that [`Self::follow`] starts from.
+    anchor: [[Lanes<L, F>; MAX_DOF]; 3],
+}
+
+/// Where a frame is seen from the one before: sine and cosine of the angle about z, and the displacement `t`.
+pub type Pose<'a, const L: usize, const F: bool> = (Lanes<L, F>, Lanes<L, F>, &'a Vector<L, F>);
+
+impl<const L: usize, const F: bool> Frames<L, F> {
+    /// Where frame `j` is seen from the one before.
+    #[inline(always)]
+    pub fn pose(&self, j: usize) -> Pose<'_, L, F> {
+        (self.sine[j], self.cosine[j], &self.shift[j])
+    }
+
+    /// At `q = 0`.
+    #[inline(always)]
+    pub fn new<S: Arm>(geometry: &Geometry<S>) -> Self {
+        let zero = [Lanes::zero(); MAX_DOF];
+        let mut frames =
+            Self { sine: zero, cosine: zero, shift: [Vector::zero(); MAX_DOF], anchor: [zero; 3] };
+        for j in 0..geometry.n() {
+            let step = &geometry.steps[j];
+            (frames.sine[j], frames.cosine[j]) = Lanes::splat(step.theta).sin_cos();
+            frames.shift[j] = Vector::splat(step.shift);
+        }
+        frames
+    }
+
+    /// Moves the joints to `q`.
+    #[inline(always)]
+    pub fn place<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
+        if L == 1 && F {
+            return self.place_together(geometry, q);
+        }
+        outwards!(S, geometry.n(), place => {
+            let (step, j) = (geometry.step(place), place.index());
+            if step.form.turns {
+                (self.sine[j], self.cosine[j]) = (q[j] + Lanes::splat(step.theta)).sin_cos();
+            } else {
+                self.slide(&step, j, q[j]);
+            }
+        });
+    }
+
+    /// The same, and remembers it for [`Self::follow`].
+    #[inline(always)]
+    pub fn anchor<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
+        self.place(geometry, q);
+        outwards!(S, geometry.n(), place => {
+            let j = place.index();
+            (self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]) = (q[j], self.sine[j], self.cosine[j]);
+        });
+    }
+
+    /// Moves the joints to `q`, near the anchor: sums of angles are cheaper than new sines.
+    #[inline(always)]
+    pub fn follow<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
+        if L == 1 && F {
+            return self.follow_together(geometry, q);
+        }
+        outwards!(S, geometry.n(), place => {
+            let (step, j) = (geometry.step(place), place.index());
+            if step.form.turns {
+                let from = [self.anchor[0][j], self.anchor[1][j], self.anchor[2][j]];
+                (self.sine[j], self.cosine[j]) = near(from, q[j], Lanes::splat(step.theta));
+            } else {
+                self.slide(&step, j, q[j]);
+            }
+        });
+    }
+
+    /// [`Self::place`] of a single lane: the joints side by side in a register, the same bits.
+    #[inline(always)]
+    fn place_together<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
+        for first in (0..geometry.n()).step_by(WIDTH) {
+            let theta = Lanes::<WIDTH, F>(std::array::from_fn(|k| geometry.steps[first + k].theta));
+            let (sine, cosine) = (side_by_side(q, first) + theta).sin_cos();
+            self.put_together(geometry, first, q, sine, cosine);
+        }
+    }
+
+    /// [`Self::follow`], likewise.
+    #[inline(always)]
+    fn follow_together<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
+        for first in (0..geometry.n()).step_by(WIDTH) {
+            let theta = Lanes::<WIDTH, F>(std::array::from_fn(|k| geometry.steps[first + k].theta));
+            let from = [0, 1, 2].map(|part: usize| side_by_side(&self.anchor[part], first));
+            let (sine, cosine) = near(from, side_by_side(q, first), theta);
+            self.put_together(geometry, first, q, sine, cosine);
+        }
+    }
+
+    #[inline(always)]
+    fn put_together<S: Arm>(
+        &mut self,
+        geometry: &Geometry<S>,
+        first: usize,
+        q: &[Lanes<L, F>; MAX_DOF],
+        sine: Lanes<WIDTH, F>,
+        cosine: Lanes<WIDTH, F>,
+    ) {
+        for k in 0..WIDTH.min(geometry.n().saturating_sub(first)) {
+            let (j, step) = (first + k, geometry.step(At(first + k)));
+            if step.form.turns {
+                (self.sine[j], self.cosine[j]) = (Lanes::splat(sine.0[k]), Lanes::splat(cosine.0[k]));
+            } else {
+                self.slide(&step, j, q[j]);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn slide(&mut self, step: &Step, j: usize, q: Lanes<L, F>) {
+        let [x, y, z] = step.shift;
+        let y = q.mul_add(Lanes::splat(-step.sine), Lanes::splat(y));
+        let z = q.mul_add(Lanes::splat(step.cosine), Lanes::splat(z));
+        self.shift[j] = Vector::new(Lanes::splat(x), y, z);
+    }
+}
+
+/// Sine and cosine at `q + theta` from those at an anchor: `[position, sine, cosine]`.
+#[inline(always)]
+fn near<const L: usize, const F: bool>(
+    [from, s, c]: [Lanes<L, F>; 3],
+    q: Lanes<L, F>,
+    theta: Lanes<L, F>,
+) -> (Lanes<L, F>, Lanes<L, F>) {
+    let way = q - from;
+    let (sine, cosine_less_one) = way.small_sin_cos();
+    let near_s = c.mul_add(sine, s.mul_add(cosine_less_one, s));
+    let near_c = s.neg_mul_add(sine, c.mul_add(cosine_less_one, c));
+    let room = Lanes::splat(SMALL_ANGLE) - way.abs();
+    if room.all_above(0.0) {
+        return (near_s, near_c);
+    }
+    // Lane by lane, so that none sees its neighbours.
+    let (far_s, far_c) = (q + theta).sin_cos();
+    (near_s.or_where_not_above(far_s, room), near_c.or_where_not_above(far_c, room))
+}
+
+impl<const L: usize, const F: bool> Vector<L, F> {
+    /// Components after the step's twist: `Rot(x, alpha)^T v`.
+    #[inline(always)]
+    fn twisted<const T: u8>(self, step: &Step) -> Self {
+        match T {
+            ZERO => self,
+            PLUS => Self::new(self.x, self.z, -self.y),
+            MINUS => Self::new(self.x, -self.z, self.y),
+            _ => {
+                let (c, s) = (Lanes::splat(step.cosine), Lanes::splat(step.sine));
+                Self::new(self.x, self.y.mul_add(c, self.z * s), self.z.mul_sub(c, self.y * s))
+            }
+        }
+    }
+
+    /// Back: `Rot(x, alpha) v`.
+    #[inline(always)]
+    pub fn untwisted<const T: u8>(self, step: &Step) -> Self {
+        match T {
+            ZERO => self,
+            PLUS => Self::new(self.x, -self.z, self.y),
+            MINUS => Self::new(self.x, self.z, -self.y),
+            _ => {
+                let (c, s) = (Lanes::splat(step.cosine), Lanes::splat(step.sine));
+                Self::new(self.x, self.y.mul_sub(c, self.z * s), self.z.mul_add(c, self.y * s))
+            }
+        }
+    }
+
+    /// A direction of frame `j-1` in frame `j`.
+    #[inline(always)]
+    pub fn stepped<const T: u8>(self, step: &Step, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
+        self.twisted::<T>(step).into_turned(sine, cosine)
+    }
+
+    /// A direction of frame `j` in frame `j-1`.
+    #[inline(always)]
+    pub fn unstepped<const T: u8>(self, step: &Step, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
+        self.out_of_turned(sine, cosine).untwisted::<T>(step)
+    }
+}

@@ -1,0 +1,8 @@
+//! What a robot is: joints, transmission, friction, parameters, and what of its geometry is zero.
+
+pub mod arm;
+mod description;
+pub mod geometry;
+pub mod parameters;
+
+pub use description::{CoupledMotor, Coupling, Friction, Joint, JointKind, Robot, RobotError, Twist};

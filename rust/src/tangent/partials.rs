@@ -1,0 +1,253 @@
+//! Derivatives of the inverse dynamic model (1) with respect to positions and velocities, by Newton-Euler on dual numbers.
+//!
+//! Written with rotation-free textbook recursions on standard parameters, apart from the kernels: what it agrees with, it
+//! checks. Identity that tests it: its values are those of [`crate::model::inverse`], its derivatives differences of them.
+
+// Numbers with 24 derivatives are large; they are passed as numbers are written, and speed is not what they are for.
+#![allow(clippy::large_types_passed_by_value)]
+
+use super::dual::Dual;
+use crate::ground::arrays::MAX_DOF;
+use crate::robot::parameters::{FRICTION, IA, Layout, M, MX, XX};
+use crate::robot::{Coupling, JointKind, Robot};
+
+/// Variables: positions, then velocities.
+const N: usize = 2 * MAX_DOF;
+type Number = Dual<N>;
+type Vector = [Number; 3];
+
+/// Torques, and their derivatives with respect to positions and velocities at constant accelerations, row-major `(n, n)`.
+#[derive(Debug, Clone, Copy)]
+pub struct Partials {
+    /// Joint torques (N.m or N).
+    pub tau: [f64; MAX_DOF],
+    /// `d tau_i / d q_j`.
+    pub position: [[f64; MAX_DOF]; MAX_DOF],
+    /// `d tau_i / d dq_j`.
+    pub velocity: [[f64; MAX_DOF]; MAX_DOF],
+}
+
+fn add(a: Vector, b: Vector) -> Vector {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+fn cross(a: Vector, b: Vector) -> Vector {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn scaled(a: Vector, factor: f64) -> Vector {
+    a.map(|component| component.scale(factor))
+}
+
+/// Turn about z by an angle of sine `s` and cosine `c`, back if `s` is negated.
+fn about_z(v: Vector, s: Number, c: Number) -> Vector {
+    [c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]]
+}
+
+/// Turn about x, likewise.
+fn about_x(v: Vector, s: f64, c: f64) -> Vector {
+    [v[0], v[1].scale(c) - v[2].scale(s), v[1].scale(s) + v[2].scale(c)]
+}
+
+/// `sign`, as the friction of joint `j` has it; a step has no slope.
+fn sign(robot: &Robot, j: usize, dq: Number) -> Number {
+    let (smoothing, dead_zone) = (robot.friction().smoothing[j], robot.friction().dead_zone[j]);
+    if dq.v.abs() <= dead_zone && (dead_zone > 0.0 || smoothing == 0.0) {
+        Number::constant(0.0)
+    } else if smoothing > 0.0 {
+        let s = (dq.v / smoothing).tanh();
+        dq.chain(s, (1.0 - s * s) / smoothing)
+    } else {
+        Number::constant(1.0_f64.copysign(dq.v))
+    }
+}
+
+/// The part of a number on one side of zero.
+fn side(a: Number, positive: bool) -> Number {
+    if (a.v > 0.0) == positive { a } else { Number::constant(0.0) }
+}
+
+/// Of one state, with all standard parameters.
+pub fn partials(robot: &Robot, x: &[f64], q: &[f64], dq: &[f64], ddq: &[f64]) -> Partials {
+    let n = robot.n_dof();
+    let layout = Layout::of(robot);
+    let zero = Number::constant(0.0);
+    let none = [zero; 3];
+    let speed: Vec<Number> = (0..n).map(|j| Number::variable(dq[j], MAX_DOF + j)).collect();
+    let mut tau = vec![zero; n];
+    let (mut turns, mut arms) = (vec![(zero, zero); n], vec![none; n]);
+    let (mut forces, mut moments) = (vec![none; n], vec![none; n]);
+    let (mut omega, mut domega) = (none, none);
+    let mut a: Vector = robot.gravity().map(|g| Number::constant(-g));
+    for j in 0..n {
+        let joint = &robot.joints()[j];
+        let (ca, sa) = robot.twists()[j].cos_sin();
+        let position = Number::variable(q[j], j);
+        let revolute = joint.kind == JointKind::Revolute;
+        let (theta, r) = if revolute {
+            (position + Number::constant(joint.theta), Number::constant(joint.r))
+        } else {
+            (Number::constant(joint.theta), position + Number::constant(joint.r))
+        };
+        let (s, c) = theta.v.sin_cos();
+        let (s, c) = (theta.chain(s, c), theta.chain(c, -s));
+        let arm = [Number::constant(joint.d), r.scale(-sa), r.scale(ca)];
+        (turns[j], arms[j]) = ((s, c), arm);
+        // To the origin of frame j, then into it.
+        a = add(a, add(cross(domega, arm), cross(omega, cross(omega, arm))));
+        let into = |v: Vector| about_z(about_x(v, -sa, ca), -s, c);
+        (omega, domega, a) = (into(omega), into(domega), into(a));
+        let along = [zero, zero, speed[j]];
+        if revolute {
+            domega = add(domega, cross(omega, along));
+            domega[2] = domega[2] + Number::constant(ddq[j]);
+            omega[2] = omega[2] + speed[j];
+        } else {
+            a = add(a, scaled(cross(omega, along), 2.0));
+            a[2] = a[2] + Number::constant(ddq[j]);
+        }
+        let link = &x[layout.joint(j)..layout.joint(j) + layout.per_joint()];
+        let [xx, xy, xz, yy, yz, zz] = std::array::from_fn(|k| link[XX + k]);
+        let first = std::array::from_fn(|k| Number::constant(link[MX + k]));
+        let inertia = |v: Vector| -> Vector {
+            [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+                .map(|row| v[0].scale(row[0]) + v[1].scale(row[1]) + v[2].scale(row[2]))
+        };
+        forces[j] = add(scaled(a, link[M]), add(cross(domega, first), cross(omega, cross(omega, first))));
+        moments[j] = add(inertia(domega), add(cross(omega, inertia(omega)), cross(first, a)));
+        tau[j] = Number::constant(link[IA] * ddq[j]) + own_friction(robot, j, &link[FRICTION..], speed[j]);
+    }
+    coupled_drives(robot, x, &speed, ddq, &mut tau);
+    for j in (0..n).rev() {
+        let revolute = robot.joints()[j].kind == JointKind::Revolute;
+        tau[j] = tau[j] + if revolute { moments[j][2] } else { forces[j][2] };
+        if j > 0 {
+            let (ca, sa) = robot.twists()[j].cos_sin();
+            let (s, c) = turns[j];
+            let out = |v: Vector| about_x(about_z(v, s, c), sa, ca);
+            let force = out(forces[j]);
+            moments[j - 1] = add(moments[j - 1], add(out(moments[j]), cross(arms[j], force)));
+            forces[j - 1] = add(forces[j - 1], force);
+        }
+    }
+    let mut found = Partials {
+        tau: [0.0; MAX_DOF],
+        position: [[0.0; MAX_DOF]; MAX_DOF],
+        velocity: [[0.0; MAX_DOF]; MAX_DOF],
+    };
+    for (i, torque) in tau.iter().enumerate() {
+        found.tau[i] = torque.v;
+        found.position[i].copy_from_slice(&torque.d[..MAX_DOF]);
+        found.velocity[i].copy_from_slice(&torque.d[MAX_DOF..]);
+    }
+    found
+}
+
+fn own_friction(robot: &Robot, j: usize, parameters: &[f64], dq: Number) -> Number {
+    let s = sign(robot, j, dq);
+    if robot.friction().asymmetric {
+        let part = |positive: bool, viscous: f64, coulomb: f64| {
+            side(dq, positive).scale(viscous) + side(s, positive).scale(coulomb)
+        };
+        part(true, parameters[0], parameters[1]) + part(false, parameters[2], parameters[3])
+    } else {
+        dq.scale(parameters[0]) + s.scale(parameters[1]) + Number::constant(parameters[2])
+    }
+}
+
+/// What coupled motors add, (22) to (24): rotors, `Fvm` and `Fcm`.
+fn coupled_drives(robot: &Robot, x: &[f64], dq: &[Number], ddq: &[f64], tau: &mut [Number]) {
+    let layout = Layout::of(robot);
+    for (index, coupled) in robot.coupled().iter().enumerate() {
+        let m = coupled.motor;
+        let (ia, fvm, fcm) =
+            (x[layout.joint(m) + IA], x[layout.coupled(index)], x[layout.coupled(index) + 1]);
+        let (mut shaft, mut shaft_ddq) = (dq[m], ddq[m]);
+        for &(i, c) in &coupled.others {
+            shaft = shaft + dq[i].scale(c);
+            shaft_ddq += c * ddq[i];
+        }
+        let (turning, joint_turning) = (sign(robot, m, shaft), sign(robot, m, dq[m]));
+        tau[m] = tau[m]
+            + Number::constant(ia * (shaft_ddq - ddq[m]))
+            + (shaft - dq[m]).scale(fvm)
+            + (turning - joint_turning).scale(fcm);
+        let along = match robot.friction().coupling {
+            Coupling::Shaft => turning,
+            Coupling::Printed => joint_turning,
+        };
+        for &(i, c) in &coupled.others {
+            tau[i] = tau[i]
+                + Number::constant(ia * c * (shaft_ddq - c * ddq[i]))
+                + (shaft - dq[i].scale(c)).scale(c * fvm)
+                + along.scale(c * fcm);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::inverse::inverse_dynamics;
+    use crate::robot::{Friction, Joint};
+
+    fn robot(friction: Friction) -> Robot {
+        let joint = |kind, alpha, d, theta, r| Joint { kind, alpha, d, theta, r };
+        let joints = vec![
+            joint(JointKind::Revolute, 0.0, 0.0, 0.2, 0.1),
+            joint(JointKind::Revolute, -std::f64::consts::FRAC_PI_2, 0.3, 0.0, 0.0),
+            joint(JointKind::Prismatic, 0.7, -0.2, 0.4, 0.3),
+            joint(JointKind::Revolute, 1.1, 0.1, -0.5, -0.2),
+        ];
+        let transmission = [
+            vec![1.0, 0.0, 0.0, 0.0],
+            vec![0.0, 1.0, 0.0, 0.0],
+            vec![0.0, 0.0, 1.0, 0.0],
+            vec![0.5, -0.3, 0.0, 1.0],
+        ];
+        Robot::new(joints, [1.0, -2.0, -9.81], &transmission, friction).unwrap()
+    }
+
+    #[test]
+    fn values_are_those_of_the_kernel_and_derivatives_differences_of_them() {
+        let sign = Friction::sign(4);
+        let smooth = Friction { smoothing: vec![0.3; 4], ..sign.clone() };
+        // The second joint is within its dead zone.
+        let dead_zone = vec![0.25; 4];
+        for friction in [
+            smooth.clone(),
+            Friction { asymmetric: true, ..smooth.clone() },
+            Friction { coupling: Coupling::Printed, ..smooth.clone() },
+            Friction { dead_zone: dead_zone.clone(), ..smooth },
+            Friction { dead_zone, asymmetric: true, ..sign.clone() },
+            sign,
+        ] {
+            let robot = robot(friction);
+            let x: Vec<f64> = (0..Layout::of(&robot).count()).map(|k| ((k * k) as f64 * 0.7).sin()).collect();
+            let (q, dq, ddq) = ([0.3, -0.7, 0.2, 1.1], [0.4, -0.2, 0.3, -0.6], [1.0, -2.0, 0.5, 3.0]);
+            let model = |q: &[f64], dq: &[f64]| {
+                let mut tau = [0.0; 4];
+                inverse_dynamics(&robot, q, dq, &ddq, &x, &mut tau).unwrap();
+                tau
+            };
+            let found = partials(&robot, &x, &q, &dq, &ddq);
+            let exact = model(&q, &dq);
+            let h = 1e-6;
+            for j in 0..4 {
+                let moved = |by: f64, v: [f64; 4]| {
+                    let mut v = v;
+                    v[j] += by;
+                    v
+                };
+                let along_q = (model(&moved(h, q), &dq), model(&moved(-h, q), &dq));
+                let along_dq = (model(&q, &moved(h, dq)), model(&q, &moved(-h, dq)));
+                for i in 0..4 {
+                    assert!((found.tau[i] - exact[i]).abs() < 1e-12);
+                    let difference = |pair: ([f64; 4], [f64; 4])| (pair.0[i] - pair.1[i]) / (2.0 * h);
+                    assert!((found.position[i][j] - difference(along_q)).abs() < 1e-8, "q {i} {j}");
+                    assert!((found.velocity[i][j] - difference(along_dq)).abs() < 1e-8, "dq {i} {j}");
+                }
+            }
+        }
+    }
+}
