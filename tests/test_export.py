@@ -184,3 +184,19 @@ def test_a_report_without_a_description() -> None:
     lines = str(report).splitlines()
     assert lines[0].split() == ["link", "mass", "kg"]
     assert len(lines) == 7
+
+
+def test_further_friction_terms_are_named(tmp_path: Path) -> None:
+    robot = didim.load_robot("planar2")
+    x = random_parameters(np.random.default_rng(0), robot)
+    path = saved_fit(robot, x, tmp_path / "fit.json")
+    data = json.loads(path.read_text())
+    data["standard_parameters"] |= {"Fs1": 0.5, "Fl2": 0.0}
+    path.write_text(json.dumps(data))
+    source = exported_parameters(fit=path, parameters=None, robot=None, urdf=None)
+    assert (source.x == x).all()
+    assert source.notes == ("further friction terms are left out: Fs1",)
+    del data["standard_parameters"]["ZZ2"]
+    path.write_text(json.dumps(data))
+    with pytest.raises(FitError, match="it has no parameter 'ZZ2' of robot 'planar2'"):
+        exported_parameters(fit=path, parameters=None, robot=None, urdf=None)

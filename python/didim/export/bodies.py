@@ -128,6 +128,9 @@ class ExportModel:
         return share
 
 
+PLACED = re.compile(r"(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M|Ia|Fv|Fc|Off|Fvm|Fcm)\d+[+-]?")
+"""Names of the standard parameters that an export knows; others are further friction terms."""
+
 _WORDS = {"rotor": "rotor inertia", "viscous": "viscous friction", "coulomb": "Coulomb friction"}
 
 
@@ -241,8 +244,7 @@ def _left_out(robot: Robot, values: dict[str, float], joints: tuple[str, ...]) -
         sentences.append(
             f"the torque offsets of {', '.join(offsets)} are left out: no format has a place for them"
         )
-    known = re.compile(r"(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M|Ia|Fv|Fc|Off|Fvm|Fcm)\d+[+-]?")
-    terms = [name for name, value in values.items() if value and not known.fullmatch(name)]
+    terms = [name for name, value in values.items() if value and not PLACED.fullmatch(name)]
     if terms:
         sentences.append(f"{', '.join(terms)} are left out: no format has a place for such friction")
     if robot.friction.model == "asymmetric":

@@ -6,12 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from .._tools.arrays import Array
 from ..errors import FitError
 from ..result.identification import Identification
 from ..robot.parameter_file import is_file, load_parameters
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
+from .bodies import PLACED
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +73,8 @@ def exported_parameters(
         return Source(model, x, model.notes)
     result = Identification.load(fit)
     model = _robot_of(result, fit, robot, urdf)
-    return Source(model, result.parameters, model.notes)
+    x, notes = _by_name(result, model, fit)
+    return Source(model, x, (*model.notes, *notes))
 
 
 def _robot_of(fit: Identification, path: Path, robot: str | None, urdf: Path | None) -> Robot:
@@ -80,14 +84,26 @@ def _robot_of(fit: Identification, path: Path, robot: str | None, urdf: Path | N
     options = {key: used[key] for key in ("model", "coulomb", "coupling") if key in used}
     if options.get("coulomb") == "tanh":  # the shape near standstill has no say in the parameters
         options["coulomb"] = "sign"
-    found = found.with_friction(**options)
-    if found.parameter_names != fit.parameter_names:
-        other = next((name for name in fit.parameter_names if name not in found.parameter_names), None)
-        what = f"parameter {other!r}" if other else f"{len(fit.parameter_names)} parameters"
+    return found.with_friction(**options)
+
+
+def _by_name(fit: Identification, robot: Robot, path: Path) -> tuple[Array, list[str]]:
+    """Return standard parameters in the order of the robot, and a sentence on further friction terms of the result."""
+    values = dict(zip(fit.parameter_names, fit.parameters.tolist(), strict=True))
+    missing = next((name for name in robot.parameter_names if name not in values), None)
+    if missing is not None:
         raise FitError(
-            f"{path.name}: it has {what}, which robot {found.name!r} has not; is it of another robot?"
+            f"{path.name}: it has no parameter {missing!r} of robot {robot.name!r}; is it of another robot?"
         )
-    return found
+    further = [name for name in fit.parameter_names if name not in robot.parameter_names]
+    other = next((name for name in further if PLACED.fullmatch(name)), None)
+    if other is not None:
+        raise FitError(
+            f"{path.name}: it has parameter {other!r}, which robot {robot.name!r} has not; is it of another robot?"
+        )
+    left = [name for name in further if values[name]]
+    notes = [f"further friction terms are left out: {', '.join(left)}"] if left else []
+    return np.array([values[name] for name in robot.parameter_names]), notes
 
 
 def _candidate(fit: Identification, path: Path, urdf: Path | None) -> Robot:
