@@ -11,13 +11,14 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Material announces its successor in every build.
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help demo test coverage coverage-rust lint bench docs wheel wheel-check clean
+.PHONY: help demo test test-tools coverage coverage-rust lint bench docs wheel wheel-check clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo    the paper's experiment: all methods on a simulated TX40, beside the truth"
 	@echo "make test    the Python tests (the Rust tests are: cargo test --release)"
+	@echo "make test-tools  tests of the programs in benches/ and of releases, which make test leaves out"
 	@echo "make coverage  which lines of the Python package the tests run; make coverage-rust: of the core"
 	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
 	@echo "make bench   speed of the core, its instructions (where valgrind is installed), and speed beside other programs"
@@ -46,6 +47,9 @@ demo: $(VENV)/.built
 
 test: $(VENV)/.built $(VENV)/.extra-test
 	$(BIN)/python -m pytest -n auto --dist loadfile
+
+test-tools: $(VENV)/.built $(VENV)/.extra-test
+	$(BIN)/python -m pytest -m tools
 
 # Branches too; fails under the share in pyproject.toml.
 coverage: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-coverage

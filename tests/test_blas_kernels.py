@@ -10,6 +10,8 @@ import pytest
 
 from scripts import script
 
+pytestmark = pytest.mark.tools
+
 KERNEL = "Nehalem"  # every x86 processor of today knows its instructions
 
 TESTS = """

@@ -203,7 +203,10 @@ def test_wrong_arguments(arguments: list[str], message: str, capsys: pytest.Capt
         (("planar2", "planar9"), "planar9"),
         (("schema = 1", "schema = 1 2"), "arm.toml"),
         (("cutoff_hz = 40", "cutoff_hz = 1e-9"), "rounding spoils a filter of order 4 at 1e-09 Hz"),
-        (("cutoff_hz = 40", "cutoff_hz = 40\norder = 1000"), "[signal] order must be 1 to 10, got 1000"),
+        (
+            ("cutoff_hz = 40", "cutoff_hz = 40\norder = 1000"),
+            "[signal] order must be a whole number from 1 to 10, got 1000",
+        ),
         (
             ("cutoff_hz = 40", 'cutoff_hz = 5\norder = 10\nform = "transfer-function"'),
             "recording 'recording 1': rounding spoils a filter of order 10 at 5 Hz, sampled at 500 Hz",

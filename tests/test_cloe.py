@@ -156,17 +156,22 @@ def test_stopping_keeps_the_best_point() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: didim.CLOE(optimizer="magic"), "optimizer must be one of"),  # type: ignore[arg-type]
-        (lambda: didim.CLOE(output="speed"), "output must be one of"),  # type: ignore[arg-type]
+        (
+            lambda: didim.CLOE(optimizer="magic"),  # type: ignore[arg-type]
+            "optimizer must be 'levenberg-marquardt' or 'nelder-mead', got 'magic'",
+        ),
+        (lambda: didim.CLOE(output="speed"), "output must be 'position', 'torque' or 'both', got 'speed'"),  # type: ignore[arg-type]
         (lambda: didim.CLOE(max_iterations=0), "max_iterations must be a whole number"),
-        (lambda: didim.CLOE(tolerance=2.0), "tolerance must be at least 0"),
-        (lambda: didim.CLOE(tolerance="a"), "tolerance must be a number, got 'a'"),  # type: ignore[arg-type]
+        (lambda: didim.CLOE(tolerance=2.0), "tolerance must be between 0 and 1, got 2.0"),
+        (lambda: didim.CLOE(tolerance="a"), "tolerance must be between 0 and 1, got 'a'"),  # type: ignore[arg-type]
         (lambda: didim.CLOE(noise=["a", "b"]), "noise must be an array of real numbers"),  # type: ignore[list-item]
         (lambda: didim.CLOE(noise=[1.0, -1.0]), "noise needs positive numbers"),
         (lambda: didim.CLOE(checkpoint="nowhere/search.npz"), "there is no folder 'nowhere'"),
         (lambda: didim.CLOE(starts=2, checkpoint="search.npz"), "starts must be 1 with it"),
         (lambda: didim.CLOE(starts=0), "starts must be a whole number of at least 1, got 0"),
         (lambda: didim.CLOE(seed=-1), "seed must be a whole number of at least 0, got -1"),
+        (lambda: didim.CLOE(threads=2**70), "threads must be a whole number from 1 to 4096, got 118"),
+        (lambda: didim.CLOE(threads=1.5), "threads must be a whole number from 1 to 4096, got 1.5"),  # type: ignore[arg-type]
         (lambda: didim.CLOE(starts=2, checkpoint="a.npz"), "a checkpoint belongs to one search"),
     ],
 )

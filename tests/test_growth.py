@@ -13,6 +13,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benches"))
 import growth
 from peer.timing import Figures
 
+pytestmark = pytest.mark.tools
+
 
 @pytest.mark.parametrize("power", [0.0, 1.0, 2.5])
 def test_exponent_of_a_power_with_a_constant(power: float) -> None:

@@ -240,7 +240,7 @@ def test_too_few_rows_and_no_columns() -> None:
         ({"reweightings": -1}, "reweightings must be a whole number from 0 to 1000, got -1"),
         ({"reweightings": True}, "reweightings must be a whole number"),
         ({"reweightings": 1.5}, "reweightings must be a whole number"),
-        ({"decimation_corrected": 1}, "decimation_corrected must be true or false, got 1"),
+        ({"decimation_corrected": 1}, "decimation_corrected must be True or False, got 1"),
     ],
 )
 def test_wrong_settings(options: dict[str, Any], message: str) -> None:

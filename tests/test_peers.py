@@ -20,6 +20,8 @@ from peer.goals import GOALS, Goal
 from peer.task import SAMPLES, Task, tx40
 from peer.timing import Contestant, DisagreementError, Figures, MissingError, alternate
 
+pytestmark = pytest.mark.tools
+
 Array = NDArray[np.float64]
 
 

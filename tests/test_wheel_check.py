@@ -10,6 +10,8 @@ import pytest
 
 from scripts import script
 
+pytestmark = pytest.mark.tools
+
 
 @pytest.fixture(scope="module")
 def check(project: Path) -> ModuleType:

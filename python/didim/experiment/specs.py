@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.settings import one_of
 from ..errors import ExperimentError
 from ..log.recording import Recording
 from ..loop.closed_loop import DIVERGENCE
@@ -117,8 +118,8 @@ class SimulationSettings:
     start: str | None = None
 
     def __post_init__(self) -> None:
-        if self.start not in (None, "measured", "reference"):
-            raise ExperimentError(f"start must be 'measured' or 'reference', got {self.start!r}")
+        if self.start is not None:
+            one_of("start", self.start, ("measured", "reference"), ExperimentError)
 
     def robot(self, robot: Robot) -> Robot:
         """Return the robot as it is simulated: with smooth friction, where the settings say so."""

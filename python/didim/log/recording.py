@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import LARGEST_POSITION, Array, real_array
+from .._tools.settings import one_of
 from ..errors import RecordingError
 from .sampling import MINIMUM_SAMPLES, check_time
 
@@ -66,8 +67,7 @@ class Recording:
     origin: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.role not in ROLES:
-            raise RecordingError(f"{self.name}: role must be 'fit' or 'held-out', got {self.role!r}")
+        one_of(f"{self.name}: role", self.role, ROLES, RecordingError)
         object.__setattr__(self, "rate_hz", checked_rate(self.name, self.rate_hz))
         q = self._matrix("q", self.q)
         if (np.abs(q) > LARGEST_POSITION).any():

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 import didim._core as _core
 
 from .._tools.arrays import Array, real_array
+from .._tools.settings import whole
 from ..errors import FitError, RankError, ShapeError
 from ..robot.robot import Robot
 from .least_squares import dependence_sentence
@@ -94,8 +95,7 @@ class Recursive:
         fixed: Mapping[str, float] | None = None,
         dropped: Iterable[str] = (),
     ) -> None:
-        if isinstance(average, bool) or not isinstance(average, int) or average < 1:
-            raise FitError(f"average must be a whole number of at least 1, got {average!r}")
+        average = whole("average", average, FitError, least=1)
         if (
             isinstance(forgetting, bool)
             or not isinstance(forgetting, (int, float))

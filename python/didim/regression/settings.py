@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
+from .._tools.settings import one_of, whole
 from ..errors import FitError
 
 Weights = Literal["none", "per-joint"]
@@ -43,20 +44,10 @@ class LeastSquaresSettings:
     decimation_corrected: bool = True
 
     def __post_init__(self) -> None:
-        if self.weights not in ("none", "per-joint"):
-            raise FitError(f"weights must be 'none' or 'per-joint', got {self.weights!r}")
-        if self.variance not in ("r-b", "r-1"):
-            raise FitError(f"variance must be 'r-b' or 'r-1', got {self.variance!r}")
-        if (
-            isinstance(self.reweightings, bool)
-            or not isinstance(self.reweightings, int)
-            or not 0 <= self.reweightings <= MOST_REWEIGHTINGS
-        ):
-            raise FitError(
-                f"reweightings must be a whole number from 0 to {MOST_REWEIGHTINGS}, got {self.reweightings!r}"
-            )
-        if not isinstance(self.decimation_corrected, bool):
-            raise FitError(f"decimation_corrected must be true or false, got {self.decimation_corrected!r}")
+        one_of("weights", self.weights, get_args(Weights), FitError)
+        one_of("variance", self.variance, get_args(Variance), FitError)
+        whole("reweightings", self.reweightings, FitError, least=0, most=MOST_REWEIGHTINGS)
+        one_of("decimation_corrected", self.decimation_corrected, (True, False), FitError)
 
     def divisor(self, rows: int, columns: int) -> int:
         """Divisor of (9) for a system of so many rows and columns."""

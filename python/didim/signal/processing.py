@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Integral, Real
 from typing import Literal, get_args
 
-import numpy as np
-
+from .._tools.settings import one_of, positive, whole
 from ..errors import SignalError
 
 Convention = Literal["scipy", "matlab"]
@@ -77,41 +75,25 @@ class SignalProcessing:
         return slice(edge, -edge if edge else None)
 
     def __post_init__(self) -> None:
-        cutoff = self.cutoff_hz
-        if cutoff is not None:
-            if isinstance(cutoff, bool) or not isinstance(cutoff, Real) or not 0.0 < cutoff < np.inf:
-                raise SignalError(f"cutoff_hz must be a positive frequency, got {cutoff!r}")
-            object.__setattr__(self, "cutoff_hz", float(cutoff))
-        for key in ("order", "trim_start", "trim_end", "edge_rows"):
-            object.__setattr__(self, key, _whole(key, getattr(self, key)))
-        check_order(self.order)
+        if self.cutoff_hz is not None:
+            object.__setattr__(
+                self, "cutoff_hz", positive("cutoff_hz", self.cutoff_hz, SignalError, "frequency")
+            )
+        object.__setattr__(self, "order", check_order(self.order))
         for key in ("trim_start", "trim_end", "edge_rows"):
-            if getattr(self, key) < 0:
-                raise SignalError(f"{key} must not be negative, got {getattr(self, key)}")
+            object.__setattr__(self, key, whole(key, getattr(self, key), SignalError, least=0))
         if isinstance(self.decimation, str) or not isinstance(self.decimation, Sequence):
             raise SignalError(f"decimation must be a tuple of whole numbers, got {self.decimation!r}")
-        factors = tuple(_whole("each decimation factor", factor) for factor in self.decimation)
+        factors = tuple(
+            whole("each decimation factor", factor, SignalError, least=2) for factor in self.decimation
+        )
         object.__setattr__(self, "decimation", factors)
-        for factor in factors:
-            if factor < 2:
-                raise SignalError(f"each decimation factor must be at least 2, got {factor}")
         for key in ("padding", "decimation_convention"):
-            if getattr(self, key) not in get_args(Convention):
-                raise SignalError(f"{key} must be 'scipy' or 'matlab', got {getattr(self, key)!r}")
-        if self.form not in get_args(Form):
-            raise SignalError(f"form must be 'sections' or 'transfer-function', got {self.form!r}")
-        if self.spikes not in (None, *get_args(Spikes)):
-            raise SignalError(f"spikes must be 'hampel' or None, got {self.spikes!r}")
+            one_of(key, getattr(self, key), get_args(Convention), SignalError)
+        one_of("form", self.form, get_args(Form), SignalError)
+        one_of("spikes", self.spikes, (*get_args(Spikes), None), SignalError)
 
 
-def _whole(key: str, value: object) -> int:
-    """Return a whole number, NumPy's too, as the int that JSON knows; 4.0 and True are none."""
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise SignalError(f"{key} must be a whole number, got {value!r}")
-    return int(value)
-
-
-def check_order(order: int) -> None:
-    """Refuse an order of the Butterworth filter that is not 1 to `LARGEST_ORDER`."""
-    if not 1 <= order <= LARGEST_ORDER:
-        raise SignalError(f"order must be 1 to {LARGEST_ORDER}, got {order}")
+def check_order(order: int) -> int:
+    """Return the order of a Butterworth filter, or refuse one that is not 1 to `LARGEST_ORDER`."""
+    return whole("order", order, SignalError, least=1, most=LARGEST_ORDER)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
 from ..._tools.arrays import real_array
+from ..._tools.settings import one_of, share, whole
 from ...errors import FitError
 from ..method import MethodSettings, Motion
 from ..start import Start
@@ -18,6 +18,10 @@ from ..start import Start
 Optimizer = Literal["levenberg-marquardt", "nelder-mead"]
 Output = Literal["position", "torque", "both"]
 Variant = Literal["scaled", "adaptive", "literal"]
+
+
+MOST_THREADS = 4096
+"""More threads than any machine has are a mistake."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,31 +92,25 @@ class CLOESettings(MethodSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for key, known in (
-            ("optimizer", ("levenberg-marquardt", "nelder-mead")),
-            ("output", ("position", "torque", "both")),
-            ("variant", ("adaptive", "scaled", "literal")),
-        ):
-            if getattr(self, key) not in known:
-                raise FitError(f"{key} must be one of {', '.join(known)}, got {getattr(self, key)!r}")
-        for key, least in (("max_iterations", 1), ("max_evaluations", 1), ("starts", 1), ("seed", 0)):
-            value = getattr(self, key)
-            if value is None and key in ("max_iterations", "max_evaluations"):
-                continue
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise FitError(f"{key} must be a whole number of at least {least}, got {value!r}")
+        one_of("optimizer", self.optimizer, get_args(Optimizer), FitError)
+        one_of("output", self.output, get_args(Output), FitError)
+        one_of("variant", self.variant, get_args(Variant), FitError)
+        whole("starts", self.starts, FitError, least=1)
+        whole("seed", self.seed, FitError, least=0)
+        for key in ("max_iterations", "max_evaluations"):
+            if getattr(self, key) is not None:
+                whole(key, getattr(self, key), FitError, least=1)
+        if self.threads is not None:
+            whole("threads", self.threads, FitError, least=1, most=MOST_THREADS)
         if self.noise is not None:
             noise = real_array("noise", self.noise, FitError)
             if noise.ndim != 1 or not (np.isfinite(noise) & (noise > 0.0)).all():
                 raise FitError(f"noise needs positive numbers, one per joint, got {self.noise!r}")
             object.__setattr__(self, "noise", tuple(noise.tolist()))
-        if isinstance(self.tolerance, bool) or not isinstance(self.tolerance, Real):
-            raise FitError(f"tolerance must be a number, got {self.tolerance!r}")
+        share("tolerance", self.tolerance, FitError)
         if self.checkpoint is not None and not Path(self.checkpoint).absolute().parent.is_dir():
             raise FitError(
                 f"checkpoint '{self.checkpoint}': there is no folder '{Path(self.checkpoint).parent}'"
             )
         if self.checkpoint is not None and self.starts > 1:
             raise FitError("a checkpoint belongs to one search: starts must be 1 with it")
-        if not 0.0 <= self.tolerance < 1.0:
-            raise FitError(f"tolerance must be at least 0 and below 1, got {self.tolerance!r}")

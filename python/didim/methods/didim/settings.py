@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Real
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
+from ..._tools.settings import one_of, share, whole
 from ...errors import FitError
 from ..method import FitSettings, Motion
 from ..start import Start
@@ -59,20 +59,9 @@ class DIDIMSettings(FitSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for key, low, high in (("tolerance", 0.0, 0.025), ("sigma_fraction", 0.0, 1.0), ("margin", 0.0, 1.0)):
-            value = getattr(self, key)
-            number = isinstance(value, Real) and not isinstance(value, bool)
-            if not number or not low <= value <= high or (key == "margin" and not 0.0 < value < 1.0):
-                raise FitError(f"{key} must be between {low:g} and {high:g}, got {value!r}")
-        if (
-            isinstance(self.max_iterations, bool)
-            or not isinstance(self.max_iterations, int)
-            or self.max_iterations < 1
-        ):
-            raise FitError(
-                f"max_iterations must be a whole number of at least 1, got {self.max_iterations!r}"
-            )
-        if self.gain_updating not in ("first", "always", "never"):
-            raise FitError(f"gain_updating must be 'first', 'always' or 'never', got {self.gain_updating!r}")
-        if not isinstance(self.stop, bool):
-            raise FitError(f"stop must be True or False, got {self.stop!r}")
+        share("tolerance", self.tolerance, FitError, most=0.025)
+        share("sigma_fraction", self.sigma_fraction, FitError)
+        share("margin", self.margin, FitError, inside=True)
+        whole("max_iterations", self.max_iterations, FitError, least=1)
+        one_of("gain_updating", self.gain_updating, get_args(GainUpdating), FitError)
+        one_of("stop", self.stop, (True, False), FitError)

@@ -1,0 +1,66 @@
+"""Checks of settings, so that the same fault has the same words everywhere. Tested in ``tests/test_settings.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from numbers import Integral, Real
+
+from ..errors import DidimError
+
+
+def whole(
+    name: str, value: object, error: type[DidimError], *, least: int | None = None, most: int | None = None
+) -> int:
+    """Return a whole number, NumPy's too, as the int that JSON has; 4.0 and True are refused.
+
+    Parameters
+    ----------
+    name : str
+        Setting, for the message.
+    value : object
+        What was given.
+    error : type of DidimError
+        Class of the error to raise.
+    least, most : int, optional
+        Bounds, both included.
+    """
+    if isinstance(value, Integral) and not isinstance(value, bool):
+        number = int(value)
+        if (least is None or number >= least) and (most is None or number <= most):
+            return number
+    bounds = "" if least is None else f" of at least {least}" if most is None else f" from {least} to {most}"
+    raise error(f"{name} must be a whole number{bounds}, got {value!r}")
+
+
+def share(
+    name: str,
+    value: object,
+    error: type[DidimError],
+    *,
+    least: float = 0.0,
+    most: float = 1.0,
+    inside: bool = False,
+) -> float:
+    """Return a number between two bounds, which are included unless it must be `inside` of them; other parameters as `whole`."""
+    if isinstance(value, Real) and not isinstance(value, bool):
+        number = float(value)
+        if least < number < most or (not inside and number in (least, most)):
+            return number
+    raise error(f"{name} must be between {least:g} and {most:g}, got {value!r}")
+
+
+def positive(name: str, value: object, error: type[DidimError], unit: str = "number") -> float:
+    """Return a finite number above zero; `unit` is its noun in the message, other parameters as `whole`."""
+    if isinstance(value, Real) and not isinstance(value, bool) and 0.0 < float(value) < float("inf"):
+        return float(value)
+    raise error(f"{name} must be a positive {unit}, got {value!r}")
+
+
+def one_of(name: str, value: object, choices: Sequence[object], error: type[DidimError]) -> None:
+    """Refuse a value that is none of the choices; parameters as `whole`."""
+    # Equal is not enough: 1 == True.
+    if any(value is choice or (type(value) is type(choice) and value == choice) for choice in choices):
+        return
+    *first, last = (repr(choice) for choice in choices)
+    text = f"{', '.join(first)} or {last}" if first else last
+    raise error(f"{name} must be {text}, got {value!r}")

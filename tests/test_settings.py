@@ -1,0 +1,51 @@
+"""Checks of settings: what they take, and the one wording of each fault."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from didim._tools.settings import one_of, positive, share, whole
+from didim.errors import FitError
+
+
+def test_what_is_taken() -> None:
+    assert whole("n", np.int64(3), FitError, least=0, most=3) == 3
+    assert type(whole("n", np.int64(3), FitError)) is int
+    assert share("s", 1, FitError) == 1.0
+    assert share("s", np.float64(0.5), FitError, inside=True) == 0.5
+    assert positive("f", np.float32(2.0), FitError) == 2.0
+    one_of("b", True, (True, False), FitError)
+    one_of("k", "two", ("one", "two"), FitError)
+    one_of("k", None, ("one", None), FitError)
+
+
+@pytest.mark.parametrize(
+    ("check", "message"),
+    [
+        (lambda: whole("n", 4.0, FitError), "n must be a whole number, got 4.0"),
+        (lambda: whole("n", True, FitError, least=0), "n must be a whole number of at least 0, got True"),
+        (lambda: whole("n", -1, FitError, least=0), "n must be a whole number of at least 0, got -1"),
+        (
+            lambda: whole("n", 11, FitError, least=1, most=10),
+            "n must be a whole number from 1 to 10, got 11",
+        ),
+        (lambda: share("s", 1.01, FitError), "s must be between 0 and 1, got 1.01"),
+        (lambda: share("s", 0.0, FitError, inside=True), "s must be between 0 and 1, got 0.0"),
+        (lambda: share("s", float("nan"), FitError), "s must be between 0 and 1, got nan"),
+        (lambda: share("s", True, FitError), "s must be between 0 and 1, got True"),
+        (lambda: share("s", 0.1, FitError, most=0.025), "s must be between 0 and 0.025, got 0.1"),
+        (lambda: positive("f", 0.0, FitError, "frequency"), "f must be a positive frequency, got 0.0"),
+        (lambda: positive("f", float("inf"), FitError), "f must be a positive number, got inf"),
+        (lambda: one_of("k", "x", ("a", "b", "c"), FitError), "k must be 'a', 'b' or 'c', got 'x'"),
+        (lambda: one_of("b", 1, (True, False), FitError), "b must be True or False, got 1"),
+        (lambda: one_of("k", [], ("a",), FitError), "k must be 'a', got []"),
+    ],
+)
+def test_what_is_refused(check: Callable[[], Any], message: str) -> None:
+    with pytest.raises(FitError, match=rf"^{re.escape(message)}$"):
+        check()
