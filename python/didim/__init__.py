@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from .result.identification import Identification
     from .result.status import Status
     from .robot.base_parameters import BaseParameters
-    from .robot.friction import Friction
+    from .robot.friction import Friction, FrictionTerm
     from .robot.parameter_file import load_parameters
     from .robot.robot import Robot
     from .robot.robot_file import load_robot
@@ -70,6 +70,7 @@ __all__ = [
     "Findings",
     "FitError",
     "Friction",
+    "FrictionTerm",
     "Identification",
     "IndefiniteError",
     "LeastSquaresSettings",
@@ -125,6 +126,7 @@ _LATER = {
     "Finding": "diagnosis.finding",
     "Findings": "diagnosis.finding",
     "Friction": "robot.friction",
+    "FrictionTerm": "robot.friction",
     "Identification": "result.identification",
     "LeastSquaresSettings": "regression.settings",
     "Recording": "log.recording",

@@ -25,7 +25,6 @@ from ..log.sampling import MINIMUM_SAMPLES, TimeFault
 from ..methods.idim_ls import IDIMLS
 from ..methods.job import Job
 from ..regression.least_squares import solve
-from ..regression.linear_system import linear_system
 from ..regression.suspicions import driving_friction
 from ..result.identification import Identification
 from ..signal.decimation import decimate, decimation_stages
@@ -86,6 +85,9 @@ def check(
         faults: list[tuple[str, TimeFault]] = []
         experiment = load_experiment(experiment, data=data, faults=faults)
         found += time_findings(faults)
+    # Load friction is not linear in the parameters, and none of the checks turns on it.
+    linear = [term for term in experiment.robot.friction.terms if term.law != "load"]
+    experiment = replace(experiment, robot=experiment.robot.with_terms(linear))
     known = None if parameters is None else _standard(experiment, parameters)
     recordings = []
     for recording in experiment.recordings:
@@ -201,7 +203,7 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
 
 
 def _driving(job: Job, parts: Sequence[Segment]) -> tuple[list[int], str] | None:
-    system = linear_system(job.robot, parts, job.signal, job.selection)
+    system = job.system(parts)
     try:
         # Thresholds of this check are those of white noise.
         return driving_friction(system, solve(system, replace(job.settings, decimation_corrected=False)))

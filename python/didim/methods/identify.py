@@ -12,6 +12,7 @@ from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..result.identification import Identification
 from ..result.iteration import Iteration
+from .friction import with_known_friction
 from .idim_ls import IDIMLS
 from .method import Method
 
@@ -90,7 +91,14 @@ def identify(
         return callback is not None and callback(iteration) is True
 
     start = time.perf_counter()
+    experiment, friction = with_known_friction(method, experiment, say)
     fit = method.run(experiment, progress, say)
+    if friction is not None:
+        fit = replace(
+            fit,
+            settings={**fit.settings, "friction": friction.record()},
+            remarks=(*fit.remarks, *friction.remarks()),
+        )
     fit = replace(fit, elapsed=time.perf_counter() - start)
     say(f"{fit.elapsed:.3f} s; {fit.conclusion}")
     return fit

@@ -13,6 +13,7 @@ from ..experiment.experiment import Experiment
 from ..log.recording import Recording
 from ..regression.delay import DelayEstimate, estimate_delay
 from ..regression.fit import Fit, Progress
+from ..regression.friction.velocity import settled
 from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem, check_size, linear_system
 from ..regression.selection import Selection, select
@@ -78,9 +79,20 @@ class Job:
             for part in segments(item, self.signal, delay_samples, number=number)
         ]
 
-    def system(self, parts: Sequence[Segment]) -> LinearSystem:
-        """Return the linear system (7) of filtered windows."""
-        return linear_system(self.robot, parts, self.signal, self.selection)
+    def system(self, parts: Sequence[Segment], beta: Array | None = None) -> LinearSystem:
+        """Return the linear system (7) of filtered windows.
+
+        Load friction needs the torque of links and rotors: that of the base parameters `beta`, (b,), or without them that of the
+        estimate from these very windows.
+        """
+        if self.robot.friction.has_load and beta is None:
+
+            def solved(system: LinearSystem) -> tuple[Array, Array]:
+                fit = solve(system, self.settings)
+                return fit.solution, fit.weights
+
+            return settled(self.robot, parts, self.signal, (dict(self.fixed), self.dropped), solved).system
+        return linear_system(self.robot, parts, self.signal, self.selection, beta)
 
     def solve(self, system: LinearSystem, progress: Progress | None = None) -> Fit:
         """Solve a system (7) with the solver of this run."""
@@ -109,7 +121,7 @@ class Job:
         """
         robot = self.experiment.robot
         parts = segments(recording, self.signal, delay_samples)
-        system = linear_system(robot, parts, self.signal, select(robot, {}, ()))
+        system = linear_system(robot, parts, self.signal, select(robot, {}, ()), beta)
         with at_place(f"recording '{recording.name}'"):
             check_size(system)
         return system.norms(prediction_error(system, beta)), system.norms(system.y)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Protocol
 
+from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..regression.selection import dropped_names, select
 from ..regression.settings import LeastSquaresSettings, Variance, Weights
@@ -65,6 +66,8 @@ class MethodSettings:
         Base parameters that are known.
     dropped : sequence of str, optional
         Base parameters taken as zero.
+    friction : {"auto"}, optional
+        Choose friction terms by their error on held-out blocks, beside those of the experiment (docs/friction.md).
     """
 
     motion: ClassVar[Motion] = "measured"
@@ -75,8 +78,11 @@ class MethodSettings:
     compensate_samples: float | Literal["estimate"] | None = None
     fixed: Mapping[str, float] | None = None
     dropped: Sequence[str] | None = None
+    friction: Literal["auto"] | None = None
 
     def __post_init__(self) -> None:
+        if self.friction not in (None, "auto"):
+            raise FitError(f"friction must be 'auto' or None, got {self.friction!r}")
         # Wrong values are reported when the settings are made, not after a long reading of files.
         self.least_squares(LeastSquaresSettings())
         if self.compensate_samples is not None:
@@ -98,6 +104,10 @@ class MethodSettings:
         fixed = dict(experiment.fixed if self.fixed is None else self.fixed)
         dropped = experiment.dropped if self.dropped is None else dropped_names(self.dropped)
         robot = robot or experiment.robot
+        # A simulated joint rests by its smooth sign: a torque at standstill has no column there.
+        resting = [term for term in robot.friction.terms if term.law == "rest"]
+        silent = [term.parameter for term in resting if robot.friction.dead_zone[term.joint] == 0.0]
+        dropped = (*dropped, *(name for name in silent if name not in dropped and name not in fixed))
         delay = experiment.delay.compensate_samples
         selection = select(robot, fixed, dropped)
         return Job(

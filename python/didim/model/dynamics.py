@@ -46,7 +46,13 @@ def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, 
 
 
 def regressor(
-    robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, out: Array | None = None
+    robot: Robot,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    *,
+    x: ArrayLike | None = None,
+    out: Array | None = None,
 ) -> Array:
     """Regressor of the inverse dynamic model: ``tau = W x`` at each sample, equation (2).
 
@@ -58,6 +64,8 @@ def regressor(
         The robot.
     q, dq, ddq : (n_samples, n_dof) arrays
         Positions (rad or m), velocities and accelerations, joint side.
+    x : (n_parameters,) array, optional
+        Standard parameters from which load friction takes the torque of links and rotors; a robot with such friction needs them.
     out : (n_samples, n_dof, n_parameters) array, optional
         Contiguous memory for the result: batches that use it again and fit the cache take less time.
 
@@ -72,10 +80,36 @@ def regressor(
         For a wrong shape, or a NaN, with its place.
     """
     q, dq, ddq = _motion(robot, q, dq, ddq)
+    load = None
+    if robot.friction.has_load:
+        if x is None:
+            raise ShapeError(f"robot {robot.name!r} has load friction: its regressor needs the parameters x")
+        load = rigid_torque(robot, q, dq, ddq, standard_vector(robot, x))
     try:
-        return _core.regressor(robot.core, q, dq, ddq, out)
+        return _core.regressor(robot.core, q, dq, ddq, out, load)
     except ValueError as reason:
         raise ShapeError(str(reason)) from None
+
+
+def rigid_torque(robot: Robot, q: Array, dq: Array, ddq: Array, x: Array) -> Array:
+    """Return the torque of links and rotors without friction and offset, (n_samples, n_dof), joint side.
+
+    Load friction is a share of it (Hamon, Gautier, Garrec 2010). ``test_friction_terms.py`` compares with a robot without friction.
+    """
+    rigid = np.array(x, dtype=np.float64)
+    rigid[list(friction_places(robot))] = 0.0
+    try:
+        return _core.inverse_dynamics(robot.core, q, dq, ddq, rigid)
+    except ValueError as reason:
+        raise ShapeError(str(reason)) from None
+
+
+def friction_places(robot: Robot) -> tuple[int, ...]:
+    """Return where the standard parameters of friction and offset stand."""
+    inertial = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "Ia")
+    return tuple(
+        place for place, name in enumerate(robot.parameter_names) if name.rstrip("0123456789") not in inertial
+    )
 
 
 def inertia_matrix(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:

@@ -18,6 +18,7 @@ import didim._core as _core
 from .._tools.arrays import Array
 from .._tools.words import counted
 from ..errors import FitError
+from ..model.dynamics import rigid_torque
 from ..robot.robot import Robot
 from ..signal.decimation import Stage, decimate, decimation_stages
 from ..signal.noise import noise_correlation
@@ -28,7 +29,11 @@ from .selection import Selection
 
 
 def linear_system(
-    robot: Robot, parts: Sequence[Segment], signal: SignalProcessing, selection: Selection
+    robot: Robot,
+    parts: Sequence[Segment],
+    signal: SignalProcessing,
+    selection: Selection,
+    beta: Array | None = None,
 ) -> LinearSystem:
     """Build (7) of several segments, with the fixed parameters moved to the left side.
 
@@ -42,6 +47,8 @@ def linear_system(
         Decimation.
     selection : Selection
         Fixed and dropped parameters.
+    beta : ndarray, shape (n_base,), optional
+        Base parameters that give the torque of links and rotors, which the columns of load friction need: zero without them.
 
     Returns
     -------
@@ -65,7 +72,7 @@ def linear_system(
     for part in parts:
         with at_place(part.place):
             stages = decimation_stages(part.q.shape[0], signal)
-            w = _observation(robot, part, columns, stages)
+            w = _observation(robot, part, columns, stages, beta)
             y = decimate(part.tau, stages)[signal.kept_rows].T
         if y.shape[1] == 0:
             raise FitError(f"{part.place}: decimation leaves nothing of {counted(part.q.shape[0], 'sample')}")
@@ -100,7 +107,9 @@ def linear_system(
     )
 
 
-def _observation(robot: Robot, part: Segment, columns: Sequence[int], stages: Sequence[Stage]) -> Array:
+def _observation(
+    robot: Robot, part: Segment, columns: Sequence[int], stages: Sequence[Stage], beta: Array | None
+) -> Array:
     """Build the observation matrix (6) of one segment: (n_dof * n_kept, n_columns), rows joint by joint.
 
     Raises
@@ -108,8 +117,14 @@ def _observation(robot: Robot, part: Segment, columns: Sequence[int], stages: Se
     FitError
         When the core refuses the segment, or a number is too large for floating point.
     """
+    load = None
+    if robot.friction.has_load:
+        x = robot.base_parameters.lift(np.zeros(len(robot.base_parameters.names)) if beta is None else beta)
+        load = rigid_torque(robot, part.q, part.dq, part.ddq, x)
     try:
-        w = np.asarray(_core.observation(robot.core, part.q, part.dq, part.ddq, list(columns), list(stages)))
+        w = np.asarray(
+            _core.observation(robot.core, part.q, part.dq, part.ddq, list(columns), list(stages), load=load)
+        )
     except ValueError as reason:
         raise FitError(str(reason)) from None
     if not np.isfinite(w).all():

@@ -19,7 +19,7 @@ from .._tools.words import did_you_mean
 from ..errors import RobotError
 from .base_parameters import BaseParameters, base_parameters
 from .correspondence import Correspondence
-from .friction import Friction, read_friction
+from .friction import Friction, FrictionTerm, read_friction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +128,17 @@ class Robot:
                 printed_coupling=friction.coupling == "printed",
                 smoothing=list(smoothing),
                 dead_zone=list(friction.dead_zone),
+                terms=[
+                    (
+                        term.joint,
+                        term.name,
+                        term.law,
+                        term.first if term.law == "table" else term.velocity,
+                        term.step,
+                        list(term.values),
+                    )
+                    for term in friction.terms
+                ],
             )
         except ValueError as reason:
             raise RobotError(f"{self.path.name}: {reason}") from None
@@ -252,6 +263,11 @@ class Robot:
             For an unknown key or a wrong value.
         """
         return self.with_friction_table(Table(options, f"friction of robot {self.name!r}", RobotError))
+
+    def with_terms(self, terms: Sequence[FrictionTerm]) -> Robot:
+        """Return the same robot with these friction terms beside viscous, Coulomb and offset (``test_friction_terms.py``)."""
+        friction = replace(self.friction, terms=tuple(terms), auto=False)
+        return self if friction == self.friction else replace(self, friction=friction)
 
     def with_smoothing(self, smoothing: Sequence[float]) -> Robot:
         """Return the same robot with ``tanh(dq / smoothing)`` friction without dead zone; one velocity per joint (rad/s, m/s)."""

@@ -23,6 +23,7 @@ from ..methods.method import FitSettings, Motion
 from ..regression.linear_system import linear_system
 from ..regression.selection import select
 from ..result.identification import Identification
+from ..robot.friction import Friction
 from ..robot.robot import Robot
 from ..signal.align import align
 from ..signal.decimation import decimation_stages
@@ -116,6 +117,7 @@ def predict(
     The errors of IDIM-LS and CLOE are those of the result. DIDIM's are those of its last solution, made along the
     motion one step before its parameters; here the motion is that of the parameters, and the errors agree as far as it converged.
     """
+    experiment = with_friction_of(fit, experiment)
     robot = experiment.simulation.robot(experiment.robot)
     if fit.parameter_names != robot.parameter_names:
         raise FitError(
@@ -151,6 +153,15 @@ def predict(
                 _prediction(fit, part, recording, window, model, _raw(experiment.signal, raw), delay, motion)
             )
     return found
+
+
+def with_friction_of(fit: Identification, experiment: Experiment) -> Experiment:
+    """Return the experiment with the friction terms of a result, which may have chosen them or their velocities itself."""
+    saved = fit.settings.get("robot", {}).get("friction", {}).get("terms")
+    if not saved and not experiment.robot.friction.open:
+        return experiment
+    robot = experiment.robot.with_terms(Friction.terms_of(saved or ()))
+    return replace(experiment, robot=robot)
 
 
 def simulate_window(
@@ -234,9 +245,9 @@ def _prediction(
     delay: float,
     motion: Motion,
 ) -> Prediction:
-    system = linear_system(robot, [part], signal, select(robot, {}, ()))
     n = robot.n_dof
     beta = robot.base_parameters.project(fit.parameters)
+    system = linear_system(robot, [part], signal, select(robot, {}, ()), beta)
     return Prediction(
         recording=recording.name,
         role=recording.role,

@@ -127,8 +127,10 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     from ..experiment.loop import closed_loop
     from ..methods.job import ratio, ratios
     from ..methods.method import FitSettings
+    from .prediction import with_friction_of
     from .run import recording_errors
 
+    experiment = with_friction_of(fit, experiment)
     robot = experiment.simulation.robot(experiment.robot)
     if fit.parameter_names != robot.parameter_names:
         raise FitError(

@@ -26,6 +26,9 @@ pub enum ShapeError {
         /// Columns there are.
         count: usize,
     },
+    /// Load friction without the torques that it depends on.
+    #[error("the robot has load friction: its columns need the torque of links and rotors")]
+    Load,
     /// A column that is asked for more than once.
     #[error("column {column} is asked for twice")]
     Twice {

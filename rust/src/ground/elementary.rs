@@ -67,19 +67,14 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
         ((self * z).mul_add(s, self), z * c)
     }
 
-    /// Hyperbolic tangent, within 3 units of the last place: `E / (E + 2)` with `E = exp(2 x) - 1`, which keeps its digits near zero.
+    /// `exp(self) - 1` of numbers from 0 to 700, within 2 units of the last place.
     #[inline(always)]
-    pub fn tanh(self) -> Self {
+    fn exp_minus_one(self) -> Self {
         const LN_2_A: f64 = 6.931_471_803_691_238e-1; // its last bits are zero: times k it is exact
         const LN_2_B: f64 = 1.908_214_929_270_587_7e-10;
-        if self.abs().all_above(20.0) {
-            return Self::splat(1.0).copysign(self); // what the rest would give, to the bit
-        }
-        // tanh is 1 to the last bit beyond 19.1. On the positive side, so that both sides have the same digits.
-        let y = self.abs().min(Self::splat(20.0)).scale(2.0);
-        let rounded = y.mul_add(Self::splat(std::f64::consts::LOG2_E), Self::splat(ROUND));
+        let rounded = self.mul_add(Self::splat(std::f64::consts::LOG2_E), Self::splat(ROUND));
         let k = rounded - Self::splat(ROUND);
-        let r = k.mul_add(Self::splat(-LN_2_A), y);
+        let r = k.mul_add(Self::splat(-LN_2_A), self);
         let r = k.mul_add(Self::splat(-LN_2_B), r);
         let p = r.polynomial([
             1.0 / 6_227_020_800.0,
@@ -97,14 +92,72 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
         ]);
         let p = (r * r).mul_add(p, r);
         let power = rounded.power_of_two();
-        let e = power.mul_add(p, power - Self::splat(1.0));
+        power.mul_add(p, power - Self::splat(1.0))
+    }
+
+    /// Hyperbolic tangent, within 3 units of the last place: `E / (E + 2)` with `E = exp(2 x) - 1`, which keeps its digits near zero.
+    #[inline(always)]
+    pub fn tanh(self) -> Self {
+        if self.abs().all_above(20.0) {
+            return Self::splat(1.0).copysign(self); // what the rest would give, to the bit
+        }
+        // tanh is 1 to the last bit beyond 19.1. On the positive side, so that both sides have the same digits.
+        let e = self.abs().min(Self::splat(20.0)).scale(2.0).exp_minus_one();
         (e / (e + Self::splat(2.0))).copysign(self)
+    }
+
+    /// `exp(-self)` of numbers that are not negative, within 3 units of the last place; beyond 700 it stays at `exp(-700)`.
+    #[inline(always)]
+    #[must_use]
+    pub fn exp_minus(self) -> Self {
+        let one = Self::splat(1.0);
+        one / (self.min(Self::splat(700.0)).exp_minus_one() + one)
+    }
+
+    /// Arc tangent without branches, within 3 units of the last place.
+    #[inline(always)]
+    #[must_use]
+    pub fn atan(self) -> Self {
+        // atan(x) = pi/2 - atan(1/x) beyond 1; atan(x) = 2 atan(x / (1 + sqrt(1 + x^2))) twice brings x below 0.2.
+        let one = Self::splat(1.0);
+        let x = self.abs();
+        let inverse = one / x.max(Self::splat(f64::MIN_POSITIVE));
+        let large = x - one;
+        let y = inverse.or_where_not_above(x, large);
+        let half = |x: Self| x / (one + (x * x + one).map(f64::sqrt));
+        let z = half(half(y));
+        let w = z * z;
+        let mut sum = Self::zero();
+        for k in (0..12).rev() {
+            let coefficient = if k % 2 == 0 { 1.0 } else { -1.0 } / f64::from(2 * k + 1);
+            sum = sum.mul_add(w, Self::splat(coefficient));
+        }
+        let a = (z * sum).scale(4.0);
+        let turned = Self::splat(std::f64::consts::FRAC_PI_2) - a;
+        turned.or_where_not_above(a, large).copysign(self)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn arc_tangent_and_exponential_have_their_digits() {
+        for k in -400..400 {
+            let x = 1.07_f64.powi(k) * if k % 2 == 0 { 1.0 } else { -1.0 };
+            let got = Lanes::<4, false>([x; 4]).atan().0[0];
+            assert!((got - x.atan()).abs() <= 1e-15 * x.atan().abs(), "{x}: {got} {}", x.atan());
+        }
+        for k in 0..7000 {
+            let x = f64::from(k) * 0.1;
+            let got = Lanes::<2, false>([x; 2]).exp_minus().0[1];
+            assert!((got - (-x).exp()).abs() <= 2e-15 * (-x).exp(), "{x}: {got}");
+        }
+        assert_eq!(Lanes::<1, false>([0.0]).atan().0[0], 0.0);
+        assert!(Lanes::<1, false>([f64::NAN]).atan().0[0].is_nan());
+        assert!((Lanes::<1, false>([f64::INFINITY]).atan().0[0] - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+    }
 
     #[test]
     fn sine_and_cosine_are_those_of_the_library() {

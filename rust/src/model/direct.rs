@@ -87,6 +87,9 @@ impl<const L: usize, const F: bool> Direct<L, F> {
             let j = place.index();
             self.ddq[j] = (tau[j] + Lanes::splat(external[j])) - self.ddq[j];
         });
+        if drives.has_load() {
+            unload(n, &drives.load_coefficients(links, dq), &mut self.ddq);
+        }
         link_wrenches::<L, F, false, S>(geometry, &links.bodies, &self.frames, dq, dq, &mut self.wrenches);
         self.carried = links.bodies[n - 1];
         inwards!(S, n, place => {
@@ -172,6 +175,20 @@ impl<const L: usize, const F: bool> Direct<L, F> {
             }
         }
         ddq
+    }
+}
+
+/// Torque that is left for links and rotors where friction takes `c abs(tau_r)` of it: `tau_r + c abs(tau_r) = u` has the closed
+/// solution `tau_r = u / (1 + c sign(u))` as long as `abs(c) < 1`.
+#[inline(always)]
+fn unload<const L: usize, const F: bool>(
+    n: usize,
+    coefficients: &[Lanes<L, F>; MAX_DOF],
+    tau: &mut [Lanes<L, F>; MAX_DOF],
+) {
+    let one = Lanes::splat(1.0);
+    for j in 0..n {
+        tau[j] = tau[j] / (one + coefficients[j] * one.copysign(tau[j]));
     }
 }
 

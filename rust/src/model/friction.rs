@@ -12,9 +12,11 @@
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::dispatch::WIDTH;
 use crate::ground::lanes::{Lanes, side_by_side, spread};
+use crate::model::friction_terms::column;
 use crate::model::links::Links;
 use crate::model::motion::State;
 use crate::robot::arm::{Arm, Place, outwards};
+use crate::robot::friction_terms::Law;
 use crate::robot::geometry::Geometry;
 use crate::robot::{CoupledMotor, Coupling, Robot};
 
@@ -120,6 +122,9 @@ impl<const L: usize, const F: bool> Shaft<L, F> {
 /// The drives as the kernels use them: divisions done, once per run.
 #[derive(Debug, Clone)]
 pub struct Drives<'a> {
+    robot: &'a Robot,
+    /// Does a term depend on the load?
+    has_load: bool,
     coupled: &'a [CoupledMotor],
     coupling: Coupling,
     asymmetric: bool,
@@ -151,7 +156,47 @@ impl<'a> Drives<'a> {
             steepness[n + index] = signs[coupled.motor].0;
         }
         let steepness = smooth.then_some(steepness);
-        Self { coupled: robot.coupled(), coupling, asymmetric, n, signs, steepness }
+        let has_load = friction.has_load();
+        Self { robot, has_load, coupled: robot.coupled(), coupling, asymmetric, n, signs, steepness }
+    }
+
+    /// Does a term depend on the load?
+    #[inline(always)]
+    pub fn has_load(&self) -> bool {
+        self.has_load
+    }
+
+    /// Adds the further terms that depend on speed alone.
+    #[inline(always)]
+    fn further_terms<const L: usize, const F: bool>(
+        &self,
+        links: &Links<L, F>,
+        dq: &[Lanes<L, F>; MAX_DOF],
+        tau: &mut [Lanes<L, F>; MAX_DOF],
+    ) {
+        for (term, &parameter) in self.robot.friction().terms.iter().zip(&links.terms) {
+            if term.law != Law::Load {
+                let j = term.joint;
+                tau[j] = column(self.robot, term, dq[j]).mul_add(parameter, tau[j]);
+            }
+        }
+    }
+
+    /// Signed coefficient `Fl s(dq)` of the load friction of each joint: its torque is this times `abs(tau_r)`.
+    #[inline(always)]
+    pub fn load_coefficients<const L: usize, const F: bool>(
+        &self,
+        links: &Links<L, F>,
+        dq: &[Lanes<L, F>; MAX_DOF],
+    ) -> [Lanes<L, F>; MAX_DOF] {
+        let mut coefficients = [Lanes::zero(); MAX_DOF];
+        for (term, &parameter) in self.robot.friction().terms.iter().zip(&links.terms) {
+            if term.law == Law::Load {
+                let j = term.joint;
+                coefficients[j] = parameter * self.sign(j, dq[j]);
+            }
+        }
+        coefficients
     }
 
     /// [`sign`] without its division.
@@ -225,6 +270,7 @@ impl<'a> Drives<'a> {
                 tau[i] = torque.mul_add(Lanes::splat(c), tau[i]);
             }
         }
+        self.further_terms(links, dq, tau);
     }
 
     /// Signs of the speeds of the joints, then of the coupled motors.

@@ -161,9 +161,17 @@ impl<const L: usize, const F: bool> Inverse<L, F> {
         let Self { frames, wrenches, tau } = self;
         frames.place(geometry, &state.q);
         drives.friction(geometry, links, &state.dq, tau);
+        // Load friction needs the torque of links and rotors by itself.
+        let friction = drives.has_load().then(|| std::mem::replace(tau, [Lanes::zero(); MAX_DOF]));
         drives.rotors(links, &state.ddq, tau);
         link_wrenches::<L, F, true, S>(geometry, &links.bodies, frames, &state.dq, &state.ddq, wrenches);
         carry(geometry, frames, wrenches, tau);
+        if let Some(friction) = friction {
+            let load = drives.load_coefficients(links, &state.dq);
+            for j in 0..geometry.n() {
+                tau[j] = load[j].mul_add(tau[j].abs(), tau[j]) + friction[j];
+            }
+        }
     }
 }
 

@@ -9,6 +9,7 @@ use crate::ground::arrays::MAX_DOF;
 use crate::ground::lanes::Lanes;
 use crate::robot::Robot;
 use crate::robot::arm::{Arm, At, by_twist};
+use crate::robot::friction_terms::MAX_TERMS;
 use crate::robot::geometry::{Frames, Geometry};
 use crate::robot::parameters::{FRICTION, IA, Layout};
 
@@ -24,6 +25,8 @@ pub struct Links<const L: usize, const F: bool> {
     pub friction: [[Lanes<L, F>; MAX_DOF]; 4],
     /// `Fvm Fcm` of each coupled motor.
     pub coupled: [[Lanes<L, F>; 2]; MAX_DOF],
+    /// Parameters of the further terms of friction.
+    pub terms: [Lanes<L, F>; MAX_TERMS],
     /// What rotors add to the inertia matrix: `Ia`, and off the diagonal what coupled ones put there (24).
     pub rotors: Lower<L, F>,
 }
@@ -38,6 +41,7 @@ impl<const L: usize, const F: bool> Links<L, F> {
             bodies: [Body::none(); MAX_DOF],
             friction: [[zero; MAX_DOF]; 4],
             coupled: [[zero; 2]; MAX_DOF],
+            terms: [zero; MAX_TERMS],
             rotors: [[zero; MAX_DOF]; MAX_DOF],
         };
         for j in 0..geometry.n() {
@@ -47,6 +51,9 @@ impl<const L: usize, const F: bool> Links<L, F> {
                 parameters[j] = value;
             }
             links.rotors[j][j] = block[IA];
+        }
+        for (parameter, &value) in links.terms.iter_mut().zip(&x[layout.term(0)..]) {
+            *parameter = value;
         }
         for (index, coupled) in robot.coupled().iter().enumerate() {
             let (m, at) = (coupled.motor, layout.coupled(index));

@@ -3,6 +3,7 @@
 pub mod bodies;
 pub mod direct;
 pub mod friction;
+pub mod friction_terms;
 pub mod inertia;
 pub mod inverse;
 pub mod links;

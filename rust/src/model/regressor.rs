@@ -11,8 +11,10 @@ use crate::ground::dispatch::{Kernel, dispatch};
 use crate::ground::lanes::Lanes;
 use crate::ground::spatial::Vector;
 use crate::model::friction::{Shaft, own_columns};
+use crate::model::friction_terms::column;
 use crate::model::motion::{Angular, Axis, Motion, Placement, State};
 use crate::robot::Robot;
+use crate::robot::friction_terms::Law;
 use crate::robot::parameters::{FRICTION, IA, INERTIAL, Layout};
 
 /// Walks out along the robot; after `k` steps it knows the columns of link `k`.
@@ -115,11 +117,13 @@ pub(crate) trait Entries<const L: usize, const F: bool> {
     }
 }
 
-/// Hands over every entry of the regressor that is not zero by structure.
+/// Hands over every entry of the regressor that is not zero by structure. `load`: torques of links and rotors (N.m or N), which
+/// only the columns of load friction need.
 #[inline(always)]
 fn regressor_lanes<const L: usize, const F: bool>(
     robot: &Robot,
     state: &State<L, F>,
+    load: &[Lanes<L, F>; MAX_DOF],
     entries: &mut impl Entries<L, F>,
 ) {
     let layout = Layout::of(robot);
@@ -132,7 +136,7 @@ fn regressor_lanes<const L: usize, const F: bool>(
             entries.put_link(i, first, &walk.row(i, &unit));
         }
     }
-    drive_lanes(robot, state, entries);
+    drive_lanes(robot, state, load, entries);
 }
 
 /// The same for the columns of rotors and friction, joints and coupled motors.
@@ -140,9 +144,15 @@ fn regressor_lanes<const L: usize, const F: bool>(
 pub(crate) fn drive_lanes<const L: usize, const F: bool>(
     robot: &Robot,
     state: &State<L, F>,
+    load: &[Lanes<L, F>; MAX_DOF],
     entries: &mut impl Entries<L, F>,
 ) {
     let layout = Layout::of(robot);
+    for (index, term) in robot.friction().terms.iter().enumerate() {
+        let value = column(robot, term, state.dq[term.joint]);
+        let value = if term.law == Law::Load { value * load[term.joint].abs() } else { value };
+        entries.put(term.joint, layout.term(index), value);
+    }
     for j in 0..robot.n_dof() {
         let first = layout.joint(j);
         let [a, b, c, d] = own_columns(robot, j, state.dq[j]);
@@ -220,6 +230,7 @@ struct Batch<'a> {
     q: &'a [f64],
     dq: &'a [f64],
     ddq: &'a [f64],
+    load: &'a [f64],
     w: &'a mut [f64],
 }
 
@@ -236,7 +247,8 @@ impl Kernel for Batch<'_> {
             let whole = out.len() == n * p * L;
             let rows = if whole { &mut *out } else { &mut spare[..] };
             rows.fill(0.0);
-            regressor_lanes(self.robot, &state, &mut Rows { out: rows, p, sample: n * p });
+            let load = gather_load(self.load, n, block * L);
+            regressor_lanes(self.robot, &state, &load, &mut Rows { out: rows, p, sample: n * p });
             if !whole {
                 out.copy_from_slice(&spare[..out.len()]);
             }
@@ -244,14 +256,52 @@ impl Kernel for Batch<'_> {
     }
 }
 
-/// Regressor of a batch: `w` is row-major `(n_samples, n_dof, n_parameters)`, joint side.
+/// Torques of links and rotors of `L` samples; zero where none are given, which only load friction would need.
+#[inline(always)]
+pub(crate) fn gather_load<const L: usize, const F: bool>(
+    load: &[f64],
+    n: usize,
+    row: usize,
+) -> [Lanes<L, F>; MAX_DOF] {
+    let mut lanes = [Lanes::zero(); MAX_DOF];
+    if !load.is_empty() {
+        for (j, lane) in lanes.iter_mut().enumerate().take(n) {
+            *lane = Lanes::gather(load, n, row, j);
+        }
+    }
+    lanes
+}
+
+/// The torques of links and rotors that a robot's columns need, checked: one per entry of `q`, or none without load friction.
+pub(crate) fn check_load(robot: &Robot, load: &[f64], want: usize) -> Result<(), ShapeError> {
+    match (robot.friction().has_load(), load.is_empty()) {
+        (true, true) if want > 0 => Err(ShapeError::Load),
+        (_, true) => Ok(()),
+        _ => check_length("load", load, want),
+    }
+}
+
+/// Regressor of a batch: `w` is row-major `(n_samples, n_dof, n_parameters)`, joint side. For robots without load friction.
 pub fn regressor(robot: &Robot, q: &[f64], dq: &[f64], ddq: &[f64], w: &mut [f64]) -> Result<(), ShapeError> {
+    regressor_under_load(robot, q, dq, ddq, &[], w)
+}
+
+/// The same with the torques of links and rotors (N.m or N, as `q`), which the columns of load friction need; empty without it.
+pub fn regressor_under_load(
+    robot: &Robot,
+    q: &[f64],
+    dq: &[f64],
+    ddq: &[f64],
+    load: &[f64],
+    w: &mut [f64],
+) -> Result<(), ShapeError> {
     for (what, array) in [("dq", dq), ("ddq", ddq)] {
         check_length(what, array, q.len())?;
     }
+    check_load(robot, load, q.len())?;
     check_length("w", w, q.len() * Layout::of(robot).count())?;
     if !q.is_empty() {
-        dispatch(Batch { robot, q, dq, ddq, w });
+        dispatch(Batch { robot, q, dq, ddq, load, w });
     }
     Ok(())
 }
@@ -314,7 +364,7 @@ mod tests {
         let [q, dq, ddq] = motion(n, 1);
         let mut entries = OneByOne(vec![None; n * p], p);
         let state = State::<1, false>::gather(n, 0, &q, &dq, &ddq);
-        regressor_lanes(&robot, &state, &mut entries);
+        regressor_lanes(&robot, &state, &[Lanes::zero(); MAX_DOF], &mut entries);
         let mut w = vec![0.0; n * p];
         regressor(&robot, &q, &dq, &ddq, &mut w).unwrap();
         for (entry, want) in entries.0.iter().zip(&w) {

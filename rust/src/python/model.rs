@@ -28,7 +28,7 @@ pub(super) fn inverse_dynamics<'py>(
 
 /// Into `out` where it is given: memory that is used again stays in the cache.
 #[pyfunction]
-#[pyo3(signature = (robot, q, dq, ddq, out=None))]
+#[pyo3(signature = (robot, q, dq, ddq, out=None, load=None))]
 pub(super) fn regressor<'py>(
     py: Python<'py>,
     robot: &Robot,
@@ -36,9 +36,12 @@ pub(super) fn regressor<'py>(
     dq: Input<'py>,
     ddq: Input<'py>,
     out: Option<Bound<'py, PyArray3<f64>>>,
+    load: Option<Input<'py>>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let shape = Shape::of("q", &q, robot.0.n_dof())?;
     let (q, dq, ddq) = (shape.take("q", &q)?, shape.take("dq", &dq)?, shape.take("ddq", &ddq)?);
+    let load = load.as_ref().map(|load| shape.take("load", load)).transpose()?;
+    let load = load.as_deref().unwrap_or_default();
     let p = Layout::of(&robot.0).count();
     if let Some(out) = out {
         let wanted = [shape.samples, shape.width, p];
@@ -55,12 +58,12 @@ pub(super) fn regressor<'py>(
                 ))
             })?;
             let w = w.as_slice_mut()?;
-            idm::regressor(&robot.0, &q, &dq, &ddq, w).map_err(wrong)?;
+            idm::regressor_under_load(&robot.0, &q, &dq, &ddq, load, w).map_err(wrong)?;
         }
         return Ok(out);
     }
     let mut w = vec![0.0; q.len() * p];
-    py.detach(|| idm::regressor(&robot.0, &q, &dq, &ddq, &mut w)).map_err(wrong)?;
+    py.detach(|| idm::regressor_under_load(&robot.0, &q, &dq, &ddq, load, &mut w)).map_err(wrong)?;
     PyArray1::from_vec(py, w).reshape([shape.samples, shape.width, p])
 }
 

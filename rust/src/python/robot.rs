@@ -1,10 +1,34 @@
 //! Robots, for Python.
 
 use super::wrong;
+use crate::robot::friction_terms::{Law, Table, Term};
 use crate::robot::parameters::{self, Layout};
 use crate::robot::{Coupling, Friction, Joint, JointKind, Robot as CoreRobot};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+
+/// A term of friction as Python gives it: joint from 0, name of its parameter, law, velocity, and of a table the first speed, the
+/// step and the values.
+type TermInput = (usize, String, String, f64, f64, Vec<f64>);
+
+fn friction_term((joint, name, law, velocity, step, values): TermInput) -> PyResult<Term> {
+    let law = match law.as_str() {
+        "rest" => Law::Rest,
+        "atan" => Law::Atan { velocity },
+        "stribeck" => Law::Stribeck { velocity },
+        "root" => Law::Root,
+        "forward" => Law::Forward,
+        "load" => Law::Load,
+        "table" => Law::Table(Table::new(velocity, step, values).ok_or_else(|| {
+            PyValueError::new_err(format!(
+                "friction term {name} of joint {}: a table needs at least 4 finite values and a step above 0",
+                joint + 1
+            ))
+        })?),
+        other => return Err(PyValueError::new_err(format!("no law of friction is called '{other}'"))),
+    };
+    Ok(Term { joint, law, name })
+}
 
 /// A checked robot, immutable.
 #[pyclass(frozen, module = "didim._core")]
@@ -13,7 +37,7 @@ pub(super) struct Robot(pub(super) CoreRobot);
 #[pymethods]
 impl Robot {
     #[new]
-    #[pyo3(signature = (*, kind, alpha, d, theta, r, gravity, transmission, asymmetric, printed_coupling, smoothing, dead_zone))]
+    #[pyo3(signature = (*, kind, alpha, d, theta, r, gravity, transmission, asymmetric, printed_coupling, smoothing, dead_zone, terms=Vec::new()))]
     #[allow(clippy::too_many_arguments)] // one keyword each, called from one place in robot.py
     fn new(
         kind: Vec<u8>,
@@ -27,6 +51,7 @@ impl Robot {
         printed_coupling: bool,
         smoothing: Vec<f64>,
         dead_zone: Vec<f64>,
+        terms: Vec<TermInput>,
     ) -> PyResult<Self> {
         let n = kind.len();
         for (what, list) in [("alpha", &alpha), ("d", &d), ("theta", &theta), ("r", &r)] {
@@ -44,7 +69,8 @@ impl Robot {
             })
             .collect();
         let coupling = if printed_coupling { Coupling::Printed } else { Coupling::Shaft };
-        let friction = Friction { asymmetric, coupling, smoothing, dead_zone };
+        let terms = terms.into_iter().map(friction_term).collect::<PyResult<_>>()?;
+        let friction = Friction { asymmetric, coupling, smoothing, dead_zone, terms };
         CoreRobot::new(joints, gravity, &transmission, friction).map(Self).map_err(wrong)
     }
 

@@ -39,7 +39,7 @@ fn stages(given: &[StageInput<'_>]) -> PyResult<Vec<Stage>> {
 
 /// `W`, shape `(n_dof * n_kept, n_columns)`, rows joint by joint.
 #[pyfunction]
-#[pyo3(signature = (robot, q, dq, ddq, columns, stages, threads=None))]
+#[pyo3(signature = (robot, q, dq, ddq, columns, stages, threads=None, load=None))]
 #[allow(clippy::too_many_arguments)] // the arrays of a log are separate in Python
 pub(super) fn observation<'py>(
     py: Python<'py>,
@@ -50,12 +50,14 @@ pub(super) fn observation<'py>(
     columns: Vec<usize>,
     stages: Vec<StageInput<'py>>,
     threads: Option<usize>,
+    load: Option<Input<'py>>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let shape = Shape::of("q", &q, robot.0.n_dof())?;
     let (q, dq, ddq) = (shape.take("q", &q)?, shape.take("dq", &dq)?, shape.take("ddq", &ddq)?);
+    let load = load.as_ref().map(|load| shape.take("load", load)).transpose()?;
     let stages = self::stages(&stages)?;
     let threads = threads.unwrap_or_else(parallel::available_threads);
-    let log = Log { q: &q, dq: &dq, ddq: &ddq };
+    let log = Log { q: &q, dq: &dq, ddq: &ddq, load: load.as_deref().unwrap_or_default() };
     let w = py.detach(|| observe(&robot.0, log, &columns, &stages, threads)).map_err(wrong)?;
     let rows = w.len().checked_div(columns.len()).unwrap_or(0);
     PyArray1::from_vec(py, w).reshape([columns.len(), rows])?.getattr("T")

@@ -45,13 +45,17 @@ pub struct Base {
 
 /// Finds the base parameters of a robot.
 pub fn base_parameters(robot: &Robot) -> Result<Base, LeastSquaresError> {
+    let layout = Layout::of(robot);
+    // A further term of friction has a column of its own: random states need not show it, as that of standstill.
+    let further: Vec<usize> = (layout.term(0)..layout.count()).collect();
+    let robot = &robot.without_terms();
     let own = dependences(robot)?;
     let twin = twin(robot).and_then(|twin| Some((dependences(&twin).ok()?, Dictionary::new(robot, &twin))));
-    let layout = Layout::of(robot);
-    let count = layout.count();
+    let count = layout.term(0);
     let joint = |column| match layout.owner(column) {
         Owner::Joint { joint, .. } => joint,
         Owner::Coupled { index, .. } => robot.coupled()[index].motor,
+        Owner::Term { index } => robot.friction().terms[index].joint,
     };
     let mut terms: Vec<Vec<Term>> = vec![Vec::new(); count];
     let mut unidentifiable = Vec::new();
@@ -79,8 +83,10 @@ pub fn base_parameters(robot: &Robot) -> Result<Base, LeastSquaresError> {
             unidentifiable.push(dependence.column);
         }
     }
-    let kept: Vec<usize> = (0..count).filter(|&column| kept[column]).collect();
-    let terms = kept.iter().map(|&column| std::mem::take(&mut terms[column])).collect();
+    let mut kept: Vec<usize> = (0..count).filter(|&column| kept[column]).collect();
+    let mut terms: Vec<Vec<Term>> = kept.iter().map(|&column| std::mem::take(&mut terms[column])).collect();
+    terms.resize(kept.len() + further.len(), Vec::new());
+    kept.extend(further);
     Ok(Base { kept, terms, unidentifiable })
 }
 

@@ -4,6 +4,7 @@
 //! Frame `j` follows frame `j-1` by `Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)`. A revolute
 //! joint (`sigma = 0`) turns by `theta + q`, a prismatic one (`sigma = 1`) slides by `r + q`.
 
+use super::friction_terms::{Law, MAX_TERMS, Term};
 use crate::ground::arrays::MAX_DOF;
 use nalgebra::DMatrix;
 use std::f64::consts::FRAC_PI_2;
@@ -56,6 +57,24 @@ pub enum RobotError {
         "the transmission matrix is singular: the motors of the coupled joints cannot tell their speeds apart"
     )]
     SingularTransmission,
+    /// More terms of friction than the kernels have room for.
+    #[error("friction has at most {max} further terms, got {got}")]
+    TermCount {
+        /// Terms given.
+        got: usize,
+        /// Terms possible.
+        max: usize,
+    },
+    /// A term of friction that cannot be.
+    #[error("friction term {name} of joint {joint}: {reason}")]
+    Term {
+        /// Name of its parameter.
+        name: String,
+        /// Joint, counted from 1.
+        joint: usize,
+        /// What is wrong with it.
+        reason: &'static str,
+    },
     /// A motor that does not turn with the joint it is named after.
     #[error(
         "motor {motor} of the transmission matrix does not move with joint {motor}; number the motors so that its diagonal has no zero"
@@ -113,6 +132,8 @@ pub struct Friction {
     pub smoothing: Vec<f64>,
     /// Speed per joint (rad/s or m/s) up to which the sign is taken as 0.
     pub dead_zone: Vec<f64>,
+    /// Further terms, in the order of their parameters.
+    pub terms: Vec<Term>,
 }
 
 impl Friction {
@@ -123,7 +144,13 @@ impl Friction {
             coupling: Coupling::Shaft,
             smoothing: vec![0.0; n],
             dead_zone: vec![0.0; n],
+            terms: Vec::new(),
         }
+    }
+
+    /// Does a torque depend on the load?
+    pub fn has_load(&self) -> bool {
+        self.terms.iter().any(|term| term.law == Law::Load)
     }
 }
 
@@ -259,6 +286,11 @@ impl Robot {
         &self.friction
     }
 
+    /// The same robot without the further terms of its friction.
+    pub(crate) fn without_terms(&self) -> Self {
+        Self { friction: Friction { terms: Vec::new(), ..self.friction.clone() }, ..self.clone() }
+    }
+
     /// The same robot with other lengths and angles; used to tell symbols of equal value apart.
     pub(crate) fn with_joints(&self, joints: Vec<Joint>) -> Result<Self, RobotError> {
         Self::new(joints, self.gravity, &self.transmission, self.friction.clone())
@@ -277,6 +309,38 @@ fn check_friction(n: usize, friction: &Friction) -> Result<(), RobotError> {
             if value < 0.0 {
                 return Err(RobotError::Negative { what, joint: j + 1, value });
             }
+        }
+    }
+    check_terms(n, friction)
+}
+
+fn check_terms(n: usize, friction: &Friction) -> Result<(), RobotError> {
+    if friction.terms.len() > MAX_TERMS {
+        return Err(RobotError::TermCount { got: friction.terms.len(), max: MAX_TERMS });
+    }
+    for (k, term) in friction.terms.iter().enumerate() {
+        let wrong = |reason: &'static str| {
+            Err(RobotError::Term { name: term.name.clone(), joint: term.joint + 1, reason })
+        };
+        if term.joint >= n {
+            return wrong("the robot does not have this joint");
+        }
+        if friction.terms[..k].iter().any(|other| other.joint == term.joint && other.name == term.name) {
+            return wrong("it is there twice");
+        }
+        match term.law {
+            Law::Atan { velocity } | Law::Stribeck { velocity }
+                if !(velocity.is_finite() && velocity > 0.0) =>
+            {
+                return wrong("its velocity must be a finite number above 0");
+            }
+            Law::Rest if friction.dead_zone[term.joint] + friction.smoothing[term.joint] <= 0.0 => {
+                return wrong("torque at standstill needs a dead zone above 0");
+            }
+            Law::Forward if friction.asymmetric => {
+                return wrong("asymmetric friction has a viscous term for each direction already");
+            }
+            _ => {}
         }
     }
     Ok(())

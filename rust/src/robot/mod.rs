@@ -2,6 +2,7 @@
 
 pub mod arm;
 mod description;
+pub mod friction_terms;
 pub mod geometry;
 pub mod parameters;
 

@@ -1,8 +1,10 @@
 //! Order, names and units of the standard parameters (3). The only place that knows an index.
 //!
 //! Per joint: `XX XY XZ YY YZ ZZ MX MY MZ M Ia Fv Fc Off`; with asymmetric friction `Fv+ Fc+ Fv- Fc-`
-//! stand where `Fv Fc Off` stood. After the last joint, `Fvm Fcm` of each coupled motor: the 86 of the TX40.
+//! stand where `Fv Fc Off` stood. After the last joint, `Fvm Fcm` of each coupled motor: the 86 of the TX40. Further terms of
+//! friction come last, in the order in which the robot has them.
 
+use super::friction_terms::Law;
 use crate::robot::{JointKind, Robot};
 
 /// Inertial parameters of a link: `XX` to `M`.
@@ -26,6 +28,7 @@ pub struct Layout {
     n_dof: usize,
     per_joint: usize,
     n_coupled: usize,
+    n_terms: usize,
 }
 
 /// What a column belongs to.
@@ -45,18 +48,29 @@ pub enum Owner {
         /// 0 viscous, 1 Coulomb.
         local: usize,
     },
+    /// A further term of friction.
+    Term {
+        /// Place in [`crate::robot::Friction::terms`].
+        index: usize,
+    },
 }
 
 impl Layout {
     /// The layout of a robot.
     pub fn of(robot: &Robot) -> Self {
         let per_joint = if robot.friction().asymmetric { FRICTION + 4 } else { FRICTION + 3 };
-        Self { n_dof: robot.n_dof(), per_joint, n_coupled: robot.coupled().len() }
+        let n_terms = robot.friction().terms.len();
+        Self { n_dof: robot.n_dof(), per_joint, n_coupled: robot.coupled().len(), n_terms }
     }
 
     /// Number of standard parameters.
     pub fn count(self) -> usize {
-        self.n_dof * self.per_joint + 2 * self.n_coupled
+        self.term(self.n_terms)
+    }
+
+    /// Index of a further term of friction.
+    pub fn term(self, index: usize) -> usize {
+        self.coupled(self.n_coupled) + index
     }
 
     /// Parameters of one joint.
@@ -79,8 +93,10 @@ impl Layout {
         let joints = self.n_dof * self.per_joint;
         if column < joints {
             Owner::Joint { joint: column / self.per_joint, local: column % self.per_joint }
-        } else {
+        } else if column < self.term(0) {
             Owner::Coupled { index: (column - joints) / 2, local: (column - joints) % 2 }
+        } else {
+            Owner::Term { index: column - self.term(0) }
         }
     }
 }
@@ -100,6 +116,7 @@ pub fn names(robot: &Robot) -> Vec<String> {
         let j = coupled.motor + 1;
         names.extend([format!("Fvm{j}"), format!("Fcm{j}")]);
     }
+    names.extend(robot.friction().terms.iter().map(|term| format!("{}{}", term.name, term.joint + 1)));
     names
 }
 
@@ -122,6 +139,17 @@ pub fn units(robot: &Robot) -> Vec<&'static str> {
         let (_, viscous, force) = side_units(robot.joints()[coupled.motor].kind);
         units.extend([viscous, force]);
     }
+    units.extend(robot.friction().terms.iter().map(|term| {
+        let kind = robot.joints()[term.joint].kind;
+        let (_, viscous, force) = side_units(kind);
+        match (&term.law, kind) {
+            (Law::Load, _) => "1",
+            (Law::Forward, _) => viscous,
+            (Law::Root, JointKind::Revolute) => "N.m.(s/rad)^0.5",
+            (Law::Root, JointKind::Prismatic) => "N.(s/m)^0.5",
+            _ => force,
+        }
+    }));
     units
 }
 
@@ -189,6 +217,7 @@ mod tests {
                 let back = match layout.owner(column) {
                     Owner::Joint { joint, local } => layout.joint(joint) + local,
                     Owner::Coupled { index, local } => layout.coupled(index) + local,
+                    Owner::Term { index } => layout.term(index),
                 };
                 assert_eq!(back, column);
             }

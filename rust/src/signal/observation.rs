@@ -11,7 +11,7 @@ use crate::ground::dispatch::{Kernel, dispatch};
 use crate::ground::lanes::Lanes;
 use crate::ground::parallel;
 use crate::model::motion::State;
-use crate::model::regressor::{Entries, Walk, drive_lanes};
+use crate::model::regressor::{Entries, Walk, check_load, drive_lanes, gather_load};
 use crate::robot::Robot;
 use crate::robot::parameters::{INERTIAL, Layout, Owner};
 use crate::signal::filter::{
@@ -42,6 +42,8 @@ pub struct Log<'a> {
     pub dq: &'a [f64],
     /// Accelerations.
     pub ddq: &'a [f64],
+    /// Torques of links and rotors (N.m or N), which the columns of load friction need; empty without it.
+    pub load: &'a [f64],
 }
 
 /// One column of `W` in one row of joints: where it is formed and where it goes.
@@ -73,6 +75,7 @@ pub fn observation(
     for (what, array) in [("q", log.q), ("dq", log.dq), ("ddq", log.ddq)] {
         crate::ground::arrays::check_length(what, array, samples * n)?;
     }
+    check_load(robot, log.load, samples * n)?;
     let count = Layout::of(robot).count();
     if let Some(&column) = columns.iter().find(|&&column| column >= count) {
         return Err(crate::ground::arrays::ShapeError::Column { column, count }.into());
@@ -124,6 +127,9 @@ fn blocks(robot: &Robot, columns: &[usize]) -> Vec<Block> {
                 let coupled = &robot.coupled()[index];
                 drive.push(Series { row: coupled.motor, column, place });
                 drive.extend(coupled.others.iter().map(|&(row, _)| Series { row, column, place }));
+            }
+            Owner::Term { index } => {
+                drive.push(Series { row: robot.friction().terms[index].joint, column, place });
             }
         }
     }
@@ -208,7 +214,10 @@ impl Kernel for FormAndFilter<'_> {
                         }
                     }
                 }
-                None => drive_lanes(robot, &state, &mut entries),
+                None => {
+                    let load = gather_load(log.load, n, first);
+                    drive_lanes(robot, &state, &load, &mut entries);
+                }
             }
         }
         let mut results = Vec::with_capacity(count);
@@ -288,7 +297,7 @@ mod tests {
 
     fn log(motion: &[Vec<f64>; 3]) -> Log<'_> {
         let [q, dq, ddq] = motion;
-        Log { q, dq, ddq }
+        Log { q, dq, ddq, load: &[] }
     }
 
     fn filtered(column: Vec<f64>, stages: &[Stage]) -> Vec<f64> {

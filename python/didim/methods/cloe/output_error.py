@@ -236,7 +236,8 @@ class OutputError:
         squares, sizes = np.zeros((self.robot.n_dof, len(columns))), np.zeros(self.robot.n_dof)
         for window in self.windows:
             t = window.loop.t[:: max(1, window.loop.n_records // 2000)]
-            w = regressor(self.robot, *window.loop.reference.at(t))[:, :, columns]
+            x = self.standard(self.start[None])[0]  # load friction depends on them
+            w = regressor(self.robot, *window.loop.reference.at(t), x=x)[:, :, columns]
             squares += np.mean(w**2, axis=0)
             sizes += np.mean(window.tau**2, axis=0)
         share = np.sqrt(np.sum(squares / np.where(sizes > 0.0, sizes, 1.0)[:, None], axis=0))

@@ -133,7 +133,7 @@ class Iterations:
             )
             for window, (q, dq, ddq, _) in zip(self.loops.windows, point.simulated.motions, strict=True)
         ]
-        return self.job.system(parts)
+        return self.job.system(parts, self.base.project(point.x))
 
     def solve(self, point: Point, system: LinearSystem) -> Solved:
         """Solve (7) along the motion of a point.

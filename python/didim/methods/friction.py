@@ -1,0 +1,120 @@
+"""Friction that an identification finds before the rest: which terms, and their velocities.
+
+Both are found along the measured motion by least squares, whatever the method is, and kept: the columns of (7) and the simulated
+robot then have known laws. Tested in ``tests/test_friction_choice.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from .._tools.arrays import Array
+from ..experiment.experiment import Experiment
+from ..regression.friction.choice import FrictionChoice, choose_terms
+from ..regression.friction.velocity import VelocityEstimate, settled
+from ..regression.least_squares import solve
+from ..regression.linear_system import LinearSystem
+from .method import Method, MethodSettings
+
+
+@dataclass(frozen=True)
+class FoundFriction:
+    """Friction terms and velocities that a log supports.
+
+    Attributes
+    ----------
+    velocities : tuple of VelocityEstimate
+        Velocities of atan and Stribeck terms (rad/s or m/s).
+    choice : FrictionChoice or None
+        How terms were chosen, where they were.
+    """
+
+    velocities: tuple[VelocityEstimate, ...]
+    choice: FrictionChoice | None = None
+
+    def record(self) -> dict[str, Any]:
+        """Return what a result's settings say, as JSON has it."""
+        record: dict[str, Any] = {
+            "velocities": [
+                {**asdict(item), "std": item.std if item.std == item.std else None}
+                for item in self.velocities
+            ]
+        }
+        if self.choice is not None:
+            record["chosen"] = [asdict(gain) for gain in self.choice.gains]
+            record["held_out_error"] = [self.choice.held_out_before, self.choice.held_out_after]
+        return record
+
+    def remarks(self) -> list[str]:
+        """Return sentences on what was found."""
+        sentences = []
+        if self.choice is not None:
+            before, after = 100.0 * self.choice.held_out_before, 100.0 * self.choice.held_out_after
+            terms = [
+                f"{gain.parameter} ({100.0 * gain.gain:.1f} % of the squared error)"
+                for gain in self.choice.gains
+            ]
+            sentences.append(
+                f"friction terms that held-out blocks support: {', '.join(terms)}; they lower the error of these blocks from "
+                f"{before:.2f} to {after:.2f} %"
+                if terms
+                else f"held-out blocks support no further friction term; their error is {before:.2f} %"
+            )
+        known = [
+            f"{item.velocity:.3g} +- {item.std:.1g} for {item.parameter}"
+            for item in self.velocities
+            if item.identified
+        ]
+        if known:
+            sentences.append(f"velocities of friction laws (rad/s or m/s): {', '.join(known)}")
+        unknown = [item.parameter for item in self.velocities if not item.identified]
+        if unknown:
+            sentences.append(
+                f"the log does not identify the velocity of {', '.join(unknown)}: the square root of the speed replaces it"
+            )
+        return sentences
+
+
+def with_known_friction(
+    method: Method, experiment: Experiment, say: Callable[[str], None]
+) -> tuple[Experiment, FoundFriction | None]:
+    """Return the experiment with known friction laws, and how they were found; None where nothing was open.
+
+    Parameters
+    ----------
+    method : method
+        Its filters, delay, fixed and dropped parameters hold for the search as well.
+    experiment : Experiment
+        Its friction may have terms of unknown velocity, or leave the choice of terms to the log.
+    say : callable
+        Told what is going on.
+
+    Raises
+    ------
+    DidimError
+        As for IDIM-LS.
+    """
+    settings = method if isinstance(method, MethodSettings) else MethodSettings()
+    friction = experiment.robot.friction
+    auto = settings.friction == "auto" or friction.auto
+    if not auto and not friction.estimated:
+        return experiment, None
+    job = settings.job(experiment)
+    parts = job.parts("fit", job.delay().samples)
+    chosen = (dict(job.fixed), job.dropped)
+
+    def solved(system: LinearSystem) -> tuple[Array, Array]:
+        fit = solve(system, job.settings)
+        return fit.solution, fit.weights
+
+    robot = experiment.robot
+    if auto:
+        say("choosing friction terms by their error on held-out blocks")
+        choice = choose_terms(robot, parts, job.signal, chosen, solved)
+        return replace(experiment, robot=robot.with_terms(choice.friction.terms)), FoundFriction(
+            choice.velocities, choice
+        )
+    found = settled(robot, parts, job.signal, chosen, solved)
+    return replace(experiment, robot=found.robot), FoundFriction(found.velocities)

@@ -1,0 +1,130 @@
+"""Friction terms chosen by the error on held-out blocks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import didim
+from didim.errors import FitError
+from didim.robot.friction import FrictionTerm
+from test_friction_terms import log, parameters, planar
+
+
+def test_the_terms_of_a_log_are_found_and_no_others() -> None:
+    robot = planar(
+        FrictionTerm(law="atan", joint=0, velocity=0.3), FrictionTerm(law="load", joint=1), dead_zone=0.02
+    )
+    x = parameters(robot, Fa1=2.0, Fl2=0.15)
+    experiment = replace(log(robot, x, noise=0.1), robot=planar(dead_zone=0.02))
+    plain = didim.identify(experiment)
+    fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
+    chosen = {item["parameter"] for item in fit.settings["friction"]["chosen"]}
+    assert {"Fa1", "Fl2"} <= chosen
+    assert len(chosen) <= 3
+    assert fit.overall_relative_error < 0.8 * plain.overall_relative_error
+    before, after = fit.settings["friction"]["held_out_error"]
+    assert after < 0.8 * before
+    value = dict(zip(fit.names, fit.beta, strict=True))
+    assert value["Fl2"] == pytest.approx(0.15, abs=0.05)
+    assert any("held-out blocks support: " in remark for remark in fit.remarks)
+
+
+def test_a_log_without_further_friction_keeps_its_terms() -> None:
+    robot = planar()
+    kept = []
+    for seed in range(4):
+        experiment = log(robot, parameters(robot), noise=0.1, seed=seed)
+        fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
+        kept.append(len(fit.settings["friction"]["chosen"]))
+    assert np.mean(kept) <= 0.5
+
+
+def test_methods_that_simulate_recover_load_and_atan_friction(project: Path) -> None:
+    experiment = didim.load_experiment(project / "examples/planar2_simulation.toml")
+    terms = [
+        FrictionTerm(law="rest", joint=0),
+        FrictionTerm(law="atan", joint=0, velocity=0.3),
+        FrictionTerm(law="load", joint=1),
+    ]
+    friction = replace(experiment.robot.friction, dead_zone=(0.01, 0.01), terms=tuple(terms))
+    rough = replace(experiment, robot=replace(experiment.robot, friction=friction))
+    # The torque at standstill has no place in a simulation, whose smooth sign holds a joint at rest.
+    x = np.append(next(iter(experiment.robot.sets.values())), [0.0, 3.0, 0.1])
+    truth = rough.robot.base_parameters.project(x)
+    clean = didim.simulated_log(rough, x, seed=1)
+    for method in (didim.DIDIM(start="idim-ls"), didim.CLOE(start="idim-ls")):
+        fit = didim.identify(clean, method)
+        assert fit.status.converged
+        rows = zip(fit.names, fit.beta, truth, fit.std, strict=True)
+        z = {name: (value - true) / std for name, value, true, std in rows if std > 0.0}
+        assert "Rest1" not in z
+        assert {"Fa1", "Fl2"} <= set(z)
+        assert np.sqrt(np.mean(np.square(list(z.values())))) < 1.8, (method.name, z)
+
+
+def test_another_setting_is_refused() -> None:
+    with pytest.raises(FitError, match="friction must be 'auto' or None"):
+        didim.IDIMLS(friction="all")  # type: ignore[arg-type]
+
+
+TX40 = {
+    # Columns added: error of the fit, error of held-out blocks (%), of one part of the log predicted from the others.
+    (): (6.78, 8.66),
+    ("forward",): (6.57, 8.76),
+    ("load",): (6.53, 8.47),
+    ("atan",): (6.00, 8.00),
+    ("rest",): (5.67, 7.47),
+    ("rest", "atan"): (4.66, 6.66),
+    ("rest", "atan", "load"): (4.48, 6.53),
+}
+EMPS = {(): 4.08, ("atan",): 3.97, ("forward",): 3.11, ("atan", "load", "forward"): 2.96}
+
+
+def with_laws(experiment: didim.Experiment, laws: tuple[str, ...]) -> didim.Experiment:
+    start = {"revolute": 0.1, "prismatic": 0.01}
+    terms = [
+        FrictionTerm(
+            law=law,  # type: ignore[arg-type]
+            joint=joint,
+            velocity=start[kind] if law == "atan" else 0.0,
+            estimated=law == "atan",
+        )
+        for law in laws
+        for joint, kind in enumerate(experiment.robot.joint_kinds)
+    ]
+    return replace(experiment, robot=experiment.robot.with_terms(terms))
+
+
+@pytest.mark.parametrize("laws", list(TX40), ids=lambda laws: "+".join(laws) or "none")
+def test_the_friction_table_of_the_tx40(shared: Path, project: Path, laws: tuple[str, ...]) -> None:
+    experiment = didim.load_experiment(project / "examples/tx40_log_best.toml", data=shared / "data/tx40")
+    fit = didim.identify(with_laws(experiment, laws))
+    assert 100.0 * fit.overall_relative_error == pytest.approx(TX40[laws][0], abs=0.05)
+    value = dict(zip(fit.names, fit.beta, strict=True))
+    if "rest" in laws:
+        assert 1.06 <= value["ZZ2R"] <= 1.09
+    if laws == ("rest", "atan", "load"):
+        assert value["Fl3"] == pytest.approx(0.211, abs=0.01)
+        assert value["Ia3"] == pytest.approx(0.0899, abs=0.001)
+
+
+@pytest.mark.parametrize("laws", list(EMPS), ids=lambda laws: "+".join(laws) or "none")
+def test_the_friction_table_of_the_emps(shared: Path, project: Path, laws: tuple[str, ...]) -> None:
+    experiment = didim.load_experiment(project / "examples/emps.toml", data=shared / "data/emps")
+    fit = didim.identify(with_laws(experiment, laws))
+    assert 100.0 * fit.overall_relative_error == pytest.approx(EMPS[laws], abs=0.05)
+
+
+def test_the_choice_on_the_tx40(shared: Path, project: Path) -> None:
+    experiment = didim.load_experiment(project / "examples/tx40_log_best.toml", data=shared / "data/tx40")
+    fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
+    assert 100.0 * fit.settings["friction"]["held_out_error"][1] <= 6.7
+    value = dict(zip(fit.names, fit.beta, strict=True))
+    assert 1.06 <= value["ZZ2R"] <= 1.09
+    # Load friction is kept where it is, at the elbow, and never where it would drive a joint.
+    assert value["Fl3"] == pytest.approx(0.21, abs=0.04)
+    assert all(number > 0.0 for name, number in value.items() if name.startswith("Fl"))
