@@ -199,6 +199,15 @@ def test_packaged_robots_as_text(tmp_path: Path, name: str) -> None:
         np.testing.assert_array_equal(again.sets[key], values)
 
 
+def test_further_friction_as_text(tmp_path: Path) -> None:
+    robot = didim.load_robot("tx40").with_friction(
+        stribeck=[1, 3], stribeck_velocity_rad_s=0.05, atan=True, load=[6], terms="auto"
+    )
+    path = tmp_path / "robot.toml"
+    path.write_text(robot_text(robot))
+    assert didim.load_robot(path).friction == robot.friction
+
+
 def test_links_without_inertia(arm: Path) -> None:
     text = GRIPPER_ARM
     start = text.index("<inertial>", text.index('<link name="forearm">'))

@@ -10,7 +10,9 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 
+from ..errors import RobotError
 from .correspondence import Correspondence, Pose
+from .friction import KEYS, START_VELOCITY
 from .robot import JointLimits, Robot
 
 
@@ -21,6 +23,11 @@ def robot_text(robot: Robot) -> str:
     ----------
     robot : Robot
         Any robot; a standard Denavit-Hartenberg table comes out as a modified one.
+
+    Raises
+    ------
+    RobotError
+        For a friction law that is given by values.
     """
     lines = [f"# {_comment(note)}" for note in robot.notes]
     lines += [
@@ -80,7 +87,31 @@ def _friction(robot: Robot) -> list[str]:
         for unit, kind in (("rad_s", "revolute"), ("m_s", "prismatic")):
             if any(value for value, joint in zip(values, robot.joint_kinds, strict=True) if joint == kind):
                 lines.append(f"{key}_{unit} = {_numbers(values)}")
+    lines += _further_friction(robot)
     return ["", "[friction]", *lines] if lines else []
+
+
+def _further_friction(robot: Robot) -> list[str]:
+    """Further terms, law by law, with the joints that have them."""
+    friction = robot.friction
+    if any(term.law == "table" for term in friction.terms):
+        raise RobotError(
+            f"robot {robot.name!r}: a robot file has no place for a friction law that is given by values"
+        )
+    lines = ['terms = "auto"'] if friction.auto else []
+    for law, key in KEYS.items():
+        terms = [term for term in friction.terms if term.law == law]
+        if not terms:
+            continue
+        lines.append(f"{key} = {[term.joint + 1 for term in terms]}")
+        if law in ("atan", "stribeck") and not any(term.estimated for term in terms):
+            for unit, kind in (("rad_s", "revolute"), ("m_s", "prismatic")):
+                if any(robot.joint_kinds[term.joint] == kind for term in terms):
+                    values = [START_VELOCITY[joint] for joint in robot.joint_kinds]
+                    for term in terms:
+                        values[term.joint] = term.velocity
+                    lines.append(f"{key}_velocity_{unit} = {_numbers(values)}")
+    return lines
 
 
 def _limits(limits: JointLimits, kind: str) -> list[str]:
