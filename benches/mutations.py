@@ -75,9 +75,16 @@ PYTHON = (
     Mutation(
         "the delay of the torque has the other sign",
         "python/didim/signal/align.py",
-        "whole = math.floor(delay_samples)",
-        "whole = math.floor(-delay_samples)",
+        "whole = math.floor(delay)",
+        "whole = math.floor(-delay)",
         "tests/test_delay.py",
+    ),
+    Mutation(
+        "the hold of a digital controller makes its torque late instead of early",
+        "python/didim/methods/job.py",
+        "return self.samples - hold",
+        "return self.samples + hold",
+        "tests/test_hold.py",
     ),
     Mutation(
         "a standard MDH row takes its angle from the wrong joint",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,13 +11,18 @@ import pytest
 import simulated
 from didim import _core
 from didim.errors import FitError
+from didim.experiment.experiment import Experiment
 from didim.log.recording import Recording
+from didim.methods.didim.didim import DIDIM
 from didim.methods.identify import identify
 from didim.methods.idim_ls import IDIMLS
+from didim.result.identification import Identification
 from didim.robot.robot import Robot
 from didim.robot.robot_file import load_robot
 from didim.signal.align import DelaySettings, align
 from didim.signal.processing import SignalProcessing
+from didim.studies.prediction import predict
+from didim.studies.simulated_log import packaged_experiment, simulated_log
 
 # Trimmed far enough that neither edges of the filter nor the interpolation matter.
 SIGNAL = replace(simulated.SIGNAL, trim_start=200, trim_end=200)
@@ -36,6 +42,15 @@ def test_a_cubic_is_moved_exactly(delay: float) -> None:
     assert moved_motion.shape == tau.shape
     assert len(tau) >= 40 - abs(delay) - 3
     np.testing.assert_allclose(tau, torque(moved_motion[:, 0]), rtol=1e-12, atol=1e-10)
+
+
+def test_each_joint_is_moved_by_its_own_delay() -> None:
+    k = np.arange(40.0)
+    late = (0.0, 2.75, -3.5)
+    torque = np.column_stack([(k - delay) ** 3 for delay in late])
+    (moved_motion,), tau = align([k], torque, late)
+    for joint in range(3):
+        np.testing.assert_allclose(tau[:, joint], moved_motion**3, rtol=1e-12, atol=1e-9)
 
 
 def test_no_delay_changes_nothing() -> None:
@@ -99,6 +114,75 @@ def test_the_delay_of_several_recordings_with_a_fixed_parameter() -> None:
     assert "torque moved back by" in str(fit)
 
 
+@pytest.mark.parametrize("late", [9.7, -9.6])
+def test_a_delay_just_inside_the_reach_is_found(late: float) -> None:
+    robot = load_robot("planar2")
+    exp = simulated.experiment(robot, late_log(robot, late, noise=0.02), signal=SIGNAL)
+    fit = identify(exp, IDIMLS(compensate_samples="estimate"))
+    assert fit.delay["estimated_samples"] == pytest.approx(late, abs=0.05)
+
+
+@pytest.fixture(scope="module")
+def sound() -> Experiment:
+    """The packaged experiment with the filter that rounds its reversals."""
+    experiment = packaged_experiment("tx40")
+    log = simulated_log(experiment, experiment.robot.parameter_set("didim"))
+    return replace(log, signal=replace(log.signal, cutoff_hz=60.0))
+
+
+def shifted(log: Experiment, samples: int, joints: slice) -> Experiment:
+    """The log with the torques of some joints recorded late."""
+    (recording,) = log.recordings
+    assert recording.tau is not None
+    tau = recording.tau.copy()
+    tau[samples:, joints] = recording.tau[:-samples, joints]
+    return replace(log, recordings=(replace(recording, tau=tau),))
+
+
+def test_a_sound_log_has_no_delay_whatever_its_filter(sound: Experiment) -> None:
+    fit = identify(sound, IDIMLS(compensate_samples="estimate"))
+    assert fit.delay["estimated_samples"] == 0.0
+    assert fit.delay["estimated_joints"] == [0.0] * 6
+    assert fit.delay["estimated_std_samples"] < 0.05
+    assert fit.delay["estimated_cutoff_hz"] > 60.0
+    assert "no delay of the torque is significant: 0 +- 0.0" in str(fit)
+    # The estimates are those without the wish, and DIDIM's too.
+    np.testing.assert_array_equal(fit.beta, identify(sound, IDIMLS()).beta)
+    wish = identify(sound, DIDIM(compensate_samples="estimate"))
+    np.testing.assert_array_equal(wish.beta, identify(sound, DIDIM()).beta)
+
+
+def test_one_sample_is_one_sample(sound: Experiment) -> None:
+    fit = identify(shifted(sound, 1, slice(None)), IDIMLS(compensate_samples="estimate"))
+    assert fit.delay["estimated_samples"] == pytest.approx(1.0, abs=0.05)
+    assert len(set(fit.delay["estimated_joints"])) == 1
+    off = abs(fit.delay["estimated_samples"] - 1.0) / fit.delay["estimated_std_samples"]
+    assert off < 3.0
+
+
+def test_a_late_wrist_is_compensated_joint_by_joint(sound: Experiment, tmp_path: Path) -> None:
+    late = shifted(sound, 2, slice(4, 6))
+    fit = identify(late, IDIMLS(compensate_samples="estimate"))
+    np.testing.assert_array_equal(fit.delay["compensated_samples"][:4], np.zeros(4))
+    np.testing.assert_allclose(fit.delay["compensated_samples"][4:], 2.0, atol=0.1)
+    assert "samples after the motion, joint by joint, by estimate" in str(fit)
+    best = identify(sound, IDIMLS())
+    assert fit.overall_relative_error < 1.01 * best.overall_relative_error
+    fit.save(tmp_path / "fit.json")
+    restored = Identification.load(tmp_path / "fit.json")
+    assert restored.delay == fit.delay
+    (prediction,) = predict(restored, late)
+    error = np.linalg.norm(prediction.measured - prediction.predicted, axis=0)
+    np.testing.assert_allclose(error / np.linalg.norm(prediction.measured, axis=0), fit.relative_error)
+    given = identify(late, IDIMLS(compensate_samples=fit.delay["compensated_samples"]))
+    np.testing.assert_array_equal(given.beta, fit.beta)
+
+
+def test_as_many_delays_as_joints(sound: Experiment) -> None:
+    with pytest.raises(FitError, match="compensate_samples has 2 numbers for 6 joints"):
+        identify(sound, IDIMLS(compensate_samples=[0.0, 1.0]))
+
+
 def test_a_delay_beyond_reach_is_told() -> None:
     robot = load_robot("planar2")
     exp = simulated.experiment(robot, late_log(robot, 25.0), signal=SIGNAL)
@@ -124,7 +208,9 @@ def test_recordings_of_different_rates() -> None:
         identify(exp, IDIMLS(compensate_samples="estimate"))
 
 
-@pytest.mark.parametrize("value", ["estimated", float("inf"), True, None])
+@pytest.mark.parametrize("value", ["estimated", float("inf"), True, None, [], [0.0, "1"]])
 def test_wrong_settings(value: object) -> None:
-    with pytest.raises(FitError, match="compensate_samples must be a number or 'estimate', got"):
+    with pytest.raises(
+        FitError, match="compensate_samples must be a number, one per joint, 'hold' or 'estimate', got"
+    ):
         DelaySettings(compensate_samples=value)  # type: ignore[arg-type]

@@ -192,7 +192,7 @@ def test_the_data_folder_is_where_the_data_are_looked_up(log: Path, tmp_path: Pa
         (
             "[[recording]]",
             '[delay]\ncompensate_samples = "guess"\n[[recording]]',
-            "log.toml: [delay] compensate_samples must be a number or 'estimate', got 'guess'",
+            "log.toml: [delay] compensate_samples must be a number, one per joint, 'hold' or 'estimate', got 'guess'",
         ),
         (
             "[[recording]]",

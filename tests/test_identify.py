@@ -252,7 +252,9 @@ def test_torques_of_a_held_out_recording_that_overflow(robot: Robot, x: Array) -
 def test_wrong_settings_are_told_when_they_are_made() -> None:
     with pytest.raises(FitError, match="reweightings must be a whole number from 0 to 1000"):
         IDIMLS(reweightings=-2)
-    with pytest.raises(FitError, match="compensate_samples must be a number or 'estimate', got nan"):
+    with pytest.raises(
+        FitError, match="compensate_samples must be a number, one per joint, 'hold' or 'estimate', got nan"
+    ):
         IDIMLS(compensate_samples=float("nan"))
     with pytest.raises(FitError, match=r"^dropped must be a list of parameter names, got 'Off1'$"):
         IDIMLS(dropped="Off1")

@@ -159,7 +159,7 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
     # A wrong fixed value must not speak for the log.
     job = IDIMLS(fixed={}).job(experiment)
     robot = job.robot
-    declared = 0.0 if job.delay_setting == "estimate" else float(job.delay_setting)
+    declared = job.declared_delay
     try:
         parts = job.parts("fit", declared)
         probe = Probe(job, _stretches(parts, MOST_SAMPLES))

@@ -190,7 +190,9 @@ def _least_squares_keys(table: Table) -> dict[str, Any]:
 
 
 def _delay_keys(table: Table) -> dict[str, Any]:
-    value = table.raw("compensate_samples", 0.0)
+    value = table.raw("compensate_samples", "hold")
+    if isinstance(value, list):
+        return {"compensate_samples": table.numbers("compensate_samples")}
     return {
         "compensate_samples": value if isinstance(value, str) else table.number("compensate_samples", 0.0)
     }

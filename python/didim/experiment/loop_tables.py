@@ -175,7 +175,8 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
 
     # Now, so that a wrong number is an error of loading; inertias that need the reference are 1 here.
     _told(table, lambda: build(None))
-    return ControllerSpec(complete, settings)
+    digital = options["digital"]
+    return ControllerSpec(complete, settings, 0.0 if digital is None else digital.sample_time_s)
 
 
 def _digital(table: Table, robot: Robot) -> Digital | None:

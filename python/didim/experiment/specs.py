@@ -77,10 +77,13 @@ class ControllerSpec:
         Makes the controller for a reference.
     settings : Mapping
         The table, for the record of a result.
+    sample_time_s : float
+        Time between two outputs (s); zero for a continuous controller.
     """
 
     build: Callable[[Reference], Controller]
     settings: Mapping[str, Any]
+    sample_time_s: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -130,7 +130,7 @@ def identification(
         n_simulations=n_simulations,
         output_error=output_error,
         history=tuple(history),
-        held_out=tuple(job.held_out(beta, delay.samples)) if held_out else (),
+        held_out=tuple(job.held_out(beta, delay)) if held_out else (),
         warnings=physical_flags(robot, beta, np.sqrt(np.diag(full)), q),
         remarks=tuple(remarks),
         delay=delay.record(),
@@ -193,7 +193,7 @@ def record(job: Job, **more: Any) -> dict[str, Any]:
         },
         "signal": asdict(job.signal),
         "least_squares": asdict(job.settings),
-        "delay": {"compensate_samples": job.delay_setting},
+        "delay": {"compensate_samples": delay_asked(job)},
         "fixed": dict(job.fixed),
         "dropped": job.dropped,
         "recordings": [
@@ -210,6 +210,12 @@ def record(job: Job, **more: Any) -> dict[str, Any]:
     }
     restored: dict[str, Any] = json.loads(json.dumps(asked))
     return restored
+
+
+def delay_asked(job: Job) -> object:
+    """Return the setting of the delay as JSON has it."""
+    setting = job.delay_setting
+    return setting.samples if isinstance(setting, Delay) else setting
 
 
 def solved_status(fit: Fit) -> Status:

@@ -102,7 +102,7 @@ def with_known_friction(
     if not auto and not friction.estimated:
         return experiment, None
     job = settings.job(experiment)
-    parts = job.parts("fit", job.delay().samples)
+    parts = job.parts("fit", job.delay())
     chosen = (dict(job.fixed), job.dropped)
 
     def solved(system: LinearSystem) -> tuple[Array, Array]:

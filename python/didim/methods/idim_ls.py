@@ -60,9 +60,8 @@ class IDIMLS(FitSettings):
         job = self.job(experiment)
         delay = job.delay()
         if delay.estimate is not None:
-            milliseconds = 1e3 * delay.estimate.seconds
-            say(f"torque {delay.samples:+.2f} samples ({milliseconds:+.3f} ms) after the motion")
-        parts = job.parts("fit", delay.samples)
+            say(str(delay.estimate))
+        parts = job.parts("fit", delay)
         say(f"{counted(len(parts), 'window')} of {sum(part.q.shape[0] for part in parts)} samples")
         system = job.system(parts)
         say(f"observation matrix of {system.w.shape[0]} rows and {system.w.shape[1]} columns")

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 
 from .._tools.arrays import Array
-from ..errors import FitError
+from ..errors import FitError, SignalError
 from ..experiment.experiment import Experiment
+from ..experiment.specs import ControllerSpec
 from ..log.recording import Recording
-from ..regression.delay import DelayEstimate, estimate_delay
+from ..model.dynamics import inverse_dynamics
+from ..regression.delay import DelayEstimate, Observed, estimate_delay
 from ..regression.fit import Fit, Progress
 from ..regression.friction.velocity import settled
 from ..regression.least_squares import solve
@@ -21,8 +24,14 @@ from ..regression.settings import LeastSquaresSettings
 from ..regression.solver import Solver, SolverChoice
 from ..result.iteration import HeldOut
 from ..robot.robot import Robot
+from ..signal.align import Shift, hold_samples
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, at_place, segments
+
+CUTOFFS = (1.0, 2.0, 4.0)
+"""Cut-offs of a delay estimate over that of the fit; the best is taken, since a filter that rounds reversals biases the delay."""
+LARGEST_CUTOFF = 0.4
+"""Upper bound of these cut-offs, as a share of the rate of the log."""
 
 
 @dataclass(frozen=True)
@@ -31,24 +40,48 @@ class Delay:
 
     Attributes
     ----------
-    samples : float
-        In samples of the recordings; positive: the torque was recorded late.
+    samples : float or tuple of float
+        How late the torque was recorded, in samples of the recordings: of all joints, or of each.
+    hold_s : float
+        Sample time of a digital controller whose hold is allowed for along measured motion (`signal.align.hold_samples`), s;
+        zero for none.
     estimate : DelayEstimate or None
-        Where it comes from; None for a given number.
+        Where the samples come from; None for given numbers.
     """
 
-    samples: float = 0.0
+    samples: float | tuple[float, ...] = 0.0
+    hold_s: float = 0.0
     estimate: DelayEstimate | None = None
 
-    def record(self) -> dict[str, float]:
+    def measured(self, rate_hz: float) -> float | tuple[float, ...]:
+        """Return how far the torque is moved back against measured motion, in samples at a rate."""
+        hold = hold_samples(self.hold_s, rate_hz)
+        if isinstance(self.samples, tuple):
+            return tuple(value - hold for value in self.samples)
+        return self.samples - hold
+
+    def record(self) -> dict[str, Any]:
         """Return what a result says about the delay."""
-        record = {"compensated_samples": self.samples}
+        several = isinstance(self.samples, tuple)
+        record: dict[str, Any] = {"compensated_samples": list(self.samples) if several else self.samples}  # type: ignore[arg-type]
+        if self.hold_s:
+            record["hold_s"] = self.hold_s
         if self.estimate is not None:
             record |= {
                 "estimated_samples": self.estimate.samples,
                 "estimated_seconds": self.estimate.seconds,
+                "estimated_std_samples": self.estimate.std_samples,
+                "estimated_joints": list(self.estimate.joints),
+                "estimated_joints_std": list(self.estimate.joints_std),
+                "estimated_cutoff_hz": self.estimate.cutoff_hz,
             }
         return record
+
+    @classmethod
+    def recorded(cls, record: Mapping[str, Any]) -> Delay:
+        """Return the delay that a result took back."""
+        samples = record.get("compensated_samples", 0.0)
+        return cls(tuple(samples) if isinstance(samples, list) else samples, record.get("hold_s", 0.0))
 
 
 @dataclass(frozen=True)
@@ -62,12 +95,12 @@ class Job:
     selection: Selection
     fixed: Mapping[str, float]
     dropped: tuple[str, ...]
-    delay_setting: float | str
+    delay_setting: float | Sequence[float] | Literal["hold", "estimate"] | Delay
     solver_choice: SolverChoice
     solver: Solver
 
-    def parts(self, role: str, delay_samples: float) -> list[Segment]:
-        """Return the filtered windows of the recordings of a role, the torque taken back by a delay."""
+    def parts(self, role: str, delay: Delay | Shift = 0.0) -> list[Segment]:
+        """Return the filtered windows of the recordings of a role, the torque taken back by a delay, or by so many samples."""
         recordings = [
             (number, item) for number, item in enumerate(self.experiment.recordings) if item.role == role
         ]
@@ -76,7 +109,7 @@ class Job:
         return [
             part
             for number, item in recordings
-            for part in segments(item, self.signal, delay_samples, number=number)
+            for part in segments(item, self.signal, shift(delay, item.rate_hz), number=number)
         ]
 
     def system(self, parts: Sequence[Segment], beta: Array | None = None) -> LinearSystem:
@@ -98,41 +131,90 @@ class Job:
         """Solve a system (7) with the solver of this run."""
         return self.solver(system, self.settings, progress)
 
+    @property
+    def declared_delay(self) -> Delay:
+        """The delay that the settings give: without the estimate that they may ask for."""
+        setting = self.delay_setting
+        if isinstance(setting, Delay):
+            return setting
+        if setting in ("hold", "estimate"):
+            return Delay(0.0, sample_time_s(self.experiment))
+        if isinstance(setting, (int, float)):
+            return Delay(float(setting))
+        return Delay(tuple(float(value) for value in setting))
+
     def delay(self) -> Delay:
         """Return the delay that is taken back, by estimate if one was asked for."""
+        declared = self.declared_delay
         if self.delay_setting != "estimate":
-            return Delay(float(self.delay_setting))
+            return declared
         estimate = self.estimate_delay()
-        return Delay(estimate.samples, estimate)
+        return replace(
+            declared, samples=estimate.joints if estimate.differs else estimate.samples, estimate=estimate
+        )
 
     def estimate_delay(self) -> DelayEstimate:
-        """Estimate how late the torque was recorded."""
+        """Estimate how late the torque was recorded, with the cut-off that explains the log best."""
+        cutoff = self.signal.cutoff_hz
+        rate = min(item.rate_hz for item in self.experiment.recordings)
+        found: list[tuple[float, DelayEstimate]] = []
+        failure: FitError | SignalError | None = None
+        for factor in CUTOFFS if cutoff is not None else (1.0,):
+            if cutoff is not None and factor > 1.0 and factor * cutoff > LARGEST_CUTOFF * rate:
+                continue
+            signal = replace(self.signal, cutoff_hz=None if cutoff is None else factor * cutoff)
+            try:
+                estimate, misfit = replace(self, signal=signal)._estimated_delay()
+            except (FitError, SignalError) as error:
+                failure = failure or error
+                continue
+            found.append((misfit, estimate))
+        if not found:
+            assert failure is not None
+            raise failure
+        return min(found, key=lambda item: item[0])[1]
 
-        def observe(parts: Sequence[Segment]) -> tuple[LinearSystem, Array]:
+    def _estimated_delay(self) -> tuple[DelayEstimate, float]:
+        base = self.robot.base_parameters
+
+        def observe(parts: Sequence[Segment]) -> Observed:
             system = self.system(parts)
-            return system, solve(system, self.settings).weights
+            fit = solve(system, self.settings)
+            return Observed(system, fit.weights, fit.solution)
 
-        return estimate_delay(self.parts("fit", 0.0), self.signal, observe)
+        def torque(part: Segment, solution: Array) -> Array:
+            x = base.lift(self.selection.expand(solution))
+            return inverse_dynamics(self.robot, part.q, part.dq, part.ddq, x)
 
-    def predicted(self, recording: Recording, beta: Array, delay_samples: float) -> tuple[Array, Array]:
+        declared = self.declared_delay
+        return estimate_delay(
+            self.parts("fit"),
+            self.signal,
+            observe,
+            torque,
+            hold_s=declared.hold_s,
+            declared=declared.samples,
+        )
+
+    def predicted(self, recording: Recording, beta: Array, delay: Delay | Shift) -> tuple[Array, Array]:
         """Norms of the errors and of the torques of each joint, predicted with `beta` along a recording, all windows together.
 
         The friction is that of the experiment, not that of its simulation, as in `didim.studies.prediction.predict`.
         """
         robot = self.experiment.robot
-        parts = segments(recording, self.signal, delay_samples)
+        parts = segments(recording, self.signal, shift(delay, recording.rate_hz))
         system = linear_system(robot, parts, self.signal, select(robot, {}, ()), beta)
         with at_place(f"recording '{recording.name}'"):
             check_size(system)
         return system.norms(prediction_error(system, beta)), system.norms(system.y)
 
-    def held_out(self, beta: Array, delay_samples: float) -> list[HeldOut]:
+    def held_out(self, beta: Array, delay: Delay | Shift) -> list[HeldOut]:
         """Errors of the torques predicted for the recordings kept out."""
         found = []
         for recording in self.experiment.recordings:
             if recording.role != "held-out":
                 continue
-            errors, torques = self.predicted(recording, beta, delay_samples)
+            errors, torques = self.predicted(recording, beta, delay)
             found.append(
                 HeldOut(
                     name=recording.name,
@@ -141,6 +223,19 @@ class Job:
                 )
             )
         return found
+
+
+def shift(delay: Delay | Shift, rate_hz: float) -> Shift:
+    """Return how far the torque is moved back against measured motion, in samples at a rate."""
+    return delay.measured(rate_hz) if isinstance(delay, Delay) else delay
+
+
+def sample_time_s(experiment: Experiment) -> float:
+    """Return the sample time of an experiment's digital controller (s); zero for a continuous one, or without one."""
+    law = experiment.controller
+    if isinstance(law, ControllerSpec):
+        return law.sample_time_s
+    return law.digital.sample_time_s if law is not None and law.digital is not None else 0.0
 
 
 def prediction_error(system: LinearSystem, beta: Array) -> Array:

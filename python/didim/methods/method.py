@@ -16,7 +16,7 @@ from ..result.iteration import Iteration
 from ..robot.robot import Robot
 from ..signal.align import DelaySettings
 from ..signal.processing import SignalProcessing
-from .job import Job
+from .job import Delay, Job
 
 Motion = Literal["measured", "simulated"]
 """Motion along which torques are predicted: the filtered measured one, or that of the simulated closed loop."""
@@ -60,8 +60,8 @@ class MethodSettings:
         Divisor of (9), as in `LeastSquaresSettings`.
     signal : SignalProcessing, optional
         Filters, trimming and decimation.
-    compensate_samples : float or "estimate", optional
-        Delay of the torque that is taken back, as in `DelaySettings`.
+    compensate_samples : float, sequence of float, "hold", "estimate" or Delay, optional
+        Delay of the torque that is taken back, as in `DelaySettings`; or that of another run.
     fixed : mapping of str to float, optional
         Base parameters that are known.
     dropped : sequence of str, optional
@@ -75,7 +75,7 @@ class MethodSettings:
 
     variance: Variance | None = None
     signal: SignalProcessing | None = None
-    compensate_samples: float | Literal["estimate"] | None = None
+    compensate_samples: float | Sequence[float] | Literal["hold", "estimate"] | Delay | None = None
     fixed: Mapping[str, float] | None = None
     dropped: Sequence[str] | None = None
     friction: Literal["auto"] | None = None
@@ -85,8 +85,9 @@ class MethodSettings:
             raise FitError(f"friction must be 'auto' or None, got {self.friction!r}")
         # Wrong values are reported when the settings are made, not after a long reading of files.
         self.least_squares(LeastSquaresSettings())
-        if self.compensate_samples is not None:
-            DelaySettings(compensate_samples=self.compensate_samples)
+        if self.compensate_samples is not None and not isinstance(self.compensate_samples, Delay):
+            setting = DelaySettings(compensate_samples=self.compensate_samples).compensate_samples
+            object.__setattr__(self, "compensate_samples", setting)
         if self.dropped is not None:
             object.__setattr__(self, "dropped", dropped_names(self.dropped))
 

@@ -1,13 +1,19 @@
-"""Delay between motion and torque: its estimate from the residuals of least squares, and its compensation.
+"""Delay between motion and torque: its estimate from the residuals of least squares, joint by joint, with standard deviations.
 
-Drives log the torque (a current reference) and the position at moments that may differ by a few samples. A
-torque recorded d samples late belongs to the motion d samples earlier: tau(t - d) of the model is compared
-with tau(t). The squared residual norm of the fit, as a function of the shift, is smooth around its minimum,
-so that a parabola through the three lowest whole shifts gives the fraction of a sample.
+Drives log the torque (a current reference) and the position at moments that may differ by a few samples. A torque recorded d
+samples late belongs to the motion d samples earlier. Whole shifts of the torque are tried first. Around the best of them the
+model torque ``m = W beta`` of each joint is linearised in its own delay,
+
+    y_j(t + s_j) = W_j beta - (d_j - s_j) m_j'(t) + rho_j
+
+which adds a column per joint to (7): the torques are moved by the solution, a fraction of a sample by a cubic, and the
+system is solved again until nothing moves. Standard deviations are those of the delete-block jackknife, since model error is
+correlated in time. Joints that agree share one delay, and a delay that is not significant is zero.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,67 +22,135 @@ import numpy as np
 from .._tools.arrays import Array
 from .._tools.words import counted
 from ..errors import FitError
+from ..signal.align import Shift, align, hold_samples
 from ..signal.decimation import decimate, decimation_stages
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment
+from .block import by_window
+from .jackknife import BLOCKS, Rows, jackknife, time_blocks
 from .linear_system import LinearSystem
+
+SIGNIFICANT = 3.0
+"""Distance, in standard deviations, from which a delay differs from zero, or that of a joint from the others."""
+SMALLEST_DIFFERENCE = 0.1
+"""Difference, in samples, below which joints share one delay."""
+MARGIN = 3
+"""Samples beyond the reach that interpolation and the last whole shift take."""
+MOST_STEPS = 10
+"""Upper bound of the number of linearisations; two or three settle."""
+SETTLED = 0.005
+"""Step, in samples, below which the delays have settled."""
+NO_MOTION = 1e-9
+"""Share of a joint's torque below which its derivative carries no delay."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DelayEstimate:
-    """Delay of the torque after the motion.
+    """Delay of the torque after the motion, the hold of a digital controller taken off.
 
     Attributes
     ----------
     samples : float
-        In samples of the recordings; positive: the torque was recorded late.
+        Delay that the joints share, in samples of the recordings; positive: the torque was recorded late. Zero when it is not
+        significant.
     seconds : float
         The same in seconds.
+    std_samples : float
+        Standard deviation of the shared delay, in samples, by the delete-block jackknife.
+    joints, joints_std : tuple of float
+        Delay of each joint as it is to be compensated (the shared one unless the joint differs), and the standard deviation of
+        its own estimate; infinite where a joint does not identify it.
+    gain : float
+        Share of the weighted residual that these delays take away, against those declared.
+    cutoff_hz : float or None
+        Cut-off of the filter of the positions for this estimate.
     shifts : tuple of int
-        Shifts tried, in samples.
+        Shifts tried, in samples, the hold included.
     residual_norms : tuple of float
         Norm of the weighted residual at each of them.
     """
 
     samples: float
     seconds: float
+    std_samples: float
+    joints: tuple[float, ...]
+    joints_std: tuple[float, ...]
+    gain: float
+    cutoff_hz: float | None
     shifts: tuple[int, ...]
     residual_norms: tuple[float, ...]
+
+    def __str__(self) -> str:
+        """Return the estimate in words."""
+        if self.differs:
+            joints = ", ".join(f"{value:+.2f}" for value in self.joints)
+            return f"torque recorded {joints} samples after the motion, joint by joint, by estimate"
+        if self.samples == 0.0:
+            return f"no delay of the torque is significant: 0 +- {self.std_samples:.2g} samples, by estimate"
+        return (
+            f"torque recorded {self.samples:+.2f} +- {self.std_samples:.2g} samples ({1e3 * self.seconds:+.3f} ms) "
+            "after the motion, by estimate"
+        )
+
+    @property
+    def differs(self) -> bool:
+        """Whether the delays of the joints differ."""
+        return len(set(self.joints)) > 1
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """The system (7) of segments, the weight of each row, (r,), and its solution, (b,)."""
+
+    system: LinearSystem
+    weights: Array
+    solution: Array
 
 
 def estimate_delay(
     parts: Sequence[Segment],
     signal: SignalProcessing,
-    observe: Callable[[Sequence[Segment]], tuple[LinearSystem, Array]],
+    observe: Callable[[Sequence[Segment]], Observed],
+    torque: Callable[[Segment, Array], Array],
     *,
+    hold_s: float = 0.0,
+    declared: Shift = 0.0,
     reach_s: float = 0.02,
-) -> DelayEstimate:
-    """Find the shift of the torque at which the fit is best.
+) -> tuple[DelayEstimate, float]:
+    """Find the shift of the torque of each joint at which the fit is best.
 
     Parameters
     ----------
     parts : sequence of Segment
         Aligned without compensation, of one rate.
     signal : SignalProcessing
-        Decimation, the same as in the fit.
+        Filter and decimation.
     observe : callable
-        Gives the system (7) of segments and the weight of each of its rows, shape (r,).
+        Gives the weighted system of segments.
+    torque : callable
+        Gives the model torques of a segment for a solution of the system, (n_samples, n_dof).
+    hold_s : float
+        Sample time of a digital controller, whose hold is no delay; zero for none.
+    declared : float or sequence of float
+        Delays that the settings give, in samples, the hold taken off; the gain is against them.
     reach_s : float
         Largest delay looked for, in seconds, before or after.
 
     Returns
     -------
     DelayEstimate
-        The minimum of a parabola through the squared norms at whole shifts.
+        Delays with standard deviations.
+    float
+        ``sum_j n_j log |rho_j|``: the smaller, the better this filter explains the log.
 
     Raises
     ------
     FitError
-        When recordings differ in rate, a segment is too short, or the best shift is at the end of the reach.
+        When recordings differ in rate, a segment is too short, or the best shift is beyond the reach.
 
     Notes
     -----
-    ``test_delay.py`` recovers whole and fractional delays.
+    ``test_delay.py`` recovers whole and fractional delays, common and of single joints, and finds none where there is none.
     """
     rates = {part.rate_hz for part in parts}
     if len(rates) > 1:
@@ -85,54 +159,200 @@ def estimate_delay(
     rate = rates.pop()
     reach = max(2, round(reach_s * rate))
     shortest = min(part.q.shape[0] for part in parts)
-    if shortest <= 4 * reach:
+    if shortest <= 4 * (reach + MARGIN):
         raise FitError(
-            f"a segment of {counted(shortest, 'sample')} is too short to look for delays of up to {reach} "
-            "samples"
+            f"a segment of {counted(shortest, 'sample')} is too short to look for delays of up to {reach} samples"
         )
-    inner = [_inner(part, reach) for part in parts]
-    system, row_weights = observe(inner)
-    # Projection on the columns: one factorisation serves every shift.
-    basis = np.linalg.qr(system.w * row_weights[:, None])[0]
-    known = np.zeros_like(system.y) if system.known is None else system.known
-
-    norms: dict[int, float] = {}
-
-    def norm(shift: int) -> float:
-        if shift not in norms:
-            y = row_weights * (_shifted(parts, signal, reach, shift) - known)
-            norms[shift] = float(np.linalg.norm(y - basis @ (basis.T @ y)))
-        return norms[shift]
-
-    # A grid of at most 21 shifts, then finer ones around the lowest, down to single samples.
-    centre, half = 0, reach
-    while True:
-        step = max(1, half // 10)
-        grid = range(max(-reach, centre - half), min(reach, centre + half) + 1, step)
-        centre = min(grid, key=norm)
-        if step == 1:
-            break
-        half = 2 * step
-    if abs(centre) == reach:
+    hold = hold_samples(hold_s, rate)
+    search = _Search(parts, signal, reach + MARGIN, observe)
+    whole = search.best(reach + 1)
+    if abs(whole) > reach:
         raise FitError(
             f"no delay within {reach} samples ({1e3 * reach / rate:.3g} ms) fits best, residuals still fall "
             "at the limit; give compensate_samples a number"
         )
-    left, middle, right = (norm(centre + side) ** 2 for side in (-1, 0, 1))
-    curvature = left - 2.0 * middle + right
-    samples = centre + (0.5 * (left - right) / curvature if curvature > 0.0 else 0.0)
-    shifts = tuple(sorted(norms))
-    return DelayEstimate(
-        samples=samples,
-        seconds=samples / rate,
+    own, covariance = search.refine(float(whole), torque)
+    common, joints = _shared(own + hold, covariance)
+    std = np.sqrt(np.diag(covariance))
+    before = search.residual_norm(np.broadcast_to(declared, own.shape) - hold)
+    gain = 1.0 - search.residual_norm(np.array(joints) - hold) / before if before > 0.0 else 0.0
+    shifts = tuple(sorted(search.norms))
+    estimate = DelayEstimate(
+        samples=common[0],
+        seconds=common[0] / rate,
+        std_samples=common[1],
+        joints=joints,
+        joints_std=tuple(std.tolist()),
+        gain=gain,
+        cutoff_hz=signal.cutoff_hz,
         shifts=shifts,
-        residual_norms=tuple(norms[shift] for shift in shifts),
+        residual_norms=tuple(search.norms[shift] for shift in shifts),
     )
+    return estimate, search.misfit
 
 
-def _inner(part: Segment, reach: int) -> Segment:
-    """Segment without the first and last ``reach`` samples, so that every shift of the torque has a value."""
-    kept = slice(reach, part.q.shape[0] - reach)
+class _Search:
+    """The systems of one log with its torques moved."""
+
+    def __init__(
+        self,
+        parts: Sequence[Segment],
+        signal: SignalProcessing,
+        margin: int,
+        observe: Callable[[Sequence[Segment]], Observed],
+    ) -> None:
+        self.parts, self.signal, self.margin = parts, signal, margin
+        self.inner = [_inner(part, margin) for part in parts]
+        found = observe(self.inner)
+        self.system, self.weights, self.solution = found.system, found.weights, found.solution
+        self.known = 0.0 if self.system.known is None else self.system.known
+        self.w = self.system.w * self.weights[:, None]
+        # Projection on the columns: one factorisation serves every shift.
+        self.basis = np.linalg.qr(self.w)[0]
+        self.norms: dict[int, float] = {}
+        self.misfit = float("inf")
+
+    def best(self, reach: int) -> int:
+        """Return the whole shift with the smallest residual."""
+        # A grid of at most 21 shifts, then finer ones around the lowest, down to single samples.
+        centre, half = 0, reach
+        while True:
+            step = max(1, half // 10)
+            grid = range(max(-reach, centre - half), min(reach, centre + half) + 1, step)
+            centre = min(grid, key=self._norm)
+            if step == 1:
+                return centre
+            half = 2 * step
+
+    def _norm(self, shift: int) -> float:
+        if shift not in self.norms:
+            self.norms[shift] = self.residual_norm(np.full(len(self.system.joints), float(shift)))
+        return self.norms[shift]
+
+    def residual_norm(self, shift: Array) -> float:
+        """Return the norm of the weighted residual with the torque of each joint moved back by its shift, (n_dof,)."""
+        # Beyond the margin there are no torques: a declared delay as large as that counts as the largest one.
+        y = self._torques(np.clip(shift, 2.0 - self.margin, self.margin - 2.0))
+        return float(np.linalg.norm(y - self.basis @ (self.basis.T @ y)))
+
+    def _torques(self, shift: Array) -> Array:
+        """Weighted Y of the inner segments, the torque of each joint moved back by its own shift, rows joint by joint."""
+        found = []
+        for part in self.parts:
+            n = part.q.shape[0]
+            (index,), moved = align([np.arange(n, dtype=np.float64)], part.tau, tuple(shift.tolist()))
+            first = self.margin - int(index[0])
+            tau = np.ascontiguousarray(moved[first : first + n - 2 * self.margin])
+            found.append(decimate(tau, decimation_stages(len(tau), self.signal))[self.signal.kept_rows].T)
+        return np.asarray(self.weights * (np.concatenate(found, axis=1).reshape(-1) - self.known))
+
+    def _derivative(self, solution: Array, torque: Callable[[Segment, Array], Array]) -> Array:
+        """Weighted columns ``-m_j'`` of the delays, per sample, shape (r, n_dof)."""
+        rows = []
+        for part in self.inner:
+            slope = np.ascontiguousarray(np.gradient(torque(part, solution), axis=0))
+            rows.append(decimate(slope, decimation_stages(len(slope), self.signal))[self.signal.kept_rows].T)
+        slopes = np.concatenate(rows, axis=1)
+        columns = np.zeros((self.system.y.size, len(slopes)))
+        for joint, kept in enumerate(self.system.joints):
+            columns[kept, joint] = -slopes[joint]
+        return np.asarray(columns * self.weights[:, None])
+
+    def refine(self, whole: float, torque: Callable[[Segment, Array], Array]) -> tuple[Array, Array]:
+        """Return the delay of each joint, (n_dof,), and their covariance, (n_dof, n_dof), infinite where a joint has none."""
+        n, b = len(self.system.joints), self.w.shape[1]
+        shift = np.full(n, whole)
+        solution, lost = self.solution, np.zeros(n, dtype=bool)
+        covariance = np.full((n, n), np.inf)
+        sizes = self.system.norms(self.weights * self.system.measured)
+        for _ in range(MOST_STEPS):
+            columns = self._derivative(solution, torque)
+            lost |= np.linalg.norm(columns, axis=0) <= NO_MOTION * sizes
+            moving = np.flatnonzero(~lost)
+            a = np.hstack([self.w, columns[:, moving]])
+            scale = np.linalg.norm(a, axis=0)
+            scale[scale == 0.0] = 1.0
+            q, r = np.linalg.qr(a / scale)
+            if len(a) <= a.shape[1] or np.min(np.abs(np.diag(r))) < 1e-10:
+                return shift, covariance  # the log does not identify delays beside the parameters
+            y = self._torques(shift)
+            inverse = np.linalg.inv(r) / scale[:, None]
+            x = inverse @ (q.T @ y)
+            residual = y - a @ x
+            solution = x[:b]
+            step = np.clip(x[b:], -1.0, 1.0)
+            shift[moving] += step
+            # A joint that leaves the reach has no minimum of its own: it stays where it was, and takes the others' delay.
+            away = np.abs(shift - whole) > self.margin
+            away |= np.abs(shift) > self.margin + max(abs(whole), self.margin) - MARGIN
+            shift[away], lost = whole, lost | away
+            if not step.size or (np.max(np.abs(step)) < SETTLED and not away.any()):
+                break
+        self.misfit = float(
+            sum(
+                (kept.stop - kept.start) * math.log(max(float(norm), 1e-300))
+                for kept, norm in zip(
+                    self.system.joints, self.system.norms(residual / self.weights), strict=True
+                )
+            )
+        )
+        spread = jackknife(q, q, inverse, residual, self._blocks()).covariance[b:, b:]
+        covariance = np.diag(np.full(n, np.inf))
+        covariance[np.ix_(moving, moving)] = spread
+        for joint in np.flatnonzero(lost):
+            covariance[joint, joint] = np.inf
+        return shift, covariance
+
+    def _blocks(self) -> list[Rows]:
+        windows = by_window(self.system.blocks)
+        seconds = [blocks[0].n_rows / blocks[0].rate_hz for blocks in windows]
+        return time_blocks([[block.rows for block in blocks] for blocks in windows], seconds, BLOCKS)
+
+
+def _shared(own: Array, covariance: Array) -> tuple[tuple[float, float], tuple[float, ...]]:
+    """Return the shared delay with its standard deviation, and the delay to compensate of each joint."""
+    std = np.sqrt(np.diag(covariance))
+    known = np.isfinite(std)
+    if not known.any():
+        return (0.0, math.inf), (0.0,) * len(own)
+    alike = known.copy()
+    while True:
+        common, error = _mean(own, covariance, alike)
+        if alike.sum() == 1:
+            break
+        apart = np.zeros(len(own))
+        for joint in np.flatnonzero(alike):
+            others = alike.copy()
+            others[joint] = False
+            value, spread = _mean(own, covariance, others)
+            distance = abs(own[joint] - value)
+            if distance > SMALLEST_DIFFERENCE:
+                apart[joint] = distance / math.hypot(std[joint], spread)
+        worst = int(np.argmax(apart))
+        if apart[worst] <= SIGNIFICANT:
+            break
+        alike[worst] = False
+    common = common if abs(common) > SIGNIFICANT * error else 0.0
+    joints = np.full(len(own), common)
+    for joint in np.flatnonzero(known & ~alike):
+        joints[joint] = own[joint] if abs(own[joint]) > SIGNIFICANT * std[joint] else 0.0
+    return (float(common), float(error)), tuple(joints.tolist())
+
+
+def _mean(
+    own: Array, covariance: Array, chosen: np.ndarray[tuple[int], np.dtype[np.bool_]]
+) -> tuple[float, float]:
+    """Mean of some delays, each with the weight of its variance, and its standard deviation."""
+    some = np.flatnonzero(chosen)
+    variances = np.maximum(np.diag(covariance)[some], 1e-300)
+    weights = 1.0 / variances / np.sum(1.0 / variances)
+    variance = float(weights @ covariance[np.ix_(some, some)] @ weights)
+    return float(weights @ own[some]), math.sqrt(max(variance, 0.0))
+
+
+def _inner(part: Segment, margin: int) -> Segment:
+    """Segment without the first and last ``margin`` samples, so that every shift of the torque has a value."""
+    kept = slice(margin, part.q.shape[0] - margin)
     return replace(
         part,
         q=np.ascontiguousarray(part.q[kept]),
@@ -140,13 +360,3 @@ def _inner(part: Segment, reach: int) -> Segment:
         ddq=np.ascontiguousarray(part.ddq[kept]),
         tau=np.ascontiguousarray(part.tau[kept]),
     )
-
-
-def _shifted(parts: Sequence[Segment], signal: SignalProcessing, reach: int, shift: int) -> Array:
-    """Y of the inner segments with the torque moved back by ``shift``, rows joint by joint."""
-    found = []
-    for part in parts:
-        n_inner = part.q.shape[0] - 2 * reach
-        tau = np.ascontiguousarray(part.tau[reach + shift : reach + shift + n_inner])
-        found.append(decimate(tau, decimation_stages(n_inner, signal))[signal.kept_rows].T)
-    return np.concatenate(found, axis=1).reshape(-1)

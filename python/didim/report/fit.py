@@ -15,7 +15,7 @@ from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..plot.estimates import estimate_correlation
 from ..plot.style import percent
-from ..result.identification import Identification
+from ..result.identification import Identification, delay_lines
 from ..result.table import WELL_IDENTIFIED_PERCENT, aligned
 from ..studies.comparison import TITLES, duration
 from ..studies.prediction import Prediction, autocorrelation, predict, relative_errors
@@ -363,11 +363,9 @@ def provenance_section(fit: Identification) -> Html:
         classes = {(row, 1): "digest" for row in range(len(files))}
         content.append(table(["file", "SHA-256"], files, classes=classes))
     if fit.delay:
-        content.append(
-            paragraph(
-                f"Torque moved back by {fit.delay.get('compensated_samples', 0.0):g} samples against the motion."
-            )
-        )
+        measured = fit.settings.get("prediction", {}).get("motion") == "measured"
+        lines = delay_lines(fit.delay, measured=measured) or ["torque not moved against the motion"]
+        content.append(paragraph("Delay: " + "; ".join(lines) + "."))
     content.append(
         details(
             "All settings", code(json.dumps(dict(fit.settings), indent=1, ensure_ascii=False, sort_keys=True))

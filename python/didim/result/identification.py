@@ -76,8 +76,10 @@ class Identification:
         Sentences on what physics forbids.
     remarks : tuple of str
         Sentences on what a reader should know: a log that looks wrong, a step that is too large.
-    delay : mapping of str to float
-        "compensated_samples", and "estimated_samples" and "estimated_seconds" if the delay was estimated.
+    delay : mapping
+        "compensated_samples" (a number, or a list with one per joint); "hold_s", the sample time of a digital controller whose
+        hold is allowed for along measured motion; "estimated_samples", "estimated_seconds", "estimated_std_samples",
+        "estimated_joints", "estimated_joints_std" and "estimated_cutoff_hz" if the delay was estimated.
     settings, digests : mapping
         What was asked for; SHA-256 of every file read.
     ending : str
@@ -112,7 +114,7 @@ class Identification:
     held_out: tuple[HeldOut, ...] = ()
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
-    delay: Mapping[str, float] = field(default_factory=dict)
+    delay: Mapping[str, Any] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     digests: Mapping[str, str] = field(default_factory=dict)
     ending: str = ""
@@ -190,7 +192,8 @@ class Identification:
             f"condition number {self.condition_number:.6g}, error norm {self.error_norm:.7g}, "
             f"standard deviation of the error {self.error_std:.5g}, {self.n_rows} rows"
         )
-        lines += _delay_lines(self.delay)
+        measured = self.settings.get("prediction", {}).get("motion") == "measured"
+        lines += delay_lines(self.delay, measured=measured)
         if self.output_error is not None:
             before, after = (percent_text(100.0 * error) for error in self.output_error)
             lines.append(
@@ -325,14 +328,31 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _delay_lines(delay: Mapping[str, float]) -> list[str]:
+def delay_lines(delay: Mapping[str, Any], *, measured: bool) -> list[str]:
+    """Return what a result says of a delay; `measured` for a fit along measured motion, where a hold counts."""
     lines = []
-    if "estimated_samples" in delay:
-        lines.append(
-            f"torque recorded {delay['estimated_samples']:+.2f} samples "
-            f"({1e3 * delay['estimated_seconds']:+.3f} ms) after the motion, by estimate"
-        )
     compensated = delay.get("compensated_samples", 0.0)
+    shown = (
+        ", ".join(f"{value:g}" for value in compensated)
+        if isinstance(compensated, list)
+        else f"{compensated:g}"
+    )
+    if "estimated_samples" in delay:
+        value, std = delay["estimated_samples"], delay.get("estimated_std_samples")
+        error = "" if std is None else f" +- {std:.2g}"
+        if isinstance(compensated, list):
+            lines.append(f"torque recorded {shown} samples after the motion, joint by joint, by estimate")
+        elif value == 0.0:
+            lines.append(f"no delay of the torque is significant: 0{error} samples, by estimate")
+        else:
+            milliseconds = 1e3 * delay["estimated_seconds"]
+            lines.append(
+                f"torque recorded {value:+.2f}{error} samples ({milliseconds:+.3f} ms) after the motion, by estimate"
+            )
     if compensated:
-        lines.append(f"torque moved back by {compensated:g} samples")
+        lines.append(f"torque moved back by {shown} samples")
+    if measured and delay.get("hold_s"):
+        lines.append(
+            f"hold of the digital controller, {1e3 * delay['hold_s']:g} ms: the torque is compared half of it later"
+        )
     return lines

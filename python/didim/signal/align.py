@@ -1,17 +1,27 @@
-"""Alignment of motion and torque when one was recorded late. Tested in ``tests/test_delay.py``."""
+"""Alignment of motion and torque when one was recorded late, or held by a digital controller. Tested in ``tests/test_delay.py``.
+
+A digital controller holds each output for its sample time T. The motion answers to the staircase, which is the logged output
+half a step late: along differentiated positions the torque of the model at a sample is the mean of the steps before and after it.
+Against measured motion the logged torque is therefore early by T/2, or by half a sample of a log that is faster than the
+controller. Simulated motion needs no such shift, as its accelerations belong to the torque that acts from the sample on.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from numbers import Real
+from typing import Any, Literal
 
 import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.words import counted
 from ..errors import FitError
+
+Shift = float | Sequence[float]
+"""How far torques are moved back, in samples: of all joints, or of each."""
 
 # Neighbours of a sample that cubic interpolation takes: one before, two after.
 CUBIC = (-1, 0, 1, 2)
@@ -23,38 +33,74 @@ class DelaySettings:
 
     Parameters
     ----------
-    compensate_samples : float or "estimate"
-        Move the torque back by so many samples of its recording (a fraction is interpolated; positive: the
-        torque was recorded late), or by what the estimate finds.
+    compensate_samples : float, sequence of float, "hold" or "estimate"
+        Move the torque back by so many samples of its recording, of all joints or of each (a fraction is interpolated;
+        positive: the torque was recorded late). "hold", the default, accounts for the hold of the experiment's digital
+        controller along measured motion, and for nothing without one. "estimate" adds the delay that an estimate finds.
 
     Raises
     ------
     FitError
-        For a value that is neither.
+        For a value that is none of these.
     """
 
-    compensate_samples: float | Literal["estimate"] = 0.0
+    compensate_samples: float | Sequence[float] | Literal["hold", "estimate"] = "hold"
 
     def __post_init__(self) -> None:
         value = self.compensate_samples
-        if value == "estimate":
+        if isinstance(value, str):
+            if value not in ("hold", "estimate"):
+                raise FitError(_wrong(value))
             return
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise FitError(f"compensate_samples must be a number or 'estimate', got {value!r}")
+        values: list[Any] = list(value) if isinstance(value, (Sequence, np.ndarray)) else [value]
+        if not values or not all(_number(item) for item in values):
+            raise FitError(_wrong(value))
+        if isinstance(value, (Sequence, np.ndarray)):
+            object.__setattr__(self, "compensate_samples", tuple(float(item) for item in values))
 
 
-def align(motion: Sequence[Array], tau: Array, delay_samples: float) -> tuple[tuple[Array, ...], Array]:
+def _number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _wrong(value: object) -> str:
+    return f"compensate_samples must be a number, one per joint, 'hold' or 'estimate', got {value!r}"
+
+
+def hold_samples(sample_time_s: float, rate_hz: float) -> float:
+    """Return how early a held torque is logged against measured motion, in samples of a log.
+
+    Parameters
+    ----------
+    sample_time_s : float
+        Sample time of the digital controller (s); zero for a continuous one.
+    rate_hz : float
+        Rate of the log.
+
+    Returns
+    -------
+    float
+        Half the sample time, or half a sample where the log is faster than the controller.
+
+    Notes
+    -----
+    ``test_hold.py`` fits logs slower and faster than the controller.
+    """
+    return 0.5 * min(sample_time_s * rate_hz, 1.0)
+
+
+def align(motion: Sequence[Array], tau: Array, delay_samples: Shift) -> tuple[tuple[Array, ...], Array]:
     """Move the torque back by its delay, and leave out the samples for which none is left.
 
     Parameters
     ----------
-    motion : sequence of ndarray, shape (n_samples, n_dof)
+    motion : sequence of ndarray, shape (n_samples, ...)
         Position, velocity, acceleration.
     tau : ndarray, shape (n_samples, n_dof)
         Torque as recorded.
-    delay_samples : float
-        Positive when the torque was recorded late. Fractions are interpolated by a cubic through four
-        samples.
+    delay_samples : float or sequence of float
+        Positive when the torque was recorded late; one for all joints, or one for each. Fractions are interpolated by a
+        cubic through four samples.
 
     Returns
     -------
@@ -66,31 +112,39 @@ def align(motion: Sequence[Array], tau: Array, delay_samples: float) -> tuple[tu
     Raises
     ------
     FitError
-        When the record is not longer than the delay.
+        When the record is not longer than the delay, or the number of delays is not that of the joints.
 
     Notes
     -----
-    ``test_delay.py`` moves a cubic exactly.
+    ``test_delay.py`` moves a cubic exactly, joints by different delays too.
     """
-    if delay_samples == 0.0:
+    delays = tuple(delay_samples) if isinstance(delay_samples, Sequence) else (delay_samples,) * tau.shape[1]
+    if len(delays) != tau.shape[1]:
+        raise FitError(f"compensate_samples has {counted(len(delays), 'number')} for {tau.shape[1]} joints")
+    if not any(delays):
         return tuple(motion), tau
-    whole = math.floor(delay_samples)
-    fraction = delay_samples - whole
-    offsets = CUBIC if fraction else (0,)
-    weights = _lagrange(fraction) if fraction else (1.0,)
+    moves = [_move(delay) for delay in delays]
     n_samples = tau.shape[0]
     # Motion samples k for which every tau[k + whole + offset] exists.
-    first = max(0, -(whole + offsets[0]))
-    last = min(n_samples, n_samples - (whole + offsets[-1]))
+    first = max(0, *(-(whole + offsets[0]) for whole, offsets, _ in moves))
+    last = min(n_samples, *(n_samples - (whole + offsets[-1]) for whole, offsets, _ in moves))
     if last <= first:
         raise FitError(
             f"a record of {counted(n_samples, 'sample')} is too short to compensate a delay of "
-            f"{delay_samples:g} samples"
+            f"{max(delays, key=abs):g} samples"
         )
     moved = np.zeros((last - first, *tau.shape[1:]))
-    for offset, weight in zip(offsets, weights, strict=True):
-        moved += weight * tau[first + whole + offset : last + whole + offset]
+    for joint, (whole, offsets, weights) in enumerate(moves):
+        for offset, weight in zip(offsets, weights, strict=True):
+            moved[:, joint] += weight * tau[first + whole + offset : last + whole + offset, joint]
     return tuple(values[first:last] for values in motion), moved
+
+
+def _move(delay: float) -> tuple[int, tuple[int, ...], tuple[float, ...]]:
+    """Whole samples of a delay, the neighbours that its fraction is interpolated from, and their weights."""
+    whole = math.floor(delay)
+    fraction = delay - whole
+    return (whole, CUBIC, _lagrange(fraction)) if fraction else (whole, (0,), (1.0,))
 
 
 def _lagrange(fraction: float) -> tuple[float, ...]:

@@ -15,7 +15,7 @@ from .._tools.arrays import Array
 from .._tools.words import counted
 from ..errors import FitError, SignalError
 from ..log.recording import Recording
-from .align import align
+from .align import Shift, align
 from .filters import differentiate
 from .processing import SignalProcessing
 from .spikes import without_spikes
@@ -53,7 +53,7 @@ class Segment:
 
 
 def segments(
-    recording: Recording, signal: SignalProcessing, delay_samples: float = 0.0, *, number: int = 0
+    recording: Recording, signal: SignalProcessing, delay_samples: Shift = 0.0, *, number: int = 0
 ) -> list[Segment]:
     """Filter, differentiate and trim each window of a recording.
 

@@ -18,14 +18,14 @@ from ..experiment.experiment import Experiment
 from ..experiment.loop import closed_loop
 from ..log.recording import Recording
 from ..loop.simulation import Simulation
-from ..methods.job import ratios
+from ..methods.job import Delay, ratios
 from ..methods.method import FitSettings, Motion
 from ..regression.linear_system import linear_system
 from ..regression.selection import select
 from ..result.identification import Identification
 from ..robot.friction import Friction
 from ..robot.robot import Robot
-from ..signal.align import align
+from ..signal.align import Shift, align
 from ..signal.decimation import decimation_stages
 from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
@@ -133,7 +133,7 @@ def predict(
     if as_fitted:
         experiment, delay = _fitted(fit, experiment)
     else:
-        delay = FitSettings().job(experiment).delay().samples
+        delay = FitSettings().job(experiment).delay()
     # CLOE compares what is simulated, sample by sample.
     raw = motion == "simulated" and compares_raw
     found = []
@@ -141,16 +141,19 @@ def predict(
         if recording.tau is None:
             raise FitError(f"recording '{recording.name}' has no torques to compare with")
         if motion == "measured":
-            parts = segments(recording, experiment.signal, delay)
+            shift = delay.measured(recording.rate_hz)
+            parts = segments(recording, experiment.signal, shift)
         else:
+            # Accelerations of a simulation belong to the torque that acts from the sample on: no hold.
+            shift = delay.samples
             parts = [
-                _simulated(fit.parameters, experiment, recording, window, delay)
+                _simulated(fit.parameters, experiment, recording, window, shift)
                 for window in recording.windows
             ]
         model = experiment.robot if motion == "measured" else robot
         for part, window in zip(parts, recording.windows, strict=True):
             found.append(
-                _prediction(fit, part, recording, window, model, _raw(experiment.signal, raw), delay, motion)
+                _prediction(fit, part, recording, window, model, _raw(experiment.signal, raw), shift, motion)
             )
     return found
 
@@ -203,11 +206,11 @@ def motion_of(fit: Identification) -> tuple[Motion, bool]:
     return "measured" if fit.method == "idim-ls" else "simulated", fit.method.startswith(("cloe", "clie"))
 
 
-def _fitted(fit: Identification, experiment: Experiment) -> tuple[Experiment, float]:
+def _fitted(fit: Identification, experiment: Experiment) -> tuple[Experiment, Delay]:
     """Return the experiment with the filters of a fit, and its delay."""
     settings = fit.settings.get("signal")
     signal = experiment.signal if settings is None else SignalProcessing(**settings)
-    return replace(experiment, signal=signal), fit.delay.get("compensated_samples", 0.0)
+    return replace(experiment, signal=signal), Delay.recorded(fit.delay)
 
 
 def _raw(signal: SignalProcessing, raw: bool) -> SignalProcessing:
@@ -215,7 +218,7 @@ def _raw(signal: SignalProcessing, raw: bool) -> SignalProcessing:
 
 
 def _simulated(
-    x: Array, experiment: Experiment, recording: Recording, window: tuple[int, int], delay: float
+    x: Array, experiment: Experiment, recording: Recording, window: tuple[int, int], delay: Shift
 ) -> Segment:
     """Return the simulated motion beside the measured torque, aligned and trimmed as DIDIM has them."""
     simulation = simulate_window(x, experiment, recording, window)
@@ -242,7 +245,7 @@ def _prediction(
     window: tuple[int, int],
     robot: Robot,
     signal: SignalProcessing,
-    delay: float,
+    delay: Shift,
     motion: Motion,
 ) -> Prediction:
     n = robot.n_dof
@@ -259,11 +262,11 @@ def _prediction(
     )
 
 
-def _times(recording: Recording, window: tuple[int, int], signal: SignalProcessing, delay: float) -> Array:
+def _times(recording: Recording, window: tuple[int, int], signal: SignalProcessing, delay: Shift) -> Array:
     """Return the time of each row: of the motion that it is made of."""
     start, stop = window
     n = stop - start
-    (index,), _ = align([np.arange(n, dtype=np.float64)[:, None]], np.zeros((n, 1)), delay)
+    (index,), _ = align([np.arange(n, dtype=np.float64)[:, None]], np.zeros((n, recording.q.shape[1])), delay)
     kept = index[signal.trim_start : len(index) - signal.trim_end, 0].astype(int)
     for _, _, _, factor, first in decimation_stages(len(kept), signal):
         kept = kept[first::factor]

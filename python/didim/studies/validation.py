@@ -139,7 +139,7 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     if not experiment.recordings:
         raise FitError(f"experiment '{experiment.name}' has no recording to validate on")
     job = FitSettings().job(experiment)
-    delay = job.delay().samples
+    delay = job.delay()
     beta = experiment.robot.base_parameters.project(fit.parameters)
     closed = experiment.reference is not None and experiment.controller is not None
     found = []

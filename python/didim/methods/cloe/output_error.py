@@ -301,7 +301,7 @@ class OutputError:
 
 def _windows(job: Job, output: Output) -> list[Window]:
     experiment = job.experiment
-    if output != "position" and job.delay_setting != 0.0:
+    if output != "position" and job.delay_setting not in ("hold", 0.0):
         raise FitError(
             f"output {output!r} takes no delay of the torque back, and compensate_samples is {job.delay_setting!r}: use output "
             "'position', or DIDIM"

@@ -137,7 +137,7 @@ class Loops:
                 variance=method.variance,
                 decimation_corrected=method.decimation_corrected,
                 signal=method.signal,
-                compensate_samples=self.delay.samples,
+                compensate_samples=self.delay,
                 fixed=method.fixed,
                 dropped=method.dropped,
             )

@@ -13,7 +13,7 @@ from ...loop.closed_loop import ClosedLoop, Outcome
 from ...model.safe_step import thinned
 from ...regression.fit import Fit
 from ...regression.linear_system import LinearSystem
-from ...signal.align import align
+from ...signal.align import Shift, align
 from ...signal.segments import kept_samples, place_of
 from ...signal.spikes import without_spikes
 from ..job import Job
@@ -89,7 +89,7 @@ class Step:
     """Whether it leads nowhere but to the same parameters, simulated with smaller steps in time."""
 
 
-def windows_of(job: Job, delay: float) -> list[Window]:
+def windows_of(job: Job, delay: Shift) -> list[Window]:
     """Return the windows of the recordings that are fitted, their torques moved back by a delay in samples.
 
     Raises
