@@ -223,7 +223,7 @@ def test_wrong_arguments(arguments: list[str], message: str, capsys: pytest.Capt
             "torques of joint 1 are too large to be sq",
         ),
         (('unit = "N.m"', 'unit = "A"\ngain = 1e200'), "the torques of joint 1 are too large to be squared"),
-        (('unit = "N.m"', 'unit = "A"\ngain = 1e308'), "recording 1: tau of joint 1 is inf at sample 0"),
+        (('unit = "N.m"', 'unit = "A"\ngain = 1e308'), "recording 1: tau of joint 2 is -inf at sample 0"),
         (('unit = "N.m"', 'unit = "A"\ngain = 1e-200'), "the torques of joint 1 are too small to be squared"),
         (
             ('unit = "rad"', 'unit = "count"\ncounts_per_rev = 1e-150'),
@@ -270,8 +270,10 @@ def test_a_failure_leaves_the_old_json(
         raise OSError(28, "No space left on device", str(result))
 
     monkeypatch.setattr(Path, "replace", full)
-    assert identify_arm(arm, "--json", str(result)) == 2
-    assert "No space left on device" in one_line(capsys)
+    assert identify_arm(arm, "--json", str(result), "--quiet") == 1
+    out, err = capsys.readouterr()
+    assert "No space left on device; it could not be written elsewhere either\n" in err
+    assert "ZZ1R" in out  # printed, since it is nowhere else
     assert result.read_text(encoding="utf-8") == "old"
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["arm.toml", "data", "fit.json"]
 

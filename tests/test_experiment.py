@@ -301,6 +301,7 @@ def test_emps_example(project: Path, shared: Path) -> None:
         cutoff_hz=100.0,
         order=4,
         padding="matlab",
+        ends="first-order",
         trim_start=49,
         decimation=(10,),
         decimation_convention="matlab",

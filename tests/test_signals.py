@@ -152,9 +152,10 @@ def test_without_cut_off_positions_stay_as_they_are() -> None:
 def test_central_differences_are_exact_for_parabolas() -> None:
     dt = 0.01
     t = dt * np.arange(20)[:, None]
-    dx = central_differences(3.0 * t**2 - t, dt)
+    np.testing.assert_allclose(central_differences(3.0 * t**2 - t, dt), 6.0 * t - 1.0, atol=1e-12)
+    dx = central_differences(3.0 * t**2 - t, dt, "first-order")
     np.testing.assert_allclose(dx[1:-1], (6.0 * t - 1.0)[1:-1], atol=1e-12)
-    # One-sided at the ends: the slope half a sample inside.
+    # One-sided ones of first order: the slope half a sample inside.
     np.testing.assert_allclose(
         dx[[0, -1], 0], [6.0 * dt / 2 - 1.0, 6.0 * (t[-1, 0] - dt / 2) - 1.0], atol=1e-12
     )
@@ -233,7 +234,7 @@ def test_too_few_samples_for_decimation_are_told() -> None:
 def test_shape_and_content_are_checked() -> None:
     with pytest.raises(SignalError, match=r"must have shape \(n_samples, m\), got \(5,\)"):
         central_differences(np.zeros(5), 0.1)
-    with pytest.raises(SignalError, match="at least 2 samples, got 1"):
+    with pytest.raises(SignalError, match="at least 3 samples, got 1"):
         central_differences(np.zeros((1, 2)), 0.1)
     x = noise(50, 3)
     x[17, 2] = np.nan

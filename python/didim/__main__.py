@@ -1,7 +1,18 @@
-"""``python -m didim``."""
+"""``python -m didim``, and the command ``didim``: Ctrl-C is heard while modules are loaded, too."""
 
 import sys
 
-from .cli.main import main
 
-sys.exit(main())
+def main() -> int:
+    """Run the command line; return its exit code."""
+    try:
+        from .cli.main import main as run
+
+        return run()
+    except KeyboardInterrupt:
+        print("didim: interrupted", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

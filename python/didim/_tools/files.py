@@ -1,36 +1,127 @@
-"""Writing result files: whole or not at all."""
+"""Writing result files: whole or not at all, checked before the work, and somewhere else rather than nowhere."""
 
 from __future__ import annotations
 
+import contextlib
 import os
+import stat
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Write a file so that a reader, or a crash, never meets half of it.
 
+    Several threads and processes may write to one path: each writes a file of its own, and the last one to finish stays.
+
     Parameters
     ----------
     path : Path
-        A link is followed; what is no ordinary file (a pipe, a terminal) is written to directly.
+        A link is followed; a pipe or a terminal is written to directly. An existing file keeps its mode.
     content : str or bytes
         Text is written as UTF-8.
 
     Raises
     ------
     OSError
-        When the folder is missing or not writable.
+        When the folder is missing or not writable, or the disk is full; ``filename`` is the path.
     """
     data = content.encode() if isinstance(content, str) else content
+    try:
+        if path.exists() and not path.is_file():
+            path.write_bytes(data)
+            return
+        target = Path(os.path.realpath(path))
+        _require_folder(path, target)
+        _write_beside(target, data)
+    except OSError as error:
+        if error.errno is None:
+            raise
+        # The system names the temporary file, or none.
+        raise OSError(error.errno, os.strerror(error.errno), str(path)) from None
+
+
+def check_output(path: Path) -> None:
+    """Refuse a path that nothing can be written to, before the work that makes its content.
+
+    Raises
+    ------
+    OSError
+        When the path is a folder, its folder is missing, or no file can be made there (``test_outputs.py``).
+    """
+    if path.is_dir():
+        raise IsADirectoryError(f"cannot write '{path}': it is a folder")
     if path.exists() and not path.is_file():
-        path.write_bytes(data)
         return
     target = Path(os.path.realpath(path))
+    _require_folder(path, target)
+    if path.exists() and not os.access(path, os.W_OK):
+        raise PermissionError(f"cannot write '{path}': it is write-protected")
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{target.name[:50]}.", suffix=".tmp", dir=target.parent)
+    except OSError as error:
+        raise type(error)(f"cannot write '{path}': {error.strerror}") from None
+    os.close(handle)
+    Path(name).unlink(missing_ok=True)
+
+
+def write_elsewhere(path: Path, write: Callable[[Path], None]) -> Path | None:
+    """Write what could not be written to `path` into the current folder, or else into the folder for temporary files.
+
+    Parameters
+    ----------
+    path : Path
+        Gives the name; a number is added to it where it is taken.
+    write : callable
+        Writes the file to a path.
+
+    Returns
+    -------
+    Path or None
+        Where it is now; None when it could not be written there either.
+    """
+    for folder in (Path.cwd(), Path(tempfile.gettempdir())):
+        for number in range(1, 1000):
+            place = folder / f"{path.stem}-{number}{path.suffix}"
+            if place.exists():
+                continue
+            with contextlib.suppress(OSError):
+                write(place)
+                return place
+            break
+    return None
+
+
+def _require_folder(path: Path, target: Path) -> None:
     if not target.parent.is_dir():
         raise FileNotFoundError(f"cannot write '{path}': there is no folder '{target.parent}'")
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+
+
+def _write_beside(target: Path, data: bytes) -> None:
+    """Write to a file of another name in the same folder, which then takes the place of `target`."""
     try:
-        temporary.write_bytes(data)
+        mode = stat.S_IMODE(target.stat().st_mode)
+    except FileNotFoundError:
+        mode = 0o666 & ~_umask()
+    handle, name = tempfile.mkstemp(prefix=f".{target.name[:50]}.", suffix=".tmp", dir=target.parent)
+    temporary = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        temporary.chmod(mode)
         temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+_UMASK: list[int] = []
+
+
+def _umask() -> int:
+    """File mode creation mask of the process. The system only tells it when it is set, so it is asked once."""
+    if not _UMASK:
+        mask = os.umask(0o077)
+        os.umask(mask)
+        _UMASK.append(mask)
+    return _UMASK[0]

@@ -28,3 +28,13 @@ def listing(names: Iterable[object]) -> str:
 def counted(number: int, noun: str) -> str:
     """Count with its noun: ``1 column``, ``2 columns``."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def printable(text: str) -> str:
+    """Text without control characters, which a terminal would obey; line breaks and tabs stay."""
+    return "".join(
+        character
+        if character.isprintable() or character in "\n\t"
+        else character.encode("unicode_escape").decode()
+        for character in text
+    )

@@ -17,6 +17,7 @@ from .options import (
     exit_code,
     formatted,
 )
+from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -74,6 +75,7 @@ def run(options: argparse.Namespace) -> int:
     from ..studies.simulated_log import packaged_experiment
 
     check_report(options)
+    check_outputs(options.json, options.report)
     experiment = (
         packaged_experiment(options.robot)
         if options.experiment is None
@@ -90,13 +92,14 @@ def run(options: argparse.Namespace) -> int:
         seed=options.seed,
         verbose=not options.quiet,
     )
-    if options.json is not None:
-        comparison.save(options.json)
+    saved = Saved()
+    saved.save(options.json, comparison.save)
     if options.report is not None:
         from ..report import write
 
-        write(options.report, comparison)
-    print(formatted(comparison, options.format))
+        saved.save(options.report, lambda path: write(path, comparison))
+    saved.show(formatted(comparison, options.format))
     if any(fit.status.name == "INTERRUPTED" for fit in comparison.fits.values()):
         return INTERRUPTED
-    return exit_code(comparison.fits["didim"].status) if "didim" in comparison.fits else NOT_CONVERGED
+    code = exit_code(comparison.fits["didim"].status) if "didim" in comparison.fits else NOT_CONVERGED
+    return saved.code(code)

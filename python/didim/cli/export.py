@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .options import CONVERGED, add_command, refuse, tell
+from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -56,6 +57,7 @@ def run(options: argparse.Namespace) -> int:
         return refuse("--keep-lumped is for --urdf")
     if options.output is not None and options.output.exists() and not options.force:
         return refuse(f"{options.output}: the file is there already; --force overwrites it")
+    check_outputs(options.output)
     source = exported_parameters(
         fit=options.fit, parameters=options.parameters, robot=options.robot, urdf=options.urdf
     )
@@ -72,6 +74,7 @@ def run(options: argparse.Namespace) -> int:
         sys.stdout.buffer.write(content)
         print(report, file=sys.stderr)
         return CONVERGED
-    write_atomically(options.output, content)
-    print(f"{options.output}: written\n\n{report}")
-    return CONVERGED
+    saved = Saved()
+    saved.save(options.output, lambda path: write_atomically(path, content))
+    saved.show(f"{report}" if saved.failed else f"{options.output}: written\n\n{report}")
+    return saved.code(CONVERGED)

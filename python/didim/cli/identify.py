@@ -17,6 +17,7 @@ from .options import (
     refuse,
     tell,
 )
+from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -82,6 +83,7 @@ def run(options: argparse.Namespace) -> int:
 
     make = method_class(options.method)
     check_report(options)
+    check_outputs(options.json, options.save_parameters, options.report, options.checkpoint)
     if options.save_parameters is not None:
         from ..robot.parameter_file import check_path
 
@@ -95,15 +97,14 @@ def run(options: argparse.Namespace) -> int:
         if not hasattr(method, key):
             return refuse(f"--{key} is not for method '{options.method}'")
     fit = identify(experiment, make(**settings), verbose=options.verbose)
-    # The file first: a reader of stdout that stops early must not cost the result.
-    if options.json is not None:
-        fit.save(options.json)
-    if options.save_parameters is not None:
-        fit.save_parameters(options.save_parameters)
+    # The files first: a reader of stdout that stops early must not cost the result.
+    saved = Saved()
+    saved.save(options.json, fit.save)
+    saved.save(options.save_parameters, fit.save_parameters)
     if options.report is not None:
         from ..report import write
 
-        write(options.report, fit, experiment)
-    if not options.quiet:
-        print(formatted(fit, options.format))
-    return exit_code(fit.status)
+        saved.save(options.report, lambda path: write(path, fit, experiment))
+    if not options.quiet or saved.failed:
+        saved.show(formatted(fit, options.format))
+    return saved.code(exit_code(fit.status))

@@ -1,6 +1,7 @@
 """The command ``didim``: results on stdout, progress on stderr.
 
-Exit codes: 0 converged (or nothing found), 1 not converged (or something found), 2 wrong input (one line), 130 interrupted.
+Exit codes: 0 converged (or nothing found), 1 not converged (or something found, or an output that could not be written where it
+was asked for and is somewhere else), 2 wrong input (one line), 130 interrupted.
 A command is a module with ``add``, which adds its parser, and ``run``, which returns the exit code.
 """
 
@@ -14,6 +15,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from .._tools.version import __version__
+from .._tools.words import printable
 from ..errors import DidimError, RobotWarning
 from .base import add as add_base
 from .check import add as add_check
@@ -64,13 +66,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except DidimError as error:
         return refuse(str(error))
     except OSError as error:
-        return refuse(f"{error.filename}: {error.strerror}" if error.strerror else str(error))
+        if error.strerror is None:
+            return refuse(str(error))
+        return refuse(
+            f"{error.filename}: {error.strerror}" if error.filename else f"cannot write: {error.strerror}"
+        )
     return code
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     """Print a warning as one line, without the place in the code."""
-    print(f"didim: warning: {' '.join(str(message).split())}", file=sys.stderr)
+    print(f"didim: warning: {printable(' '.join(str(message).split()))}", file=sys.stderr)
 
 
 def _parser() -> argparse.ArgumentParser:

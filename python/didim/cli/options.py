@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
+from .._tools.words import printable
+
 if TYPE_CHECKING:
     from ..formats import Result
     from ..result.status import Status
@@ -33,7 +35,7 @@ LONGEST_MESSAGE = 1000
 
 def refuse(message: str) -> int:
     """Print one line on stderr, and return the exit code of wrong input."""
-    line = " ".join(message.split())
+    line = printable(" ".join(message.split()))
     if len(line) > LONGEST_MESSAGE:
         line = f"{line[: LONGEST_MESSAGE - 300]} [...] {line[-200:]}"
     print(f"didim: {line}", file=sys.stderr)
@@ -43,7 +45,7 @@ def refuse(message: str) -> int:
 def tell(notes: Iterable[str]) -> None:
     """Print on stderr what reading a file changed, a line each."""
     for note in notes:
-        print(f"didim: note: {note}", file=sys.stderr)
+        print(f"didim: note: {printable(note)}", file=sys.stderr)
 
 
 def add_command(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .options import CONVERGED, add_command, refuse, tell
+from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -76,6 +77,7 @@ def run(options: argparse.Namespace) -> int:
             return refuse(f"-o {options.output}: the name of a robot file ends in .toml")
         if options.output.exists() and not options.force:
             return refuse(f"{options.output}: the file is there already; --force overwrites it")
+    check_outputs(options.output)
     reading = read_urdf(
         options.urdf,
         tip=options.tip,
@@ -87,8 +89,10 @@ def run(options: argparse.Namespace) -> int:
     if reading.suspicion is not None and options.snap is None:
         print(f"didim: warning: {reading.suspicion}", file=sys.stderr)
     tell(reading.robot.notes)
+    saved = Saved()
     if options.output is not None:
-        write_atomically(options.output, robot_text(reading.robot))
-        print(f"{options.output}: written")
-    print(summary(reading))
-    return CONVERGED
+        saved.save(options.output, lambda path: write_atomically(path, robot_text(reading.robot)))
+        if not saved.failed:
+            print(f"{options.output}: written")
+    saved.show(summary(reading))
+    return saved.code(CONVERGED)

@@ -7,12 +7,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .._tools.words import printable
 from .options import (
     CONVERGED,
     NOT_CONVERGED,
     add_command,
     add_experiment,
 )
+from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -42,12 +44,13 @@ def run(options: argparse.Namespace) -> int:
     from ..experiment.experiment_file import load_experiment
     from ..studies.run import simulate_experiment
 
+    check_outputs(options.output)
     report = simulate_experiment(
         load_experiment(options.experiment, data=options.data), options.parameters, options.recording
     )
     for sentence in report.warnings:
-        print(f"didim: warning: {sentence}", file=sys.stderr)
-    if options.output is not None:
-        report.write(options.output)
-    print(report)
-    return CONVERGED if report.outcome.completed else NOT_CONVERGED
+        print(f"didim: warning: {printable(sentence)}", file=sys.stderr)
+    saved = Saved()
+    saved.save(options.output, report.write)
+    saved.show(str(report))
+    return saved.code(CONVERGED if report.outcome.completed else NOT_CONVERGED)

@@ -14,6 +14,7 @@ from .options import (
     add_report,
     check_report,
 )
+from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -41,13 +42,15 @@ def run(options: argparse.Namespace) -> int:
 
     fit = Identification.load(options.fit)
     check_report(options)
+    check_outputs(options.json, options.report)
     experiment = load_experiment(options.experiment, data=options.data)
     found = validate(fit, experiment)
-    if options.json is not None:
-        write_atomically(options.json, json.dumps(found.to_dict(), indent=1, allow_nan=False) + "\n")
+    text = json.dumps(found.to_dict(), indent=1, allow_nan=False) + "\n"
+    saved = Saved()
+    saved.save(options.json, lambda path: write_atomically(path, text))
     if options.report is not None:
         from ..report import write
 
-        write(options.report, found, experiment)
-    print(found)
-    return CONVERGED if found.completed else NOT_CONVERGED
+        saved.save(options.report, lambda path: write(path, found, experiment))
+    saved.show(str(found))
+    return saved.code(CONVERGED if found.completed else NOT_CONVERGED)

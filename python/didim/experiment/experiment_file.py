@@ -168,6 +168,7 @@ def _signal_keys(table: Table) -> dict[str, Any]:
         table,
         order=table.integer("order", None, minimum=1),
         padding=table.text("padding", None, choices=["scipy", "matlab"]),
+        ends=table.text("ends", None, choices=["second-order", "first-order"]),
         form=table.text("form", None, choices=["sections", "transfer-function"]),
         trim_start=table.integer("trim_start", None, minimum=0),
         trim_end=table.integer("trim_end", None, minimum=0),

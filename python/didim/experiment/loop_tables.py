@@ -6,7 +6,8 @@ Tested in ``tests/test_closed_loop.py``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -136,47 +137,72 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
         options["saturation"] = table.spread(given[0], n)
     options["digital"] = _digital(table, robot)
     feedforward = _set_name(table, "feedforward_of", robot)
-    build: Callable[[Reference | None], Controller]
+    gains: dict[str, Any]
+    inertia_of = None
     if table.has("natural_frequency_hz"):
         if kind != "pd":
             table.fail("natural_frequency_hz is for kind 'pd'")
-        frequency, damping = table.spread("natural_frequency_hz", n), table.spread("damping", n)
+        gains = {key: table.spread(key, n) for key in ("natural_frequency_hz", "damping")}
         inertia = table.spread("inertia", n, None)
-        of = _set_name(table, "inertia_of", robot)
-        if (inertia is None) == (of is None):
+        inertia_of = _set_name(table, "inertia_of", robot)
+        if (inertia is None) == (inertia_of is None):
             table.fail(
                 "natural_frequency_hz needs inertia (kg.m^2 or kg, one per joint) or inertia_of (a parameter set)"
             )
-
-        def build(reference: Reference | None) -> Controller:
-            felt = inertia or [1.0] * n
-            if of is not None and reference is not None:
-                felt = mean_inertia(robot, robot.parameter_set(of), reference).tolist()
-            return Controller.tuned(frequency, damping, felt, **options)
+        # An inertia that needs the reference is 1 until there is one.
+        gains["inertia"] = inertia or [1.0] * n
+        kind = "tuned"
     else:
-        gains: dict[str, Any] = {key: table.spread(key, n) for key in ("kp", "kv")}
+        gains = {key: table.spread(key, n) for key in ("kp", "kv")}
         if kind == "pid":
             gains["ki"] = table.spread("ki", n)
         if kind == "cascade" and table.has("integral_time_s"):
             gains["integral_time_s"] = table.spread("integral_time_s", n)
-
-        def build(reference: Reference | None) -> Controller:
-            return getattr(Controller, kind)(**gains, **options)  # type: ignore[no-any-return]
-
     table.done()
+    recipe = ControllerRecipe(robot, kind, {**gains, **options}, inertia_of, feedforward)
+    # Now, so that a wrong number is an error of loading.
+    _told(table, recipe.plain)
+    digital = options["digital"]
+    return ControllerSpec(recipe, settings, 0.0 if digital is None else digital.sample_time_s)
 
-    def complete(reference: Reference) -> Controller:
-        controller = build(reference)
-        if feedforward is None:
+
+@dataclass(frozen=True)
+class ControllerRecipe:
+    """How the controller of a file is made for a reference.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot.
+    maker : str
+        Function of `Controller` that makes it.
+    options : mapping
+        Its arguments.
+    inertia_of, feedforward_of : str or None
+        Parameter sets whose mean inertia along the reference tunes the gains, and whose torque is fed forward.
+    """
+
+    robot: Robot
+    maker: str
+    options: Mapping[str, Any]
+    inertia_of: str | None
+    feedforward_of: str | None
+
+    def plain(self) -> Controller:
+        """Return the controller without what depends on the reference."""
+        return getattr(Controller, self.maker)(**self.options)  # type: ignore[no-any-return]
+
+    def __call__(self, reference: Reference) -> Controller:
+        """Return the controller for a reference."""
+        options, robot = dict(self.options), self.robot
+        if self.inertia_of is not None:
+            options["inertia"] = mean_inertia(robot, robot.parameter_set(self.inertia_of), reference).tolist()
+        controller: Controller = getattr(Controller, self.maker)(**options)
+        if self.feedforward_of is None:
             return controller
         t = np.arange(0.0, reference.duration + 0.5 / FEEDFORWARD_HZ, 1.0 / FEEDFORWARD_HZ)
-        tau = inverse_dynamics(robot, *reference.at(t), robot.parameter_set(feedforward))
+        tau = inverse_dynamics(robot, *reference.at(t), robot.parameter_set(self.feedforward_of))
         return controller.with_feedforward(tau, rate_hz=FEEDFORWARD_HZ)
-
-    # Now, so that a wrong number is an error of loading; inertias that need the reference are 1 here.
-    _told(table, lambda: build(None))
-    digital = options["digital"]
-    return ControllerSpec(complete, settings, 0.0 if digital is None else digital.sample_time_s)
 
 
 def _digital(table: Table, robot: Robot) -> Digital | None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import LARGEST_POSITION, Array, real_array
+from .._tools.pickling import Pickled
 from .._tools.settings import one_of
 from ..errors import RecordingError
 from .sampling import MINIMUM_SAMPLES, check_time
@@ -21,7 +22,7 @@ ROLES: tuple[Role, ...] = ("fit", "held-out")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recording:
+class Recording(Pickled):
     """Motion and torque of one run.
 
     Attributes

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 import didim._core as _core
 
 from .._tools.arrays import Array, real_array
+from .._tools.settings import whole
 from ..errors import SimulationError
 from ..robot.robot import Robot
 from .controller import Controller
@@ -33,6 +34,8 @@ NEAR_ZERO_MEASURED = 5.0
 """The same where the velocities are those of the robot."""
 MOST_RECORDS = 20_000_000
 """Values of a run per quantity, and instants at which something happens: beyond, a rate or a step is a mistake, and memory ends."""
+MOST_THREADS = 4096
+"""Threads that a run may be asked for; more is a mistake."""
 FINEST = 1e-4
 """Smallest share of the step that a fine step may be: between two steps nothing is heard, not even Ctrl-C."""
 DIVERGENCE = 100.0
@@ -364,8 +367,8 @@ class ClosedLoop:
         """Return the scale of the gains, 1 by default, once the candidates are rows."""
         if x.ndim != 2:
             raise SimulationError(f"x must have shape (n_candidates, n_parameters), got {x.shape}")
-        if threads is not None and threads < 1:
-            raise SimulationError(f"threads must be at least 1, got {threads}")
+        if threads is not None:
+            whole("threads", threads, SimulationError, least=1, most=MOST_THREADS)
         return np.ones((len(x), self.robot.n_dof)) if gain_scale is None else gain_scale
 
     def integration_error(

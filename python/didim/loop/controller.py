@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 import didim._core as _core
 
 from .._tools.arrays import Array, real_array
+from .._tools.pickling import Pickled
 from ..errors import ControllerError
 
 
@@ -62,7 +63,7 @@ class Digital:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Controller:
+class Controller(Pickled):
     """The laws of all joints, joint side. Made by `pd`, `pid` or `cascade`.
 
     Attributes

@@ -7,7 +7,8 @@ time. Tested in ``tests/test_reference.py`` and in the core against closed forms
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,10 +32,17 @@ class Reference:
         The reference of the numerical core.
     kind : str
         "sampled", "fourier" or "point-to-point".
+    made_from : (str, tuple)
+        Function of the core that made it, and its arguments, which `pickle` and `copy` take.
     """
 
     core: _core.Reference
     kind: str
+    made_from: tuple[str, tuple[Any, ...]] = field(compare=False, repr=False)
+
+    def __reduce__(self) -> tuple[Callable[..., Reference], tuple[Any, ...]]:
+        """Pickle the arguments; the object of the core is made again on arrival."""
+        return _made, (self.kind, *self.made_from)
 
     @property
     def n_dof(self) -> int:
@@ -83,7 +91,7 @@ class Reference:
         positions = _matrix("q", q)
         if not (np.isfinite(rate_hz) and rate_hz > 0.0):
             raise ReferenceError(f"rate_hz must be positive, got {rate_hz}")
-        return cls(_made(lambda: _core.Reference.sampled(float(rate_hz), positions)), "sampled")
+        return _made("sampled", "sampled", (float(rate_hz), positions.copy()))
 
     @classmethod
     def through(cls, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, rate_hz: float) -> Reference:
@@ -105,7 +113,7 @@ class Reference:
         if not (np.isfinite(rate_hz) and rate_hz > 0.0):
             raise ReferenceError(f"rate_hz must be positive, got {rate_hz}")
         times = np.arange(len(values[0])) / rate_hz
-        return cls(_made(lambda: _core.Reference.from_knots(times, *values)), "sampled")
+        return _made("sampled", "from_knots", (times, *(value.copy() for value in values)))
 
     @classmethod
     def fourier(
@@ -153,9 +161,8 @@ class Reference:
                 f"offset needs {s.shape[1]} numbers, one per joint, got an array of shape {mean.shape}"
             )
         places = np.broadcast_to(mean, s.shape[1:]).tolist()
-        return cls(
-            _made(lambda: _core.Reference.fourier(float(period_s), places, s, c, float(duration), count)),
-            "fourier",
+        return _made(
+            "fourier", "fourier", (float(period_s), places, s.copy(), c.copy(), float(duration), count)
         )
 
     @classmethod
@@ -264,9 +271,8 @@ class Reference:
             limits.append(np.broadcast_to(values, (n,)).tolist())
         if not (np.isfinite(dwell_s) and dwell_s >= 0.0):
             raise ReferenceError(f"dwell_s must not be negative, got {dwell_s}")
-        return cls(
-            _made(lambda: _core.Reference.point_to_point(places, limits[0], limits[1], float(dwell_s))),
-            "point-to-point",
+        return _made(
+            "point-to-point", "point_to_point", (places.copy(), limits[0], limits[1], float(dwell_s))
         )
 
 
@@ -284,8 +290,10 @@ def _matrix(name: str, value: ArrayLike) -> Array:
     return array
 
 
-def _made(make: Callable[[], _core.Reference]) -> _core.Reference:
+def _made(kind: str, maker: str, arguments: tuple[Any, ...]) -> Reference:
+    """Make a reference by a function of the core."""
     try:
-        return make()
+        core = getattr(_core.Reference, maker)(*arguments)
     except ValueError as reason:
         raise ReferenceError(str(reason)) from None
+    return Reference(core, kind, (maker, arguments))

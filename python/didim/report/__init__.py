@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .._tools.files import write_atomically
+from .._tools.files import check_output, write_atomically
 from ..errors import PlotError
 from ..experiment.experiment import Experiment
 from ..plot.style import require
@@ -86,6 +86,4 @@ def check(path: str | Path) -> None:
         When there is no such folder.
     """
     require()
-    folder = Path(path).resolve().parent
-    if not folder.is_dir():
-        raise FileNotFoundError(f"cannot write '{path}': there is no folder '{folder}'")
+    check_output(Path(path))

@@ -15,6 +15,7 @@ import numpy as np
 
 from .._tools.arrays import Array, relative_percent
 from .._tools.files import write_atomically
+from .._tools.pickling import Pickled
 from .._tools.saved import SCHEMA, read_saved
 from .._tools.words import counted
 from ..errors import FitError
@@ -27,7 +28,7 @@ from .table import error_lines, error_rows, parameter_lines, parameter_rows, per
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Identification:
+class Identification(Pickled):
     """Identified parameters of a robot, how certain they are, and how well they explain the log.
 
     All values are in SI units on the joint side.
@@ -317,11 +318,32 @@ class Identification:
         """
         data = read_saved(path)
         try:
-            return cls(**fields_of(data))
+            return checked(cls(**fields_of(data)))
         except KeyError as error:
             raise FitError(f"{path}: key {error} is missing or unknown") from None
         except (AttributeError, TypeError, ValueError, OverflowError, IndexError) as error:
             raise FitError(f"{path}: not the result of an identification: {error}") from None
+
+
+def checked(fit: Identification) -> Identification:
+    """Refuse numbers that no identification gives.
+
+    Raises
+    ------
+    ValueError
+        Naming the parameter (``test_identification.py``).
+    """
+    for what, names, values in (
+        ("value", fit.names, fit.beta),
+        ("value", fit.parameter_names, fit.parameters),
+        ("variance", fit.names, np.diag(fit.covariance)),
+    ):
+        for name, value in zip(names, values, strict=True):
+            if not math.isfinite(value) or (what == "variance" and value < 0.0):
+                raise ValueError(f"the {what} of {name} is {value:g}")
+    if not np.isfinite(fit.covariance).all():
+        raise ValueError("the covariance has an entry that is not finite")
+    return fit
 
 
 def _finite(value: float) -> float | None:

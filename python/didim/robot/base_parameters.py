@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 import didim._core as _core
 
 from .._tools.arrays import Array, real_array
+from .._tools.pickling import Pickled
 from ..errors import ShapeError
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BaseParameters:
+class BaseParameters(Pickled):
     """The base parameters of a robot.
 
     The columns of the regressor are scanned in the order of the standard parameters, and a column that

@@ -14,7 +14,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -202,8 +201,10 @@ def _arrays(path: Path) -> tuple[Sequence[str], Array]:
             parameters = np.array(arrays["parameters"], dtype=np.float64)
     except KeyError as error:
         raise FitError(f"{path}: no file of parameters, {error.args[0]}") from None
-    except (BadZipFile, EOFError, ValueError, TypeError) as error:
-        raise FitError(f"{path}: not an npz file of parameters ({error})") from None
+    except (
+        Exception
+    ) as error:  # whatever the reader of archives meets in damaged ones: sizes, compressions, encryption
+        raise FitError(f"{path}: not an npz file of parameters ({error or type(error).__name__})") from None
     if parameters.shape != (len(names),) or not np.isfinite(parameters).all():
         raise FitError(f"{path}: parameters must be {len(names)} finite numbers, one per name")
     return names, parameters

@@ -14,6 +14,7 @@ import numpy as np
 import didim._core as _core
 
 from .._tools.arrays import Array
+from .._tools.pickling import Pickled
 from .._tools.toml import Table
 from .._tools.words import did_you_mean
 from ..errors import RobotError
@@ -67,7 +68,7 @@ class Geometry:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Robot:
+class Robot(Pickled):
     """A serial robot. Made by `load_robot`.
 
     Attributes

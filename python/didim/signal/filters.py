@@ -19,7 +19,7 @@ import didim._core as _core
 
 from .._tools.arrays import Array, real_array
 from ..errors import SignalError
-from .processing import Convention, Form, SignalProcessing, check_order
+from .processing import Convention, Ends, Form, SignalProcessing, check_order
 
 LARGEST_POLE_ERROR = 1e-5
 """How far rounding may move a pole, as a share of its distance from the unit circle."""
@@ -105,8 +105,8 @@ def zero_phase_butterworth(
     return core_errors(lambda: _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen))
 
 
-def central_differences(x: Array, dt: float) -> Array:
-    """Differentiate with central differences, one-sided at both ends.
+def central_differences(x: Array, dt: float, ends: Ends = "second-order") -> Array:
+    """Differentiate with central differences, one-sided ones at both ends.
 
     Parameters
     ----------
@@ -114,30 +114,38 @@ def central_differences(x: Array, dt: float) -> Array:
         Signals, one per column.
     dt : float
         Sampling time in s.
+    ends : {"second-order", "first-order"}
+        Differences at the ends, see `SignalProcessing`.
 
     Returns
     -------
     ndarray, shape (n_samples, m)
-        Derivatives, in the unit of `x` per s: ``(x[k+1] - x[k-1]) / (2 dt)``.
+        Derivatives, in the unit of `x` per s: ``(x[k+1] - x[k-1]) / (2 dt)``, and ``(-3 x[0] + 4 x[1] - x[2]) / (2 dt)`` at the
+        first sample, likewise at the last.
 
     Raises
     ------
     SignalError
-        With fewer than two samples, a sample that is not a finite number, or derivatives beyond what a
+        With fewer than three samples, a sample that is not a finite number, or derivatives beyond what a
         floating-point number holds.
 
     Notes
     -----
-    ``test_signals.py`` checks that it is exact for parabolas between the ends.
+    ``test_signals.py`` checks that it is exact for parabolas, at the ends too: applied twice, differences of first order
+    give half of an acceleration at the first sample and three quarters at the second.
     """
     x = checked_columns(x)
-    if x.shape[0] < 2:
-        raise SignalError(f"central differences need at least 2 samples, got {x.shape[0]}")
+    least = 2 if ends == "first-order" else 3
+    if x.shape[0] < least:
+        raise SignalError(f"central differences need at least {least} samples, got {x.shape[0]}")
     dx = np.empty_like(x)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # told below
         dx[1:-1] = (x[2:] - x[:-2]) / (2.0 * dt)
-        dx[0] = (x[1] - x[0]) / dt
-        dx[-1] = (x[-1] - x[-2]) / dt
+        if ends == "first-order":
+            dx[0], dx[-1] = (x[1] - x[0]) / dt, (x[-1] - x[-2]) / dt
+        else:
+            dx[0] = (-3.0 * x[0] + 4.0 * x[1] - x[2]) / (2.0 * dt)
+            dx[-1] = (3.0 * x[-1] - 4.0 * x[-2] + x[-3]) / (2.0 * dt)
     if not np.isfinite(dx).all():
         raise SignalError(f"derivatives at a sampling time of {dt:g} s are too large for floating point")
     return dx
@@ -175,8 +183,8 @@ def differentiate(q: Array, rate_hz: float, signal: SignalProcessing) -> tuple[A
     q = checked_columns(q)
     if signal.cutoff_hz is not None:
         q = zero_phase_butterworth(q, rate_hz, signal.cutoff_hz, signal.order, signal.padding, signal.form)
-    dq = central_differences(q, 1.0 / rate_hz)
-    return q, dq, central_differences(dq, 1.0 / rate_hz)
+    dq = central_differences(q, 1.0 / rate_hz, signal.ends)
+    return q, dq, central_differences(dq, 1.0 / rate_hz, signal.ends)
 
 
 def padding_length(order: int, convention: Convention) -> int:

@@ -15,12 +15,19 @@ _CIRCLE = 2048
 """Points of a spectrum at the last rate; half as many lags of a correlation."""
 
 
+ROUNDING = 1e-9
+"""Share of a signal's range below which a change is rounding."""
+MOST_CHANGES = 0.9
+"""Share of samples that may differ from the one before in a signal that counts as quantised."""
 LARGEST_DECIMATION = 10_000
 """Of all factors together: the spectrum of decimated noise has 2048 times as many points."""
 
 
 def white_noise(values: Array) -> Array:
     """Estimate the white noise of a log from its fifth differences: motion hardly shows in them.
+
+    Samples at which a quantised signal rests are left out, and the estimate is at least the standard deviation of a
+    rounding to the smallest step of the signal: a joint that stands still on one encoder count is not known exactly.
 
     Parameters
     ----------
@@ -34,11 +41,35 @@ def white_noise(values: Array) -> Array:
 
     Notes
     -----
-    ``test_cloe.py`` checks it on the noise of a simulated log.
+    ``test_cloe.py`` checks it on the noise of a simulated log, ``test_noise.py`` on joints at rest.
     """
-    # The median does not see reversals, where friction jumps; 252 is the sum of the squared binomials.
-    spread = np.median(np.abs(np.diff(values, 5, axis=0)), axis=0) / 0.6745 / math.sqrt(252.0)
-    return np.asarray(np.maximum(spread, 1e-9 * np.maximum(np.ptp(values, axis=0), 1e-3)))
+    differences = np.abs(np.diff(values, 5, axis=0))
+    # 252 is the sum of the squared binomials.
+    spread = np.array([_median_moving(column) for column in differences.T]) / 0.6745 / math.sqrt(252.0)
+    ranges = np.ptp(values, axis=0)
+    floor = np.maximum(smallest_step(values, ranges) / math.sqrt(12.0), 1e-9 * np.maximum(ranges, 1e-3))
+    return np.asarray(np.maximum(spread, floor))
+
+
+def _median_moving(differences: Array) -> float:
+    """Median of the differences that are not zero: reversals, where friction jumps, hardly change it."""
+    moving = differences[differences > 0.0]
+    return float(np.median(moving)) if moving.size else 0.0
+
+
+def smallest_step(values: Array, ranges: Array) -> Array:
+    """Smallest change from one sample to the next of quantised signals, (n_dof,); zero for signals that are not quantised.
+
+    A signal counts as quantised if at least a tenth of its samples repeat the one before. Changes below 1e-9 of the
+    range are rounding.
+    """
+    steps = np.abs(np.diff(values, axis=0))
+    found = np.zeros(values.shape[1])
+    for joint, (column, size) in enumerate(zip(steps.T, ranges, strict=True)):
+        changes = column[column > ROUNDING * size]
+        if changes.size and changes.size <= MOST_CHANGES * column.size:
+            found[joint] = changes.min()
+    return found
 
 
 def noise_correlation(signal: SignalProcessing) -> Array | None:

@@ -10,6 +10,7 @@ from .._tools.settings import one_of, positive, whole
 from ..errors import SignalError
 
 Convention = Literal["scipy", "matlab"]
+Ends = Literal["second-order", "first-order"]
 Form = Literal["sections", "transfer-function"]
 Spikes = Literal["hampel"]
 
@@ -34,6 +35,10 @@ class SignalProcessing:
         How the Butterworth filter is run. Second-order sections are the sound way. The transfer function is
         that of MATLAB's ``filtfilt(b, a, x)``: where a joint stands still, its rounding noise decides the
         sign of the velocity (docs/tx40.md), so that figures made with it need it.
+    ends : {"second-order", "first-order"}
+        Differences at the first and the last sample of a window. One-sided ones of second order are exact for parabolas. Those
+        of first order, applied twice, give half of the acceleration at an end and three quarters beside it: for figures
+        that were made so.
     trim_start, trim_end : int
         Samples left out at the ends once positions are differentiated: there the filter has only the
         extension to go by.
@@ -60,6 +65,7 @@ class SignalProcessing:
     cutoff_hz: float | None = None
     order: int = 4
     padding: Convention = "scipy"
+    ends: Ends = "second-order"
     form: Form = "sections"
     trim_start: int = 0
     trim_end: int = 0
@@ -88,6 +94,7 @@ class SignalProcessing:
             whole("each decimation factor", factor, SignalError, least=2) for factor in self.decimation
         )
         object.__setattr__(self, "decimation", factors)
+        one_of("ends", self.ends, get_args(Ends), SignalError)
         for key in ("padding", "decimation_convention"):
             one_of(key, getattr(self, key), get_args(Convention), SignalError)
         one_of("form", self.form, get_args(Form), SignalError)

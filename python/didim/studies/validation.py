@@ -5,7 +5,8 @@ Tested in ``tests/test_validate.py``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -102,6 +103,32 @@ def _plain(values: Array) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
+def _same_robot(fit: Identification, experiment: Experiment) -> None:
+    """Refuse the result of another robot with the same parameters.
+
+    Equal digests of the robot file, or an equal geometry, show that it is the same; a set of parameters may have been added to the
+    file since. Results that record neither are taken at their word.
+    """
+    robot = experiment.robot
+    known = {digest for key, digest in fit.digests.items() if key.startswith("robot ")}
+    if robot.digest in known:
+        return
+    recorded = fit.settings.get("robot", {}).get("geometry")
+    if recorded is None:
+        if known and robot.digest:
+            raise FitError(
+                f"the result is for another file of robot {fit.robot!r} than the experiment's: their digests differ"
+            )
+        return
+    here = json.loads(json.dumps(asdict(robot.geometry)))
+    other = [key for key, value in here.items() if recorded.get(key, value) != value]
+    if other:
+        raise FitError(
+            f"the result is for another robot of the same parameters: {', '.join(other)} of robot {robot.name!r} differ from "
+            f"those that the result {fit.name!r} was made with"
+        )
+
+
 def validate(fit: Identification, experiment: Experiment) -> Validation:
     """Errors of a result on the recordings of an experiment: direct (torques) and simulated (closed loop).
 
@@ -136,6 +163,7 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
         raise FitError(
             f"the result is for robot {fit.robot!r} and the experiment for {robot.name!r}: their parameters differ"
         )
+    _same_robot(fit, experiment)
     if not experiment.recordings:
         raise FitError(f"experiment '{experiment.name}' has no recording to validate on")
     job = FitSettings().job(experiment)

@@ -11,7 +11,7 @@ import hashlib
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ..._tools.files import write_atomically
+from ..._tools.words import counted
 from ...errors import FitError
 from ...result.iteration import Iteration
 
@@ -37,6 +38,8 @@ class Checkpoint:
 
     path: Path | None
     problem: str
+    failures: list[str] = field(default_factory=list)
+    """Reasons for which the file could not be written: the search goes on without it."""
 
     def save(
         self, arrays: Mapping[str, Array], numbers: Mapping[str, Any], history: Sequence[Iteration]
@@ -57,7 +60,20 @@ class Checkpoint:
         buffer = io.BytesIO()
         named: dict[str, Any] = {f"array_{name}": value for name, value in arrays.items()}
         np.savez(buffer, record=np.array(record), seal=np.array(_seal(record, named)), **named)
-        write_atomically(self.path, buffer.getvalue())
+        try:
+            write_atomically(self.path, buffer.getvalue())
+        except OSError as error:
+            self.failures.append(error.strerror or str(error))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentence on states that could not be saved."""
+        if not self.failures:
+            return ()
+        return (
+            f"the checkpoint '{self.path}' could not be written {counted(len(self.failures), 'time')} ({self.failures[-1]}): the "
+            "search went on without it",
+        )
 
     def load(self) -> tuple[dict[str, Array], dict[str, Any], list[Iteration]] | None:
         """Read arrays, numbers and history; None where there are none yet.

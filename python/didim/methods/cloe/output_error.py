@@ -79,6 +79,7 @@ class OutputError:
         self.windows = _windows(job, method.output)
         self.checked = thinned(np.concatenate([window.q for window in self.windows]), CHECKED_POSITIONS)
         self.n_simulations = 0
+        self.saved = Checkpoint(None, "")
         self.start = self._start()
         self.scale = self._scale()
         n = self.robot.n_dof
@@ -191,7 +192,8 @@ class OutputError:
     def checkpoint(self) -> Checkpoint:
         """Return the file of the search, which knows this problem; of no file it need not."""
         path = self.method.checkpoint
-        return Checkpoint(None, "") if path is None else Checkpoint(Path(path), self.fingerprint())
+        self.saved = Checkpoint(None, "") if path is None else Checkpoint(Path(path), self.fingerprint())
+        return self.saved
 
     def fingerprint(self) -> str:
         """Digest of all that makes two searches the same problem: the log, the closed loop, what is estimated and how."""
@@ -287,6 +289,7 @@ class OutputError:
             settings={"cloe": {**self.settings(), **settings, "position_error_norm": math.sqrt(cost)}},
             remarks=(
                 *remarks,
+                *self.saved.remarks,
                 *(() if torques else ("without torques in the log, torque errors mean nothing",)),
             ),
         )

@@ -1,0 +1,313 @@
+"""Outputs: checked before the work, never lost after it; damaged inputs, control characters, numbers of threads, Ctrl-C."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import resource
+import signal
+import stat
+import subprocess
+import sys
+import threading
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import didim
+from arm import arm_file, arm_log
+from didim import CLOE, IDIMLS, identify
+from didim._tools.files import check_output, write_atomically, write_elsewhere
+from didim._tools.words import printable
+from didim.cli.main import main
+from didim.errors import DidimError, FitError
+from didim.robot.parameter_file import load_parameters
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """Experiment file with its log beside it."""
+    return arm_file(arm_log(1), tmp_path, tmp_path / "arm.toml")
+
+
+OUTPUTS = ("--json", "--save-parameters")
+
+
+@pytest.mark.parametrize("option", OUTPUTS)
+@pytest.mark.parametrize("place", ["absent/fit.toml", "folder.toml"])
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(
+    file: Path, option: str, place: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(file.parent)
+    Path("folder.toml").mkdir()
+    monkeypatch.setattr(IDIMLS, "run", None)  # called, it would be an error of another kind
+    assert main(["identify", str(file), option, place]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"didim: cannot write '{place}': ")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", ["simulate", "validate"])
+def test_other_commands_look_ahead_too(
+    file: Path, command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert main(["identify", str(file), "--quiet", "--json", str(tmp_path / "fit.json")]) == 0
+    arguments = {
+        "simulate": ["simulate", str(file), "--parameters", "reference", "-o", "absent/run.csv"],
+        "validate": ["validate", str(tmp_path / "fit.json"), str(file), "--json", "absent/fit.json"],
+    }
+    assert main(arguments[command]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert "there is no folder" in err
+
+
+def test_two_outputs_of_one_path_are_refused(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    same = str(file.with_name("out.toml"))
+    assert main(["identify", str(file), "--json", same, "--save-parameters", same]) == 2
+    assert "two outputs have the same path" in capsys.readouterr().err
+
+
+def limited(arguments: list[str], folder: Path, size: int) -> subprocess.CompletedProcess[str]:
+    """Run a command line that can write files of at most `size` bytes, as on a full disk."""
+
+    def limit() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+    command = [sys.executable, "-m", "didim", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, preexec_fn=limit, check=False)
+
+
+def test_a_full_disk_costs_no_result(file: Path, tmp_path: Path) -> None:
+    """Not even the folder for temporary files takes the file: the table is printed, even with --quiet."""
+    run = limited(["identify", str(file), "--quiet", "--json", "fit.json"], tmp_path, 512)
+    assert run.returncode == 1
+    assert run.stdout.startswith("arm: 13 base parameters of robot planar2 by idim-ls\n")
+    assert run.stderr.startswith("didim: fit.json: File too large; it could not be written elsewhere either")
+    assert run.stderr.count("\n") == 1
+    assert not (tmp_path / "fit.json").exists()
+    assert not list(tmp_path.glob(".*tmp"))
+
+
+def test_an_output_that_fails_late_is_written_elsewhere(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    target = tmp_path / "away" / "fit.json"
+    target.parent.mkdir()
+    run = IDIMLS.run
+
+    def remove_folder(self: IDIMLS, *arguments: Any) -> Any:
+        target.parent.rmdir()
+        return run(self, *arguments)
+
+    monkeypatch.setattr(IDIMLS, "run", remove_folder)
+    assert main(["identify", str(file), "--quiet", "--json", str(target)]) == 1
+    out, err = capsys.readouterr()
+    assert "parameter" in out
+    assert err.endswith(f"the content is in '{tmp_path / 'fit-1.json'}' instead\n")
+    assert didim.Identification.load(tmp_path / "fit-1.json").method == "idim-ls"
+
+
+def test_a_result_that_cannot_be_printed_is_saved(file: Path, tmp_path: Path) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("this system has no /dev/full")
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        run = subprocess.run(
+            [sys.executable, "-m", "didim", "identify", str(file)],
+            cwd=tmp_path,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert run.returncode == 1
+    assert run.stderr == (
+        f"didim: the output: No space left on device; the content is in '{tmp_path / 'didim-result-1.txt'}' instead\n"
+    )
+    assert "parameter" in (tmp_path / "didim-result-1.txt").read_text(encoding="utf-8")
+
+
+def test_a_full_disk_under_a_checkpoint_does_not_end_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, content: bytes) -> None:
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr("didim.methods.cloe.checkpoint.write_atomically", full)
+    fit = identify(arm_log(1), CLOE(start="reference", checkpoint=tmp_path / "search.npz", max_iterations=3))
+    assert any("could not be written" in text and "No space left on device" in text for text in fit.remarks)
+
+
+# Files: modes, threads, places.
+
+
+def test_modes_are_kept_and_new_files_follow_the_mask(tmp_path: Path) -> None:
+    path = tmp_path / "fit.json"
+    write_atomically(path, "{}")
+    mask = os.umask(0)
+    os.umask(mask)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~mask
+    path.chmod(0o600)
+    write_atomically(path, "{ }")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert path.read_text(encoding="utf-8") == "{ }"
+
+
+def test_threads_save_to_one_path(tmp_path: Path) -> None:
+    fit = identify(arm_log(1), IDIMLS())
+    path, failures = tmp_path / "fit.json", []
+
+    def save() -> None:
+        for _ in range(40):
+            try:
+                fit.save(path)
+            except OSError as error:  # pragma: no cover - what the test looks for
+                failures.append(error)
+
+    threads = [threading.Thread(target=save) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failures
+    np.testing.assert_array_equal(didim.Identification.load(path).beta, fit.beta)
+    assert [item.name for item in tmp_path.iterdir()] == ["fit.json"]
+
+
+def test_check_output_leaves_nothing(tmp_path: Path) -> None:
+    check_output(tmp_path / "new.json")
+    assert not list(tmp_path.iterdir())
+    check_output(Path(os.devnull))
+    with pytest.raises(IsADirectoryError, match="it is a folder"):
+        check_output(tmp_path)
+
+
+def test_write_elsewhere_takes_no_name_that_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("out-1.csv").write_text("old", encoding="utf-8")
+
+    def write(path: Path) -> None:
+        path.write_text("new", encoding="utf-8")
+
+    place = write_elsewhere(Path("absent/out.csv"), write)
+    assert place == tmp_path / "out-2.csv"
+    assert Path("out-1.csv").read_text(encoding="utf-8") == "old"
+
+
+# Damaged inputs.
+
+
+def huge(shape: str) -> bytes:
+    """An npz archive whose arrays declare a shape."""
+    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    content = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode()
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name in ("parameter_names", "parameters"):
+            archive.writestr(f"{name}.npy", content)
+    return buffer.getvalue()
+
+
+def damaged(data: bytes, offset: int, value: int) -> bytes:
+    """Set two bytes of each local header and each entry of the directory of an archive."""
+    changed = bytearray(data)
+    for mark, place in ((b"PK\x03\x04", offset), (b"PK\x01\x02", offset + 2)):
+        at = changed.find(mark)
+        while at >= 0:
+            changed[at + place : at + place + 2] = value.to_bytes(2, "little")
+            at = changed.find(mark, at + 4)
+    return bytes(changed)
+
+
+@pytest.mark.parametrize("kind", ["huge", "compression", "encrypted", "cut"])
+def test_damaged_parameter_files_are_one_sentence(
+    kind: str, file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "fit.npz"
+    identify(arm_log(1), IDIMLS()).save_parameters(path)
+    sound = path.read_bytes()
+    content = {
+        "huge": huge(f"({2**60},)"),
+        "compression": damaged(sound, 8, 99),
+        "encrypted": damaged(sound, 6, 1),
+        "cut": sound[: len(sound) // 2],
+    }[kind]
+    path.write_bytes(content)
+    with pytest.raises(FitError, match="not an npz file of parameters"):
+        load_parameters(didim.load_robot("planar2"), path)
+    assert main(["simulate", str(file), "--parameters", str(path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("covariance", float("nan"), "the variance of .* is nan"),
+        ("covariance", -1.0, "the variance of .* is -1"),
+        ("value", float("nan"), "the value of .* is nan"),
+    ],
+)
+def test_results_with_impossible_numbers_are_refused(
+    key: str, value: float, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "fit.json"
+    identify(arm_log(1), IDIMLS()).save(path)
+    data = json.loads(path.read_text(encoding="utf-8"))
+    if key == "covariance":
+        data["covariance"][2][2] = value
+    else:
+        data["parameters"][2]["value"] = value
+    path.write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(FitError, match=message):
+        didim.Identification.load(path)
+
+
+def test_control_characters_do_not_reach_the_terminal(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert printable("a\x1b[31mb\x07\nc\td") == "a\\x1b[31mb\\x07\nc\td"
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace('name = "arm"', 'name = "a\\u001b[31mrm"', 1), encoding="utf-8")
+    assert main(["identify", str(file)]) == 0
+    assert main(["identify", str(file), "--method", "cloe", "--start", "\x1b[2Jnone"]) == 2
+    out, err = capsys.readouterr()
+    assert "\x1b" not in out + err
+    assert "a\\x1b[31mrm" in out
+
+
+@pytest.mark.parametrize("threads", ["2", 1.5, 2**70, 0, -1, True])
+def test_wrong_numbers_of_threads_are_one_sentence(threads: Any) -> None:
+    with pytest.raises(FitError, match="threads must be a whole number"):
+        CLOE(threads=threads)
+    robot = didim.load_robot("planar2")
+    reference = didim.Reference.point_to_point([[0, 0], [1, 1]], max_velocity=[1, 1], max_acceleration=[1, 1])
+    controller = didim.Controller.pd([100.0, 20.0], [10.0, 2.0])
+    with pytest.raises(DidimError, match="threads"):
+        didim.simulate(robot, robot.parameter_set("reference"), reference, controller, threads=threads)
+
+
+def test_ctrl_c_while_modules_are_loaded_is_one_line(tmp_path: Path) -> None:
+    """A module that is loaded late says that it is being loaded, and waits."""
+    folder = tmp_path / "numpy"
+    folder.mkdir()
+    (folder / "__init__.py").write_text(
+        "import sys, time\nprint('loading', file=sys.stderr, flush=True)\ntime.sleep(30)\n", encoding="utf-8"
+    )
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    process = subprocess.Popen(
+        [sys.executable, "-m", "didim", "base", "tx40"],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    with process:
+        assert process.stderr is not None
+        assert process.stderr.readline() == "loading\n"
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.read() == "didim: interrupted\n"
+    assert process.returncode == 130
