@@ -97,6 +97,8 @@ def test_the_json_says_what_the_robot_and_the_log_were_taken_for(arm: Path, tmp_
         "coupling": "shaft",
         "smoothing": [0.0, 0.0],
         "dead_zone": [0.02, 0.02],
+        "terms": [],
+        "auto": False,
     }
     assert settings["robot"]["geometry"]["gravity"] == [0.0, -9.81, 0.0]
     assert settings["robot"]["geometry"]["coupling"] == [[1.0, 0.0], [0.0, 1.0]]
@@ -236,8 +238,8 @@ def test_wrong_arguments(arguments: list[str], message: str, capsys: pytest.Capt
         (("decimation = [5]", "decimation = 1" + 400 * "0"), "decimation must be an integer of at most 922"),
         (("cutoff_hz = 40", "cutoff_hz = 1" + 5000 * "0"), "arm.toml: not valid TOML, Exceeds the limit"),
         (("cutoff_hz = 40", "cutoff_hz = " + 9000 * "["), "arm.toml: not valid TOML, "),
-        (("log.npz", "data\\u0000.npz"), "is no file name"),
-        (("planar2", "planar2\\u0000.toml"), "is no file name"),
+        (("log.npz", "data\\u0000.npz"), "is not a file name"),
+        (("planar2", "planar2\\u0000.toml"), "is not a file name"),
     ],
 )
 def test_wrong_input_is_one_line_and_exit_2(

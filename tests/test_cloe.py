@@ -228,7 +228,7 @@ def test_a_simplex_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
     with pytest.raises(FitError, match=r"search\.npz: this checkpoint is damaged"):
         search(400, file)
     file.write_bytes(b"no checkpoint")
-    with pytest.raises(FitError, match=r"search\.npz: this is no checkpoint of a search"):
+    with pytest.raises(FitError, match=r"search\.npz: this is not a checkpoint of a search"):
         search(400, file)
 
 

@@ -130,8 +130,8 @@ def test_wrong_sets(tmp_path: Path, content: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"x": np.ones(2)}, "no file of parameters, parameter_names is not"),
-        ({"parameter_names": np.array(["Fv1"])}, "no file of parameters, parameters is not"),
+        ({"x": np.ones(2)}, "not a file of parameters, parameter_names is not"),
+        ({"parameter_names": np.array(["Fv1"])}, "not a file of parameters, parameters is not"),
         (
             {"parameter_names": np.array(["Fv1"]), "parameters": np.ones(2)},
             "parameters must be 1 finite numbers",

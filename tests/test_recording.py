@@ -271,7 +271,7 @@ def test_two_ragged_rows_that_make_up_for_each_other(tmp_path: Path) -> None:
         ),
         (
             b"t,1,q2,u1,u2\n",
-            "a.csv: the first line is neither names nor numbers ('t' is no number); "
+            "a.csv: the first line is neither names nor numbers ('t' is not a number); "
             "say header = true or header = false",
         ),
         (b"t,q1,q2,u1,u2\n0,0,0,0,0\n0.001,0,0,0,0", "a.csv: at least 3 samples are needed, got 2"),
@@ -306,7 +306,7 @@ POSITION_ONLY = {"file": "a.csv", "unit": "rad", "side": "joint"}
         (
             "0,1;0,2\n0,3;0,4\n",
             {},
-            "the first line is neither names nor numbers ('1;0' is no number); is delimiter = \";\" meant?",
+            "the first line is neither names nor numbers ('1;0' is not a number); is delimiter = \";\" meant?",
         ),
         (
             "q1;q2\n0,5;-1,5e-3\n",
@@ -328,7 +328,7 @@ POSITION_ONLY = {"file": "a.csv", "unit": "rad", "side": "joint"}
             {},
             "lines end with a carriage return alone; save the file with LF or CR LF line ends",
         ),
-        ("x" * 200_000, {}, "this is no CSV file (field larger than field limit (131072))"),
+        ("x" * 200_000, {}, "this is not a CSV file (field larger than field limit (131072))"),
     ],
 )
 def test_csv_files_of_another_make(tmp_path: Path, content: str, keys: dict[str, Any], expected: str) -> None:
@@ -342,11 +342,11 @@ def test_csv_files_of_another_make(tmp_path: Path, content: str, keys: dict[str,
         ("q1,q2\n1,2\n".encode("utf-16"), "the file is UTF-16 text; save it as UTF-8"),
         (
             "q1,q2\n1,2\n".encode("utf-16-le"),
-            "this is no text file in UTF-8, byte 1 is zero (is it binary, or UTF-16?)",
+            "this is not a text file in UTF-8, byte 1 is zero (is it binary, or UTF-16?)",
         ),
         (
             b"\x7fELF\x02\x01\x00\r\xff\n",
-            "this is no text file in UTF-8, byte 6 is zero (is it binary, or UTF-16?)",
+            "this is not a text file in UTF-8, byte 6 is zero (is it binary, or UTF-16?)",
         ),
     ],
 )
@@ -470,7 +470,7 @@ def test_faults_of_arrays(tmp_path: Path, suffix: str) -> None:
     assert said(variable="flat") == f"{file}: variable 'flat' {wanted}, got (2, {N}); transpose it?"
     assert said(variable="cube").startswith(f"{file}: variable 'cube' must be a vector or a matrix")
     assert said(variable="bad") == f"{file}: variable 'bad', row 5, column 2, is nan"
-    assert said(variable="words") == f"{file}: variable 'words' is no array of real numbers"
+    assert said(variable="words") == f"{file}: variable 'words' is not an array of real numbers"
     names = "'q', 'flat', 'bad', 'words', 'cube', 'short', 'one'"
     expected = f"{file}: there is no variable 'Flat'; the variables are {names}; did you mean 'flat'?"
     assert said(variable="Flat") == expected

@@ -226,7 +226,7 @@ def test_the_verdict_on_what_is_not_good(fit: Identification, arm: Experiment) -
     assert "the inertia of link 2 is negative" in Page.of(html).text
     assert judged(replace(fit, remarks=("the log looks odd",)))[0] == "caution"
     blind = replace(fit, covariance=np.zeros_like(fit.covariance))
-    assert "the method tells no standard deviations" in judged(blind)[2]
+    assert "the method gives no standard deviations" in judged(blind)[2]
 
 
 def test_text_is_escaped(fit: Identification, arm: Experiment) -> None:
@@ -279,7 +279,7 @@ def test_numbers_of_a_comparison(comparison: Comparison, pages: dict[str, str]) 
     deviations = comparison.deviations("didim")
     assert effort[1:3] == [str(fits["didim"].n_iterations), str(fits["didim"].n_simulations)]
     assert float(effort[4]) == pytest.approx(np.sqrt(np.mean(deviations**2)), abs=0.006)
-    assert "CLOE, Nelder-Mead tells no standard deviations and is not drawn." in page.text
+    assert "CLOE, Nelder-Mead gives no standard deviations and is not drawn." in page.text
     assert "Shortened: Nelder-Mead ends after 1000 iterations" in page.text
 
 
@@ -458,4 +458,4 @@ def test_a_measured_tx40(project: Path, shared: Path) -> None:
     page = Page.of(html)
     assert len(page.table("parameter")) >= 2 * 60
     assert "27 of 60 well" in page.text
-    assert "no white noise at every joint" in page.text
+    assert "not white noise at every joint" in page.text

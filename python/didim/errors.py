@@ -28,7 +28,7 @@ class SignalError(DidimError):
 
 
 class RankError(DidimError):
-    """A log that cannot tell some parameters apart; the message names them.
+    """A log that does not identify some parameters; the message names them.
 
     Attributes
     ----------

@@ -14,10 +14,10 @@ from ..errors import DidimError
 Array = NDArray[np.float64]
 
 LARGEST_POSITION = 1e9
-"""Of a joint (rad or m): nothing is left of the digits of an angle that is much larger, and the core's sine ends at 1e15."""
+"""Largest position of a joint (rad or m): a larger angle has no digits left, and the core's sine ends at 1e15."""
 
 LARGEST_SQUARED = 1e150
-"""The squares of what is no larger are far from where floating point ends."""
+"""Upper bound of numbers whose squares are far from the limit of floating point."""
 
 _FLOAT64 = np.dtype(np.float64)
 

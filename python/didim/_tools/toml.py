@@ -51,7 +51,7 @@ def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
     except UnicodeDecodeError as reason:
         text = f"not a TOML file, byte {reason.start} is not UTF-8"
     except ValueError as reason:  # a zero byte in the name
-        raise error(f"{str(path)!r} is no file name ({reason})") from None
+        raise error(f"{str(path)!r} is not a file name ({reason})") from None
     else:
         try:
             return tomllib.loads(content)

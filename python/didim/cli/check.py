@@ -26,7 +26,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--parameters",
         metavar="FILE|NAME",
-        help="known parameters, which tell the scale of each joint: result of an identification (.json) or its parameters "
+        help="known parameters, which check the scale of each joint: result of an identification (.json) or its parameters "
         "(.toml, .npz), or a parameter set of the robot file",
     )
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the findings as JSON")

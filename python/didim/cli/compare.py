@@ -65,7 +65,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
     add_format(parser)
     add_report(parser)
-    parser.add_argument("--quiet", action="store_true", help="tell nothing on stderr")
+    parser.add_argument("--quiet", action="store_true", help="print nothing on stderr")
 
 
 def run(options: argparse.Namespace) -> int:

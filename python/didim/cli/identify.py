@@ -50,7 +50,7 @@ def add(commands: Commands) -> None:
         "--starts",
         type=int,
         metavar="N",
-        help="of cloe: search from N points, and tell how many reached the best optimum",
+        help="of cloe: search from N points, and say how many reached the best optimum",
     )
     parser.add_argument(
         "--checkpoint",
@@ -69,7 +69,7 @@ def add(commands: Commands) -> None:
     add_report(parser)
     loudness = parser.add_mutually_exclusive_group()
     loudness.add_argument("--quiet", action="store_true", help="print no table")
-    loudness.add_argument("--verbose", action="store_true", help="tell on stderr what goes on")
+    loudness.add_argument("--verbose", action="store_true", help="print progress on stderr")
 
 
 CHOICES = ("start", "optimizer", "output", "variant", "starts", "checkpoint")

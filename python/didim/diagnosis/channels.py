@@ -174,7 +174,7 @@ def _jumps(channel: Channel) -> list[int]:
     if usual == 0.0:
         return []
     places = np.flatnonzero(bends > BREAK * usual)
-    # A break in 1 of 100 samples is no accident: this signal is like that, noise or steps.
+    # Breaks in 1 of 100 samples are not accidents: the signal itself is noisy or stepped.
     if not places.size or places.size > 0.01 * bends.size:
         return []
     first = np.concatenate([[True], np.diff(places) > 3])
@@ -187,7 +187,7 @@ def _told_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) -> l
     by_sample: dict[int, list[Channel]] = {}
     for channel, sample in jumps:
         if any(abs(sample - start) <= 2 for start in starts):
-            continue  # a gap in the time stamps, told already
+            continue  # a gap in the time stamps, reported already
         near = next((key for key in by_sample if abs(key - sample) <= 2), sample)
         by_sample.setdefault(near, []).append(channel)
     found = []

@@ -2,7 +2,7 @@
 
 Each check is a function of a module beside this one. Here is their order, and which of them makes others idle: a log that is too
 slow has
-no accelerations to compare, and a contradiction that is told is put right before the next check looks. Tested in
+no accelerations to compare, and a contradiction that is reported is corrected before the next check looks. Tested in
 ``tests/test_check.py``.
 """
 
@@ -62,7 +62,7 @@ def check(
         An experiment, or its file. Only a file can have wrong time stamps: an `Experiment` has none.
     parameters : str, Path, Identification or array, optional
         Known parameters: result (or its .json, .toml or .npz), name of a set of the robot, or standard ones, (n_parameters,).
-        With them the scale of each joint is told, which a log alone can often not tell.
+        With them the scale of each joint is checked, which a log alone often does not determine.
     data : str or Path, optional
         Folder of the data files of an experiment file.
 
@@ -207,7 +207,7 @@ def _driving(job: Job, parts: Sequence[Segment]) -> tuple[list[int], str] | None
     try:
         # Thresholds of this check are those of white noise.
         return driving_friction(system, solve(system, replace(job.settings, decimation_corrected=False)))
-    except RankError:  # told as parameters that the log cannot tell
+    except RankError:  # reported as parameters that the log does not identify
         return None
 
 

@@ -1,4 +1,4 @@
-"""Which parameters a log cannot tell.
+"""Parameters that a log does not identify.
 
 A standard deviation in percent says little: a parameter near zero is never known to 10 %, and need not be. What counts is the
 torque that its uncertainty makes. Each standard deviation is multiplied by what its column of the regressor (2) is on a rich motion
@@ -104,7 +104,7 @@ def _shares(
     columns = [robot.base_parameters.indices[names.index(name)] for name in probe.names]
     effect = np.max(np.sqrt(np.mean(w[:, :, columns] ** 2, axis=0)) / torque[:, None], axis=0)
     information, _, _ = probe.information(reading)
-    # In units of the share, with so little prior knowledge that it decides nothing but what is not told at all.
+    # A weak prior in these units: it only affects parameters that the log does not identify.
     scaled = information / np.outer(effect, effect) + np.eye(len(effect)) / CAP**2
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(scaled))))
 
@@ -114,5 +114,5 @@ def _condition(probe: Probe, reading: Reading) -> float:
     information, _, _ = probe.information(reading)
     size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     values = np.linalg.eigvalsh(information / np.outer(size, size))
-    with np.errstate(over="ignore"):  # infinite for a log that tells nothing of a direction
+    with np.errstate(over="ignore"):  # infinite for a direction that the log does not identify
         return float(np.sqrt(values[-1] / max(values[0], np.finfo(float).tiny)))

@@ -66,7 +66,7 @@ class Finding:
     sample, last_sample : int or None
         First and last sample concerned, from 0.
     parameters : tuple of str
-        Base parameters that the log cannot tell.
+        Base parameters that the log does not identify.
     value : float or None
         The number that goes with it: the delay in samples, the rate in Hz, the factor of a scale.
     """

@@ -27,7 +27,7 @@ SMALLEST_EIGENVALUE = 1e-12
 """Of the products of normed columns, against the largest: below it a combination of columns is rounding."""
 
 SMALLEST_SHARE = 1e-6
-"""Of its torque that the residual of a joint is taken as at least."""
+"""Lower bound of a joint's residual, as a share of its torque: weights stay finite on logs without noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class Probe:
         kept = job.signal.kept_rows
         y = [decimate(part.tau, stage)[kept] for part, stage in zip(parts, stages, strict=True)]
         self._y = np.ascontiguousarray(np.concatenate(y).T)
-        with np.errstate(over="ignore", invalid="ignore"):  # told by the fit
+        with np.errstate(over="ignore", invalid="ignore"):  # reported by the fit
             self._yy = self._y @ self._y.T
         self.n_rows = self._y.shape[1]
         self.n_samples = sum(len(part.q) for part in parts)

@@ -29,13 +29,13 @@ from .probe import Probe, Reading
 FACTORS = (0.6, 0.85, 0.96, 1.0, 1.0 / 0.96, 1.0 / 0.85, 1.0 / 0.6)
 """Factors of rates, gears and gains that are tried; the best few are refined between their neighbours."""
 REFINED = 5
-"""Best factors that are refined: a coarse grid does not yet tell a gear from an encoder."""
+"""Number of the best factors that are refined: a coarse grid does not separate a gear from an encoder."""
 SHORTLIST = 8
 """Best readings of a part of the log that are tried on all of it."""
 SMALLEST_FACTOR = 0.03
 """A factor nearer to 1 is not worth a sentence: filters and differences alone move it by 1 or 2 %."""
 NEAR = 1.05
-"""Readings that leave so many times the best are as good: the first of them, the simplest, is told."""
+"""Readings whose residual is within this factor of the smallest count as equal; the simplest of them is reported."""
 FINE = 60.0
 """Fall of chi^2 for a fine finding, in units of what is left per row: nearly eight standard deviations, because thirty readings
 are tried and decimated noise is correlated."""
@@ -43,11 +43,11 @@ FINE_SHARE = 0.1
 """And as a share of what is left, because that is not all noise."""
 EXPLAINED = 10.0
 """Chi^2 per row at most, for a log explained nearly down to its noise. Simulated logs have 1 to 5, by the filter of the positions;
-real ones hundreds, by friction that no model has, where a gear of a few percent cannot be told."""
+real ones hundreds, by friction that no model has, where a gear error of a few percent does not show."""
 KNOWN_LEFT = 0.1
 """And so much of the torques at most: where more is left, the parameters are not those of the log, and a factor hides that."""
 MOST_ROUNDS = 3
-"""Declarations told in one run; each is looked for with those before put right."""
+"""Wrong declarations reported in one run; each is looked for with those before it corrected."""
 KNOWN_CLEAR = 0.7
 """With known parameters the factor of a joint may leave more: their own error (friction, temperature) stays."""
 
@@ -62,7 +62,7 @@ class Candidate:
     sentence: str
     advice: str
     factor: float | None = None
-    # Friction must be positive under the right reading; turned torques are told apart from all the others by it.
+    # Friction must be positive under the right reading; this separates turned torques from all the others.
     turned: bool = False
 
 
@@ -319,7 +319,7 @@ class Reader:
         return candidate.factor is not None and abs(np.log(candidate.factor)) < SMALLEST_FACTOR
 
     def _scales(self) -> list[tuple[str, int]]:
-        # A single joint fits at any scale: only known parameters tell.
+        # A single joint fits at any scale: only known parameters decide.
         if self._n == 1 and not self._known:
             return []
         joints = [(what, joint) for joint in range(self._n) for what in ("gain", "gear", "encoder")]
@@ -388,7 +388,7 @@ def _bottom(x: Array, costs: Sequence[float], k: int) -> float:
     if not 0 < k < len(costs) - 1 or not np.isfinite(costs[k - 1 : k + 2]).all():
         return costs[k]
     a, b, c = np.polyfit(x[k - 1 : k + 2] - x[k], costs[k - 1 : k + 2], 2)
-    # A valley is no parabola: what it promises is a place in a row, and no more than half of the cost.
+    # The cost is not quadratic here. The extrapolation only ranks the candidates, and is limited to half of the cost.
     return max(float(c - b * b / (4.0 * a)), 0.5 * costs[k]) if a > 0.0 else costs[k]
 
 

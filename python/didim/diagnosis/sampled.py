@@ -8,7 +8,7 @@ from ..log.sampling import TimeFault
 from .finding import Finding, Kind
 
 MOST_GAPS = 5
-"""Gaps that are told one by one."""
+"""Number of gaps that are reported one by one."""
 
 ADVICE = {
     "order": "Sort or mend the time stamps",

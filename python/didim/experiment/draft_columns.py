@@ -33,7 +33,7 @@ WORDS = {
         "axis",
     ),
 }
-"""Words in names of columns, by what they stand for; the first kind that has one of the words of a name holds."""
+"""Keywords of column names for each kind of signal. The first kind with a matching keyword is taken."""
 
 UNITS = {
     "rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "mm": "mm", "m": "m", "count": "count", "counts": "count",

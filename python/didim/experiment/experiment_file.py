@@ -128,7 +128,7 @@ def _robot(table: Table, path: Path) -> Robot:
     """Load the robot, by packaged name or path from the experiment file, with the experiment's friction."""
     name = table.text("robot")
     beside = path.parent / name
-    # What is no packaged robot is looked for beside the experiment, and its message tells of files there.
+    # A name that is not a packaged robot's is a file beside the experiment, and its message names files there.
     robot = load_robot(name if (PACKAGED / f"{name}.toml").is_file() else beside)
     friction = table.table("friction", None)
     return robot if friction is None else robot.with_friction_table(friction)

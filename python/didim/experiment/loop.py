@@ -98,7 +98,7 @@ def closed_loop(
 def measured_motion(
     recording: Recording, window: tuple[int, int], signal: SignalProcessing, robot: Robot
 ) -> Reference | None:
-    """Return the measured motion of a window, as it is or filtered; None where it cannot tell where velocities are near zero."""
+    """Return the measured motion of a window, as it is or filtered; None where it does not show which velocities are near zero."""
     q = recording.q[slice(*window)]
     if len(q) < LEAST_SAMPLES or robot.friction.coulomb != "tanh":
         return None

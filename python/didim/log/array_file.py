@@ -120,7 +120,7 @@ class ArrayFile(ABC):
         except Exception as reason:  # likewise
             self.fail(f"variable {name!r} cannot be read ({reason})")
         if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
-            self.fail(f"variable {name!r} is no array of real numbers")
+            self.fail(f"variable {name!r} is not an array of real numbers")
         return np.ascontiguousarray(values, dtype=np.float64)
 
     def _vector(self, name: str) -> Array:

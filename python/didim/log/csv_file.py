@@ -67,7 +67,7 @@ class CsvFile:
             if any(numeric) and not all(numeric):
                 odd = cells[numeric.index(False)]
                 self._fail(
-                    f"the first line is neither names nor numbers ({odd!r} is no number)"
+                    f"the first line is neither names nor numbers ({odd!r} is not a number)"
                     + (self._delimiter_hint() or "; say header = true or header = false")
                 )
         # NumPy writes its header behind a comment sign.
@@ -97,12 +97,12 @@ class CsvFile:
         raise RecordingError(f"{self.name}: {text}")
 
     def _check_text(self, raw: bytes) -> None:
-        """Refuse what is no text in UTF-8, or has line ends that would be taken for parts of a line."""
+        """Refuse a file that is not text in UTF-8, and line ends that would be taken for parts of a line."""
         if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
             self._fail("the file is UTF-16 text; save it as UTF-8")
         zero = raw.find(b"\0")
         if zero >= 0:
-            self._fail(f"this is no text file in UTF-8, byte {zero} is zero (is it binary, or UTF-16?)")
+            self._fail(f"this is not a text file in UTF-8, byte {zero} is zero (is it binary, or UTF-16?)")
         if b"\r" in raw and raw.count(b"\r") != raw.count(b"\r\n"):
             self._fail("lines end with a carriage return alone; save the file with LF or CR LF line ends")
 
@@ -112,7 +112,7 @@ class CsvFile:
         try:
             return next(csv.reader([line.rstrip("\r\n")], delimiter=self._delimiter), [])
         except csv.Error as reason:
-            self._fail(f"this is no CSV file ({reason})")
+            self._fail(f"this is not a CSV file ({reason})")
 
     def _delimiter_hint(self) -> str:
         """End of a sentence that names another delimiter where the first line looks like it."""

@@ -50,7 +50,7 @@ def open_data_file(path: Path, name: str, *, delimiter: str | None, header: bool
     except OSError as reason:
         raise RecordingError(f"{path}: cannot be read ({reason.strerror})") from None
     except ValueError as reason:  # a zero byte in the name
-        raise RecordingError(f"{str(path)!r} is no file name ({reason})") from None
+        raise RecordingError(f"{str(path)!r} is not a file name ({reason})") from None
     if not raw or raw.isspace():
         raise RecordingError(f"{name}: the file is empty")
     suffix = path.suffix.lower()

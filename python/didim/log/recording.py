@@ -174,5 +174,5 @@ def checked_rate(name: str, rate_hz: object) -> float:
 
 def clock(n_samples: int, rate_hz: float) -> Array:
     """Time stamps from zero, in s."""
-    with np.errstate(over="ignore"):  # told by Recording
+    with np.errstate(over="ignore"):  # reported by Recording
         return np.arange(n_samples) / rate_hz

@@ -261,7 +261,7 @@ class _Channel:
         return cls(source, np.array(factors), matrix, matrix)
 
     def read(self) -> Array:
-        with np.errstate(over="ignore", invalid="ignore"):  # told by Recording
+        with np.errstate(over="ignore", invalid="ignore"):  # reported by Recording
             values = self.source.values() * self.factors
             return values if self.to_joint is None else values @ self.to_joint
 

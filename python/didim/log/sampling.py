@@ -1,4 +1,4 @@
-"""Even sampling, and the windows of a record: told when wrong, never repaired.
+"""Even sampling, and the windows of a record: faults are reported, never repaired.
 
 Tested in ``tests/test_recording.py``.
 """
@@ -136,7 +136,7 @@ def slices(table: Table, windows_s: object, rate_hz: float, n_samples: int) -> t
     Raises
     ------
     ExperimentError
-        When `windows_s` is no list of pairs, or a window leaves the record, is too short, or overlaps.
+        When `windows_s` is not a list of pairs, or a window leaves the record, is too short, or overlaps.
     """
     wanted = "windows_s must be a list of [start, stop] in seconds with start < stop"
     if not isinstance(windows_s, list):

@@ -23,11 +23,11 @@ from .controller import Controller
 from .reference import Reference
 
 STEP = 5e-4
-"""Largest step where friction is smooth (s), unless told otherwise."""
+"""Largest step where friction is smooth (s) by default."""
 FINE_STEP = 1e-4
-"""Largest step where a velocity is near zero (s), unless told otherwise: a TX40 is stiff there."""
+"""Largest step where a velocity is near zero (s) by default: a TX40 is stiff there."""
 SIGN_STEP = 2e-4
-"""Largest step with ``sign`` friction (s), unless told otherwise."""
+"""Largest step with ``sign`` friction (s) by default."""
 NEAR_ZERO = 10.0
 """Near zero means this many times the smoothing velocity of the friction, where the reference says how fast the robot is."""
 NEAR_ZERO_MEASURED = 5.0

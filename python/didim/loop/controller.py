@@ -241,7 +241,7 @@ class Controller(Pickled):
         (gain,) = _columns(gain=options.get("gain", 1.0), n=len(j))  # type: ignore[arg-type]
         if not gain.all():
             raise ControllerError(f"gain must not be zero, got {gain.tolist()}")
-        with np.errstate(over="ignore", invalid="ignore"):  # told by pd
+        with np.errstate(over="ignore", invalid="ignore"):  # reported by pd
             omega = 2.0 * np.pi * frequency
             kp, kv = j * omega**2 / gain, 2.0 * ratio * omega * j / gain
         return cls.pd(kp, kv, **options)  # type: ignore[arg-type]

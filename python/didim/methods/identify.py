@@ -60,7 +60,7 @@ def identify(
     callback : callable, optional
         Called with every `Iteration`; when it returns True the method stops there.
     verbose : bool
-        Tell on stderr what goes on.
+        Print progress on stderr.
 
     Returns
     -------

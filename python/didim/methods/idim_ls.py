@@ -43,9 +43,9 @@ class IDIMLS(FitSettings):
         experiment : Experiment
             Robot, recordings and settings.
         progress : callable
-            Told every iteration; True stops.
+            Called with every iteration; True stops.
         say : callable
-            Told in words what is going on.
+            Called with sentences on the progress.
 
         Returns
         -------
@@ -55,7 +55,7 @@ class IDIMLS(FitSettings):
         Raises
         ------
         DidimError
-            One of its kinds, for a log or a wish that allows no estimate.
+            One of its kinds, for a log or settings that allow no estimate.
         """
         job = self.job(experiment)
         delay = job.delay()

@@ -47,7 +47,7 @@ class Method(Described, Protocol):
         progress: Callable[[Iteration], bool],
         say: Callable[[str], None],
     ) -> Identification:
-        """Identify, telling every iteration to ``progress`` (True stops) and what goes on to ``say``."""
+        """Identify; ``progress`` is called with every iteration (True stops), ``say`` with sentences on the progress."""
 
 
 @dataclass(frozen=True, kw_only=True)

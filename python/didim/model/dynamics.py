@@ -225,7 +225,7 @@ def _matrix(robot: Robot, name: str, value: ArrayLike) -> Array:
             f"{name} must have shape (n_samples, {robot.n_dof}) for robot {robot.name!r}, "
             f"got {array.shape}{hint}"
         )
-    # What is not finite in any of them is told by the core.
+    # The core reports numbers that are not finite.
     if name != "q" or surely_within(array, LARGEST_POSITION):
         return array
     beyond = np.argwhere(np.abs(array) > LARGEST_POSITION)

@@ -1,4 +1,4 @@
-"""Pictures of estimates: how certain they are, how they hang together, and how a method came to them."""
+"""Pictures of estimates: their uncertainty, their correlation, and the convergence of a method."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def convergence(fits: Identification | Mapping[str, Identification]) -> Figure:
         number = [item.iteration for item in fit.history]
         for ax, key in zip(axes, ("relative_error", "step"), strict=True):
             values = np.array([100.0 * getattr(item, key) for item in fit.history])
-            # Nothing is no place on a logarithmic axis.
+            # Zero has no place on a logarithmic axis.
             values[~(values > 0.0)] = np.nan
             many = len(number) > 30
             ax.semilogy(

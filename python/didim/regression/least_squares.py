@@ -98,7 +98,7 @@ def solve(
     bad = np.flatnonzero(~(np.isfinite(beta) & np.isfinite(np.diag(spread))))
     if bad.size:
         raise FitError(
-            f"parameter {system.names[bad[0]]} and its standard deviation cannot be told in floating point; "
+            f"parameter {system.names[bad[0]]} and its standard deviation cannot be computed in floating point; "
             "check the units of the log"
         )
     return Fit(
@@ -169,7 +169,7 @@ def _condition_number(singular: Array) -> float:
 def dependence_sentence(
     names: Sequence[str], dependent: Sequence[tuple[int, Sequence[tuple[int, float]]]]
 ) -> str:
-    """One sentence that says which columns the log cannot tell apart."""
+    """One sentence on the columns that the log does not separate."""
     texts = []
     for index, coefficients in dependent:
         terms = [

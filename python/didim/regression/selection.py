@@ -55,7 +55,7 @@ def dropped_names(dropped: Iterable[str]) -> tuple[str, ...]:
     Raises
     ------
     FitError
-        For a single text, which would be taken letter by letter, and for what is no text
+        For a single text, which would be taken letter by letter, and for values that are not text
         (``test_identify.py``).
     """
     names = None if isinstance(dropped, str) or not isinstance(dropped, Iterable) else tuple(dropped)
@@ -84,7 +84,7 @@ def select(robot: Robot, fixed: Mapping[str, float], dropped: Iterable[str]) -> 
     Raises
     ------
     FitError
-        For a name that is no base parameter (the message says which one a standard parameter regroups into),
+        For a name that is not a base parameter (the message says which one a standard parameter regroups into),
         for a value that is not finite, and for a name that is both fixed and dropped.
 
     Notes

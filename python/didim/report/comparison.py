@@ -124,7 +124,7 @@ def _deviation_section(comparison: Comparison) -> Html:
         "grey band."
     ]
     lines += [
-        f"{method_title(name)} tells no standard deviations and is not drawn."
+        f"{method_title(name)} gives no standard deviations and is not drawn."
         for name, fit in comparison.fits.items()
         if not fit.std.any()
     ]

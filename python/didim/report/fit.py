@@ -67,7 +67,7 @@ def judged(fit: Identification) -> tuple[Level, str, str]:
         count = "all" if well == estimated else "none" if well == 0 else f"{well} of {estimated}"
         text += f", {count} well (sigma below {WELL_IDENTIFIED_PERCENT:.0f} %)"
     else:
-        text += "; the method tells no standard deviations"
+        text += "; the method gives no standard deviations"
     errors = fit.relative_error
     if np.isfinite(errors).any():
         low, high = int(np.nanargmin(errors)), int(np.nanargmax(errors))
@@ -245,7 +245,7 @@ def _residual_finding(colored: Sequence[tuple[int, float]], experiment: Experime
     low, high = min(value for _, value in colored), max(value for _, value in colored)
     size = f"{low:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f} to {high:.2f}"
     return [
-        f"What the model leaves of the torque is no white noise at {which} (autocorrelation {size} at lag 1): there is something "
+        f"What the model leaves of the torque is not white noise at {which} (autocorrelation {size} at lag 1): there is something "
         "that the model does not have, and the real errors of the parameters are likely larger than sigma says."
     ]
 

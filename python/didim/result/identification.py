@@ -312,7 +312,7 @@ class Identification(Pickled):
         Raises
         ------
         FitError
-            When the file is no such JSON; the message says what is missing.
+            When the file is not such JSON; the message says what is missing.
         OSError
             When it cannot be read.
         """

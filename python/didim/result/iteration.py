@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, kw_only=True)
 class Iteration:
-    """One iteration of a method, as told to ``callback`` and kept in ``history``.
+    """One iteration of a method, as given to ``callback`` and kept in ``history``.
 
     Attributes
     ----------

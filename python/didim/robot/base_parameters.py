@@ -1,4 +1,4 @@
-"""Base parameters (7): what motion can tell apart, and how the standard parameters regroup into it."""
+"""Base parameters (7): the identifiable combinations of the standard parameters, and their groupings."""
 
 from __future__ import annotations
 

@@ -171,7 +171,7 @@ class Robot(Pickled):
 
     @cached_property
     def base_parameters(self) -> BaseParameters:
-        """What motion can tell apart (7)."""
+        """Parameters that motion identifies, (7)."""
         core = self.core
         try:
             return base_parameters(core)

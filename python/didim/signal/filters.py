@@ -100,7 +100,7 @@ def zero_phase_butterworth(
             + (", lower the order or use form 'sections'" if transfer else "")
         )
     if transfer:
-        with np.errstate(over="ignore", invalid="ignore"):  # told by whoever takes it
+        with np.errstate(over="ignore", invalid="ignore"):  # reported by the next step
             return np.asarray(filtfilt(b, a, x, axis=0, padlen=padlen))
     return core_errors(lambda: _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen))
 
@@ -139,7 +139,7 @@ def central_differences(x: Array, dt: float, ends: Ends = "second-order") -> Arr
     if x.shape[0] < least:
         raise SignalError(f"central differences need at least {least} samples, got {x.shape[0]}")
     dx = np.empty_like(x)
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # told below
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # reported below
         dx[1:-1] = (x[2:] - x[:-2]) / (2.0 * dt)
         if ends == "first-order":
             dx[0], dx[-1] = (x[1] - x[0]) / dt, (x[-1] - x[-2]) / dt

@@ -78,9 +78,9 @@ def compare(
     seed : int, optional
         Of the noise.
     callback : callable, optional
-        Told the method and every iteration.
+        Called with the method and every iteration.
     verbose : bool
-        Tell on stderr what goes on.
+        Print progress on stderr.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def compare(
         try:
             fit = fits[key] = identify(log, method, callback=told, verbose=verbose)
         except FitError as reason:
-            # What the methods before have found is worth more than a refusal.
+            # The results of the methods before are worth more than a refusal.
             if not fits:
                 raise
             notes.append(f"{key} gives no result: {reason}")

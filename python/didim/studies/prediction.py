@@ -263,7 +263,7 @@ def _prediction(
 
 
 def _times(recording: Recording, window: tuple[int, int], signal: SignalProcessing, delay: Shift) -> Array:
-    """Return the time of each row: of the motion that it is made of."""
+    """Return the time stamps of the rows."""
     start, stop = window
     n = stop - start
     (index,), _ = align([np.arange(n, dtype=np.float64)[:, None]], np.zeros((n, recording.q.shape[1])), delay)

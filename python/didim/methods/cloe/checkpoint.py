@@ -1,6 +1,6 @@
 """Where a long search stands, in a file: written as it goes on, read to go on from.
 
-A digest of the whole content seals it: a file that is not as it was written is no checkpoint.
+A digest of the whole content seals it: a file that has changed since it was written is refused.
 
 Tested in ``tests/test_cloe.py``.
 """
@@ -81,18 +81,18 @@ class Checkpoint:
         Raises
         ------
         FitError
-            For a file that is no checkpoint, or one of another problem.
+            For a file that is not a checkpoint, or one of another problem.
         """
         path = self.path
         if path is None or not path.exists():
             return None
         try:
-            # From memory: NumPy leaves a file open that is no archive.
+            # From memory: NumPy does not close files that are not archives.
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
                 named = {key: data[key] for key in data.files}
             text, seal = str(named.pop("record")), str(named.pop("seal"))
         except Exception as reason:  # whatever the reader of archives stumbles over in bytes of another kind
-            raise FitError(f"{path}: this is no checkpoint of a search ({reason})") from None
+            raise FitError(f"{path}: this is not a checkpoint of a search ({reason})") from None
         if seal != _seal(text, named):
             raise FitError(f"{path}: this checkpoint is damaged; take it away, or name another file")
         record = json.loads(text)

@@ -185,7 +185,7 @@ def _covariance(
     if values[0] <= 1e-14 * values[-1]:
         names = [problem.base.names[index] for index in problem.estimated]
         hardly = ", ".join(names[k] for k in np.flatnonzero(np.abs(vectors[:, 0]) > 0.1))
-        told = f"the outputs do not tell {hardly} apart, or not at all: there are no standard deviations; fix or drop one"
+        told = f"the outputs hardly identify {hardly}: there are no standard deviations; fix or drop one"
         return np.zeros_like(normal), math.inf, [told]
     inverse = (vectors / values) @ vectors.T / np.outer(size, size)
     spread, correlated = autocorrelated(jacobian.T, errors, problem.blocks(), inverse)

@@ -93,7 +93,7 @@ class OutputError:
         return np.ascontiguousarray([self.base.lift(row) for row in beta])
 
     def costs(self, points: Array) -> Array:
-        """Return sums of weighted squared errors, (m,); infinite where a run ends early or a point is no number."""
+        """Return sums of weighted squared errors, (m,); infinite where a run ends early or a point is not a number."""
         total = np.zeros(len(points))
         good = np.isfinite(points).all(axis=1)
         total[~good] = np.inf

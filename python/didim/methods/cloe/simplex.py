@@ -143,7 +143,10 @@ class SimplexSearch:
         return edged_simplex(point, edges), np.abs(edges)
 
     def _restart(self) -> bool:
-        """Begin anew from the best point: a flat simplex may lie on a slope. False where that has stopped to help."""
+        """Restart with a fresh simplex at the best point, since a collapsed simplex need not be at a minimum.
+
+        Returns False once restarts no longer reduce the norm.
+        """
         norm = float(self.simplex.values[0])
         # Where a new shape does not help either it is the end that is near: from now on a simplex may collapse.
         self.patient |= self.stalled and norm > (1.0 - PROGRESS) * self.before

@@ -112,7 +112,7 @@ def choose_chain(
     Raises
     ------
     RobotError
-        For an unknown name, several arms and no `tip`, no moving joint or more than 12, and joints that are no serial robot's.
+        For an unknown name, several arms and no `tip`, no moving joint or more than 12, and joints that do not form a serial robot.
     """
     where = description.where
     lock = dict(lock or {})

@@ -149,7 +149,7 @@ def read_description(data: bytes, where: str) -> Description:
     Raises
     ------
     RobotError
-        For XML that is broken or of another kind, a link or joint without what it needs, and links that are no tree.
+        For XML that is broken or of another kind, a link or joint without what it needs, and links that do not form a tree.
     """
     outermost = parse_xml(data, where)
     if outermost.tag != "robot":

@@ -95,7 +95,7 @@ def read_urdf(
     Raises
     ------
     RobotError
-        When the file cannot be read, or is no serial robot.
+        When the file cannot be read, or does not describe a serial robot.
     """
     where = path.name
     if not 0.0 <= snap <= NEARLY_PARALLEL:
