@@ -30,7 +30,7 @@ SUFFIXES = (".toml", ".npz")
 
 
 def check_path(path: Path) -> None:
-    """Refuse a file name whose ending is no kind of parameter file.
+    """Refuse a file name whose ending is not that of a parameter file.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def _arrays(path: Path) -> tuple[Sequence[str], Array]:
             names = [str(name) for name in arrays["parameter_names"]]
             parameters = np.array(arrays["parameters"], dtype=np.float64)
     except KeyError as error:
-        raise FitError(f"{path}: no file of parameters, {error.args[0]}") from None
+        raise FitError(f"{path}: not a file of parameters, {error.args[0]}") from None
     except (
         Exception
     ) as error:  # whatever the reader of archives meets in damaged ones: sizes, compressions, encryption
