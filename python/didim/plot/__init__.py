@@ -10,6 +10,7 @@ SI, on the joint side. Tested in ``tests/test_plot.py``.
 from __future__ import annotations
 
 from .estimates import convergence, correlation, parameters
+from .friction import friction
 from .logs import overlay, residuals, torques
 from .skeleton import robot
 from .style import require, svg
@@ -17,6 +18,7 @@ from .style import require, svg
 __all__ = [
     "convergence",
     "correlation",
+    "friction",
     "overlay",
     "parameters",
     "require",

@@ -41,6 +41,7 @@ def fit_page(fit: Identification, experiment: Experiment) -> str:
         torque_section(fit, experiment, predictions),
         parameter_section(fit, experiment),
         _residual_section(fit, experiment, predictions),
+        _friction_section(fit, experiment),
         _correlation_section(fit),
         _convergence_section(fit),
         robot_section(experiment),
@@ -262,6 +263,22 @@ def _residual_section(fit: Identification, experiment: Experiment, predictions: 
         picture(
             plot.residuals(fit, experiment, predictions=predictions),
             "Autocorrelation and distribution of the residual of each joint",
+        ),
+    )
+
+
+def _friction_section(fit: Identification, experiment: Experiment) -> Html:
+    """Show friction over speed, where the log has torques to compare with."""
+    if not any(item.role == "fit" and item.tau is not None for item in experiment.recordings):
+        return Html("")
+    return section(
+        "Friction",
+        paragraph(
+            "Torque of friction over speed, joint by joint. The points are rows of the log: measured torque less all else that "
+            "the model explains along the filtered measured motion. A band shows load friction from light to heavy loads."
+        ),
+        picture(
+            plot.friction(fit, experiment), "Friction of each joint over its speed, with the rows of the log"
         ),
     )
 

@@ -131,7 +131,7 @@ def predict(
     if motion is None:
         motion = "measured" if role == "held-out" else own_motion
     if as_fitted:
-        experiment, delay = _fitted(fit, experiment)
+        experiment, delay = fitted_experiment(fit, experiment)
     else:
         delay = FitSettings().job(experiment).delay()
     # CLOE compares what is simulated, sample by sample.
@@ -206,7 +206,7 @@ def motion_of(fit: Identification) -> tuple[Motion, bool]:
     return "measured" if fit.method == "idim-ls" else "simulated", fit.method.startswith(("cloe", "clie"))
 
 
-def _fitted(fit: Identification, experiment: Experiment) -> tuple[Experiment, Delay]:
+def fitted_experiment(fit: Identification, experiment: Experiment) -> tuple[Experiment, Delay]:
     """Return the experiment with the filters of a fit, and its delay."""
     settings = fit.settings.get("signal")
     signal = experiment.signal if settings is None else SignalProcessing(**settings)

@@ -1,0 +1,135 @@
+"""Friction over speed: the torque that a result gives to friction alone, beside what a log leaves for it.
+
+Tested in ``tests/test_friction_curve.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import FitError
+from ..experiment.experiment import Experiment
+from ..model.dynamics import friction_places, inverse_dynamics, rigid_torque
+from ..result.identification import Identification
+from ..robot.robot import Robot
+from ..signal.decimation import decimate, decimation_stages
+from ..signal.segments import segments
+from .prediction import fitted_experiment, with_friction_of
+
+SPEEDS = 401
+"""Speeds of a curve, from the fastest one way to the fastest the other way."""
+LOADS = (5.0, 50.0, 95.0)
+"""Percentiles of the torque of links and rotors: light, median and heavy load."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionCurve:
+    """Friction of one joint, joint side.
+
+    Attributes
+    ----------
+    speed : (n,) array
+        Speeds (rad/s or m/s).
+    torque : (n,) array
+        Torque of friction and offset (N.m or N) at the median load, the other joints at rest.
+    low, high : (n,) arrays
+        The same at a light and at a heavy load; equal to `torque` without load friction.
+    measured_speed, measured : (n_rows,) arrays
+        Rows of the log: the joint's speed, and the measured torque less everything else that the model explains: links, rotors, and
+        the friction of coupled motors that the other joints turn (N.m or N).
+    """
+
+    speed: Array
+    torque: Array
+    low: Array
+    high: Array
+    measured_speed: Array
+    measured: Array
+
+
+def friction_curves(fit: Identification, experiment: Experiment) -> list[FrictionCurve]:
+    """Return the friction of each joint over its speed.
+
+    Parameters
+    ----------
+    fit : Identification
+        Any result.
+    experiment : Experiment
+        The log, along whose filtered measured motion the torque of links and rotors is taken.
+
+    Returns
+    -------
+    list of FrictionCurve
+        One per joint.
+
+    Raises
+    ------
+    FitError
+        For another robot, or without a recording of role "fit" that has torques.
+    """
+    experiment, delay = fitted_experiment(fit, with_friction_of(fit, experiment))
+    robot = experiment.robot
+    if fit.parameter_names != robot.parameter_names:
+        raise FitError(
+            f"the result is for robot {fit.robot!r} and the experiment for {robot.name!r}: their parameters differ"
+        )
+    recordings = [item for item in experiment.recordings if item.role == "fit" and item.tau is not None]
+    if not recordings:
+        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit' that has torques")
+    x = fit.parameters
+    friction_only = np.zeros(len(x))
+    places = list(friction_places(robot))
+    friction_only[places] = x[places]
+    speeds: list[Array] = []
+    rests: list[Array] = []
+    loads: list[Array] = []
+    for recording in recordings:
+        for part in segments(recording, experiment.signal, delay.measured(recording.rate_hz)):
+            rigid = rigid_torque(robot, part.q, part.dq, part.ddq, x)
+            rest = part.tau - inverse_dynamics(robot, part.q, part.dq, part.ddq, x)
+            for joint in range(robot.n_dof):
+                own, share = _alone(robot, joint, part.dq[:, joint], friction_only)
+                rest[:, joint] += own + share * np.abs(rigid[:, joint])
+            stages = decimation_stages(len(part.q), experiment.signal)
+            rows = [decimate(values, stages) for values in (part.dq, rest, rigid)]
+            for found, values in zip((speeds, rests, loads), rows, strict=True):
+                found.append(values[experiment.signal.kept_rows])
+    speed, rest, load = (np.concatenate(found) for found in (speeds, rests, loads))
+    curves = []
+    for joint in range(robot.n_dof):
+        fastest = float(np.abs(speed[:, joint]).max())
+        grid = np.linspace(-fastest, fastest, SPEEDS)
+        torque, share = _alone(robot, joint, grid, friction_only)
+        size = np.abs(load[:, joint])
+        light, median, heavy = np.percentile(size, LOADS)
+        curves.append(
+            FrictionCurve(
+                speed=grid,
+                torque=torque + share * median,
+                low=torque + share * light,
+                high=torque + share * heavy,
+                measured_speed=speed[:, joint],
+                measured=rest[:, joint],
+            )
+        )
+    return curves
+
+
+def _alone(robot: Robot, joint: int, speed: Array, friction_only: Array) -> tuple[Array, Array]:
+    """Return the friction of a joint that moves alone, without load, and its load friction per unit of ``|tau_r|``."""
+    dq = np.zeros((len(speed), robot.n_dof))
+    dq[:, joint] = speed
+    still = np.zeros_like(dq)
+    unit = np.zeros(len(friction_only))
+    names = robot.parameter_names
+    # The torque of a unit of Coulomb friction is the sign, smoothed as the model has it.
+    for name in (f"Fc{joint + 1}", f"Fc{joint + 1}+", f"Fc{joint + 1}-"):
+        if name in names:
+            unit[names.index(name)] = 1.0
+    load = f"Fl{joint + 1}"
+    coefficient = float(friction_only[names.index(load)]) if load in names else 0.0
+    sign, torque = (inverse_dynamics(robot, still, dq, still, x)[:, joint] for x in (unit, friction_only))
+    return torque, coefficient * sign
