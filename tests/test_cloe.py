@@ -48,9 +48,10 @@ def test_levenberg_marquardt_arrives_from_21(
     assert arrived.status is Status.CONVERGED
     assert arrived.method == "cloe-levenberg-marquardt"
     well = arrived.relative_std_percent < 20.0
-    off = (arrived.beta - truth) / arrived.std
-    assert np.abs(off[well]).max() < 3.5
-    assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
+    for std, most in ((arrived.std_white, 3.5), (arrived.std, 5.5)):  # Student's distribution has wider tails
+        off = (arrived.beta - truth) / std
+        assert np.abs(off[well]).max() < most
+        assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
     # No higher than at the truth: the norm (19) there is that of the encoder noise.
     at_truth = position_norms(tx40, {"truth": tx40.robot.parameter_set("didim")})["truth"]
     assert arrived.settings["cloe"]["position_error_norm"] <= at_truth * (1.0 + 1e-4)

@@ -257,7 +257,8 @@ def test_idim_ls_within_didim_has_all_its_settings(arm: Experiment, monkeypatch:
         "weights": "per-joint",
         "reweightings": 3,
         "variance": "r-1",
-        "decimation_corrected": True,
+        "uncertainty": "decimated",
+        "blocks": 10,
     }
     identify(arm, DIDIM(start="idim-ls", **settings))
     (method,) = asked

@@ -308,7 +308,7 @@ def test_emps_example(project: Path, shared: Path) -> None:
         edge_rows=0,
     )
     assert experiment.least_squares.variance == "r-1"
-    assert not experiment.least_squares.decimation_corrected
+    assert experiment.least_squares.uncertainty == "white"
     assert isinstance(experiment.controller, ControllerSpec)
     assert experiment.controller.settings["velocity_fir"] == [0.5, 0.5]
     # The controller of the file, on the logged positions, is the logged force (0.24 %, data/README.md).
@@ -364,4 +364,4 @@ def test_tx40_examples(project: Path, shared: Path, file: str) -> None:
             edge_rows=0,
         )
         assert experiment.signal == expected
-        assert experiment.least_squares == LeastSquaresSettings()
+        assert experiment.least_squares == LeastSquaresSettings(uncertainty="decimated")

@@ -17,6 +17,7 @@ import didim
 from didim import DIDIM, IDIMLS, Comparison, FitError, Identification
 from didim.cli.main import main
 from didim.formats import FORMATS, Result, latex_text, render
+from didim.result.table import PARAMETER_HEAD
 from test_cli import arm as arm_fixture
 from test_cli import identify_arm
 from test_compare import ARM
@@ -99,7 +100,17 @@ def check_latex(text: str) -> list[list[str]]:
 def test_csv_reads_back_equal() -> None:
     for fit in (example(), odd()):
         rows = rows_of(render(fit, "csv"))
-        assert list(rows[0]) == ["name", "unit", "value", "std", "relative_std_percent", "role"]
+        assert list(rows[0]) == [
+            "name",
+            "unit",
+            "value",
+            "std",
+            "relative_std_percent",
+            "low",
+            "high",
+            "std_white",
+            "role",
+        ]
         assert [row["name"] for row in rows] == list(fit.names)
         assert [row["unit"] for row in rows] == list(fit.units)
         assert [row["role"] for row in rows] == list(fit.roles)
@@ -125,12 +136,12 @@ def test_markdown() -> None:
     fit = example()
     text = render(fit, "markdown")
     table, errors = pipe_tables(text)
-    assert table[0] == ["parameter", "unit", "estimate", "sigma", "sigma %", "remark"]
-    assert table[1] == ["ZZ1R", "kg.m^2", "95.1089", "0.1085", "0.1141", ""]
+    assert table[0] == [*PARAMETER_HEAD[:-1], "remark"]
+    assert table[1] == ["ZZ1R", "kg.m^2", "95.1089", "0.1085", "0.1141", "94.7636", "95.4542", "1.08", ""]
     assert table[3][:4] == ["XY2", "kg.m^2", "-0.01104", "0.00816"]
-    assert table[3][5] == "*"
-    assert table[4] == ["Ia2", "kg.m^2", "0.3", "", "", "fixed"]
-    assert "|---|---|---:|---:|---:|---|" in text
+    assert table[3][-1] == "* one block"
+    assert table[4] == ["Ia2", "kg.m^2", "0.3", "", "", "", "", "", "fixed"]
+    assert "|---|---|---:|---:|---:|---:|---:|---:|---|" in text
     assert errors[1] == ["fit", "4.0834", "12.35", "6.0000"]
     assert fit.status.value in text
     assert fit.warnings[0] in text
@@ -147,7 +158,17 @@ def test_latex() -> None:
     assert f"% {fit.status.value}" in text.splitlines()
     assert r"% needs \usepackage{booktabs}" in text.splitlines()
     rows = check_latex(text)
-    assert rows[0] == ["parameter", "unit", "estimate", r"$\sigma$", r"$\sigma$ \%", "remark"]
+    assert rows[0] == [
+        "parameter",
+        "unit",
+        "estimate",
+        r"$\sigma$",
+        r"$\sigma$ \%",
+        r"95 \% low",
+        r"95 \% high",
+        "/ white",
+        "remark",
+    ]
     assert rows[1][:5] == ["ZZ1R", r"kg\,m$^{2}$", "$95.1089$", "$0.1085$", "$0.1141$"]
     assert rows[2][1] == r"N\,m\,s/rad"
     assert rows[3][2] == "$-0.01104$"

@@ -13,6 +13,7 @@ from didim.errors import FitError
 from didim.result.identification import Identification
 from didim.result.iteration import HeldOut, Iteration
 from didim.result.status import Status
+from didim.result.uncertainty import TimeBlock, Uncertainty
 
 
 def example() -> Identification:
@@ -37,6 +38,15 @@ def example() -> Identification:
         error_std=2.18433,
         condition_number=25.98830344,
         n_rows=2480,
+        uncertainty=Uncertainty(
+            kind="jackknife",
+            degrees_of_freedom=3.0,
+            std_white=np.array([0.1, 0.573, 0.00816, 0.0, 0.0]),
+            joint_std=np.array([2.0, 0.1 + 0.2]),
+            blocks=tuple(TimeBlock(0, k // 2, 0.5 * (k % 2), 0.5 * (k % 2) + 0.5) for k in range(4)),
+            deletions=np.arange(20.0).reshape(4, 5) / 7.0,
+            single_block={"XY2": 2},
+        ),
         n_simulations=0,
         elapsed=0.25,
         history=(
@@ -88,6 +98,9 @@ def test_the_json_has_the_agreed_keys(tmp_path: Path) -> None:
         "value": 95.108935,
         "std": pytest.approx(0.1085),
         "relative_std_percent": pytest.approx(0.11407972),
+        "low": pytest.approx(94.763639),
+        "high": pytest.approx(95.454231),
+        "std_white": 0.1,
         "role": "estimated",
     }
     # (11) has no value where the parameter is zero.
@@ -119,6 +132,15 @@ def test_the_arrays_of_the_caller_stay_theirs() -> None:
 def test_derived_values() -> None:
     fit = example()
     np.testing.assert_allclose(fit.std, [0.1085, 1.146, 0.00816, 0.0, 0.0])
+    np.testing.assert_allclose(fit.std_ratio[:3], [1.085, 2.0, 1.0])
+    assert np.isnan(fit.std_ratio[3:]).all()
+    low, high = fit.confidence_interval(0.9)
+    np.testing.assert_allclose(
+        high - fit.beta, 2.353363 * fit.std, rtol=1e-6
+    )  # Student, three degrees of freedom
+    np.testing.assert_allclose(0.5 * (low + high), fit.beta)
+    with pytest.raises(FitError, match="between 0 and 1, got 95"):
+        fit.confidence_interval(95)
     np.testing.assert_allclose(fit.relative_std_percent[:4], [0.11407972, 0.56313545, 73.886273, 0.0])
     assert np.isnan(fit.relative_std_percent[4])
     assert fit.converged
@@ -130,13 +152,13 @@ def test_table() -> None:
     assert str(example()).splitlines() == [
         "two joints: 5 base parameters of robot planar2 by idim-ls",
         "",
-        "parameter  unit        estimate    sigma  sigma %",
-        "----------------------------------------------------------",
-        "ZZ1R       kg.m^2      95.1089   0.1085    0.1141",
-        "Fv1        N.m.s/rad  203.5034   1.1460    0.5631",
-        "XY2        kg.m^2      -0.01104  0.00816  73.9     *",
-        "Ia2        kg.m^2       0.3                        fixed",
-        "MY2        kg.m         0                          dropped",
+        "parameter  unit        estimate    sigma  sigma %   95 % low  95 % high  / white",
+        "---------------------------------------------------------------------------------------------",
+        "ZZ1R       kg.m^2      95.1089   0.1085    0.1141   94.7636    95.4542      1.08",
+        "Fv1        N.m.s/rad  203.5034   1.1460    0.5631  199.8564   207.1505      2.00",
+        "XY2        kg.m^2      -0.01104  0.00816  73.9      -0.03701    0.01492     1.00  * one block",
+        "Ia2        kg.m^2       0.3                                                       fixed",
+        "MY2        kg.m         0                                                         dropped",
         "* not well identified, sigma above 20 %: 1 of 5 parameters",
         "",
         "relative error %  joint 1  joint 2     all",
@@ -144,6 +166,8 @@ def test_table() -> None:
         "held out: night    5.0000     -     8.0000",
         "",
         "condition number 25.9883, error norm 108.7569, standard deviation of the error 2.1843, 2480 rows",
+        "sigma by the jackknife, 4 blocks of time left out one at a time; median 1.08 times that of white noise",
+        "only the rows of 0 to 0.5 s of window 2 of recording 1 determine XY2: there sigma is that of noise alone",
         "torque recorded +1.50 samples (+1.500 ms) after the motion, by estimate",
         "torque moved back by 1.5 samples",
         "",

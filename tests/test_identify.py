@@ -81,7 +81,7 @@ def test_rows_are_joint_by_joint_across_recordings(robot: Robot, x: Array) -> No
     np.testing.assert_allclose(first.relative_error, second.relative_error, rtol=1e-9)
     alone = identify(simulated.experiment(robot, one))
     assert first.n_rows == 2 * alone.n_rows
-    assert np.all(first.std < alone.std)
+    assert np.all(first.std_white < alone.std_white)
 
 
 def test_windows_leave_the_rest_out(robot: Robot, x: Array) -> None:
@@ -156,7 +156,8 @@ def test_settings_of_the_method_override_those_of_the_experiment(robot: Robot, x
         "weights": "per-joint",
         "reweightings": 3,
         "variance": "r-1",
-        "decimation_corrected": False,
+        "uncertainty": "white",
+        "blocks": 20,
     }
     assert len(fit.history) == 4
     raw = identify(exp, IDIMLS(signal=SignalProcessing(cutoff_hz=40.0)))

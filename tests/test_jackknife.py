@@ -5,17 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from didim.regression.jackknife import deletion_covariance, jackknife, rescaled, time_blocks
+from didim.regression.block import Block, stacked
+from didim.regression.jackknife import Factors, deletion_covariance, intervals, jackknife, rescaled
 
 ROWS, COLUMNS, JOINTS = 60, 7, 3
 
 
-def weighted_system(seed: int = 0) -> tuple[np.ndarray, np.ndarray, list[slice]]:
+def rows_of(count: int) -> list[np.ndarray]:
+    return [item.rows for item in intervals(stacked(JOINTS, [ROWS]), count)]
+
+
+def weighted_system(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     scales = 10.0 ** rng.uniform(-2.0, 2.0, COLUMNS)
     a = rng.standard_normal((JOINTS * ROWS, COLUMNS)) * scales
     y = a @ (1.0 / scales) + rng.standard_normal(JOINTS * ROWS)
-    return a, y, [slice(joint * ROWS, (joint + 1) * ROWS) for joint in range(JOINTS)]
+    return a, y
 
 
 def factors(a: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -25,10 +30,10 @@ def factors(a: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def test_deletions_are_those_of_solving_again_without_a_block() -> None:
-    a, y, joints = weighted_system()
+    a, y = weighted_system()
     q, inverse, x, residual = factors(a, y)
-    blocks = time_blocks([joints], [1.0], 20)
-    found = jackknife(q, q, inverse, residual, blocks)
+    blocks = rows_of(20)
+    found = jackknife(Factors(q, q, inverse, residual), blocks)
     size = np.sqrt(np.sum(inverse**2, axis=1))
     for block, deletion in zip(blocks, found.deletions, strict=True):
         kept = np.setdiff1d(np.arange(len(y)), block)
@@ -39,14 +44,14 @@ def test_deletions_are_those_of_solving_again_without_a_block() -> None:
 
 
 def test_deletions_with_instruments_are_those_of_solving_again() -> None:
-    a, y, joints = weighted_system()
+    a, y = weighted_system()
     rng = np.random.default_rng(5)
     z = a * (1.0 + 0.1 * rng.standard_normal(a.shape))
     q = np.linalg.qr(z)[0]
     inverse = np.linalg.inv(q.T @ a)
     x = inverse @ (q.T @ y)
-    blocks = time_blocks([joints], [1.0], 12)
-    found = jackknife(q, a @ inverse, inverse, y - a @ x, blocks)
+    blocks = rows_of(12)
+    found = jackknife(Factors(q, a @ inverse, inverse, y - a @ x), blocks)
     size = np.sqrt(np.sum(inverse**2, axis=1))
     for block, deletion, shares in zip(blocks, found.deletions, found.information, strict=True):
         kept = np.setdiff1d(np.arange(len(y)), block)
@@ -62,19 +67,19 @@ def test_the_covariance_is_that_of_independent_halves() -> None:
     a = np.ones((10, 1))
     y = np.concatenate([np.zeros(5), np.ones(5)])
     q, inverse, x, residual = factors(a, y)
-    found = jackknife(q, q, inverse, residual, [np.arange(5), np.arange(5, 10)])
+    found = jackknife(Factors(q, q, inverse, residual), [np.arange(5), np.arange(5, 10)])
     assert found.deletions[:, 0] + x == pytest.approx([1.0, 0.0])
     assert found.covariance[0, 0] == pytest.approx(0.25)  # (1/2)((1 - 0)/2)^2 * 2
     assert deletion_covariance(found.deletions) == pytest.approx(found.covariance)
 
 
 def test_a_parameter_of_one_block_alone_is_named_and_keeps_its_value_elsewhere() -> None:
-    a, y, joints = weighted_system()
-    blocks = time_blocks([joints], [1.0], 10)
+    a, y = weighted_system()
+    blocks = rows_of(10)
     outside = np.setdiff1d(np.arange(len(y)), blocks[3])
     a[outside, 2] = 0.0
     q, inverse, x, residual = factors(a, y)
-    found = jackknife(q, q, inverse, residual, blocks)
+    found = jackknife(Factors(q, q, inverse, residual), blocks)
     assert found.decisive[2] == 3
     assert (np.delete(found.decisive, 2) == -1).all()
     assert found.leverage == pytest.approx(1.0)
@@ -86,31 +91,40 @@ def test_a_parameter_of_one_block_alone_is_named_and_keeps_its_value_elsewhere()
     assert np.abs((found.deletions[3][kept] - (again - x[kept])) / size).max() < 1e-6
 
 
-def test_blocks_hold_every_row_once_and_no_block_spans_two_windows() -> None:
+def test_intervals_hold_every_row_once_and_none_spans_two_windows() -> None:
     # Two windows, of 30 and 90 rows per joint: joint by joint, windows one after the other within a joint.
-    windows = [
-        [slice(joint * 120, joint * 120 + 30) for joint in range(JOINTS)],
-        [slice(joint * 120 + 30, (joint + 1) * 120) for joint in range(JOINTS)],
-    ]
-    blocks = time_blocks(windows, [3.0, 9.0], 20)
-    assert len(blocks) == 20
-    assert np.array_equal(np.sort(np.concatenate(blocks)), np.arange(360))
-    for block in blocks:
-        within = block % 120
-        assert (within < 30).all() or (within >= 30).all()
+    found = intervals(stacked(JOINTS, [30, 90], rates_hz=[10.0, 10.0]), 20)
+    assert len(found) == 20
+    assert np.array_equal(np.sort(np.concatenate([item.rows for item in found])), np.arange(360))
+    for item in found:
+        within = item.rows % 120
+        assert ((within < 30) == (item.window == 0)).all()
         # All joints over the same interval.
-        assert np.array_equal(*np.unique(block // 120, return_counts=True)[1][[0, 1]][:, None])
-    assert sum((block % 120 < 30).all() for block in blocks) == 5
+        assert len(set(np.bincount(item.rows // 120).tolist())) == 1
+    assert [item.window for item in found] == [0] * 5 + [1] * 15
+    assert [item.start_s for item in found[:6]] == pytest.approx([0.0, 0.6, 1.2, 1.8, 2.4, 0.0])
+    assert found[-1].stop_s == pytest.approx(9.0)
 
 
-def test_more_windows_than_blocks_make_a_block_each() -> None:
-    windows = [[slice(4 * k, 4 * k + 4)] for k in range(30)]
-    assert [len(block) for block in time_blocks(windows, [1.0] * 30, 20)] == [4] * 30
+def test_a_slower_recording_has_intervals_of_the_same_duration() -> None:
+    found = intervals(stacked(1, [100, 50], places=[(0, 0), (1, 0)], rates_hz=[10.0, 5.0]), 10)
+    assert [item.recording for item in found] == [0] * 5 + [1] * 5
+    assert {round(item.stop_s - item.start_s, 9) for item in found} == {2.0}
+
+
+def test_more_windows_than_blocks_make_an_interval_each() -> None:
+    assert [len(item.rows) for item in intervals(stacked(1, [4] * 30), 20)] == [4] * 30
+
+
+def test_few_rows_make_few_intervals() -> None:
+    assert len(intervals(stacked(2, [30]), 20)) == 10
+    assert len(intervals(stacked(2, [9]), 20)) == 5
+    assert len(intervals(stacked(2, [3]), 20)) == 3
 
 
 def test_rows_sample_by_sample_are_divided_in_time_too() -> None:
-    blocks = time_blocks([[slice(joint, 60, 3) for joint in range(3)]], [1.0], 4)
-    assert [sorted(block) for block in blocks] == [list(range(15 * k, 15 * k + 15)) for k in range(4)]
+    found = intervals([Block(slice(joint, 60, 3), joint) for joint in range(3)], 4)
+    assert [sorted(item.rows) for item in found] == [list(range(15 * k, 15 * k + 15)) for k in range(4)]
 
 
 def test_rescaling_keeps_the_correlations() -> None:
@@ -134,7 +148,7 @@ def test_intervals_cover_white_and_correlated_noise(time_constant: float) -> Non
     t = np.linspace(0.0, 20.0, 300)
     a = np.column_stack([np.sin(k * t + k) for k in range(1, 6)])
     q, inverse, _, _ = factors(a, t)
-    blocks = time_blocks([[slice(0, 300)]], [20.0], 20)
+    blocks = [item.rows for item in intervals(stacked(1, [300]), 20)]
     keep = np.exp(-1.0 / time_constant) if time_constant else 0.0
     ratios, white = [], []
     for _ in range(150):
@@ -144,7 +158,7 @@ def test_intervals_cover_white_and_correlated_noise(time_constant: float) -> Non
         y = noise[300:]
         x = inverse @ (q.T @ y)
         residual = y - a @ x
-        ratios.append(x / np.sqrt(np.diag(jackknife(q, q, inverse, residual, blocks).covariance)))
+        ratios.append(x / np.sqrt(np.diag(jackknife(Factors(q, q, inverse, residual), blocks).covariance)))
         white.append(x / np.sqrt(np.sum(inverse**2, axis=1) * (residual @ residual) / 295))
     assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.12)
     assert np.mean(np.abs(ratios) < 2.093) == pytest.approx(0.95, abs=0.03)

@@ -241,6 +241,8 @@ def test_too_few_rows_and_no_columns() -> None:
         ({"reweightings": True}, "reweightings must be a whole number"),
         ({"reweightings": 1.5}, "reweightings must be a whole number"),
         ({"decimation_corrected": 1}, "decimation_corrected must be True or False, got 1"),
+        ({"uncertainty": "hac"}, "uncertainty must be 'jackknife', 'decimated' or 'white', got 'hac'"),
+        ({"blocks": 1}, "blocks must be a whole number from 2 to 1000, got 1"),
     ],
 )
 def test_wrong_settings(options: dict[str, Any], message: str) -> None:

@@ -275,7 +275,7 @@ def test_convergence(closed: Identification, direct: Identification) -> None:
 def test_intervals_of_one_result(closed: Identification) -> None:
     axes = panels(plot.parameters(closed))[0]
     ends = np.array([bar.get_x() + bar.get_width() for bar in axes.patches])
-    half = 1.96 * closed.relative_std_percent
+    half = closed.interval_factor() * closed.relative_std_percent
     np.testing.assert_allclose(ends, np.clip(half, 0.01, 1000.0))
     well = np.array([bar.get_hatch() is None for bar in axes.patches])
     np.testing.assert_array_equal(well, closed.relative_std_percent <= 20.0)
@@ -297,7 +297,9 @@ def test_methods_beside_each_other(closed: Identification, direct: Identificatio
     off = (closed.beta - direct.beta) / direct.std
     np.testing.assert_allclose(points["b"].get_xdata(), np.clip(off, -8.0, 8.0))
     bars = [np.asarray(part.get_segments())[:, :, 0] for part in axes.collections]
-    np.testing.assert_allclose(bars[1][:, 1] - bars[1][:, 0], 2 * 1.96 * closed.std / direct.std)
+    np.testing.assert_allclose(
+        bars[1][:, 1] - bars[1][:, 0], 2 * closed.interval_factor() * closed.std / direct.std
+    )
 
 
 def test_overlay(closed: Identification, arm: Experiment) -> None:

@@ -176,7 +176,9 @@ def test_numbers_of_an_identification(fit: Identification, fit_html: str, arm: E
         assert float(row[2]) == pytest.approx(value, abs=0.006 * std)
         assert float(row[3]) == pytest.approx(std, rel=0.006)
         assert float(row[4]) == pytest.approx(percent, rel=0.006)
-        assert row[5] == ("" if percent <= 20.0 else "weak")
+        assert row[-1] == ("" if percent <= 20.0 else "weak")
+        assert float(row[5]) == pytest.approx(value - 2.093 * std, abs=0.02 * std)
+        assert float(row[6]) == pytest.approx(value + 2.093 * std, abs=0.02 * std)
     (errors,) = page.table("relative error %")
     expected = [*fit.relative_error, fit.overall_relative_error]
     np.testing.assert_allclose([float(cell) for cell in errors[1:]], 100.0 * np.array(expected), atol=1e-4)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from didim.regression.block import stacked
 from didim.regression.classical.maximum_likelihood import sample_covariances, whitened, whitening
 from didim.regression.classical.ridge import STRENGTHS, chosen_strength, ridge
 from didim.regression.classical.robust import CONSTANTS, psi_weights, reweighted
 from didim.regression.classical.total import total_least_squares
-from didim.regression.jackknife import time_blocks
+from didim.regression.jackknife import intervals
 
 
 def system(seed: int = 0, rows: int = 200, outliers: int = 0) -> tuple[np.ndarray, ...]:
@@ -123,7 +124,7 @@ def test_ridge_is_its_normal_equations() -> None:
 
 def test_ridge_helps_where_columns_hardly_differ_and_not_elsewhere() -> None:
     rng = np.random.default_rng(7)
-    blocks = time_blocks([[slice(0, 100)]], [1.0], 5)
+    blocks = [item.rows for item in intervals(stacked(1, [100]), 5)]
     a = rng.standard_normal((100, 3))
     near = a.copy()
     near[:, 1] = near[:, 0] + 1e-2 * rng.standard_normal(100)

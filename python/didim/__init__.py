@@ -38,10 +38,12 @@ if TYPE_CHECKING:
     from .methods.cloe.cloe import CLOE
     from .methods.didim.didim import DIDIM
     from .methods.identify import identify
+    from .methods.idim_iv import IDIMIV
     from .methods.idim_ls import IDIMLS
     from .model.dynamics import direct_dynamics, inertia_matrix, inverse_dynamics, regressor
     from .regression.recursive import Recursive, RecursiveEstimate
     from .regression.settings import LeastSquaresSettings
+    from .result.contrast import Contrast, contrast
     from .result.identification import Identification
     from .result.status import Status
     from .robot.base_parameters import BaseParameters
@@ -58,9 +60,11 @@ if TYPE_CHECKING:
 __all__ = [
     "CLOE",
     "DIDIM",
+    "IDIMIV",
     "IDIMLS",
     "BaseParameters",
     "Comparison",
+    "Contrast",
     "Controller",
     "DidimError",
     "Digital",
@@ -93,6 +97,7 @@ __all__ = [
     "Validation",
     "check",
     "compare",
+    "contrast",
     "direct_dynamics",
     "formats",
     "identify",
@@ -117,9 +122,11 @@ __all__ = [
 _LATER = {
     "CLOE": "methods.cloe.cloe",
     "DIDIM": "methods.didim.didim",
+    "IDIMIV": "methods.idim_iv",
     "IDIMLS": "methods.idim_ls",
     "BaseParameters": "robot.base_parameters",
     "Comparison": "studies.comparison",
+    "Contrast": "result.contrast",
     "Controller": "loop.controller",
     "Digital": "loop.controller",
     "Experiment": "experiment.experiment",
@@ -142,6 +149,7 @@ _LATER = {
     "Validation": "studies.validation",
     "check": "diagnosis.check",
     "compare": "studies.compare",
+    "contrast": "result.contrast",
     "direct_dynamics": "model.dynamics",
     "identify": "methods.identify",
     "inertia_matrix": "model.dynamics",

@@ -77,17 +77,37 @@ def render(result: Result, form: str = "text") -> str:
 def _identification(fit: Identification, form: str) -> str:
     if form == "csv":
         known = fit.std.any()
-        rows: list[Sequence[str]] = [("name", "unit", "value", "std", "relative_std_percent", "role")]
+        rows: list[Sequence[str]] = [
+            (
+                "name",
+                "unit",
+                "value",
+                "std",
+                "relative_std_percent",
+                "low",
+                "high",
+                "std_white",
+                "role",
+            )
+        ]
         values = zip(
-            fit.names, fit.units, fit.beta, fit.std, fit.relative_std_percent, fit.roles, strict=True
+            fit.names,
+            fit.units,
+            fit.beta,
+            fit.roles,
+            fit.std,
+            fit.relative_std_percent,
+            *fit.confidence_interval(),
+            fit.std_white,
+            strict=True,
         )
-        for name, unit, value, std, percent, role in values:
+        for name, unit, value, role, *sigmas in values:
             silent = role == "estimated" and not known
-            sigmas = ("", "") if silent else (_exact(std), _exact(percent))
-            rows.append((name, unit, _exact(value), *sigmas, role))
+            cells = [""] * len(sigmas) if silent else list(map(_exact, sigmas))
+            rows.append((name, unit, _exact(value), *cells, role))
         return _csv(rows)
     head, *body = fit.parameter_rows()
-    grid = Grid((*head[:-1], "remark"), body, "llrrrl")
+    grid = Grid((*head[:-1], "remark"), body, "llrrrrrrl")
     errors_head, *errors = fit.error_rows()
     title = f"{fit.name}: robot {fit.robot} by {fit.method}"
     notes = [*fit.warnings, *fit.remarks, fit.conclusion]

@@ -20,6 +20,7 @@ from .options import (
 from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
+    from ..experiment.experiment import Experiment
     from .options import Commands
 
 
@@ -62,6 +63,12 @@ def add(commands: Commands) -> None:
         help="of the simplex (default: adaptive); give it twice to see two beside each other",
     )
     parser.add_argument("--no-noise", action="store_true", help="a log without noise")
+    parser.add_argument(
+        "--contrast",
+        action="store_true",
+        help="IDIM-LS, IDIM-IV and DIDIM alone, on the log of the experiment if it has one: whether the filter is wrong, or the "
+        "controller",
+    )
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
     add_format(parser)
     add_report(parser)
@@ -81,6 +88,8 @@ def run(options: argparse.Namespace) -> int:
         if options.experiment is None
         else load_experiment(options.experiment, data=options.data)
     )
+    if options.contrast:
+        return _contrast(options, experiment)
     iterations = {"short": SHORT_SIMPLEX, "full": None, "none": 0}[options.nelder_mead]
     comparison = compare(
         experiment,
@@ -103,3 +112,18 @@ def run(options: argparse.Namespace) -> int:
         return INTERRUPTED
     code = exit_code(comparison.fits["didim"].status) if "didim" in comparison.fits else NOT_CONVERGED
     return saved.code(code)
+
+
+def _contrast(options: argparse.Namespace, experiment: Experiment) -> int:
+    """Contrast three methods on one log, and return the exit code."""
+    from ..studies.contrasts import contrasts_of
+    from ..studies.simulated_log import simulated_log
+
+    if not experiment.recordings:
+        x = experiment.robot.parameter_set(options.parameters)
+        experiment = simulated_log(experiment, x, noise=not options.no_noise, seed=options.seed)
+    found = contrasts_of(experiment, verbose=not options.quiet)
+    saved = Saved()
+    saved.save(options.json, found.save)
+    saved.show(str(found))
+    return saved.code(exit_code(found.fits["didim"].status))

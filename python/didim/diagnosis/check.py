@@ -206,7 +206,7 @@ def _driving(job: Job, parts: Sequence[Segment]) -> tuple[list[int], str] | None
     system = job.system(parts)
     try:
         # Thresholds of this check are those of white noise.
-        return driving_friction(system, solve(system, replace(job.settings, decimation_corrected=False)))
+        return driving_friction(system, solve(system, replace(job.settings, uncertainty="white")))
     except RankError:  # reported as parameters that the log does not identify
         return None
 

@@ -186,6 +186,8 @@ def _least_squares_keys(table: Table) -> dict[str, Any]:
         weights=table.text("weights", None, choices=["none", "per-joint"]),
         reweightings=table.integer("reweightings", None, minimum=0),
         variance=table.text("variance", None, choices=["r-b", "r-1"]),
+        uncertainty=table.text("uncertainty", None, choices=["jackknife", "decimated", "white"]),
+        blocks=table.integer("blocks", None, minimum=2),
         decimation_corrected=table.boolean("decimation_corrected", None),
     )
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,10 @@ from ..regression.solver import solver_record
 from ..result.identification import Identification
 from ..result.iteration import Iteration
 from ..result.status import Status
+from ..result.uncertainty import Uncertainty
 from .job import Delay, Job, ratio, ratios
 from .method import Described
+from .uncertainty import spread_of_fit
 
 LARGEST_CONDITION_NUMBER = 1e10
 """Condition number beyond which fewer than about six of the sixteen digits of the estimate are left."""
@@ -79,6 +81,7 @@ def identification(
     q: Array,
     held_out: bool = True,
     n_simulations: int = 0,
+    uncertainty: Uncertainty | None = None,
     output_error: tuple[float, float] | None = None,
     settings: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
@@ -101,6 +104,8 @@ def identification(
         Errors of the torques on the rows of the fit.
     q : (n_samples, n_dof) array
         Positions at which physics is checked.
+    uncertainty : Uncertainty, optional
+        How `covariance` was found; the residuals of the joints are filled in here.
     held_out : bool
         Whether the recordings kept out have torques to compare with.
     settings : mapping, optional
@@ -109,6 +114,9 @@ def identification(
     robot = job.robot
     full = job.selection.expand_covariance(covariance)
     freedom = max(1, job.settings.divisor(errors.n_rows, len(job.selection.estimated)))
+    if uncertainty is not None:
+        per_joint = freedom / max(1, len(errors.norms))
+        uncertainty = replace(uncertainty, joint_std=errors.norms / np.sqrt(per_joint))
     return Identification(
         name=job.experiment.name,
         robot=robot.name,
@@ -127,6 +135,7 @@ def identification(
         error_std=errors.norm / float(np.sqrt(freedom)),
         condition_number=condition_number,
         n_rows=errors.n_rows,
+        uncertainty=uncertainty,
         n_simulations=n_simulations,
         output_error=output_error,
         history=tuple(history),
@@ -159,13 +168,15 @@ def fitted(
 
     `beta` are the parameters reached, (b,), where they are not those of the last solution.
     """
+    spread = spread_of_fit(system, fit, job.settings, job.selection)
     return identification(
         job,
         method,
         status=status,
         history=history,
         beta=job.selection.expand(fit.solution) if beta is None else beta,
-        covariance=fit.covariance,
+        covariance=spread.covariance,
+        uncertainty=spread.uncertainty,
         errors=TorqueErrors.of(system, fit.residual),
         condition_number=fit.condition_number,
         delay=delay,
@@ -173,7 +184,7 @@ def fitted(
         n_simulations=n_simulations,
         output_error=output_error,
         settings={"solver": solver_record(job.solver_choice, fit), **(settings or {})},
-        remarks=(*fit.remarks, *remarks),
+        remarks=(*fit.remarks, *remarks, *spread.remarks),
     )
 
 

@@ -18,6 +18,7 @@ from .method import Method
 
 METHODS: dict[str, str | Callable[..., Method]] = {
     "idim-ls": "didim.methods.idim_ls:IDIMLS",
+    "idim-iv": "didim.methods.idim_iv:IDIMIV",
     "didim": "didim.methods.didim.didim:DIDIM",
     "cloe": "didim.methods.cloe.cloe:CLOE",
 }

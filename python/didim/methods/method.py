@@ -9,7 +9,7 @@ from typing import ClassVar, Literal, Protocol
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..regression.selection import dropped_names, select
-from ..regression.settings import LeastSquaresSettings, Variance, Weights
+from ..regression.settings import LeastSquaresSettings, UncertaintyKind, Variance, Weights
 from ..regression.solver import SolverChoice, check_solver, solver_of
 from ..result.identification import Identification
 from ..result.iteration import Iteration
@@ -58,6 +58,12 @@ class MethodSettings:
     ----------
     variance : {"r-b", "r-1"}, optional
         Divisor of (9), as in `LeastSquaresSettings`.
+    uncertainty : {"jackknife", "decimated", "white"}, optional
+        Where standard deviations come from, as in `LeastSquaresSettings`.
+    blocks : int, optional
+        Blocks of time of the jackknife.
+    decimation_corrected : bool, optional
+        Older name: False for ``uncertainty="white"``.
     signal : SignalProcessing, optional
         Filters, trimming and decimation.
     compensate_samples : float, sequence of float, "hold", "estimate" or Delay, optional
@@ -74,6 +80,9 @@ class MethodSettings:
     raw: ClassVar[bool] = False
 
     variance: Variance | None = None
+    uncertainty: UncertaintyKind | None = None
+    blocks: int | None = None
+    decimation_corrected: bool | None = None
     signal: SignalProcessing | None = None
     compensate_samples: float | Sequence[float] | Literal["hold", "estimate"] | Delay | None = None
     fixed: Mapping[str, float] | None = None
@@ -133,14 +142,13 @@ class FitSettings(MethodSettings):
     ----------
     solver : str or solver
         How (7) is solved: a name of `didim.regression.solver.SOLVERS`, or a function ``solve(system, settings, progress)``.
-    weights, reweightings, decimation_corrected : optional
+    weights, reweightings : optional
         As in `LeastSquaresSettings`.
     """
 
     solver: SolverChoice = "least-squares"
     weights: Weights | None = None
     reweightings: int | None = None
-    decimation_corrected: bool | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

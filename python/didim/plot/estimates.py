@@ -12,7 +12,6 @@ from .._tools.arrays import Array
 from ..errors import PlotError
 from ..result.identification import Identification
 from ..result.table import WELL_IDENTIFIED_PERCENT
-from .logs import CONFIDENCE
 from .style import CYCLE, FAINT, GOOD, MARKERS, RESIDUAL, WIDTH_IN, new_figure, styled
 
 if TYPE_CHECKING:
@@ -215,7 +214,8 @@ def _intervals(fit: Identification) -> Figure:
     from matplotlib.ticker import FuncFormatter, NullLocator
 
     figure, columns = _columns(fit.names, 1.0)
-    half = CONFIDENCE * fit.relative_std_percent
+    factor = fit.interval_factor()
+    half = factor * fit.relative_std_percent
     shown = fit.std > 0.0
     # A wide interval ends on the edge; a parameter of zero has no relative interval, and nothing is known of it.
     lengths = np.clip(np.where(np.isfinite(half), half, HIGHEST_PERCENT), LOWEST_PERCENT, HIGHEST_PERCENT)
@@ -236,7 +236,7 @@ def _intervals(fit: Identification) -> Figure:
                 edgecolor="white",
                 linewidth=0.0,
             )
-        ax.axvline(CONFIDENCE * WELL_IDENTIFIED_PERCENT, color="#3a424d", linewidth=0.9, linestyle="--")
+        ax.axvline(factor * WELL_IDENTIFIED_PERCENT, color="#3a424d", linewidth=0.9, linestyle="--")
         ax.set_xscale("log")
         ax.set_xlim(low, HIGHEST_PERCENT if lengths.max() > 200.0 else 200.0)
         ax.set_xlabel("estimate ± this (%), 95 % interval")
@@ -259,11 +259,12 @@ def _deviations(several: Mapping[str, Identification], truth: Array | None) -> F
     figure, columns = _columns(first.names, 1.2)
     step = SPREAD / max(1, len(several) - 1) if len(several) > 1 else 0.0
     largest = 3.0
+    band = max(fit.interval_factor() for fit in several.values())
     for number, ((name, fit), color, marker) in enumerate(zip(several.items(), CYCLE, MARKERS, strict=False)):
         sigma = fit.std if truth is not None else first.std
         scale = np.where(sigma > 0.0, sigma, np.nan)
         off = (fit.beta - (first.beta if truth is None else truth)) / scale
-        half = CONFIDENCE * fit.std / scale
+        half = fit.interval_factor() * fit.std / scale
         largest = max(
             largest, float(np.nanmax(np.abs(off) + (0.0 if truth is not None else half), initial=0.0))
         )
@@ -276,7 +277,7 @@ def _deviations(several: Mapping[str, Identification], truth: Array | None) -> F
     reach = min(MOST_SIGMAS, largest) * 1.08
     for ax, rows in columns:
         if truth is not None:
-            ax.axvspan(-CONFIDENCE, CONFIDENCE, color=FAINT, linewidth=0.0, zorder=0.5)
+            ax.axvspan(-band, band, color=FAINT, linewidth=0.0, zorder=0.5)
         for place in np.arange(len(rows))[1::2]:
             ax.axhspan(place - 0.5, place + 0.5, color="#000000", alpha=0.035, linewidth=0.0, zorder=0.6)
         ax.axvline(0.0, color="#3a424d", linewidth=0.8)

@@ -48,8 +48,9 @@ def covariance(
         Inverse of the triangle R of the weighted W.
     """
     weighted = residual * weights
-    if settings.decimation_corrected and any(block.correlation is not None for block in system.blocks):
-        return decimated(system, settings, weights, weighted, inverse_r)
+    if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
+        # In the orthonormal columns Q = W R^-1: in those of a nearly dependent W rounding would make variances negative.
+        return decimated(system, settings, (system.w * weights[:, None]) @ inverse_r, weighted, inverse_r)
     return white(float(np.sum(weighted**2)) / settings.divisor(*system.w.shape), inverse_r)
 
 
@@ -59,16 +60,27 @@ def white(variance: float, inverse_r: Array) -> Array:
 
 
 def decimated(
-    system: LinearSystem, settings: LeastSquaresSettings, weights: Array, residual: Array, inverse_r: Array
+    system: LinearSystem, settings: LeastSquaresSettings, q: Array, residual: Array, inverse_r: Array
 ) -> Array:
-    """Covariance for noise with a known correlation in each block; `residual` is weighted."""
+    """Covariance for noise with a known correlation in each block.
+
+    Parameters
+    ----------
+    system, settings
+        As for `covariance`.
+    q : (r, b) array
+        Orthonormal columns: of the weighted W, or of the weighted instruments.
+    residual : (r,) array
+        Weighted residual.
+    inverse_r : (b, b) array
+        Inverse of R, or with instruments of ``Q^T W``.
+    """
     b, n = inverse_r.shape[0], len(system.joints)
     coloured, plain = np.empty((n, b, b)), np.empty((n, b, b))
     for joint, (rows, blocks) in enumerate(zip(system.joints, system.joint_blocks, strict=True)):
-        # In the orthonormal columns Q = W R^-1: in those of a nearly dependent W rounding would make variances negative.
-        q = (system.w[rows] * weights[rows, None]) @ inverse_r
-        plain[joint] = q.T @ q
-        coloured[joint] = q.T @ _correlated(q, blocks, rows.start)
+        part = q[rows]
+        plain[joint] = part.T @ part
+        coloured[joint] = part.T @ _correlated(part, blocks, rows.start)
     squares = np.array([residual[rows] @ residual[rows] for rows in system.joints])
     sizes = np.array([rows.stop - rows.start for rows in system.joints], dtype=np.float64)
     # Expected squares of the residual of unit noise: the trace of (1 - H) T (1 - H) within the rows of the joint, H = Q Q^T.

@@ -26,8 +26,7 @@ from ..signal.align import Shift, align, hold_samples
 from ..signal.decimation import decimate, decimation_stages
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment
-from .block import by_window
-from .jackknife import BLOCKS, Rows, jackknife, time_blocks
+from .jackknife import Factors, intervals, jackknife
 from .linear_system import LinearSystem
 
 SIGNIFICANT = 3.0
@@ -296,17 +295,13 @@ class _Search:
                 )
             )
         )
-        spread = jackknife(q, q, inverse, residual, self._blocks()).covariance[b:, b:]
+        blocks = [item.rows for item in intervals(self.system.blocks)]
+        spread = jackknife(Factors(q, q, inverse, residual), blocks).covariance[b:, b:]
         covariance = np.diag(np.full(n, np.inf))
         covariance[np.ix_(moving, moving)] = spread
         for joint in np.flatnonzero(lost):
             covariance[joint, joint] = np.inf
         return shift, covariance
-
-    def _blocks(self) -> list[Rows]:
-        windows = by_window(self.system.blocks)
-        seconds = [blocks[0].n_rows / blocks[0].rate_hz for blocks in windows]
-        return time_blocks([[block.rows for block in blocks] for blocks in windows], seconds, BLOCKS)
 
 
 def _shared(own: Array, covariance: Array) -> tuple[tuple[float, float], tuple[float, ...]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .._tools.arrays import Array
+from .jackknife import Factors
 
 Progress = Callable[[int, Array, Array], bool]
 """Called with the number of a solution, from 1, its estimate and its residual; True stops the solver."""
@@ -32,6 +33,8 @@ class Fit:
         Whether the callback asked to stop.
     converged : bool
         False for iterations that ended before they reached their aim.
+    factors : Factors or None
+        Weighted factors that the jackknife's deletions are made of; None for those of least squares with `weights`.
     remarks : tuple of str
         Sentences that a reader of the result should know.
     record : mapping
@@ -45,5 +48,6 @@ class Fit:
     condition_number: float
     stopped: bool = False
     converged: bool = True
+    factors: Factors | None = None
     remarks: tuple[str, ...] = ()
     record: Mapping[str, Any] = field(default_factory=dict)

@@ -17,19 +17,23 @@ Sources: Quenouille (1956), Tukey (1958); Kuensch (1989) for blocks; Cameron and
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.arrays import Array
+from .block import Block, by_window
+from .settings import BLOCKS
 
 Rows = NDArray[np.intp]
 
-BLOCKS = 20
-"""Default number of blocks: 10 to 20 serve alike on real logs, with 30 the blocks of a log of 9 s are no longer independent."""
+FEWEST_ROWS = 3
+"""Rows of a joint in a block: shorter blocks of correlated noise are no longer independent."""
+FEWEST_BLOCKS = 5
+"""Blocks of a log with few rows: with fewer the spread of the estimates is that of too few numbers."""
 DECISIVE_SHARE = 0.9
 """Share of the information on a parameter from which a single block determines it: without the block its standard deviation
 is more than three times as large, and the spread of the estimates is that of a single number."""
@@ -69,40 +73,71 @@ class Jackknife:
         return np.where(share > DECISIVE_SHARE, blocks, -1)
 
 
-def time_blocks(windows: Sequence[Sequence[slice]], seconds: Sequence[float], count: int) -> list[Rows]:
-    """Divide the rows of windows into blocks of about equal duration; no block spans two windows.
+@dataclass(frozen=True)
+class Interval:
+    """Rows that the jackknife leaves out together: those of all joints within a time interval.
+
+    Attributes
+    ----------
+    rows : ndarray of int
+        Rows of the system.
+    recording, window : int
+        Recording among those of the experiment, and window of the recording, from 0.
+    start_s, stop_s : float
+        Times in the rows of the window (s), from its first row.
+    """
+
+    rows: Rows
+    recording: int
+    window: int
+    start_s: float
+    stop_s: float
+
+
+def intervals(blocks: Sequence[Block], count: int = BLOCKS) -> list[Interval]:
+    """Divide the rows of a system into intervals of about equal duration; none spans two windows.
 
     Parameters
     ----------
-    windows : sequence of sequence of slice
-        Rows of each joint (and output) in each window, all of one window with the same number of rows.
-    seconds : sequence of float
-        Duration of each window.
+    blocks : sequence of Block
+        Rows of each joint in each window.
     count : int
-        Blocks wanted; with more windows than that every window is a block.
+        Intervals wanted. There are fewer where an interval would have less than `FEWEST_ROWS` rows of a joint, and more where there
+        are more windows.
 
     Returns
     -------
-    list of ndarray of int
-        Rows of each block, all joints.
+    list of Interval
+        Every row is in one of them.
 
     Notes
     -----
-    ``test_jackknife.py`` checks that every row is in one block and that no block spans two windows.
+    ``test_jackknife.py`` checks that every row is in one interval and that none spans two windows.
     """
-    lengths = [len(range(*rows[0].indices(rows[0].stop))) for rows in windows]
-    parts = _shares(lengths, seconds, count)
-    blocks: list[Rows] = []
-    for rows, length, number in zip(windows, lengths, parts, strict=True):
-        index = [np.arange(*joint.indices(joint.stop)) for joint in rows]
+    windows = by_window(blocks)
+    lengths = [rows[0].n_rows for rows in windows]
+    seconds = [length / rows[0].rate_hz for length, rows in zip(lengths, windows, strict=True)]
+    wanted = min(count, max(FEWEST_BLOCKS, sum(lengths) // FEWEST_ROWS))
+    found: list[Interval] = []
+    for rows, length, number in zip(windows, lengths, _shares(lengths, seconds, wanted), strict=True):
+        index = [np.arange(block.rows.start, block.rows.stop, block.rows.step or 1) for block in rows]
         edges = np.linspace(0, length, number + 1).round().astype(int)
-        for start, stop in itertools.pairwise(edges):
-            blocks.append(np.concatenate([joint[start:stop] for joint in index]))
-    return blocks
+        place = rows[0]
+        found += [
+            Interval(
+                np.concatenate([joint[start:stop] for joint in index]),
+                place.recording,
+                place.window,
+                float(start / place.rate_hz),
+                float(stop / place.rate_hz),
+            )
+            for start, stop in pairwise(edges)
+        ]
+    return found
 
 
 def _shares(lengths: Sequence[int], seconds: Sequence[float], count: int) -> list[int]:
-    """Return the number of blocks of each window: one at least, the rest where the blocks are longest."""
+    """Return the number of intervals of each window: one at least, the rest where they are longest."""
     parts = [1] * len(lengths)
     while sum(parts) < count:
         longest = [
@@ -115,21 +150,44 @@ def _shares(lengths: Sequence[int], seconds: Sequence[float], count: int) -> lis
     return parts
 
 
-def jackknife(
-    left: Array, right: Array, inverse: Array, residual: Array, blocks: Sequence[Rows]
-) -> Jackknife:
-    """Compute the estimates without each block, from the factors of the whole system.
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """Factors of a weighted system that its deletions are made of.
 
-    Parameters
+    Attributes
     ----------
     left : ndarray, shape (r, b)
-        ``Q`` of the weighted observation matrix, or of the weighted instruments.
+        ``Q`` of the weighted observation matrix A, or of the weighted instruments.
     right : ndarray, shape (r, b)
         The same ``Q``, or with instruments ``A G^-1``.
     inverse : ndarray, shape (b, b)
         ``R^-1``, or ``G^-1``.
     residual : ndarray, shape (r,)
         Weighted residual of the estimate.
+    """
+
+    left: Array
+    right: Array
+    inverse: Array
+    residual: Array
+
+    @classmethod
+    def of(cls, a: Array, residual: Array) -> Factors:
+        """Return the factors of least squares with a weighted matrix and the weighted residual of its solution."""
+        size = np.linalg.norm(a, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        left, triangle = np.linalg.qr(a / size)
+        inverse = np.linalg.solve(triangle, np.eye(a.shape[1])) / size[:, None]
+        return cls(left, left, inverse, residual)
+
+
+def jackknife(factors: Factors, blocks: Sequence[Rows]) -> Jackknife:
+    """Compute the estimates without each block, from the factors of the whole system.
+
+    Parameters
+    ----------
+    factors : Factors
+        Of the whole system.
     blocks : sequence of ndarray of int
         Rows of each block: at least two blocks.
 
@@ -143,6 +201,7 @@ def jackknife(
     A direction that the other blocks do not determine keeps its value. ``test_jackknife.py`` solves the system again without each
     block.
     """
+    left, right, inverse, residual = factors.left, factors.right, factors.inverse, factors.residual
     b = inverse.shape[0]
     gram, scores = np.empty((len(blocks), b, b)), np.empty((len(blocks), b))
     for index, rows in enumerate(blocks):
@@ -156,7 +215,7 @@ def jackknife(
         deletions = -np.einsum("mki,mi->mk", vectors, turned) @ inverse.T
         # Variances without a block: diag(R^-1 (I - Q_i^T Q_i)^-1 R^-T).
         spread = np.matmul(inverse, vectors) ** 2
-        without = np.einsum("mki,mi->mk", spread, 1.0 / np.maximum(1.0 - values, 1e-300))
+        without = np.einsum("mki,mi->mk", spread, 1.0 / np.maximum(1.0 - values, 1.0 - LARGEST_EIGENVALUE))
         leverage = float(values.max())
     else:
         rest = np.eye(b) - gram

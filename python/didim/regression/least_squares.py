@@ -9,7 +9,7 @@ of joint j are divided by the root mean square of its residuals, found by a firs
 and (7) to (10) are written for the divided rows. A factor common to all weights changes neither beta nor C.
 
 Decimated noise is correlated, because the filter lets pass only part of the band that is left: r rows carry less information than
-r independent ones. With ``decimation_corrected`` the covariance counts this (``covariance.py``).
+r independent ones. Unless ``uncertainty`` is "white" the covariance counts this (``covariance.py``).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from typing import Literal, get_args
 
 from .._tools.settings import one_of, whole
@@ -10,10 +10,13 @@ from ..errors import FitError
 
 Weights = Literal["none", "per-joint"]
 Variance = Literal["r-b", "r-1"]
+UncertaintyKind = Literal["jackknife", "decimated", "white"]
 
-
-# The weights settle within a few solutions.
 MOST_REWEIGHTINGS = 1000
+"""Upper bound of the reweightings: the weights settle within a few solutions."""
+BLOCKS = 20
+"""Default number of blocks of the jackknife: 10 to 20 serve alike on real logs, the 30 of a log of 9 s are not independent."""
+MOST_BLOCKS = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,9 +31,14 @@ class LeastSquaresSettings:
         How often the weights are estimated and the system is solved again (used with "per-joint").
     variance : {"r-b", "r-1"}
         Divisor of (9): unbiased, or that of the published EMPS results.
-    decimation_corrected : bool
-        Covariance for noise that decimation has correlated, with a variance per joint where the weights are; `variance` is
-        then only that of the printed standard deviation of the error.
+    uncertainty : {"jackknife", "decimated", "white"}
+        Standard deviations from leaving blocks of time out, which count the errors of the model as what they are; for white noise
+        that decimation has correlated, with a variance per joint where the weights are; or (10) with the `variance` of (9), as
+        published figures have it.
+    blocks : int
+        Blocks of time of the jackknife, at least 2; fewer where there are few rows.
+    decimation_corrected : bool, optional
+        Older name: False for ``uncertainty="white"``, True for anything else.
 
     Raises
     ------
@@ -41,13 +49,23 @@ class LeastSquaresSettings:
     weights: Weights = "per-joint"
     reweightings: int = 1
     variance: Variance = "r-b"
-    decimation_corrected: bool = True
+    uncertainty: UncertaintyKind = "jackknife"
+    blocks: int = BLOCKS
+    decimation_corrected: InitVar[bool | None] = None
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, decimation_corrected: bool | None) -> None:
         one_of("weights", self.weights, get_args(Weights), FitError)
         one_of("variance", self.variance, get_args(Variance), FitError)
+        one_of("uncertainty", self.uncertainty, get_args(UncertaintyKind), FitError)
         whole("reweightings", self.reweightings, FitError, least=0, most=MOST_REWEIGHTINGS)
-        one_of("decimation_corrected", self.decimation_corrected, (True, False), FitError)
+        whole("blocks", self.blocks, FitError, least=2, most=MOST_BLOCKS)
+        if decimation_corrected is None:
+            return
+        one_of("decimation_corrected", decimation_corrected, (True, False), FitError)
+        if not decimation_corrected:
+            object.__setattr__(self, "uncertainty", "white")
+        elif self.uncertainty == "white":
+            object.__setattr__(self, "uncertainty", "decimated")
 
     def divisor(self, rows: int, columns: int) -> int:
         """Divisor of (9) for a system of so many rows and columns."""

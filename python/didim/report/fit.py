@@ -15,7 +15,8 @@ from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..plot.estimates import estimate_correlation
 from ..plot.style import percent
-from ..result.identification import Identification, delay_lines
+from ..result.delay_lines import delay_lines
+from ..result.identification import Identification
 from ..result.table import WELL_IDENTIFIED_PERCENT, aligned
 from ..studies.comparison import TITLES, duration
 from ..studies.prediction import Prediction, autocorrelation, predict, relative_errors
@@ -172,25 +173,33 @@ def aligned_rows(rows: Sequence[Sequence[str]], first: int) -> list[list[Text]]:
     return [list(row) for row in zip(*cells, strict=True)]
 
 
+def _origin(fit: Identification) -> str:
+    """How sigma was found, after "estimate"."""
+    return "" if fit.uncertainty is None else f" {fit.uncertainty.origin}"
+
+
 def parameter_section(fit: Identification, experiment: Experiment) -> Html:
     """Show the parameters, their intervals, and what they are made of."""
     head, *rows = fit.parameter_rows()
-    shown = aligned_rows([row[:5] for row in rows], 2)
-    remarks = {"*": "weak", "": ""}
+    last = len(head) - 1
+    shown = aligned_rows([row[:last] for row in rows], 2)
     full: list[list[Text]] = [
-        [*cells, remarks.get(row[5], row[5])] for cells, row in zip(shown, rows, strict=True)
+        [*cells, row[last].replace("*", "weak")] for cells, row in zip(shown, rows, strict=True)
     ]
     classes = {
-        (number, column): "uncertain" for number, row in enumerate(rows) if row[5] == "*" for column in (4, 5)
+        (number, column): "uncertain"
+        for number, row in enumerate(rows)
+        if row[last].startswith("*")
+        for column in (4, last)
     }
     # A long list stands in two halves beside each other.
     half = -(-len(full) // 2) if len(full) > LONG_LIST else len(full)
     listing = beside(
         *(
             table(
-                [*head[:5], ""],
+                list(head),
                 full[start : start + half],
-                numbers=(2, 3, 4),
+                numbers=tuple(range(2, last)),
                 classes={(row - start, column): name for (row, column), name in classes.items()},
             )
             for start in range(0, len(full), half)
@@ -198,9 +207,10 @@ def parameter_section(fit: Identification, experiment: Experiment) -> Html:
     )
     content = [
         paragraph(
-            "Base parameters: what the log can tell apart, in SI units on the joint side. Sigma is the standard deviation of the "
-            "estimate, 95 % of the estimates lie within 1.96 sigma of the truth if the noise is white and the model complete. "
-            f"Weak: not well identified, sigma above {WELL_IDENTIFIED_PERCENT:.0f} %."
+            "Base parameters: the combinations that the log identifies, in SI units on the joint side. Sigma is the standard "
+            f"deviation of the estimate{_origin(fit)}; the 95 % interval is the estimate ± {fit.interval_factor():.3g} sigma. "
+            "The column / white compares sigma with that of (10), for independent errors: the larger, the more the errors of the "
+            f"model count. Weak: not well identified, sigma above {WELL_IDENTIFIED_PERCENT:.0f} %."
         )
     ]
     if fit.std.any():

@@ -21,10 +21,12 @@ from .._tools.words import counted
 from ..errors import FitError
 from ..regression.selection import Role
 from ..robot.parameter_file import Estimates, write_parameters
+from .delay_lines import delay_lines
 from .iteration import HeldOut, Iteration
 from .saved_fields import fields_of
 from .status import Status
 from .table import error_lines, error_rows, parameter_lines, parameter_rows, percent_text
+from .uncertainty import Uncertainty, student_factor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,7 +46,7 @@ class Identification(Pickled):
     beta : ndarray, shape (b,)
         Base parameters.
     covariance : ndarray, shape (b, b)
-        Equation (10); zero for fixed and dropped parameters, and zero throughout where no standard deviations are known,
+        Covariance of beta; zero for fixed and dropped parameters, and zero throughout where no standard deviations are known,
         as after an iteration that did not converge.
     parameter_names : tuple of str
         Of the standard parameters.
@@ -62,6 +64,8 @@ class Identification(Pickled):
         Of the observation matrix W, without weights.
     n_rows : int
         Rows of W.
+    uncertainty : Uncertainty or None
+        How the standard deviations were found; None where there are none, and for results of older versions.
     output_error : (float, float) or None
         Norm of measured less simulated torque over that of measured torque, (12): with the initial parameters and with
         these; None for IDIM-LS, which simulates nothing.
@@ -108,6 +112,7 @@ class Identification(Pickled):
     error_std: float
     condition_number: float
     n_rows: int
+    uncertainty: Uncertainty | None = None
     output_error: tuple[float, float] | None = None
     n_simulations: int = 0
     elapsed: float = 0.0
@@ -148,6 +153,56 @@ class Identification(Pickled):
         return relative_percent(self.std, self.beta)
 
     @property
+    def std_white(self) -> Array:
+        """Standard deviations (10), as if all rows were independent, shape (b,); NaN for results that do not have them."""
+        return np.full(len(self.names), np.nan) if self.uncertainty is None else self.uncertainty.std_white
+
+    @property
+    def std_ratio(self) -> Array:
+        """Standard deviation over that of (10), shape (b,): how much more than white noise the model's errors count; or NaN."""
+        white = self.std_white
+        return np.divide(self.std, white, out=np.full_like(white, np.nan), where=white > 0.0)
+
+    def confidence_interval(self, level: float = 0.95) -> tuple[Array, Array]:
+        """Return both ends of the confidence intervals of beta.
+
+        Parameters
+        ----------
+        level : float
+            Probability that an interval covers its parameter, between 0 and 1.
+
+        Returns
+        -------
+        low, high : ndarray, shape (b,)
+            SI units, joint side; NaN without standard deviations, and the value itself for fixed and dropped parameters.
+
+        Raises
+        ------
+        FitError
+            For a level that is not between 0 and 1.
+
+        Notes
+        -----
+        Student's distribution has the blocks less one as degrees of freedom, or the rows less parameters
+        (`didim.result.uncertainty`). ``test_uncertainty.py`` checks how often they cover the truth.
+        """
+        half = self.interval_factor(level) * self.std
+        if not self.std.any():
+            half = np.where([role == "estimated" for role in self.roles], np.nan, 0.0)
+        return self.beta - half, self.beta + half
+
+    def interval_factor(self, level: float = 0.95) -> float:
+        """Return half the width of a confidence interval in standard deviations.
+
+        Raises
+        ------
+        FitError
+            For a level that is not between 0 and 1.
+        """
+        freedom = np.inf if self.uncertainty is None else self.uncertainty.degrees_of_freedom
+        return student_factor(level, freedom)
+
+    @property
     def converged(self) -> bool:
         """Whether the method reached what it aims at."""
         return self.status.converged
@@ -169,8 +224,17 @@ class Identification(Pickled):
 
     def parameter_rows(self) -> list[tuple[str, ...]]:
         """Return heading and cells of the table of parameters, see `didim.result.table.parameter_rows`."""
+        single = {} if self.uncertainty is None else self.uncertainty.single_block
         return parameter_rows(
-            self.names, self.units, self.roles, self.beta, self.std, self.relative_std_percent
+            self.names,
+            self.units,
+            self.roles,
+            self.beta,
+            self.std,
+            self.relative_std_percent,
+            self.interval_factor(),
+            self.std_ratio,
+            dict.fromkeys(single, "one block"),
         )
 
     def error_rows(self) -> list[tuple[str, ...]]:
@@ -193,6 +257,7 @@ class Identification(Pickled):
             f"condition number {self.condition_number:.6g}, error norm {self.error_norm:.7g}, "
             f"standard deviation of the error {self.error_std:.5g}, {self.n_rows} rows"
         )
+        lines += [] if self.uncertainty is None else self.uncertainty.lines(self.std)
         measured = self.settings.get("prediction", {}).get("motion") == "measured"
         lines += delay_lines(self.delay, measured=measured)
         if self.output_error is not None:
@@ -218,7 +283,15 @@ class Identification(Pickled):
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain lists, numbers and strings; NaN and infinity become None."""
         values = zip(
-            self.names, self.units, self.beta, self.std, self.relative_std_percent, self.roles, strict=True
+            self.names,
+            self.units,
+            self.beta,
+            self.std,
+            self.relative_std_percent,
+            *self.confidence_interval(),
+            self.std_white,
+            self.roles,
+            strict=True,
         )
         return {
             "schema": SCHEMA,
@@ -246,10 +319,14 @@ class Identification(Pickled):
                     "value": float(value),
                     "std": float(std),
                     "relative_std_percent": _finite(percent),
+                    "low": _finite(low),
+                    "high": _finite(high),
+                    "std_white": _finite(white),
                     "role": role,
                 }
-                for name, unit, value, std, percent, role in values
+                for name, unit, value, std, percent, low, high, white, role in values
             ],
+            "uncertainty": None if self.uncertainty is None else self.uncertainty.to_dict(),
             "warnings": list(self.warnings),
             "remarks": list(self.remarks),
             "held_out": [
@@ -348,33 +425,3 @@ def checked(fit: Identification) -> Identification:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def delay_lines(delay: Mapping[str, Any], *, measured: bool) -> list[str]:
-    """Return what a result says of a delay; `measured` for a fit along measured motion, where a hold counts."""
-    lines = []
-    compensated = delay.get("compensated_samples", 0.0)
-    shown = (
-        ", ".join(f"{value:g}" for value in compensated)
-        if isinstance(compensated, list)
-        else f"{compensated:g}"
-    )
-    if "estimated_samples" in delay:
-        value, std = delay["estimated_samples"], delay.get("estimated_std_samples")
-        error = "" if std is None else f" +- {std:.2g}"
-        if isinstance(compensated, list):
-            lines.append(f"torque recorded {shown} samples after the motion, joint by joint, by estimate")
-        elif value == 0.0:
-            lines.append(f"no delay of the torque is significant: 0{error} samples, by estimate")
-        else:
-            milliseconds = 1e3 * delay["estimated_seconds"]
-            lines.append(
-                f"torque recorded {value:+.2f}{error} samples ({milliseconds:+.3f} ms) after the motion, by estimate"
-            )
-    if compensated:
-        lines.append(f"torque moved back by {shown} samples")
-    if measured and delay.get("hold_s"):
-        lines.append(
-            f"hold of the digital controller, {1e3 * delay['hold_s']:g} ms: the torque is compared half of it later"
-        )
-    return lines

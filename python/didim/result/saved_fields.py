@@ -9,6 +9,7 @@ import numpy as np
 
 from .iteration import HeldOut, Iteration
 from .status import Status
+from .uncertainty import Uncertainty
 
 
 def fields_of(data: dict[str, Any]) -> dict[str, Any]:
@@ -61,6 +62,11 @@ def fields_of(data: dict[str, Any]) -> dict[str, Any]:
         "warnings": tuple(data["warnings"]),
         "remarks": tuple(data.get("remarks", ())),
         "ending": str(data.get("ending", "")),
+        "uncertainty": None
+        if data.get("uncertainty") is None
+        else Uncertainty.from_dict(
+            data["uncertainty"], np.array([_number(item["std_white"]) for item in parameters])
+        ),
         "output_error": _pair(data.get("output_error")),
         "delay": data["delay"],
         "settings": data["settings"],

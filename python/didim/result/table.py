@@ -6,7 +6,7 @@ It knows numbers and no result. Tested in ``tests/test_identification.py``.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from .._tools.arrays import Array
 from .._tools.words import counted
@@ -16,6 +16,9 @@ WELL_IDENTIFIED_PERCENT = 20.0
 
 # Beyond it a relative sigma says no more than that nothing is known.
 LARGEST_PERCENT = 999
+
+PARAMETER_HEAD = ("parameter", "unit", "estimate", "sigma", "sigma %", "95 % low", "95 % high", "/ white", "")
+"""Heading of the table of parameters; the last column is for remarks."""
 
 # Decimals, and size, up to which numbers are printed in fixed point.
 MOST_PLACES = 9
@@ -29,8 +32,14 @@ def parameter_rows(
     values: Array,
     stds: Array,
     percents: Array,
+    factor: float,
+    ratios: Array,
+    remarks: Mapping[str, str],
 ) -> list[tuple[str, ...]]:
-    """Heading, and per parameter its name, unit, estimate, sigma, sigma % and a remark: ``*`` where it is not well identified.
+    """Return the heading and the cells of the table of parameters.
+
+    The cells are name, unit, estimate, sigma, sigma %, both ends of the 95 % interval, the ratio of sigma to that of (10), and a
+    remark: ``*`` where a parameter is not well identified.
 
     Parameters
     ----------
@@ -38,40 +47,50 @@ def parameter_rows(
         One per parameter; only those with the role "estimated" have a sigma.
     values, stds, percents : (b,) arrays
         Estimates, their standard deviations and these in percent; all standard deviations zero: they are unknown.
+    factor : float
+        Half the width of the interval in standard deviations.
+    ratios : (b,) array
+        Standard deviation over that of (10); NaN where it is not known.
+    remarks : mapping of str to str
+        What else is remarked, by name.
     """
-    rows: list[tuple[str, ...]] = [("parameter", "unit", "estimate", "sigma", "sigma %", "")]
+    rows: list[tuple[str, ...]] = [PARAMETER_HEAD]
     known = bool(stds.any())
-    for name, unit, role, value, std, percent in zip(
-        names, units, roles, values, stds, percents, strict=True
+    for name, unit, role, value, std, percent, ratio in zip(
+        names, units, roles, values, stds, percents, ratios, strict=True
     ):
         if role != "estimated":
-            rows.append((name, unit, f"{value:g}" if role == "fixed" else "0", "", "", role))
+            rows.append((name, unit, f"{value:g}" if role == "fixed" else "0", "", "", "", "", "", role))
             continue
         places = _decimal_places(std)
         uncertain = known and not percent <= WELL_IDENTIFIED_PERCENT
-        rows.append(
+        half = factor * std
+        # A search that gives no covariance says nothing on sigma.
+        sigmas = (
             (
-                name,
-                unit,
-                _number(value, places),
-                # A search that gives no covariance says nothing on sigma.
-                _number(std, places) if known else "-",
-                _sigma_percent(percent) if known else "-",
-                "*" if uncertain else "",
+                _number(std, places),
+                _sigma_percent(percent),
+                _number(value - half, places),
+                _number(value + half, places),
+                f"{ratio:.2f}" if math.isfinite(ratio) else "-",
             )
+            if known
+            else ("-",) * 5
         )
+        remark = " ".join(filter(None, ("*" if uncertain else "", remarks.get(name, ""))))
+        rows.append((name, unit, _number(value, places), *sigmas, remark))
     return rows
 
 
 def parameter_lines(rows: Sequence[tuple[str, ...]]) -> list[str]:
     """Lines of a table of `parameter_rows`, with a footnote where parameters are not well identified."""
-    marked = sum(row[-1] == "*" for row in rows)
+    marked = sum(row[-1].startswith("*") for row in rows)
     columns = list(zip(*rows, strict=True))
     cells = [
         _left(columns[0]),
         _left(columns[1]),
-        *(aligned(column) for column in columns[2:5]),
-        _left(columns[5]),
+        *(aligned(column) for column in columns[2:-1]),
+        _left(columns[-1]),
     ]
     lines = ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
     lines.insert(1, "-" * max(map(len, lines)))

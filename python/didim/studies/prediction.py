@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from ..methods.method import FitSettings, Motion
 from ..regression.linear_system import linear_system
 from ..regression.selection import select
 from ..result.identification import Identification
+from ..result.uncertainty import student_factor
 from ..robot.friction import Friction
 from ..robot.robot import Robot
 from ..signal.align import Shift, align
@@ -51,6 +52,11 @@ class Prediction:
         Torques (N.m) or forces (N).
     noise_correlation : (n_lags,) array or None
         Autocorrelation that white noise has on these rows, which decimation has correlated; None where it stays white.
+    std : (n_rows, n_dof) array or None
+        Standard deviation of the prediction error: of the residual of the fit, and of the parameters along this motion; None for
+        results without standard deviations.
+    degrees_of_freedom : float
+        Of Student's distribution of the intervals.
     """
 
     recording: str
@@ -60,11 +66,30 @@ class Prediction:
     measured: Array
     predicted: Array
     noise_correlation: Array | None = None
+    std: Array | None = None
+    degrees_of_freedom: float = float("inf")
 
     @property
     def residual(self) -> Array:
         """Measured less predicted, (n_rows, n_dof)."""
         return self.measured - self.predicted
+
+    def interval(self, level: float = 0.95) -> tuple[Array, Array]:
+        """Return both ends of the prediction intervals, ``predicted -+ t sqrt(s_j^2 + w C w^T)``, (n_rows, n_dof) each.
+
+        They hold for motion like that of the fit: on faster motion the errors of the model are larger than its residual.
+
+        Raises
+        ------
+        FitError
+            For a result without standard deviations, or a level that is not between 0 and 1.
+        """
+        if self.std is None:
+            raise FitError(
+                f"recording '{self.recording}': the result has no standard deviations, and so no intervals"
+            )
+        half = student_factor(level, self.degrees_of_freedom) * self.std
+        return self.predicted - half, self.predicted + half
 
 
 def relative_errors(predictions: Sequence[Prediction]) -> Array:
@@ -259,7 +284,18 @@ def _prediction(
         measured=system.y.reshape(n, -1).T.copy(),
         predicted=(system.w @ beta).reshape(n, -1).T.copy(),
         noise_correlation=noise_correlation(signal),
+        **_spread(fit, system.w, n),
     )
+
+
+def _spread(fit: Identification, w: Array, n_dof: int) -> dict[str, Any]:
+    """Return the standard deviation of predictions along the rows of a regressor, and its degrees of freedom."""
+    uncertainty = fit.uncertainty
+    if uncertainty is None or not fit.std.any() or len(uncertainty.joint_std) != n_dof:
+        return {}
+    of_parameters = np.einsum("ra,ab,rb->r", w, fit.covariance, w, optimize=True)
+    variance = np.maximum(of_parameters.reshape(n_dof, -1).T, 0.0) + uncertainty.joint_std**2
+    return {"std": np.sqrt(variance), "degrees_of_freedom": uncertainty.degrees_of_freedom}
 
 
 def _times(recording: Recording, window: tuple[int, int], signal: SignalProcessing, delay: Shift) -> Array:

@@ -14,10 +14,12 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...errors import FitError
 from ...regression.covariance import autocorrelated
+from ...regression.jackknife import Factors
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
 from ...signal.noise import white_noise
+from ..uncertainty import Spread, spread_of_factors
 from .output_error import OutputError
 
 DAMPINGS = np.array([1e-4, 1e-2, 1.0, 1e2])
@@ -118,21 +120,22 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
             normal = jacobian @ jacobian.T
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
-    covariance, condition, remarks = _covariance(problem, normal, errors, jacobian)
+    spread, condition, remarks = _spread(problem, normal, errors, jacobian)
     if math.isinf(condition) and status is Status.CONVERGED:
         status = Status.ILL_CONDITIONED
     return problem.result(
         point,
         status=status,
         history=history,
-        covariance=covariance,
+        covariance=spread.covariance,
+        uncertainty=spread.uncertainty,
         condition_number=condition,
         settings={
             "noise_position": (1.0 / np.sqrt(problem.weight_q)).tolist() if problem.weight_q.all() else None,
             "cost": cost,
             "initial_cost": initial,
         },
-        remarks=remarks,
+        remarks=(*remarks, *spread.remarks),
     )
 
 
@@ -170,13 +173,18 @@ def _trials(
     return np.stack(trials)
 
 
-def _covariance(
+def _spread(
     problem: OutputError, normal: Array, errors: Array, jacobian: Array | None
-) -> tuple[Array, float, list[str]]:
-    """Return the covariance with the noise that each joint shows, the condition number of the scaled columns, and remarks."""
+) -> tuple[Spread, float, list[str]]:
+    """Return the spread of the estimate, the condition number of the scaled columns, and remarks.
+
+    The covariance is that of the correlation which the output errors show, with the variances of the jackknife unless the settings
+    say otherwise: of the linear problem with the last Jacobian, without another simulation.
+    """
+    nothing = Spread(np.zeros_like(normal), None)
     if jacobian is None:
         return (
-            np.zeros_like(normal),
+            nothing,
             math.inf,
             ["stopped before the Jacobian was computed, so there are no standard deviations"],
         )
@@ -186,9 +194,21 @@ def _covariance(
         names = [problem.base.names[index] for index in problem.estimated]
         hardly = ", ".join(names[k] for k in np.flatnonzero(np.abs(vectors[:, 0]) > 0.1))
         told = f"the outputs hardly identify {hardly}: there are no standard deviations; fix or drop one"
-        return np.zeros_like(normal), math.inf, [told]
+        return nothing, math.inf, [told]
     inverse = (vectors / values) @ vectors.T / np.outer(size, size)
-    spread, correlated = autocorrelated(jacobian.T, errors, problem.blocks(), inverse)
+    blocks = problem.blocks()
+    covariance, correlated = autocorrelated(jacobian.T, errors, blocks, inverse)
+    root = (vectors / np.sqrt(values)) / size[:, None]
+    q = jacobian.T @ root
+    spread = spread_of_factors(
+        Factors(q, q, root, -errors),
+        covariance,
+        "correlated",
+        blocks,
+        problem.job.settings,
+        problem.job.selection,
+        [problem.base.names[index] for index in problem.estimated],
+    )
     remarks = []
     if correlated:
         joints = ", ".join(str(joint + 1) for joint in sorted(set(correlated)))

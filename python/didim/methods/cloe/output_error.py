@@ -27,6 +27,7 @@ from ...regression.block import Block
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
+from ...result.uncertainty import Uncertainty
 from ...signal.align import align
 from ...signal.segments import kept_samples, place_of
 from ...signal.spikes import without_spikes
@@ -252,6 +253,7 @@ class OutputError:
         status: Status,
         history: Sequence[Iteration],
         covariance: Array,
+        uncertainty: Uncertainty | None = None,
         condition_number: float,
         settings: dict[str, Any],
         remarks: Sequence[str] = (),
@@ -280,6 +282,7 @@ class OutputError:
             history=history,
             beta=self.base.project(x),
             covariance=covariance,
+            uncertainty=uncertainty,
             errors=TorqueErrors.of_squares(errors, sizes, n_rows),
             condition_number=condition_number,
             delay=delay,

@@ -58,6 +58,9 @@ def result_at(
     beta = job.robot.base_parameters.project(point.x)
     # Of a shortened step the parameters are not those of the solution: neither are their errors.
     fit = replace(solved.fit, residual=system.y - system.w @ beta[job.selection.estimated])
+    if not status.converged:
+        # (10) holds at the minimum: of any other point it says nothing.
+        fit = replace(fit, covariance=np.zeros_like(fit.covariance))
     found = suspicions(system, fit) if status.converged else loops.suspicions()
     found = [*found, *loops.remarks, *remarks, *_sentences(point, loops, stuck, suspected=bool(found))]
     result = fitted(
@@ -74,9 +77,6 @@ def result_at(
         remarks=found,
         n_simulations=loops.n_simulations,
     )
-    if not status.converged:
-        # (10) holds at the minimum: of any other point it says nothing.
-        result = replace(result, covariance=np.zeros_like(result.covariance))
     return replace(result, ending=ending, output_error=(first_error, point.simulated.error))
 
 
@@ -110,7 +110,7 @@ def _record(method: DIDIMSettings, job: Job, loops: Loops) -> dict[str, Any]:
     start = method.start if isinstance(method.start, str) else "given"
     loop = loops.windows[0].loop
     return {
-        "didim": {"start": start, **{key: getattr(method, key) for key in RECORDED}},
+        method.name.replace("-", "_"): {"start": start, **{key: getattr(method, key) for key in RECORDED}},
         "closed_loop": {
             "reference": getattr(job.experiment.reference, "settings", None),
             "controller": getattr(job.experiment.controller, "settings", None),

@@ -135,6 +135,8 @@ class Loops:
                 weights=method.weights,
                 reweightings=method.reweightings,
                 variance=method.variance,
+                uncertainty=method.uncertainty,
+                blocks=method.blocks,
                 decimation_corrected=method.decimation_corrected,
                 signal=method.signal,
                 compensate_samples=self.delay,

@@ -16,7 +16,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+import didim._core as _core
+
 from ..._tools.arrays import Array
+from ...errors import RankError
+from ..covariance import decimated, white
+from ..fit import Fit
+from ..jackknife import Factors
+from ..linear_system import LinearSystem, check_solvable
+from ..settings import LeastSquaresSettings
+from ..weights import joint_sigma, per_row
 
 DEPENDENT = 1e-9
 """Share of a column, or of the largest singular value, below which it adds nothing to the others."""
@@ -157,3 +166,93 @@ def durbin_watson(residuals: Sequence[Array]) -> float:
     changes = sum(float(np.sum(np.diff(part) ** 2)) for part in residuals)
     squares = sum(float(part @ part) for part in residuals)
     return changes / squares if squares > 0.0 else float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What the instruments say of an observation matrix.
+
+    Attributes
+    ----------
+    strength : ndarray, shape (b,)
+        Share of each column that the instruments do not explain, see `instrument_strength`.
+    test : ExogeneityTest or None
+        Durbin-Wu-Hausman test.
+    durbin_watson : ndarray, shape (n_dof,)
+        Statistic of the residual of each joint.
+    """
+
+    strength: Array
+    test: ExogeneityTest | None
+    durbin_watson: Array
+
+
+def solve_with_instruments(
+    system: LinearSystem, instruments: Array, settings: LeastSquaresSettings
+) -> tuple[Fit, Diagnosis]:
+    """Solve (7) with instruments, with weights per joint estimated from the residuals.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        Torques, and the observation matrix along the measured motion.
+    instruments : ndarray, shape (r, b)
+        Observation matrix of the same rows along the simulated motion.
+    settings : LeastSquaresSettings
+        Weights and variance.
+
+    Returns
+    -------
+    fit : Fit
+        Estimate with its covariance, for white or for decimated noise.
+    diagnosis : Diagnosis
+        What the instruments say of the observation matrix.
+
+    Raises
+    ------
+    FitError
+        With too few rows.
+    RankError
+        When the instruments do not determine the parameters.
+    """
+    check_solvable(system)
+    weights = np.ones(system.y.size)
+    found = _determined(system.w, instruments, system.y)
+    residual = system.y - system.w @ found.solution
+    for _ in range(1, settings.solutions):
+        weights = per_row(system, 1.0 / joint_sigma(system, residual))
+        found = _determined(system.w * weights[:, None], instruments * weights[:, None], system.y * weights)
+        residual = system.y - system.w @ found.solution
+    weighted = residual * weights
+    if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
+        spread = decimated(system, settings, found.left, weighted, found.inverse)
+    else:
+        spread = white(float(weighted @ weighted) / settings.divisor(*system.w.shape), found.inverse)
+    fit = Fit(
+        solution=found.solution,
+        covariance=spread,
+        residual=residual,
+        weights=weights,
+        condition_number=float(np.linalg.cond(system.w)),
+        factors=Factors(found.left, found.right, found.inverse, weighted),
+    )
+    return fit, Diagnosis(
+        strength=instrument_strength(system.w * weights[:, None], found.left),
+        test=exogeneity_test(system.w * weights[:, None], found.left, system.y * weights),
+        durbin_watson=np.array(
+            [durbin_watson([residual[block.rows] for block in blocks]) for blocks in system.joint_blocks]
+        ),
+    )
+
+
+def _determined(a: Array, z: Array, y: Array) -> Instrumented:
+    """Solve with weighted instruments, or raise the error of instruments that depend on each other."""
+    found = instrumented(a, z, y)
+    if found is None:
+        dependent = _core.least_squares(np.ascontiguousarray(z), y).dependent
+        raise RankError(
+            "the simulated motion does not determine the parameters that the measured one does: joints stick in friction, or the "
+            "simulated loop is not that of the log; look at the controller and the reference",
+            tuple(column for column, _ in dependent),
+        )
+    return found

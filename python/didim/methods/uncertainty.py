@@ -1,0 +1,148 @@
+"""Standard deviations of a result: the jackknife for every method, or those that the solver gives.
+
+Tested in ``tests/test_uncertainty.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.words import counted
+from ..regression.block import Block
+from ..regression.fit import Fit
+from ..regression.jackknife import Factors, intervals, jackknife, rescaled
+from ..regression.linear_system import LinearSystem
+from ..regression.selection import Selection
+from ..regression.settings import LeastSquaresSettings
+from ..result.uncertainty import Kind, TimeBlock, Uncertainty
+
+FEW_ROWS = 3.0
+"""Rows per parameter that should be left without a block: with fewer the intervals are rough."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Covariance of the estimated parameters, and how it was found.
+
+    Attributes
+    ----------
+    covariance : (n_estimated, n_estimated) array
+        Covariance that a result has.
+    uncertainty : Uncertainty or None
+        For all base parameters; None where the solver gives no covariance.
+    remarks : tuple of str
+        Sentences that a reader should know.
+    """
+
+    covariance: Array
+    uncertainty: Uncertainty | None
+    remarks: tuple[str, ...] = ()
+
+
+def spread_of_fit(
+    system: LinearSystem, fit: Fit, settings: LeastSquaresSettings, selection: Selection
+) -> Spread:
+    """Return the spread of the solution of a linear system.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        What was solved.
+    fit : Fit
+        Its solution; `Fit.factors` of solvers whose deletions are not those of weighted least squares.
+    settings : LeastSquaresSettings
+        Which uncertainty, how many blocks, and the divisor of (9).
+    selection : Selection
+        Places of the estimated among the base parameters.
+    """
+    if not fit.covariance.any():
+        return Spread(fit.covariance, None)
+    factors = fit.factors
+    if factors is None:
+        factors = Factors.of(system.w * fit.weights[:, None], fit.residual * fit.weights)
+    known: Kind = "white" if settings.uncertainty == "white" else "decimated"
+    if known == "decimated" and all(block.correlation is None for block in system.blocks):
+        known = "white"
+    return spread_of_factors(factors, fit.covariance, known, system.blocks, settings, selection, system.names)
+
+
+def spread_of_factors(
+    factors: Factors,
+    covariance: Array,
+    known: Kind,
+    blocks: Sequence[Block],
+    settings: LeastSquaresSettings,
+    selection: Selection,
+    names: Sequence[str],
+) -> Spread:
+    """Return the spread of an estimate with known factors.
+
+    Parameters
+    ----------
+    factors : Factors
+        Weighted system that the deletions are made of.
+    covariance : (n, n) array
+        Covariance without the jackknife, whose correlations stay.
+    known : {"decimated", "white", "correlated"}
+        What `covariance` is.
+    blocks : sequence of Block
+        Rows of each joint in each window.
+    settings : LeastSquaresSettings
+        Which uncertainty, how many blocks, and the divisor of (9).
+    selection : Selection
+        Places of the estimated among the base parameters.
+    names : sequence of str
+        Estimated parameters.
+    """
+    rows, columns = factors.left.shape
+    variance = float(factors.residual @ factors.residual) / max(1, settings.divisor(rows, columns))
+    white = np.sqrt(variance * np.sum(factors.inverse**2, axis=1))
+
+    def whole(values: Array) -> Array:
+        full = np.zeros((*values.shape[:-1], len(selection.roles)))
+        full[..., selection.estimated] = values
+        return full
+
+    parts = intervals(blocks, settings.blocks) if settings.uncertainty == "jackknife" else []
+    if len(parts) < 2:
+        plain = Uncertainty(
+            kind=known,
+            degrees_of_freedom=float(max(1, rows - columns)),
+            std_white=whole(white),
+        )
+        short = settings.uncertainty == "jackknife"
+        remark = (
+            ("too few rows for a jackknife: sigma takes the errors of the model for noise",) if short else ()
+        )
+        return Spread(covariance, plain, remark)
+    found = jackknife(factors, [part.rows for part in parts])
+    decisive = found.decisive
+    variances = np.where(decisive < 0, np.diag(found.covariance), np.diag(covariance))
+    m = len(parts)
+    remarks = []
+    if m < settings.blocks:
+        remarks.append(
+            f"the log has {counted(rows, 'row')}: the jackknife takes {m} blocks of time instead of {settings.blocks}"
+        )
+    if rows * (m - 1) / m < FEW_ROWS * columns:
+        remarks.append(
+            f"{counted(rows, 'row')} for {counted(columns, 'parameter')} are few: the standard deviations are rough"
+        )
+    return Spread(
+        rescaled(covariance, variances),
+        Uncertainty(
+            kind="jackknife",
+            degrees_of_freedom=m - 1.0,
+            std_white=whole(white),
+            blocks=tuple(TimeBlock(part.recording, part.window, part.start_s, part.stop_s) for part in parts),
+            deletions=whole(found.deletions),
+            single_block={
+                name: int(block) for name, block in zip(names, decisive, strict=True) if block >= 0
+            },
+        ),
+        tuple(remarks),
+    )

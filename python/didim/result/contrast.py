@@ -1,0 +1,259 @@
+r"""The contrast of two estimates from one log: what their difference says of the log and of the settings.
+
+    d = beta_2 - beta_1,    s^2 = (m - 1)/m sum_i (d_(i) - mean)^2,    |d| / s against Student's t with m - 1 degrees of freedom
+
+d_(i) is the difference of the two estimates without block i, from the deletions of both jackknives: no system is solved again. Two
+estimates of one log share most of their errors, so that their difference is known far better than either. With b parameters
+Bonferroni's bound holds for all of them at once. Sources: Hausman (1978); Janot, Vandanjon and Gautier (2014).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.words import counted
+from ..errors import FitError
+from .identification import Identification
+from .uncertainty import student_factor
+
+SAME_TIME_S = 0.25
+"""Share of a block by which the edges of the blocks of two results may differ: methods keep rows that differ at the ends."""
+MOST_NAMED = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contrast:
+    """Difference of two estimates of the same parameters from the same log.
+
+    Attributes
+    ----------
+    first, second : str
+        Methods.
+    names, units : tuple of str
+        Parameters that both estimate.
+    difference : ndarray, shape (b,)
+        Second less first estimate.
+    std : ndarray, shape (b,)
+        Standard deviation of the difference, by the jackknife.
+    std_first, std_second : ndarray, shape (b,)
+        Standard deviations of the two estimates.
+    degrees_of_freedom : float
+        Blocks less one.
+    level : float
+        Confidence that holds for all parameters together.
+    """
+
+    first: str
+    second: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    difference: Array
+    std: Array
+    std_first: Array
+    std_second: Array
+    degrees_of_freedom: float
+    level: float = 0.95
+
+    @property
+    def ratios(self) -> Array:
+        """Difference in its own standard deviations, shape (b,)."""
+        return np.asarray(
+            np.divide(self.difference, self.std, out=np.zeros_like(self.difference), where=self.std > 0.0)
+        )
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of `ratios`: near 1 where the two estimates differ by chance alone."""
+        return float(np.sqrt(np.mean(self.ratios**2))) if self.names else 0.0
+
+    @property
+    def rms_in_sigma(self) -> float:
+        """Root mean square of the difference in standard deviations of the first estimate."""
+        known = self.std_first > 0.0
+        return (
+            float(np.sqrt(np.mean((self.difference[known] / self.std_first[known]) ** 2)))
+            if known.any()
+            else 0.0
+        )
+
+    @property
+    def bound(self) -> float:
+        """Ratio beyond which a difference is not chance, for all parameters at once (Bonferroni)."""
+        return student_factor(1.0 - (1.0 - self.level) / max(1, len(self.names)), self.degrees_of_freedom)
+
+    @property
+    def beyond(self) -> tuple[str, ...]:
+        """Parameters whose estimates differ by more than chance, the clearest first."""
+        size = np.abs(self.ratios)
+        return tuple(self.names[k] for k in np.argsort(-size) if size[k] > self.bound)
+
+    @property
+    def in_sigma(self) -> Array:
+        """Difference in standard deviations of the first estimate, shape (b,); NaN where it has none."""
+        return np.asarray(
+            np.divide(
+                self.difference,
+                self.std_first,
+                out=np.full_like(self.difference, np.nan),
+                where=self.std_first > 0.0,
+            )
+        )
+
+    @property
+    def large(self) -> tuple[str, ...]:
+        """Parameters of `beyond` that differ by more than one standard deviation of the first estimate."""
+        index = {name: k for k, name in enumerate(self.names)}
+        return tuple(name for name in self.beyond if not abs(self.in_sigma[index[name]]) <= 1.0)
+
+    @property
+    def agree(self) -> bool:
+        """Whether no parameter differs by more than chance."""
+        return not self.beyond
+
+    def __str__(self) -> str:
+        head = (
+            f"{self.second} less {self.first}: rms {self.rms:.2f} of its own deviations, {self.rms_in_sigma:.2g} sigma of "
+            f"{self.first}; bound for {counted(len(self.names), 'parameter')} {self.bound:.2f}"
+        )
+        if self.agree:
+            return f"{head}: no difference beyond chance."
+        index = {name: k for k, name in enumerate(self.names)}
+        shown = [
+            f"{name} ({abs(self.ratios[index[name]]):.1f}, {abs(self.in_sigma[index[name]]):.2g} sigma)"
+            for name in self.beyond[:MOST_NAMED]
+        ]
+        more = len(self.beyond) - len(shown)
+        return f"{head}: beyond it {', '.join(shown)}{f' and {more} more' if more else ''}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, as plain lists, numbers and strings."""
+        return {
+            "first": self.first,
+            "second": self.second,
+            "rms": self.rms,
+            "rms_in_sigma": self.rms_in_sigma,
+            "bound": self.bound,
+            "level": self.level,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "beyond": list(self.beyond),
+            "parameters": [
+                {
+                    "name": name,
+                    "unit": unit,
+                    "difference": float(d),
+                    "std": float(s),
+                    "ratio": float(z),
+                    "in_sigma": float(sigma) if np.isfinite(sigma) else None,
+                }
+                for name, unit, d, s, z, sigma in zip(
+                    self.names, self.units, self.difference, self.std, self.ratios, self.in_sigma, strict=True
+                )
+            ],
+        }
+
+
+def contrast(first: Identification, second: Identification, *, level: float = 0.95) -> Contrast:
+    """Compare two estimates of the same parameters from the same log.
+
+    Parameters
+    ----------
+    first, second : Identification
+        Results of two methods on one log, both with ``uncertainty = "jackknife"`` and the same number of blocks.
+    level : float
+        Confidence that holds for all parameters together.
+
+    Returns
+    -------
+    Contrast
+        Second less first.
+
+    Raises
+    ------
+    FitError
+        For results of different robots or logs, or without the deletions of a jackknife.
+
+    Notes
+    -----
+    ``test_contrast.py`` compares the deviation with the spread over many logs, and reads logs with a wrong filter and a wrong
+    controller.
+    """
+    one, two = first.uncertainty, second.uncertainty
+    for fit, uncertainty in ((first, one), (second, two)):
+        if uncertainty is None or not uncertainty.blocks:
+            raise FitError(
+                f"the contrast needs the deletions of a jackknife, which the result of {fit.method} does not have: identify "
+                'with uncertainty = "jackknife"'
+            )
+    assert one is not None
+    assert two is not None
+    if first.names != second.names:
+        raise FitError(
+            f"results of robot {first.robot!r} and robot {second.robot!r} have different parameters"
+        )
+    data = [
+        {key: digest for key, digest in fit.digests.items() if key.startswith("data ")}
+        for fit in (first, second)
+    ]
+    same = len(one.blocks) == len(two.blocks) and all(
+        (a.recording, a.window) == (b.recording, b.window)
+        and abs(a.start_s - b.start_s) + abs(a.stop_s - b.stop_s) <= SAME_TIME_S * (a.stop_s - a.start_s)
+        for a, b in zip(one.blocks, two.blocks, strict=True)
+    )
+    if data[0] != data[1] or not same:
+        raise FitError(
+            f"the results of {first.method} and {second.method} are not from the same log: their files or blocks of time differ"
+        )
+    kept = [
+        k
+        for k, roles in enumerate(zip(first.roles, second.roles, strict=True))
+        if roles == ("estimated", "estimated")
+    ]
+    deletions = two.deletions[:, kept] - one.deletions[:, kept]
+    centred = deletions - deletions.mean(axis=0)
+    m = len(deletions)
+    return Contrast(
+        first=first.method,
+        second=second.method,
+        names=tuple(first.names[k] for k in kept),
+        units=tuple(first.units[k] for k in kept),
+        difference=second.beta[kept] - first.beta[kept],
+        std=np.sqrt((m - 1) / m * np.sum(centred**2, axis=0)),
+        std_first=first.std[kept],
+        std_second=second.std[kept],
+        degrees_of_freedom=m - 1.0,
+        level=level,
+    )
+
+
+def reading(contrasts: Sequence[Contrast]) -> str:
+    """Return what the contrasts of IDIM-LS, IDIM-IV and DIDIM say together, in one sentence.
+
+    Parameters
+    ----------
+    contrasts : sequence of Contrast
+        "idim-iv" less "idim-ls" and "didim" less "idim-iv"; either may be missing.
+    """
+    by_pair: Mapping[tuple[str, str], Contrast] = {(item.first, item.second): item for item in contrasts}
+    filters, controller = by_pair.get(("idim-ls", "idim-iv")), by_pair.get(("idim-iv", "didim"))
+    wrong_filter = filters is not None and not filters.agree
+    # A difference far below the standard deviations is no reason to distrust a controller, however sure it is.
+    wrong_controller = controller is not None and bool(controller.large)
+    if wrong_filter and filters is not None:
+        names = ", ".join(filters.beyond[:MOST_NAMED])
+        return (
+            f"IDIM-LS and IDIM-IV differ in {names}: the observation matrix from the measured motion is wrong; raise the cut-off "
+            "of the filter or look at the friction near standstill, and compare again"
+            + (" before judging the controller" if wrong_controller else "")
+        )
+    if wrong_controller and controller is not None:
+        names = ", ".join(controller.large[:MOST_NAMED])
+        return (
+            f"DIDIM differs from IDIM-IV in {names}, and IDIM-IV agrees with IDIM-LS: the simulated closed loop is not the real "
+            "one; check the controller and the reference, and trust IDIM-IV or IDIM-LS"
+        )
+    return "the estimates agree: the contrasts show no bias by the filter or by the controller"

@@ -1,0 +1,159 @@
+"""How the standard deviations of a result were found, and the intervals that follow. Tested in ``tests/test_uncertainty.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import FitError
+
+Kind = Literal["jackknife", "decimated", "white", "correlated"]
+"""Where the standard deviations come from: the delete-block jackknife, (10) with the correlation of decimated noise, (10)
+itself, or the correlation that the errors of a closed-loop output-error method show."""
+
+
+@dataclass(frozen=True)
+class TimeBlock:
+    """An interval of a recording whose rows, of all joints, the jackknife leaves out together.
+
+    Attributes
+    ----------
+    recording, window : int
+        Number of the recording among those of the experiment, and of the window in it, from 0.
+    start_s, stop_s : float
+        Times in the rows of the window (s), from its first row.
+    """
+
+    recording: int
+    window: int
+    start_s: float
+    stop_s: float
+
+    def __str__(self) -> str:
+        return f"{self.start_s:.3g} to {self.stop_s:.3g} s" + (
+            f" of window {self.window + 1} of recording {self.recording + 1}"
+            if self.recording or self.window
+            else ""
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Uncertainty:
+    """How the standard deviations of a result were found.
+
+    Attributes
+    ----------
+    kind : {"jackknife", "decimated", "white", "correlated"}
+        Where the standard deviations come from.
+    degrees_of_freedom : float
+        Of Student's distribution of the intervals: blocks less one, or rows less parameters.
+    std_white : ndarray, shape (b,)
+        Standard deviations (10), as if the errors of all rows were independent; zero for fixed and dropped parameters.
+    joint_std : ndarray, shape (n_dof,)
+        Standard deviation of the residual of each joint on the rows of the fit (N.m or N).
+    blocks : tuple of TimeBlock
+        Intervals that were left out, one at a time; empty for other kinds.
+    deletions : ndarray, shape (m, b)
+        Estimate without each block less the estimate.
+    single_block : mapping of str to int
+        Parameters that a single block determines, with its number from 0: their standard deviation is not the jackknife's.
+    """
+
+    kind: Kind
+    degrees_of_freedom: float
+    std_white: Array
+    joint_std: Array = field(default_factory=lambda: np.zeros(0))
+    blocks: tuple[TimeBlock, ...] = ()
+    deletions: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    single_block: Mapping[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for key in ("std_white", "joint_std", "deletions"):
+            values = np.array(getattr(self, key), dtype=np.float64)
+            values.flags.writeable = False
+            object.__setattr__(self, key, values)
+        object.__setattr__(self, "single_block", MappingProxyType(dict(self.single_block)))
+
+    def factor(self, level: float) -> float:
+        """Half the width of an interval in standard deviations: Student's quantile.
+
+        Raises
+        ------
+        FitError
+            For a level that is not between 0 and 1.
+        """
+        return student_factor(level, self.degrees_of_freedom)
+
+    def lines(self, std: Array) -> list[str]:
+        """Return the lines of a printed result on standard deviations, (b,)."""
+        if not std.any():
+            return []
+        known = self.std_white > 0.0
+        ratio = float(np.median(std[known] / self.std_white[known])) if known.any() else float("nan")
+        compared = f"; median {ratio:.2f} times that of white noise" if self.kind != "white" else ""
+        found = [f"sigma {self.origin}{compared}"]
+        for block in sorted(set(self.single_block.values())):
+            names = ", ".join(name for name, number in self.single_block.items() if number == block)
+            found.append(
+                f"only the rows of {self.blocks[block]} determine {names}: there sigma is that of noise alone"
+            )
+        return found
+
+    @property
+    def origin(self) -> str:
+        """How sigma was found, in words."""
+        return {
+            "jackknife": f"by the jackknife, {len(self.blocks)} blocks of time left out one at a time",
+            "decimated": "for white noise that the decimation has correlated",
+            "white": "for white noise, (10)",
+            "correlated": "for the correlation that the output errors show",
+        }[self.kind]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON has; the parameters have `std_white` beside their `std`."""
+        return {
+            "kind": self.kind,
+            "degrees_of_freedom": self.degrees_of_freedom if np.isfinite(self.degrees_of_freedom) else None,
+            "joint_std": self.joint_std.tolist(),
+            "blocks": [vars(block) for block in self.blocks],
+            "deletions": self.deletions.tolist(),
+            "single_block": dict(self.single_block),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], std_white: Array) -> Uncertainty:
+        """Restore what `to_dict` made."""
+        freedom = data["degrees_of_freedom"]
+        deletions = np.array(data["deletions"], dtype=np.float64)
+        return cls(
+            kind=data["kind"],
+            degrees_of_freedom=np.inf if freedom is None else float(freedom),
+            std_white=std_white,
+            joint_std=np.array(data["joint_std"], dtype=np.float64),
+            blocks=tuple(TimeBlock(**block) for block in data["blocks"]),
+            deletions=deletions.reshape(len(data["blocks"]), -1) if data["blocks"] else np.zeros((0, 0)),
+            single_block=data["single_block"],
+        )
+
+
+def student_factor(level: float, degrees_of_freedom: float) -> float:
+    """Two-sided quantile of Student's distribution; of the normal one for infinite degrees of freedom.
+
+    Raises
+    ------
+    FitError
+        For a level that is not between 0 and 1.
+    """
+    from scipy.special import ndtri, stdtrit  # not scipy.stats, which takes half a second to load
+
+    if isinstance(level, bool) or not isinstance(level, (int, float)) or not 0.0 < level < 1.0:
+        raise FitError(f"the level of an interval must be between 0 and 1, got {level!r}")
+    tail = 0.5 + 0.5 * level
+    if not np.isfinite(degrees_of_freedom):
+        return float(ndtri(tail))
+    return float(stdtrit(degrees_of_freedom, tail))
