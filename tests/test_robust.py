@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+import didim
 from didim.regression.block import stacked
 from didim.regression.classical.maximum_likelihood import sample_covariances, whitened, whitening
 from didim.regression.classical.ridge import STRENGTHS, chosen_strength, ridge
 from didim.regression.classical.robust import CONSTANTS, psi_weights, reweighted
+from didim.regression.classical.solvers import Ridge
 from didim.regression.classical.total import total_least_squares
 from didim.regression.jackknife import intervals
 
@@ -155,3 +157,21 @@ def test_whitened_errors_have_the_unit_covariance() -> None:
     found = whitened(rows, whiteners)
     for k in range(n):
         assert found[k::n] == pytest.approx(whiteners[k] @ rows[k::n])
+
+
+@pytest.mark.parametrize("name", ["huber", "bisquare", "total", "ridge"])
+def test_they_are_solvers_of_the_methods(name: str) -> None:
+    experiment = didim.packaged_experiment("tx40")
+    log = didim.simulated_log(experiment, experiment.robot.parameter_set("didim"), seed=1)
+    fit, direct = didim.identify(log, didim.IDIMLS(solver=name)), didim.identify(log)
+    assert fit.converged
+    assert fit.settings["solver"]["name"] == name
+    assert np.abs((fit.beta - direct.beta) / direct.std).max() < 2.5
+    assert fit.uncertainty is not None
+    assert fit.uncertainty.kind == "jackknife"
+    assert np.median(fit.std / direct.std) == pytest.approx(1.0, abs=0.3)
+
+
+def test_ridge_refuses_a_negative_strength() -> None:
+    with pytest.raises(didim.FitError, match="strength must be a finite number of at least 0, got -1"):
+        Ridge(-1.0)

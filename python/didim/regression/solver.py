@@ -41,6 +41,10 @@ SolverChoice = str | Solver | RobotSolver
 
 SOLVERS: dict[str, str | Solver | RobotSolver] = {
     "least-squares": "didim.regression.least_squares:solve",
+    "huber": "didim.regression.classical.solvers:Huber",
+    "bisquare": "didim.regression.classical.solvers:Bisquare",
+    "total": "didim.regression.classical.solvers:Total",
+    "ridge": "didim.regression.classical.solvers:Ridge",
 }
 """Solvers by name, or where they are, as "module:object": loaded when the solver is asked for. A class has its default settings."""
 

@@ -1,0 +1,170 @@
+"""Huber, bisquare, total least squares and ridge on the solver seam: ``IDIMLS(solver="huber")``, ``DIDIM(solver="ridge")``.
+
+Each starts from weighted least squares, whose weights per joint it keeps or replaces. Measured against least squares in
+docs/robust.md. Tested in ``tests/test_robust.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...errors import FitError
+from ..covariance import covariance, white
+from ..fit import Fit, Progress
+from ..jackknife import Factors, intervals
+from ..least_squares import solve
+from ..linear_system import LinearSystem
+from ..settings import LeastSquaresSettings
+from ..weights import per_row
+from .ridge import chosen_strength, ridge
+from .robust import Loss, reweighted
+from .total import total_least_squares
+
+
+@dataclass(frozen=True)
+class Robust:
+    """Huber's or Tukey's M-estimator, by iteratively reweighted least squares.
+
+    Parameters
+    ----------
+    loss : {"huber", "bisquare"}
+        Which function.
+    constant : float, optional
+        Tuning constant in robust standard deviations: 1.345 and 4.685 by default.
+    """
+
+    loss: Loss = "huber"
+    constant: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Name in the record of a result."""
+        return self.loss
+
+    def __call__(
+        self, system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None
+    ) -> Fit:
+        """Solve a system."""
+        first = solve(system, settings, progress)
+        if first.stopped:
+            return first
+        found = reweighted(
+            system.w, system.y, system.joints, first.solution, loss=self.loss, constant=self.constant
+        )
+        weights = per_row(system, 1.0 / found.scale) * np.sqrt(found.weights)
+        residual = system.y - system.w @ found.solution
+        fit = _with_weights(system, settings, first, found.solution, weights)
+        low = float(np.mean(found.weights < 0.5))
+        return replace(
+            fit,
+            residual=residual,
+            converged=found.converged,
+            record={"loss": self.loss, "iterations": found.iterations, "rows_below_half_weight": low},
+        )
+
+
+class Huber(Robust):
+    """`Robust` with Huber's function."""
+
+
+class Bisquare(Robust):
+    """`Robust` with Tukey's bisquare."""
+
+    def __init__(self, constant: float | None = None) -> None:
+        super().__init__("bisquare", constant)
+
+
+@dataclass(frozen=True)
+class Total:
+    """Total least squares on the weighted system, columns and torques scaled to unit norm."""
+
+    name = "total"
+
+    def __call__(
+        self, system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None
+    ) -> Fit:
+        """Solve a system.
+
+        Raises
+        ------
+        FitError
+            Where total least squares has no solution.
+        """
+        first = solve(system, settings, progress)
+        if first.stopped:
+            return first
+        found = total_least_squares(system.w * first.weights[:, None], system.y * first.weights)
+        if found is None:
+            raise FitError(
+                "total least squares has no solution: the torques are no part of the direction that fits worst"
+            )
+        return _with_weights(system, settings, first, found, first.weights)
+
+
+@dataclass(frozen=True)
+class Ridge:
+    """Ridge regression towards zero.
+
+    Parameters
+    ----------
+    strength : float, optional
+        ``k`` for unit columns; by default the one that predicts blocks of time best that were left out.
+    """
+
+    strength: float | None = None
+
+    name = "ridge"
+
+    def __post_init__(self) -> None:
+        if self.strength is not None and not 0.0 <= self.strength < np.inf:
+            raise FitError(f"strength must be a finite number of at least 0, got {self.strength!r}")
+
+    def __call__(
+        self, system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None
+    ) -> Fit:
+        """Solve a system."""
+        first = solve(system, settings, progress)
+        if first.stopped:
+            return first
+        a, y = system.w * first.weights[:, None], system.y * first.weights
+        strength = self.strength
+        if strength is None:
+            strength, _ = chosen_strength(
+                a, y, [part.rows for part in intervals(system.blocks, settings.blocks)]
+            )
+        found = ridge(a, y, strength)
+        residual = system.y - system.w @ found
+        # With (R^T R) = A^T A + k D^2 the deletions are those of the penalised problem.
+        drawn = np.vstack([a, np.diag(np.sqrt(strength) * np.linalg.norm(a, axis=0))])
+        inverse = np.linalg.inv(np.linalg.qr(drawn, mode="r"))
+        q = a @ inverse
+        variance = float(np.sum((residual * first.weights) ** 2)) / settings.divisor(*a.shape)
+        gram = q.T @ q
+        spread = variance * np.asarray(inverse @ gram @ inverse.T)
+        return replace(
+            first,
+            solution=found,
+            covariance=spread,
+            residual=residual,
+            factors=Factors(q, q, inverse, residual * first.weights),
+            record={"strength": strength},
+        )
+
+
+def _with_weights(
+    system: LinearSystem, settings: LeastSquaresSettings, first: Fit, solution: Array, weights: Array
+) -> Fit:
+    """Return a fit whose covariance is that of least squares with known weights of the rows."""
+    residual = system.y - system.w @ solution
+    factors = Factors.of(system.w * weights[:, None], residual * weights)
+    if settings.uncertainty == "white":
+        variance = float(np.sum((residual * weights) ** 2)) / settings.divisor(*system.w.shape)
+        spread = white(variance, factors.inverse)
+    else:
+        spread = covariance(system, settings, weights, residual, factors.inverse)
+    return replace(
+        first, solution=solution, covariance=spread, residual=residual, weights=weights, factors=factors
+    )
