@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -169,3 +170,23 @@ def test_wrong_calls() -> None:
         didim.Recursive(ROBOT, forgetting=1.5)
     with pytest.raises(FitError, match="differ in the parameters"):
         recursive.merge(didim.Recursive(ROBOT, dropped=["Fc1"]))
+
+
+def test_streaming_the_real_tx40_log(project: Path, shared: Path) -> None:
+    """In chunks of 0.1 s: five rows of each joint at 50 Hz."""
+    experiment = didim.load_experiment(
+        project / "examples" / "tx40_log_best.toml", data=shared / "data" / "tx40"
+    )
+    method = didim.IDIMLS(uncertainty="white")
+    fit = didim.identify(experiment, method)
+    job = method.job(experiment)
+    system = job.system(job.parts("fit", 0.0))
+    w = system.w.reshape(6, -1, 60).transpose(1, 0, 2)
+    y = system.y.reshape(6, -1).T
+    recursive = didim.Recursive(job.robot)
+    for start in range(0, len(y), 5):
+        recursive.update_rows(w[start : start + 5], y[start : start + 5])
+    found = recursive.estimate(reweightings=3)
+    assert found.beta == pytest.approx(fit.beta, rel=1e-10)
+    assert found.std == pytest.approx(fit.std, rel=1e-9)
+    assert found.relative_error == pytest.approx(fit.relative_error, rel=1e-9)
