@@ -3,11 +3,13 @@
     python benches/calibration.py [--seeds 100] [--starts 20] [--json FILE]
     python benches/calibration.py --methods cloe --seeds 20 --starts 0
     python benches/calibration.py --methods idim-ls --seeds 40 --starts 0 --cutoff-hz 60
+    python benches/calibration.py --methods didim cloe --seeds 10 --starts 0 --friction
 
 simulates the log of the packaged TX40 experiment once, adds noise once per seed, and identifies each log by IDIM-LS and
 DIDIM, or by CLOE (Levenberg and Marquardt from (21)). For right standard deviations the root mean square of
 (estimate - truth) / sigma is 1, 95 % of the truths are in the 95 % intervals and 0.27 % beyond 3 sigma. Then DIDIM starts
 from (17), (21), IDIM-LS and random points on the log of seed 0. The figures are those of docs/didim.md and docs/cloe.md.
+With ``--friction`` every joint has atan friction of known velocity, and joints 3 and 4 have load friction (docs/friction.md).
 """
 
 from __future__ import annotations
@@ -62,6 +64,18 @@ def random_starts(experiment: didim.Experiment, parameters: str, count: int, see
     return found
 
 
+def with_friction(experiment: didim.Experiment, x: Array) -> tuple[didim.Experiment, Array]:
+    """Add atan friction at every joint, half the size of its Coulomb friction, and load friction at joints 3 and 4."""
+    robot = experiment.robot
+    terms = [
+        *(didim.FrictionTerm(law="atan", joint=joint, velocity=0.5) for joint in range(robot.n_dof)),
+        *(didim.FrictionTerm(law="load", joint=joint) for joint in (2, 3)),
+    ]
+    coulomb = [x[robot.parameter_names.index(f"Fc{joint + 1}")] for joint in range(robot.n_dof)]
+    values = np.concatenate([x, 0.5 * np.array(coulomb), [0.2, 0.2]])
+    return replace(experiment, robot=robot.with_terms(terms)), values
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description="Calibration of the standard deviations on the simulated TX40."
@@ -74,6 +88,7 @@ def main() -> None:
     parser.add_argument(
         "--cutoff-hz", type=float, help="of the filter of IDIM-LS, instead of the packaged one"
     )
+    parser.add_argument("--friction", action="store_true", help="a TX40 with atan and load friction")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
 
@@ -82,13 +97,15 @@ def main() -> None:
         signal = replace(experiment.signal, cutoff_hz=arguments.cutoff_hz)
         experiment = replace(experiment, signal=signal)
     x = experiment.robot.parameter_set("didim")
+    if arguments.friction:
+        experiment, x = with_friction(experiment, x)
     base = experiment.robot.base_parameters
     truth = base.project(x)
     log = simulated_log(experiment, x, noise=False, refinement=LOG_REFINEMENT)
     known: dict[str, Method] = {
         "idim-ls": didim.IDIMLS(),
         "didim": didim.DIDIM(),
-        "cloe": didim.CLOE(start="apriori"),
+        "cloe": didim.CLOE(start="idim-ls" if arguments.friction else "apriori"),
     }
     methods = [known[name] for name in arguments.methods]
     off: dict[str, list[list[float]]] = {method.name: [] for method in methods}

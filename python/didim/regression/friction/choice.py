@@ -9,7 +9,7 @@ Tested in ``tests/test_friction_choice.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -141,7 +141,7 @@ def choose_terms(
         friction=friction,
         velocities=(
             *start.velocities,
-            *(item for item in trial.velocities if item.parameter in added or not item.identified),
+            *(item for item in trial.velocities if item.parameter in added),
         ),
         gains=tuple(gain for gain in gains if gain.parameter in added),
         held_out_before=before.relative_error(),
@@ -185,15 +185,19 @@ def _with_candidates(
     friction = replace(plain.friction, terms=(*plain.friction.terms, *searched))
     found = settled(replace(plain, friction=friction), parts, signal, chosen, solve)
     velocities = {term.parameter: term.velocity for term in found.robot.friction.terms if term.law == "atan"}
-    candidates = [
-        replace(term, estimated=False, velocity=known.get(term.parameter) or velocities[term.parameter])
-        if term.law == "atan"
-        else term
-        for term in candidates
-        if term.law != "atan" or term.parameter in velocities
-    ]
+    candidates = [_with_velocity(term, {**velocities, **known}) for term in candidates]
     friction = replace(plain.friction, terms=(*plain.friction.terms, *candidates))
     return replace(plain, friction=friction), candidates
+
+
+def _with_velocity(term: FrictionTerm, velocities: Mapping[str, float]) -> FrictionTerm:
+    """Give an atan term its velocity; the square root replaces one whose velocity the log does not identify."""
+    if term.law != "atan":
+        return term
+    velocity = velocities.get(term.parameter)
+    if not velocity:
+        return FrictionTerm(law="root", joint=term.joint)
+    return replace(term, estimated=False, velocity=velocity)
 
 
 def _standstill(robot: Robot, parts: Sequence[Segment]) -> Array:
