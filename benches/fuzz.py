@@ -1,12 +1,14 @@
 """Wrong files through the command line: each case must end in a result or in one sentence.
 
     python benches/fuzz.py [--count 10000] [--seed 0] [--jobs 1] [--first CASE]
+    python benches/fuzz.py --count 0                         outputs that cannot be written, alone
 
 A case mutates the files of a command (`fuzz_material.py`, `fuzz_mutate.py`) one to three times and runs it in process. It must
 end with exit code 0 or 1 and nothing but sentences on stderr, or with exit code 2, nothing on stdout and one sentence on stderr:
 no traceback, no panic, no warning of NumPy or SciPy, within a limit of time and of memory. A case that runs longer is
 interrupted as by Ctrl-C; that it must hear, and it counts as long. Cases depend on the seed and on nothing else. A case that
-fails is kept with its files and its command under ``out/fuzz/``, and one that was long.
+fails is kept with its files and its command under ``out/fuzz/``, and one that was long. Then `fuzz_outputs.py` takes the outputs
+away: absent folders, full devices, limits of the size of files, and eight threads that save to one path.
 """
 
 from __future__ import annotations
@@ -229,8 +231,9 @@ class Parent(threading.Thread):
 
 
 def fuzz(count: int, seed: int, jobs: int, first: int = 0) -> int:
-    """Run all cases and print what became of them; return the number of failed ones."""
+    """Run all cases, and those of the outputs, and print what became of them; return the number of failed ones."""
     from fuzz_material import make
+    from fuzz_outputs import outputs
 
     kept = OUTPUT.resolve()
     shutil.rmtree(kept, ignore_errors=True)
@@ -257,12 +260,13 @@ def fuzz(count: int, seed: int, jobs: int, first: int = 0) -> int:
             parent.start()
         for parent in parents:
             parent.join()
+        unwritten = outputs(material, Path(scratch, "output"))
     counts = sum((parent.counts for parent in parents), collections.Counter[str]())
     bad = sorted(number for parent in parents for number in parent.bad)
     print(f"{count} cases, seed {seed}: " + ", ".join(f"{counts[key]} {key}" for key in OUTCOMES))
     for number in bad:
         print(f"failed: {kept / f'case-{number:05d}'}")
-    return len(bad)
+    return len(bad) + unwritten
 
 
 OUTCOMES = ("result", "refused", "long", "failed")

@@ -396,6 +396,9 @@ SCENARIOS = (
         ],
         "loop.toml slide.toml",
     ),
+    _scenario(["simulate", "followed.toml", "--parameters", "found.toml"], "found.toml", 2),
+    _scenario(["simulate", "followed.toml", "--parameters", "found.npz"], "found.npz", 3),
+    _scenario(["check", "followed.toml", "--parameters", "found.npz"], "found.npz"),
     _scenario(["base", "arm.toml"], "arm.toml", 3),
     _scenario(["base", "slide.toml"], "slide.toml"),
     _scenario(["check", "log.toml", "--json", "out.json"], "log.toml arm.toml log.csv", 2),
@@ -465,11 +468,12 @@ def _arm_logs(folder: Path) -> None:
 
 
 def _results() -> None:
-    """The log of the slide, a result of IDIM-LS, and checkpoints of both searches of CLOE."""
+    """The log of the slide, a result of IDIM-LS with its parameter files, and checkpoints of both searches of CLOE."""
     silence = io.StringIO()
     with contextlib.redirect_stdout(silence), contextlib.redirect_stderr(silence):
         main(["simulate", "loop.toml", "--parameters", "reference", "-o", "slide.csv"])
-        main(["identify", "log.toml", "--json", "fit.json"])
+        main(["identify", "log.toml", "--json", "fit.json", "--save-parameters", "found.toml"])
+        main(["identify", "log.toml", "--save-parameters", "found.npz"])
         main([*CLOE, "--checkpoint", "search.npz"])
         main([*CLOE, "--optimizer", "nelder-mead", "--start", "reference", "--checkpoint", "simplex.npz"])
 

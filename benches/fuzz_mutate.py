@@ -91,7 +91,7 @@ def mutate(path: Path, rng: random.Random) -> str:
         ".csv": [_cell, _cell, _column, _column, _row, _line, _bytes, _encoding, _number],
         ".txt": [_cell, _cell, _column, _row, _line, _bytes, _encoding],
         ".json": [_json, _json, _json, _json, _number, _bytes, _encoding],
-        ".npz": [_npz, _npz, _npz, _bytes],
+        ".npz": [_npz, _npz, _npz, _zip, _bytes],
         ".mat": [_mat, _mat, _bytes],
     }
     way = rng.choice(ways[path.suffix])
@@ -316,6 +316,26 @@ def _npz(raw: bytes, rng: random.Random) -> bytes:
     stream = io.BytesIO()
     np.savez(stream, **arrays)
     return stream.getvalue()
+
+
+def _zip(raw: bytes, rng: random.Random) -> bytes:
+    """Damage an entry of the archive: its flags (encrypted), its compression, its sizes, or the shape in its header."""
+    changed = bytearray(raw)
+    kind = rng.randrange(4)
+    if kind == 3:
+        place = raw.find(b"'shape': (")
+        head = b"'shape': (" + rng.choice((b"99999999999,", b"4294967296, 4294967296", b"-1,"))
+        changed[place : place + len(head)] = head
+        return bytes(changed)
+    # Places in a local header, and in that of the directory: flags, compression, sizes.
+    offset = ((6, 8), (8, 10), (18, 20))[kind]
+    for mark, at in ((b"PK\x03\x04", offset[0]), (b"PK\x01\x02", offset[1])):
+        place = raw.find(mark)
+        if place >= 0:
+            value = (1, rng.choice((1, 12, 99)), rng.choice((0, 0xFFFFFFFF, 0x7FFFFFFF)))[kind]
+            size = 4 if kind == 2 else 2
+            changed[place + at : place + at + size] = value.to_bytes(size, "little")
+    return bytes(changed)
 
 
 def _mat(raw: bytes, rng: random.Random) -> bytes:

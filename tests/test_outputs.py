@@ -160,6 +160,41 @@ def test_modes_are_kept_and_new_files_follow_the_mask(tmp_path: Path) -> None:
     assert path.read_text(encoding="utf-8") == "{ }"
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_check_prints_its_findings_when_they_cannot_be_saved(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(file.parent)
+    assert main(["check", str(file), "--json", "absent/out.json"]) == 2
+    assert capsys.readouterr().out == ""
+    assert main(["check", str(file), "--json", "/dev/full"]) == 1
+    out, err = capsys.readouterr()
+    assert out.startswith("arm: ")
+    assert "No space left on device; the content is in '" in err
+    assert json.loads(Path("full-1").read_text(encoding="utf-8"))
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_checkpoint_is_not_read_from_a_device(file: Path) -> None:
+    experiment = didim.load_experiment(file)
+    with pytest.raises(FitError, match="/dev/full: a checkpoint must be a file"):
+        identify(experiment, CLOE(checkpoint="/dev/full", start="reference"))
+
+
+def test_write_elsewhere_where_nothing_can_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nowhere() -> str:
+        raise FileNotFoundError("no usable temporary directory found")
+
+    def full(path: Path) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tempfile.gettempdir", nowhere)
+    assert write_elsewhere(Path("fit.json"), full) is None
+
+
 def test_threads_save_to_one_path(tmp_path: Path) -> None:
     fit = identify(arm_log(1), IDIMLS())
     path, failures = tmp_path / "fit.json", []

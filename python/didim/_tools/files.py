@@ -81,7 +81,10 @@ def write_elsewhere(path: Path, write: Callable[[Path], None]) -> Path | None:
     Path or None
         Where it is now; None when it could not be written there either.
     """
-    for folder in (Path.cwd(), Path(tempfile.gettempdir())):
+    folders = [Path.cwd()]
+    with contextlib.suppress(OSError):  # where nothing can be written, there is no such folder
+        folders.append(Path(tempfile.gettempdir()))
+    for folder in folders:
         for number in range(1, 1000):
             place = folder / f"{path.stem}-{number}{path.suffix}"
             if place.exists():

@@ -12,6 +12,7 @@ from .options import (
     add_command,
     add_experiment,
 )
+from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -36,8 +37,9 @@ def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from ..diagnosis.check import check
 
+    check_outputs(options.json)
     found = check(options.experiment, options.parameters, data=options.data)
-    if options.json is not None:
-        found.save(options.json)
-    print(found)
-    return NOT_CONVERGED if found else CONVERGED
+    saved = Saved()
+    saved.save(options.json, found.save)
+    saved.show(str(found))
+    return saved.code(NOT_CONVERGED if found else CONVERGED)

@@ -86,6 +86,8 @@ class Checkpoint:
         path = self.path
         if path is None or not path.exists():
             return None
+        if not path.is_file():  # a device may have no end
+            raise FitError(f"{path}: a checkpoint must be a file")
         try:
             # From memory: NumPy does not close files that are not archives.
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:

@@ -1,0 +1,54 @@
+"""The program that takes outputs away: what it counts as lost, and a few of its cases."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+pytestmark = pytest.mark.tools
+
+
+@pytest.fixture(scope="module")
+def benches(project: Path) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(project / "benches")
+        yield
+
+
+@pytest.fixture(scope="module")
+def fuzz(benches: None) -> ModuleType:
+    return importlib.import_module("fuzz_outputs")
+
+
+@pytest.fixture(scope="module")
+def material(benches: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("sound")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        importlib.import_module("fuzz_material").make(folder)
+    return folder
+
+
+def test_what_is_lost(fuzz: ModuleType, tmp_path: Path) -> None:
+    late = fuzz.Case("late", ("identify", "out.json"))
+    early = fuzz.Case("early", ("identify", "out.json"), early=True)
+    sentence = "didim: out.json: No space left on device; the content is in 'out-1.json' instead\n"
+    assert "lost: refused after" in fuzz.complaint(late, fuzz.Ending(2, "", "didim: full\n"), tmp_path)
+    assert fuzz.complaint(early, fuzz.Ending(2, "", "didim: full\n"), tmp_path) == ""
+    assert "without one sentence" in fuzz.complaint(early, fuzz.Ending(2, "table", "didim: a\n"), tmp_path)
+    assert "exit code 3" in fuzz.complaint(late, fuzz.Ending(3, "table", ""), tmp_path)
+    assert "Traceback" in fuzz.complaint(late, fuzz.Ending(1, "table", "Traceback"), tmp_path)
+    assert "neither printed nor written" in fuzz.complaint(late, fuzz.Ending(0, "", ""), tmp_path)
+    assert "nothing is where" in fuzz.complaint(late, fuzz.Ending(1, "", sentence), tmp_path)
+    (tmp_path / "out-1.json").write_text("{}", encoding="utf-8")
+    assert fuzz.complaint(late, fuzz.Ending(1, "", sentence), tmp_path) == ""
+
+
+def test_some_cases(fuzz: ModuleType, material: Path, tmp_path: Path) -> None:
+    chosen = [case for case in fuzz.cases() if case.name.startswith(("identify --json", "check --json"))]
+    assert len(chosen) >= 10
+    assert fuzz.outputs(material, tmp_path / "case", chosen[:3] + chosen[-6:-1:2]) == 0
