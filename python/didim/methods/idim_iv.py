@@ -118,7 +118,7 @@ class _InstrumentalIterations(Iterations):
         super().__init__(method, job, progress, say)
         self._solver = solver
         # Along the measured motion nothing changes.
-        self._measured = job.system(job.parts("fit", self.loops.delay.samples))
+        self._measured = job.system(job.parts("fit", self.loops.delay))
 
     def observe(self, point: Point) -> LinearSystem:
         """Return (7) along the measured motion, and keep the regressor along the simulated one as instruments."""

@@ -39,7 +39,7 @@ class Loops:
 
     def __init__(self, method: DIDIMSettings, job: Job, delay: Delay, say: Callable[[str], None]) -> None:
         self.method, self.job, self.delay, self.say = method, job, delay, say
-        self.windows = windows_of(job, delay.samples)
+        self.windows = windows_of(job, delay, held=method.motion == "measured")
         self.n_simulations = 0
         self.remarks: list[str] = []
         self._usual: list[Window] | None = None

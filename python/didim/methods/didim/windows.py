@@ -13,10 +13,10 @@ from ...loop.closed_loop import ClosedLoop, Outcome
 from ...model.safe_step import thinned
 from ...regression.fit import Fit
 from ...regression.linear_system import LinearSystem
-from ...signal.align import Shift, align
+from ...signal.align import align
 from ...signal.segments import kept_samples, place_of
 from ...signal.spikes import without_spikes
-from ..job import Job
+from ..job import Delay, Job
 
 CHECKED_POSITIONS = 500
 """Positions along a simulated motion at which M(q) is kept positive definite."""
@@ -89,8 +89,11 @@ class Step:
     """Whether it leads nowhere but to the same parameters, simulated with smaller steps in time."""
 
 
-def windows_of(job: Job, delay: Shift) -> list[Window]:
-    """Return the windows of the recordings that are fitted, their torques moved back by a delay in samples.
+def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
+    """Return the windows of the recordings that are fitted, their torques moved back by a delay.
+
+    `held` for torques that stand beside measured motion, where the hold of a digital controller counts: with it the samples are
+    those of IDIM-LS.
 
     Raises
     ------
@@ -108,7 +111,8 @@ def windows_of(job: Job, delay: Shift) -> list[Window]:
             loop = closed_loop(experiment, recording, (start, stop))
             # The torque is moved back against the motion as for IDIM-LS; the motion is simulated later.
             samples = np.arange(stop - start, dtype=np.float64)[:, None]
-            (index,), tau = align([samples], without_spikes(recording.tau[start:stop], job.signal), delay)
+            shift = delay.measured(recording.rate_hz) if held else delay.samples
+            (index,), tau = align([samples], without_spikes(recording.tau[start:stop], job.signal), shift)
             place = place_of(recording, (start, stop))
             kept = kept_samples(len(tau), place, job.signal)
             first = int(index[0, 0])
