@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -95,20 +96,26 @@ def noise_correlation(signal: SignalProcessing) -> Array | None:
     The filters act forward and backward, so that the power of the noise is shaped by the fourth power of their
     gain, and each decimation folds what lies beyond the new band. ``test_signals.py`` compares with filtered noise.
     """
-    if not signal.decimation:
-        return None
-    total = math.prod(signal.decimation)
+    return _correlation(signal.decimation) if signal.decimation else None
+
+
+@lru_cache(maxsize=64)
+def _correlation(factors: tuple[int, ...]) -> Array:
+    """Correlation of `noise_correlation`, read-only: every linear system asks for it, and `check` makes hundreds."""
+    total = math.prod(factors)
     if total > LARGEST_DECIMATION:
         raise SignalError(f"a decimation by {total} in all is too large, {LARGEST_DECIMATION} is possible")
     power = np.ones(1)
-    for factor in reversed(signal.decimation):
+    for factor in reversed(factors):
         # Spectra at the rate before this stage, on the circle; the later stages see it folded, and act alike on each fold.
         power = np.tile(power, factor) if power.size > 1 else np.ones(_CIRCLE * factor)
         gain = _squared_gain(factor, power.size)
         power *= gain * gain
     folded = power.reshape(total, -1).sum(axis=0)
     correlation = np.fft.ifft(folded).real[: folded.size // 2]
-    return np.asarray(correlation / correlation[0])
+    correlation /= correlation[0]
+    correlation.flags.writeable = False
+    return np.asarray(correlation)
 
 
 def _squared_gain(factor: int, size: int) -> Array:
