@@ -7,6 +7,7 @@ parameters (3), observation matrix (6), base parameters (7), least squares and c
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from ._tools.threads import set_threads
 from ._tools.version import __version__ as __version__
 from .errors import (
     DidimError,
@@ -110,6 +111,7 @@ __all__ = [
     "plot",
     "regressor",
     "report",
+    "set_threads",
     "simulate",
     "simulated_log",
     "to_mjcf",

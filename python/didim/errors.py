@@ -61,6 +61,10 @@ class SimulationError(DidimError):
     """A simulation whose parts do not fit together."""
 
 
+class ThreadsError(DidimError):
+    """A number of threads that cannot be."""
+
+
 class PlotError(DidimError):
     """A picture that cannot be drawn: matplotlib is missing, or there is nothing to draw."""
 

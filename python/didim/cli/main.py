@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from .._tools.threads import core_threads
 from .._tools.version import __version__
 from .._tools.words import printable
 from ..errors import DidimError, RobotWarning
@@ -51,6 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
+        core_threads()  # a wrong DIDIM_THREADS is refused before the work
         with warnings.catch_warnings():
             warnings.simplefilter("always", RobotWarning)
             warnings.showwarning = _show_warning

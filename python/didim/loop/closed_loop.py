@@ -17,6 +17,7 @@ import didim._core as _core
 
 from .._tools.arrays import Array, real_array
 from .._tools.settings import whole
+from .._tools.threads import core_threads
 from ..errors import SimulationError
 from ..robot.robot import Robot
 from .controller import Controller
@@ -283,7 +284,7 @@ class ClosedLoop:
         """
         scale = self._scale_of(x, gain_scale, threads)
         try:
-            arrays, endings = _core.simulate(self.core, x, scale, threads)
+            arrays, endings = _core.simulate(self.core, x, scale, core_threads(threads))
         except ValueError as reason:
             raise SimulationError(str(reason)) from None
         outcomes = _outcomes(endings)
@@ -320,7 +321,7 @@ class ClosedLoop:
         scale = self._scale_of(x, gain_scale, threads)
         try:
             costs, endings = _core.simulate_cost(
-                self.core, x, scale, q, tau, weight_q.tolist(), weight_tau.tolist(), threads
+                self.core, x, scale, q, tau, weight_q.tolist(), weight_tau.tolist(), core_threads(threads)
             )
         except ValueError as reason:
             raise SimulationError(str(reason)) from None
@@ -357,7 +358,7 @@ class ClosedLoop:
         scale = np.ones(self.robot.n_dof) if gain_scale is None else gain_scale
         try:
             arrays, end = _core.simulate_sensitivities(
-                self.core, x.tolist(), scale.tolist(), directions, threads
+                self.core, x.tolist(), scale.tolist(), directions, core_threads(threads)
             )
         except ValueError as reason:
             raise SimulationError(str(reason)) from None

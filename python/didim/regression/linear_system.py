@@ -16,6 +16,7 @@ import numpy as np
 import didim._core as _core
 
 from .._tools.arrays import Array
+from .._tools.threads import core_threads
 from .._tools.words import counted
 from ..errors import FitError
 from ..model.dynamics import rigid_torque
@@ -123,7 +124,9 @@ def _observation(
         load = rigid_torque(robot, part.q, part.dq, part.ddq, x)
     try:
         w = np.asarray(
-            _core.observation(robot.core, part.q, part.dq, part.ddq, list(columns), list(stages), load=load)
+            _core.observation(
+                robot.core, part.q, part.dq, part.ddq, list(columns), list(stages), core_threads(), load=load
+            )
         )
     except ValueError as reason:
         raise FitError(str(reason)) from None

@@ -14,6 +14,7 @@ import numpy as np
 import didim._core as _core
 
 from .._tools.arrays import Array
+from .._tools.threads import core_threads
 from ..errors import SignalError
 from .filters import checked_columns, core_errors, padding_length, poles_survive
 from .processing import Convention, SignalProcessing
@@ -115,4 +116,4 @@ def decimate(x: Array, stages: Sequence[Stage]) -> Array:
     ``test_signals.py`` compares with ``scipy.signal.decimate(zero_phase=True)``.
     """
     x = checked_columns(x)
-    return core_errors(lambda: _core.decimate(x, list(stages))) if stages else x.copy()
+    return core_errors(lambda: _core.decimate(x, list(stages), core_threads())) if stages else x.copy()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 import didim._core as _core
 
 from .._tools.arrays import Array, real_array
+from .._tools.threads import core_threads
 from ..errors import SignalError
 from .processing import Convention, Ends, Form, SignalProcessing, check_order
 
@@ -102,7 +103,9 @@ def zero_phase_butterworth(
     if transfer:
         with np.errstate(over="ignore", invalid="ignore"):  # reported by the next step
             return np.asarray(filtfilt(b, a, x, axis=0, padlen=padlen))
-    return core_errors(lambda: _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen))
+    return core_errors(
+        lambda: _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen, core_threads())
+    )
 
 
 def central_differences(x: Array, dt: float, ends: Ends = "second-order") -> Array:

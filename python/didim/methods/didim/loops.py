@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..._tools.threads import core_threads
 from ...errors import DidimError
 from ...loop.closed_loop import Outcome
 from ...model.dynamics import inertia_matrix
@@ -54,10 +55,13 @@ class Loops:
         if checked:
             from concurrent.futures import ThreadPoolExecutor
 
-            with ThreadPoolExecutor(1) as other:
-                finer = other.submit(self._with_half_steps, x, scale)
-                found = self.simulate(x, scale)
-                fine = finer.result()
+            if core_threads() == 1:
+                found, fine = self.simulate(x, scale), self._with_half_steps(x, scale)
+            else:
+                with ThreadPoolExecutor(1) as other:
+                    finer = other.submit(self._with_half_steps, x, scale)
+                    found = self.simulate(x, scale)
+                    fine = finer.result()
             self.n_simulations += 1
             return found if isinstance(found, Outcome) else replace(found, finer=fine)
         motions, squares, size = [], 0.0, 0.0

@@ -1,0 +1,75 @@
+"""How many threads the core takes: a limit from the environment or from `set_threads`, and one in worker processes.
+
+``DIDIM_THREADS`` holds for a process and its children; NumPy's own threads follow it where NumPy is loaded after this package.
+Results have the same bits for any number. Tested in ``tests/test_threads.py``.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from ..errors import ThreadsError
+from .settings import whole
+
+VARIABLE = "DIDIM_THREADS"
+"""Environment variable with the limit."""
+MOST_THREADS = 4096
+"""More threads than any machine has are a mistake."""
+NUMPY_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""Variables that the linear algebra of NumPy reads when it is loaded."""
+
+_limit: list[int] = []
+"""The limit that `set_threads` has set, if there is one."""
+
+
+def set_threads(n: int | None) -> None:
+    """Limit the threads that simulations, filters and observation matrices take.
+
+    Parameters
+    ----------
+    n : int or None
+        Threads at most. None takes the limit away: ``DIDIM_THREADS`` holds then, or one thread in a worker process, or all cores.
+
+    Raises
+    ------
+    ThreadsError
+        For anything but a whole number of at least 1.
+
+    Notes
+    -----
+    A setting ``threads`` of a method or a call comes before it.
+    """
+    if n is not None:
+        whole("the number of threads", n, ThreadsError, least=1, most=MOST_THREADS)
+    _limit[:] = [] if n is None else [n]
+
+
+def core_threads(asked: int | None = None) -> int | None:
+    """Threads that a call of the core takes: those asked for, or the limit; None for all cores.
+
+    Raises
+    ------
+    ThreadsError
+        For a wrong ``DIDIM_THREADS``.
+    """
+    if asked is not None:
+        return asked
+    if _limit:
+        return _limit[0]
+    text = os.environ.get(VARIABLE)
+    if text is not None:
+        number = int(text) if text.strip().isascii() and text.strip().isdigit() and len(text) < 9 else text
+        return whole(VARIABLE, number, ThreadsError, least=1, most=MOST_THREADS)
+    return 1 if _is_worker() else None
+
+
+def _is_worker() -> bool:
+    """Whether this is a process of `multiprocessing`, whose neighbours have the other cores."""
+    processes = sys.modules.get("multiprocessing.process")
+    return processes is not None and processes.parent_process() is not None
+
+
+if VARIABLE in os.environ and "numpy" not in sys.modules:
+    for _name in NUMPY_VARIABLES:
+        os.environ.setdefault(_name, os.environ[VARIABLE])
