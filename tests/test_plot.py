@@ -193,6 +193,12 @@ def test_torques(closed: Identification, arm: Experiment) -> None:
         shown = float(upper.get_title(loc="right").removeprefix("difference ").removesuffix(" %"))
         assert shown == pytest.approx(100.0 * closed.relative_error[joint], rel=0.05)
         assert upper.get_ylabel() == "torque (N.m)"
+        (band,) = lower.collections
+        ends = np.asarray(band.get_paths()[0].vertices)[:, 1]
+        low, high = item.interval()
+        half = 0.5 * (high - low)[:, joint]
+        assert ends.max() == pytest.approx(half.max())
+        assert ends.min() == pytest.approx(-half.max())
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "measured",
         "simulated",

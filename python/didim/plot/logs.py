@@ -27,6 +27,8 @@ Pieces = list[tuple[Array, Array, Array]]
 
 CONFIDENCE = 1.96
 """Standard deviations on either side of 95 % of a normal distribution."""
+MOST_BAND_POINTS = 1000
+"""Points of a prediction band: it varies slowly."""
 MOST_LAGS = 40
 PANELS_PER_ROW = 2
 SMALL_PANELS_PER_ROW = 3
@@ -50,7 +52,8 @@ def torques(
     Returns
     -------
     Figure
-        A panel per joint with its relative error; recordings one after the other in time.
+        A panel per joint with its relative error; recordings one after the other in time. The band beside the difference is
+        the 95 % prediction interval, where the result has standard deviations.
 
     Raises
     ------
@@ -60,13 +63,21 @@ def torques(
     found = list(predict(fit, experiment) if predictions is None else predictions)
     kinds = experiment.robot.joint_kinds
     words = {"measured": "predicted", "simulated": "simulated"}[found[0].motion]
+    pieces = _end_to_end(found)
+    bands = [
+        (t, 0.5 * (high - low))
+        for (t, _, _), item in zip(pieces, found, strict=True)
+        if item.std is not None
+        for low, high in [item.interval()]
+    ]
     return _compared(
-        _end_to_end(found),
+        pieces,
         labels=("measured", words),
         names=["force" if kind == "prismatic" else "torque" for kind in kinds],
         units=[units(kind)[1] for kind in kinds],
         notes=[percent(error) for error in relative_errors(found)],
         several=len({item.recording for item in found}) > 1,
+        bands=bands,
     )
 
 
@@ -153,8 +164,9 @@ def _compared(
     units: Sequence[str],
     notes: Sequence[str],
     several: bool,
+    bands: Sequence[tuple[Array, Array]] = (),
 ) -> Figure:
-    """Two lines per joint, and below them the difference on an axis of its own."""
+    """Two lines per joint, and below them the difference on an axis of its own, in bands of so much to either side."""
     n = len(names)
     rows, columns = per_row(n, PANELS_PER_ROW)
     figure = new_figure(0.4 + (3.6 if n == 1 else 2.5) * rows, gap_in=0.04)
@@ -187,6 +199,11 @@ def _compared(
             label="difference",
         )
         lower.axhline(0.0, color="#5b6470", linewidth=0.6, zorder=0.5)
+        for t, half in bands:
+            kept = slice(None, None, max(1, len(t) // MOST_BAND_POINTS))
+            lower.fill_between(
+                t[kept], -half[kept, joint], half[kept, joint], color=FAINT, linewidth=0.0, zorder=0.4
+            )
         upper.set_title(f"joint {joint + 1}")
         upper.set_title(f"difference {notes[joint]}", loc="right", color=RESIDUAL, fontweight="normal")
         upper.set_ylabel(f"{names[joint]} ({units[joint]})")
