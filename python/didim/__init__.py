@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from .loop.simulation import Simulation, StepWarning, simulate
     from .methods.cloe.cloe import CLOE
     from .methods.didim.didim import DIDIM
+    from .methods.ekf import EKF
     from .methods.identify import identify
     from .methods.idim_iv import IDIMIV
     from .methods.idim_ls import IDIMLS
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CLOE",
     "DIDIM",
+    "EKF",
     "IDIMIV",
     "IDIMLS",
     "BaseParameters",
@@ -124,6 +126,7 @@ __all__ = [
 _LATER = {
     "CLOE": "methods.cloe.cloe",
     "DIDIM": "methods.didim.didim",
+    "EKF": "methods.ekf",
     "IDIMIV": "methods.idim_iv",
     "IDIMLS": "methods.idim_ls",
     "BaseParameters": "robot.base_parameters",
