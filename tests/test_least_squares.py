@@ -209,7 +209,7 @@ def test_columns_that_are_too_large_or_make_sigma_too_large() -> None:
         solve(replace(one, w=one.w * [1.0, 1e160, 1.0]), PLAIN)
     # The variance of a parameter of 1e157 N.m is beyond 1e308.
     with pytest.raises(
-        FitError, match=r"^parameter .* and its standard deviation cannot be told in floating"
+        FitError, match=r"^parameter .* and its standard deviation cannot be computed in floating"
     ):
         solve(replace(one, w=1e-154 * one.w, y=1e3 * one.y), PLAIN)
 
