@@ -118,9 +118,8 @@ def main() -> None:
     for seed in range(options.seeds):
         noisy = measured(log, seed)
         fit = didim.identify(noisy, didim.DIDIM())
-        end = didim.identify(
-            noisy, didim.DIDIM(start=fit.beta, tolerance=0.0, sigma_fraction=1e-4, max_iterations=60)
-        )
+        # From the start again: the parameters of a run that did not converge may not be those of a robot.
+        end = didim.identify(noisy, didim.DIDIM(tolerance=0.0, sigma_fraction=1e-4, max_iterations=60))
         sigma = np.where(end.std > 0.0, end.std, np.nan)
         off, left = (fit.beta - truth) / sigma, (fit.beta - end.beta) / sigma
         row = {
