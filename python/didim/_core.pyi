@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "ConsistentProblem",
+    "ConsistentSolutions",
     "Controller",
     "LeastSquares",
     "Reference",
@@ -31,6 +33,32 @@ __all__ = [
 
 _Array = NDArray[np.float64]
 _Stage = tuple[_Array, _Array, int, int, int]
+
+_Cone = tuple[Sequence[int], _Array, _Array, float, _Array]
+
+@final
+class ConsistentProblem:
+    def __new__(
+        cls,
+        count: int,
+        cones: Sequence[_Cone],
+        coefficients: _Array | None = None,
+        values: _Array | None = None,
+        least_weight: float = 1e-7,
+    ) -> ConsistentProblem: ...
+    def solve(self, a: _Array, z: _Array, start: _Array, threads: int = 1) -> ConsistentSolutions: ...
+
+@final
+class ConsistentSolutions:
+    @property
+    def x(self) -> _Array: ...
+    @property
+    def endings(self) -> list[tuple[str, int | None]]: ...
+    @property
+    def iterations(self) -> list[int]: ...
+    @property
+    def measures(self) -> list[tuple[float, float, float]]: ...
+    def multipliers(self, solution: int) -> list[list[float]]: ...
 
 @final
 class Robot:

@@ -34,6 +34,12 @@ def add(commands: Commands) -> None:
         help="initial parameters of didim and cloe: unit, idim-ls, a set of the robot file, or a file of parameters",
     )
     parser.add_argument(
+        "--physical",
+        action="store_true",
+        default=None,
+        help="solve under the conditions of a robot: idim-ls and didim with physically consistent parameters",
+    )
+    parser.add_argument(
         "--optimizer",
         choices=("levenberg-marquardt", "nelder-mead"),
         help="of cloe (default: levenberg-marquardt)",
@@ -72,7 +78,7 @@ def add(commands: Commands) -> None:
     loudness.add_argument("--verbose", action="store_true", help="print progress on stderr")
 
 
-CHOICES = ("start", "optimizer", "output", "variant", "starts", "checkpoint")
+CHOICES = ("start", "physical", "optimizer", "output", "variant", "starts", "checkpoint")
 """Options of `identify` that are settings of a method."""
 
 

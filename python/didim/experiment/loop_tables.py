@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .._tools.toml import Table
-from ..errors import DidimError
+from ..errors import DidimError, ExperimentError
 from ..loop.closed_loop import DIVERGENCE
 from ..loop.controller import Controller, Digital
 from ..loop.reference import Reference
@@ -123,8 +123,10 @@ _SATURATION = ("saturation_v", "saturation_a", "saturation_n_m", "saturation_n")
 def read_controller(table: Table, robot: Robot) -> ControllerSpec:
     """Read ``[controller]``."""
     n = robot.n_dof
-    kind = table.text("kind", choices=("pd", "pid", "cascade"))
+    kind = table.text("kind", choices=("pd", "pid", "cascade", "made-up"))
     settings = table.content_unread
+    if kind == "made-up":
+        return _made_up(table, settings)
     options: dict[str, Any] = {
         "reference_velocity": table.spread("reference_velocity", n, [0.0 if kind == "cascade" else 1.0] * n),
         "acceleration": table.spread("acceleration", n, [0.0] * n),
@@ -203,6 +205,33 @@ class ControllerRecipe:
         t = np.arange(0.0, reference.duration + 0.5 / FEEDFORWARD_HZ, 1.0 / FEEDFORWARD_HZ)
         tau = inverse_dynamics(robot, *reference.at(t), robot.parameter_set(self.feedforward_of))
         return controller.with_feedforward(tau, rate_hz=FEEDFORWARD_HZ)
+
+
+def _made_up(table: Table, settings: Mapping[str, Any]) -> ControllerSpec:
+    """Read a controller whose gains a method makes from its estimate (``didim.loop.tuning.made_up``)."""
+    table.number("natural_frequency_hz", 10.0, above=0.0)
+    table.number("tracking_error", 1e-3, above=0.0)
+    table.done()
+
+    return ControllerSpec(MadeUpRecipe(), settings)
+
+
+@dataclass(frozen=True)
+class MadeUpRecipe:
+    """Stands for gains that a method makes from its estimate."""
+
+    def __call__(self, reference: Reference) -> Controller:
+        """Refuse: there are no gains yet.
+
+        Raises
+        ------
+        ExperimentError
+            Always.
+        """
+        raise ExperimentError(
+            "[controller] kind = 'made-up' has no gains of its own: DIDIM with physical=True, the default of "
+            "--method didim, makes them from its estimate"
+        )
 
 
 def _digital(table: Table, robot: Robot) -> Digital | None:

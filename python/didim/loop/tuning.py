@@ -7,10 +7,46 @@ import numpy as np
 from .._tools.arrays import Array
 from ..model.dynamics import inertia_matrix
 from ..robot.robot import Robot
+from .controller import Controller
 from .reference import Reference
+
+DAMPING = 1.4
+"""Velocity gain over the root of position gain and inertia: twice a damping ratio of 0.7."""
 
 
 def mean_inertia(robot: Robot, x: Array, reference: Reference) -> Array:
     """Mean of ``diag M(q)`` along a reference, (n_dof,): the representative inertia ``J`` of gain updating (findings, 6)."""
     q, _, _ = reference.at(np.linspace(0.0, reference.duration, 1001))
     return np.asarray(np.diagonal(inertia_matrix(robot, q, x), axis1=1, axis2=2).mean(axis=0))
+
+
+def made_up(
+    robot: Robot, x: Array, q: Array, *, frequency_hz: float = 10.0, error: float = 1e-3
+) -> Controller:
+    """Return gains for a robot whose controller is not known, by rule (D).
+
+        kp_j = max( J_j (2 pi f)^2, Fc_j / error ),    kv_j = 1.4 sqrt(kp_j J_j)
+
+    They follow the measured motion closely and hold against Coulomb friction without stick-slip.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    x : (n_parameters,) array
+        Standard parameters of a robot, such as a consistent estimate.
+    q : (n, n_dof) array
+        Positions, over which ``J``, the diagonal of M(q), is averaged.
+    frequency_hz : float
+        Natural frequency.
+    error : float
+        Position error at which the torque of the gains is that of the Coulomb friction (rad or m).
+    """
+    inertia = np.diagonal(inertia_matrix(robot, q, x), axis1=1, axis2=2).mean(axis=0)
+    coulomb = np.zeros(robot.n_dof)
+    for name, value in zip(robot.parameter_names, x, strict=True):
+        if name.startswith("Fc") and not name.startswith("Fcm"):
+            joint = int(name[2:].rstrip("+-")) - 1
+            coulomb[joint] = max(coulomb[joint], abs(float(value)))
+    kp = np.maximum(inertia * (2.0 * np.pi * frequency_hz) ** 2, coulomb / error)
+    return Controller.pd(kp, DAMPING * np.sqrt(kp * inertia))

@@ -85,6 +85,7 @@ def identification(
     output_error: tuple[float, float] | None = None,
     settings: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
+    standard: Array | None = None,
 ) -> Identification:
     """Put together the result of a method.
 
@@ -110,6 +111,8 @@ def identification(
         Whether the recordings kept out have torques to compare with.
     settings : mapping, optional
         What the method adds to the record of the settings.
+    standard : (n_parameters,) array, optional
+        Physically consistent standard parameters; beta lifted without them.
     """
     robot = job.robot
     full = job.selection.expand_covariance(covariance)
@@ -128,7 +131,7 @@ def identification(
         beta=beta,
         covariance=full,
         parameter_names=robot.parameter_names,
-        parameters=robot.base_parameters.lift(beta),
+        parameters=robot.base_parameters.lift(beta) if standard is None else standard,
         relative_error=ratios(errors.norms, errors.torques),
         overall_relative_error=ratio(errors.norm, errors.torque),
         error_norm=errors.norm,
@@ -185,6 +188,7 @@ def fitted(
         output_error=output_error,
         settings={"solver": solver_record(job.solver_choice, fit), **(settings or {})},
         remarks=(*fit.remarks, *remarks, *spread.remarks),
+        standard=fit.standard,
     )
 
 

@@ -142,18 +142,27 @@ class FitSettings(MethodSettings):
     ----------
     solver : str or solver
         How (7) is solved: a name of `didim.regression.solver.SOLVERS`, or a function ``solve(system, settings, progress)``.
+    physical : bool
+        Solve (7) under the conditions that a robot meets: the solver "consistent" with its default settings.
     weights, reweightings : optional
         As in `LeastSquaresSettings`.
     """
 
     solver: SolverChoice = "least-squares"
+    physical: bool = False
     weights: Weights | None = None
     reweightings: int | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_solver(self.solver)
+        if not isinstance(self.physical, bool):
+            raise FitError(f"physical must be True or False, got {self.physical!r}")
+        if self.physical and self.solver not in ("least-squares", "consistent"):
+            raise FitError(
+                "physical=True is the solver 'consistent'; leave solver out, or give a solver alone"
+            )
 
     def chosen_solver(self) -> SolverChoice:
         """Return the solver of (7)."""
-        return self.solver
+        return "consistent" if self.physical else self.solver

@@ -35,6 +35,8 @@ class Fit:
         False for iterations that ended before they reached their aim.
     factors : Factors or None
         Weighted factors that the jackknife's deletions are made of; None for those of least squares with `weights`.
+    standard : ndarray, shape (p,), or None
+        Standard parameters of a physically consistent solution; None where the solver knows base parameters alone.
     remarks : tuple of str
         Sentences that a reader of the result should know.
     record : mapping
@@ -49,5 +51,6 @@ class Fit:
     stopped: bool = False
     converged: bool = True
     factors: Factors | None = None
+    standard: Array | None = None
     remarks: tuple[str, ...] = ()
     record: Mapping[str, Any] = field(default_factory=dict)

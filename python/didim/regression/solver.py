@@ -45,6 +45,7 @@ SOLVERS: dict[str, str | Solver | RobotSolver] = {
     "bisquare": "didim.regression.classical.solvers:Bisquare",
     "total": "didim.regression.classical.solvers:Total",
     "ridge": "didim.regression.classical.solvers:Ridge",
+    "consistent": "didim.regression.consistent.solver:CONSISTENT",
 }
 """Solvers by name, or where they are, as "module:object": loaded when the solver is asked for. A class has its default settings."""
 

@@ -21,6 +21,7 @@ from .._tools.words import counted
 from ..errors import FitError
 from ..regression.selection import Role
 from ..robot.parameter_file import Estimates, write_parameters
+from .consistent import MovedToRobot, table_of
 from .delay_lines import delay_lines
 from .iteration import HeldOut, Iteration
 from .saved_fields import fields_of
@@ -30,7 +31,7 @@ from .uncertainty import Uncertainty, student_factor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Identification(Pickled):
+class Identification(MovedToRobot, Pickled):
     """Identified parameters of a robot, how certain they are, and how well they explain the log.
 
     All values are in SI units on the joint side.
@@ -266,6 +267,8 @@ class Identification(Pickled):
                 f"simulated torques off by {after} % (initial parameters: {before} %), after "
                 f"{counted(self.n_simulations, 'simulation')}"
             )
+        if "consistent" in self.settings:
+            lines += ["", *table_of(self.settings["consistent"])]
         if self.remarks:
             lines += ["", "To know:", *(f"  {text}" for text in self.remarks)]
         verdict = self.conclusion

@@ -6,6 +6,7 @@
 
 mod arrays;
 mod closed_loop;
+mod consistent;
 mod model;
 mod regression;
 mod robot;
@@ -25,6 +26,8 @@ mod _core {
     use super::closed_loop::{
         Controller, Reference, Schedule, simulate, simulate_cost, simulate_sensitivities,
     };
+    #[pymodule_export]
+    use super::consistent::{ConsistentProblem, ConsistentSolutions};
     #[pymodule_export]
     use super::model::{
         direct_dynamics, inertia_matrix, inverse_dynamics, largest_safe_step, regressor, smallest_eigenvalue,

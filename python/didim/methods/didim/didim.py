@@ -20,19 +20,20 @@ from ...errors import DidimError, FitError, RankError
 from ...experiment.experiment import Experiment
 from ...loop.closed_loop import Outcome, SimulationStatus
 from ...model.safe_step import safe_step
+from ...regression.consistent.solver import ConsistentSolver
 from ...regression.least_squares import solve_partly
 from ...regression.linear_system import LinearSystem
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
-from ...signal.segments import Segment
 from ..job import Job, ratio
 from ..start import standard_start
+from .consistent import ConsistentRun
 from .convergence import Path, best_sentence, rule_sentence, slow_sentence
 from .ending import result_at
 from .loops import Loops
 from .settings import DIDIMSettings
-from .windows import Point, Simulated, Solved, Step, checked_positions
+from .windows import Point, Simulated, Solved, Step, checked_positions, segments_of
 
 ROUNDING = 1e-10
 """Share of the torques below which a residual is rounding."""
@@ -60,6 +61,8 @@ class DIDIM(DIDIMSettings):
             for a log that allows no estimate.
         """
         job = self.job(experiment, experiment.simulation.robot(experiment.robot))
+        if isinstance(job.solver, ConsistentSolver):
+            return ConsistentRun(self, job, job.solver, progress, say).result()
         iterations = Iterations(self, job, progress, say)
         point = iterations.simulate()  # the start, (17) by default
         while not iterations.over:
@@ -119,21 +122,7 @@ class Iterations:
 
     def observe(self, point: Point) -> LinearSystem:
         """Return the linear system (7): measured torques, and the regressor along the simulated motion."""
-        parts = [
-            Segment(
-                name=window.name,
-                place=window.place,
-                recording=window.recording,
-                window=window.window,
-                rate_hz=window.loop.rate_hz,
-                q=np.ascontiguousarray(q),
-                dq=np.ascontiguousarray(dq),
-                ddq=np.ascontiguousarray(ddq),
-                tau=window.tau,
-            )
-            for window, (q, dq, ddq, _) in zip(self.loops.windows, point.simulated.motions, strict=True)
-        ]
-        return self.job.system(parts, self.base.project(point.x))
+        return self.job.system(segments_of(self.loops.windows, point.simulated), self.base.project(point.x))
 
     def solve(self, point: Point, system: LinearSystem) -> Solved:
         """Solve (7) along the motion of a point.

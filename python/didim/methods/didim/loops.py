@@ -17,9 +17,9 @@ from ...loop.closed_loop import Outcome
 from ...model.dynamics import inertia_matrix
 from ...result.identification import Identification
 from ..idim_ls import IDIMLS
-from ..job import Delay, Job, ratio
+from ..job import Delay, Job
 from .settings import DIDIMSettings
-from .windows import Simulated, Window, checked_positions, windows_of
+from .windows import Simulated, Window, checked_positions, simulated, windows_of
 
 CAREFUL = 2
 """Where a robot cannot be simulated, all is tried again with equal steps, so many times smaller than the smallest one before."""
@@ -64,17 +64,9 @@ class Loops:
                     fine = finer.result()
             self.n_simulations += 1
             return found if isinstance(found, Outcome) else replace(found, finer=fine)
-        motions, squares, size = [], 0.0, 0.0
-        for window in self.windows:
-            arrays, outcomes = window.loop.run(x[None], gain_scale=None if scale is None else scale[None])
-            self.n_simulations += 1
-            if not outcomes[0].completed:
-                return outcomes[0]
-            q, dq, ddq, tau = (values[0][window.kept] for values in arrays)
-            motions.append((q, dq, ddq, tau))
-            squares += float(np.sum((window.tau - tau) ** 2))
-            size += float(np.sum(window.tau**2))
-        return Simulated(motions, scale, ratio(np.sqrt(squares), np.sqrt(size)))
+        found, count = simulated(self.windows, x, scale)
+        self.n_simulations += count
+        return found
 
     def finer(self, x: Array, simulated: Simulated) -> Array:
         """Torques along the first window with half the steps, (n_kept, n_dof); NaN after an early end."""

@@ -21,7 +21,8 @@ class DIDIMSettings(FitSettings):
     ----------
     start : str, mapping, array or Identification
         Initial parameters (`didim.methods.start.standard_start`): "unit" for (17), "idim-ls", a parameter set of the robot
-        file, ...
+        file, ... With ``physical=True`` the default is "consistent", the consistent solution along the measured motion
+        (unit rotors alone are not a robot); "prior" starts without it, and any other start is moved to the nearest robot.
     tolerance : float
         Stop when the norm of the residual changes by less than this share (absolute value of the change; the paper takes
         2.5 %).

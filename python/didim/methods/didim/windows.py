@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,9 +15,9 @@ from ...model.safe_step import thinned
 from ...regression.fit import Fit
 from ...regression.linear_system import LinearSystem
 from ...signal.align import align
-from ...signal.segments import kept_samples, place_of
+from ...signal.segments import Segment, kept_samples, place_of
 from ...signal.spikes import without_spikes
-from ..job import Delay, Job
+from ..job import Delay, Job, ratio
 
 CHECKED_POSITIONS = 500
 """Positions along a simulated motion at which M(q) is kept positive definite."""
@@ -130,6 +131,38 @@ def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
     if not found:
         raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
     return found
+
+
+def simulated(windows: Sequence[Window], x: Array, scale: Array | None) -> tuple[Simulated | Outcome, int]:
+    """Simulate every window with standard parameters, (n_parameters,), gains scaled by joint; also the number of simulations."""
+    motions, squares, size = [], 0.0, 0.0
+    for count, window in enumerate(windows, start=1):
+        arrays, outcomes = window.loop.run(x[None], gain_scale=None if scale is None else scale[None])
+        if not outcomes[0].completed:
+            return outcomes[0], count
+        q, dq, ddq, tau = (values[0][window.kept] for values in arrays)
+        motions.append((q, dq, ddq, tau))
+        squares += float(np.sum((window.tau - tau) ** 2))
+        size += float(np.sum(window.tau**2))
+    return Simulated(motions, scale, ratio(np.sqrt(squares), np.sqrt(size))), len(windows)
+
+
+def segments_of(windows: Sequence[Window], motion: Simulated) -> list[Segment]:
+    """Return the simulated motion of every window with the measured torques beside it."""
+    return [
+        Segment(
+            name=window.name,
+            place=window.place,
+            recording=window.recording,
+            window=window.window,
+            rate_hz=window.loop.rate_hz,
+            q=np.ascontiguousarray(q),
+            dq=np.ascontiguousarray(dq),
+            ddq=np.ascontiguousarray(ddq),
+            tau=window.tau,
+        )
+        for window, (q, dq, ddq, _) in zip(windows, motion.motions, strict=True)
+    ]
 
 
 def checked_positions(q: Array) -> Array:

@@ -1,0 +1,436 @@
+"""DIDIM whose every iterate is a robot: (7) is solved under physical conditions in each iteration.
+
+    x <- the consistent solution along the measured motion, or the prior
+    repeat: simulate with x; W, y of (7) along that motion; x+ <- consistent least squares; x <- x + t (x+ - x)
+
+The conditions make a convex set, so every iterate on the way is a robot and no step needs M(q) to be looked at. They also bound
+the rates of the closed loop (B), so the steps of the integration follow from the iterate (C). From the third iteration
+on, t is a secant step of at most 1, which ends two-cycles. Tested in ``tests/test_consistent.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..._tools.words import counted
+from ...errors import DidimError, FitError
+from ...experiment.experiment import Experiment
+from ...experiment.specs import ControllerSpec
+from ...loop.closed_loop import Outcome
+from ...loop.controller import Controller
+from ...loop.reference import Reference
+from ...loop.tuning import made_up
+from ...model.dynamics import inertia_matrix
+from ...model.safe_step import thinned
+from ...regression.consistent.diagnosis import diagnosis
+from ...regression.consistent.solver import ConsistentSolver
+from ...regression.fit import Fit
+from ...regression.linear_system import LinearSystem
+from ...regression.suspicions import suspicions
+from ...result.identification import Identification
+from ...result.iteration import Iteration
+from ...result.status import Status
+from ...signal.segments import Segment
+from ..builder import fitted
+from ..job import Job, ratio
+from ..start import standard_start
+from .convergence import best_sentence, rule_sentence
+from .settings import DIDIMSettings
+from .simulability import chosen_steps, damping_of, rates, simulable
+from .windows import Simulated, Window, segments_of, simulated, windows_of
+
+POSITIONS = 60
+"""Positions of the log at which rates and inertias are looked at."""
+SHORTEST = 0.3
+"""Shortest secant step."""
+RISE = 1.02
+"""Factor by which the cost of the simulated torques may rise in a step."""
+MOST_HALVINGS = 4
+"""How often a step is halved whose run ends early or whose cost rises."""
+NEAR = 3.0
+"""Largest change in standard deviations at which the residual rule may end the iteration."""
+ROUNDING = 1e-10
+"""Share of the torques below which a residual is rounding."""
+SAME = 1e-9
+"""Logarithm of a factor of the gains below which it is 1."""
+STARTS = ("unit", "consistent", "idim-ls")
+"""Names of the default start: the consistent solution along the measured motion."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An iterate with its simulation."""
+
+    x: Array
+    simulated: Simulated
+    iteration: int
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Solution of one iteration, as a step of the base parameters."""
+
+    system: LinearSystem
+    fit: Fit
+    target: Array
+    step: Array
+    """Change of the estimated base parameters."""
+    metric: Array
+    """Inverse covariance of the estimated base parameters."""
+    moved: float
+    """Largest change in standard deviations."""
+
+
+class ConsistentRun:
+    """One identification by consistent DIDIM."""
+
+    def __init__(
+        self,
+        method: DIDIMSettings,
+        job: Job,
+        solver: ConsistentSolver,
+        progress: Callable[[Iteration], bool],
+        say: Callable[[str], None],
+    ) -> None:
+        self.method, self.job, self.progress, self.say = method, job, progress, say
+        self.robot, self.base = job.robot, job.robot.base_parameters
+        self.delay = job.delay()
+        self.n_simulations = 0
+        self.remarks: list[str] = []
+        self.prepared: dict[tuple[float, tuple[float, ...]], list[Window]] = {}
+        """Windows by the steps of their loops."""
+        self.experiment = job.experiment
+        self._prepare(solver)
+
+    def _prepare(self, solver: ConsistentSolver) -> None:
+        """Size the prior, make up gains where they are asked for, and choose the conditions (B)."""
+        job = self.job
+        try:
+            parts = job.parts("fit", self.delay)
+        except DidimError:
+            # Without positions the motion is that of the reference, as long as nothing is simulated.
+            parts = self._references()
+        self.measured = job.system(parts)
+        self.q = _spread(np.concatenate([part.q for part in parts]))
+        first = solver.on(self.measured)
+        direct = first(self.measured, job.settings)
+        assert direct.standard is not None
+        assert first.problem is not None
+        self.experiment = with_gains(self.experiment, direct.standard, self.q)
+        self.damping = damping_of(self._prepared(self.experiment)[0].loop.controller)
+        self.solver, self.direct, self.step_s = simulable(solver, self.measured, job.settings, self.damping)
+        self.remarks = diagnosis(self.measured, direct, first.problem)
+
+    def _references(self) -> list[Segment]:
+        windows = self._prepared(self.experiment)
+        motions = []
+        for window in windows:
+            q, dq, ddq = (values[window.kept] for values in window.loop.reference.at(window.loop.t))
+            motions.append((q, dq, ddq, window.tau))
+        return segments_of(windows, Simulated(motions, None, 0.0))
+
+    def _prepared(self, experiment: Experiment) -> list[Window]:
+        return windows_of(replace(self.job, experiment=experiment), self.delay)
+
+    def result(self) -> Identification:
+        """Iterate to the end and put the result together."""
+        method = self.method
+        point = best = self._begin()
+        first_error = point.simulated.error
+        history: list[Iteration] = []
+        status, ending, last_norm = Status.NOT_CONVERGED, "", np.nan
+        length, before, direction = 1.0, None, None
+        while len(history) < method.max_iterations:
+            direction = self._direction(point)
+            first = self._secant(direction, before, length) if len(history) >= 2 else 1.0
+            length, after = self._advance(point, direction, first)
+            norm = float(np.linalg.norm(direction.fit.residual))
+            change, last_norm = ratio(abs(norm - last_norm), last_norm), norm
+            error = ratio(norm, np.linalg.norm(direction.system.measured))
+            history.append(_entry(len(history) + 1, direction, point, after, length, change, error))
+            stopped = self.progress(history[-1])
+            if isinstance(after, Outcome):
+                status = Status.NO_STEP
+                self.remarks.append(f"after the shortest step tried the simulation {after}")
+                break
+            point, before = after, direction
+            if point.simulated.error < best.simulated.error:
+                best = point
+            if stopped:
+                status = Status.STOPPED
+                break
+            rested = direction.moved <= method.sigma_fraction
+            steady = change <= method.tolerance and direction.moved <= NEAR
+            exact = error <= ROUNDING
+            if length >= first and point.simulated.error < 1.0 and (exact or rested or steady):
+                status = Status.CONVERGED
+                ending = rule_sentence(
+                    direction.moved, method.sigma_fraction, change, method.tolerance, exact=exact
+                )
+                if method.stop:
+                    break
+            else:
+                status = Status.NOT_CONVERGED
+        self.say(counted(self.n_simulations, "simulation"))
+        if status is not Status.CONVERGED:
+            point = best
+            ending = best_sentence(best.iteration, len(history), best.simulated.error)
+        assert direction is not None  # max_iterations is at least 1
+        return self._finish(point, direction, status, ending, history, first_error)
+
+    def _begin(self) -> Candidate:
+        x = self._start()
+        scale = self._gain_scale(x)
+        found = self._simulate(x, scale)
+        if isinstance(found, Outcome):
+            why = "".join(f"; {sentence}" for sentence in self.remarks)
+            raise FitError(
+                f"consistent DIDIM cannot start from these parameters: the simulation {found}{why}"
+            )
+        return Candidate(x, found, 0)
+
+    def _start(self) -> Array:
+        """Return standard parameters to start from, those of a robot."""
+        start, problem = self.method.start, self.solver.problem
+        assert problem is not None
+        assert self.direct.standard is not None
+        if isinstance(start, str) and start in STARTS:
+            return self.direct.standard
+        if isinstance(start, str) and start == "prior":
+            return problem.start
+        x = standard_start(self.robot, start)
+        # The robot nearest to the start, in the units of the log.
+        root = np.asarray(np.linalg.cholesky(_inverse(self.direct.covariance)).T, dtype=np.float64)
+        target = self.base.project(x)[self.job.selection.estimated]
+        return problem.solve(root, root @ target).x
+
+    def _gain_scale(self, x: Array) -> Array | None:
+        """Factor of the gains in the first simulation: J(x) over that of the consistent solution; None for 1."""
+        if self.method.gain_updating == "never":
+            return None
+        assert self.direct.standard is not None
+        here, real = (
+            np.diagonal(inertia_matrix(self.robot, self.q, parameters), axis1=1, axis2=2).mean(axis=0)
+            for parameters in (x, self.direct.standard)
+        )
+        scale = here / real
+        return None if np.abs(np.log(scale)).max() < SAME else scale
+
+    def _windows(self, x: Array) -> list[Window]:
+        """Return the windows with the steps that the rates of an iterate allow."""
+        settings = self.experiment.simulation
+        steps = chosen_steps(*rates(self.robot, x, self.q, self.damping), settings)
+        if steps not in self.prepared:
+            simulation = replace(settings, step_s=steps[0], fine_step_s=steps[1])
+            self.prepared[steps] = self._prepared(replace(self.experiment, simulation=simulation))
+        return self.prepared[steps]
+
+    def _simulate(self, x: Array, scale: Array | None = None) -> Simulated | Outcome:
+        self.windows = self._windows(x)
+        found, count = simulated(self.windows, x, scale)
+        self.n_simulations += count
+        return found
+
+    def _direction(self, point: Candidate) -> Direction:
+        """Solve (7) along the motion of an iterate, under the conditions."""
+        job = self.job
+        system = job.system(segments_of(self.windows, point.simulated), self.base.project(point.x))
+        fit = self.solver(system, job.settings)
+        assert fit.standard is not None
+        step = self.base.project(fit.standard - point.x)[job.selection.estimated]
+        std = np.sqrt(np.diag(fit.covariance))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            moved = np.where(std > 0.0, np.abs(step) / std, 0.0)
+        return Direction(
+            system, fit, fit.standard, step, _inverse(fit.covariance), float(moved.max(initial=0.0))
+        )
+
+    def _secant(self, direction: Direction, before: Direction | None, length: float) -> float:
+        """Length that would have ended the last step where its gradient vanishes; at most 1."""
+        if before is None:
+            return 1.0
+        old = float(before.step @ direction.metric @ before.step)
+        if not old > 0.0:
+            return 1.0
+        share = float(direction.step @ direction.metric @ before.step) / old
+        return float(np.clip(length / max(1.0 - share, 1e-3), SHORTEST, 1.0))
+
+    def _advance(
+        self, point: Candidate, direction: Direction, length: float
+    ) -> tuple[float, Candidate | Outcome]:
+        """Step towards the solution; shorter where a run ends early or the torques fit clearly worse."""
+        joints = direction.system.joints
+        weights = np.array([direction.fit.weights[joint.start] for joint in joints])
+        cost = self._cost(point.simulated, weights)
+        tried: list[tuple[float, float, Candidate]] = []
+        ended: Outcome | None = None
+        for _ in range(MOST_HALVINGS + 1):
+            x = point.x + length * (direction.target - point.x) if length < 1.0 else direction.target
+            found = self._simulate(x)
+            if isinstance(found, Outcome):
+                ended = found
+                self.say(f"with a step of {length:.3g} the simulation {found}; half of it")
+            else:
+                after = self._cost(found, weights)
+                tried.append((after, length, Candidate(x, found, point.iteration + 1)))
+                # The first motion may be that of other gains: its cost says nothing.
+                free = point.simulated.scale is not None or direction.moved <= self.method.sigma_fraction
+                if free or after <= RISE * cost:
+                    break
+            length *= 0.5
+        if not tried:
+            assert ended is not None
+            return 0.0, ended
+        _, length, chosen = min(tried, key=lambda item: item[0])
+        self.windows = self._windows(chosen.x)
+        return length, chosen
+
+    def _cost(self, found: Simulated, weights: Array) -> float:
+        squares, count = 0.0, 0
+        for window, motion in zip(self.windows, found.motions, strict=True):
+            squares += float(np.sum(((window.tau - motion[3]) * weights) ** 2))
+            count += window.tau.size
+        return squares / count
+
+    def _finish(
+        self,
+        point: Candidate,
+        direction: Direction,
+        status: Status,
+        ending: str,
+        history: list[Iteration],
+        first_error: float,
+    ) -> Identification:
+        job, system = self.job, direction.system
+        beta = self.base.project(point.x)
+        estimate = beta[job.selection.estimated]
+        residual = system.y - system.w @ estimate
+        fit = replace(direction.fit, solution=estimate, residual=residual, standard=point.x)
+        q = np.concatenate([motion[0] for motion in point.simulated.motions])
+        result = fitted(
+            job,
+            self.method,
+            system,
+            fit,
+            status=status,
+            history=history,
+            delay=self.delay,
+            q=thinned(q, 2000),
+            beta=beta,
+            settings=self._settings(),
+            remarks=self._findings(system, fit, point, status),
+            n_simulations=self.n_simulations,
+        )
+        if not status.converged:
+            result = replace(result, covariance=np.zeros_like(result.covariance))
+        return replace(result, ending=ending, output_error=(first_error, point.simulated.error))
+
+    def _findings(self, system: LinearSystem, fit: Fit, point: Candidate, status: Status) -> list[str]:
+        found = [*self.remarks]
+        if not found and status.converged:
+            found += suspicions(system, fit)
+        if point.simulated.error >= 1.0:
+            found.append(
+                f"with these parameters the robot does not follow: its torques are off by {100.0 * point.simulated.error:.3g} %; "
+                "check the controller"
+            )
+        if getattr(self.experiment.reference, "kind", "") == "measured":
+            found.append(
+                "the reference is the measured position: what the controller did to follow the real one is not in it, and "
+                "the simulated robot follows the measured motion with an error of its own"
+            )
+        return found
+
+    def _settings(self) -> dict[str, Any]:
+        method, window = self.method, self.windows[0]
+        start = method.start if isinstance(method.start, str) else "given"
+        return {
+            "didim": {
+                "physical": True,
+                "start": "consistent" if start in STARTS else start,
+                "tolerance": method.tolerance,
+                "sigma_fraction": method.sigma_fraction,
+                "max_iterations": method.max_iterations,
+                "gain_updating": method.gain_updating,
+                "simulable_step_s": self.step_s,
+            },
+            "closed_loop": {
+                "reference": getattr(self.experiment.reference, "settings", None),
+                "controller": getattr(self.experiment.controller, "settings", None),
+                "laws": window.loop.controller.laws.tolist(),
+                "steps": window.loop.schedule.steps,
+            },
+        }
+
+
+def with_gains(experiment: Experiment, x: Array, q: Array) -> Experiment:
+    """Return an experiment whose made-up controller, if it has one, has the gains of a robot by rule (D)."""
+    spec = experiment.controller
+    if not isinstance(spec, ControllerSpec) or spec.settings.get("kind") != "made-up":
+        return experiment
+    controller = made_up(
+        experiment.simulation.robot(experiment.robot),
+        x,
+        q,
+        frequency_hz=float(spec.settings.get("natural_frequency_hz", 10.0)),
+        error=float(spec.settings.get("tracking_error", 1e-3)),
+    )
+    return replace(experiment, controller=ControllerSpec(Ready(controller), spec.settings))
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A controller that needs no reference."""
+
+    controller: Controller
+
+    def __call__(self, reference: Reference) -> Controller:
+        """Return the controller."""
+        return self.controller
+
+
+def _entry(
+    number: int,
+    direction: Direction,
+    point: Candidate,
+    after: Candidate | Outcome,
+    length: float,
+    change: float,
+    error: float,
+) -> Iteration:
+    reached = isinstance(after, Candidate)
+    x = after.x if isinstance(after, Candidate) else point.x
+    return Iteration(
+        iteration=number,
+        relative_error=error,
+        step=ratio(np.linalg.norm(x - point.x), np.linalg.norm(x)),
+        more={
+            "step_length": length,
+            "largest_safe_step": 1.0,
+            "largest_change_in_sigma": direction.moved,
+            "residual_change": change,
+            "output_error_before": point.simulated.error,
+            "output_error_after": after.simulated.error
+            if reached and isinstance(after, Candidate)
+            else np.nan,
+            "condition_number": direction.fit.condition_number,
+            "contraction": np.nan,
+            "remaining_sigma": np.nan,
+        },
+    )
+
+
+def _spread(q: Array) -> Array:
+    return np.ascontiguousarray(q[:: max(1, len(q) // POSITIONS)])
+
+
+def _inverse(covariance: Array) -> Array:
+    """Inverse of a covariance whose parameters have different units."""
+    std = np.sqrt(np.diag(covariance))
+    std = np.where(std > 0.0, std, 1.0)
+    return np.asarray(np.linalg.pinv(covariance / np.outer(std, std), hermitian=True) / np.outer(std, std))

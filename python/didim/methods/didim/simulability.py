@@ -1,0 +1,139 @@
+"""Rates of a simulated robot, the steps that follow from them, and which conditions (B) a log allows.
+
+    lambda_max( M(q)^-1 diag(Fv + kv + Fc/v) ) <= max_j (Fv_j + kv_j + Fc_j/v_j) / Ia_j <= c/h     for every q      (C)
+
+Tested in ``tests/test_consistent.py``.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...errors import FitError
+from ...experiment.specs import SimulationSettings
+from ...loop.closed_loop import FINE_STEP, STEP
+from ...loop.controller import Controller
+from ...model.drive_cones import Drives, Terms
+from ...model.dynamics import inertia_matrix
+from ...regression.consistent.problem import Simulability
+from ...regression.consistent.solver import ConsistentSolver
+from ...regression.fit import Fit
+from ...regression.linear_system import LinearSystem
+from ...regression.settings import LeastSquaresSettings
+from ...robot.robot import Robot
+
+RATE = 1.5
+"""Largest product of the fastest rate and the step; Runge-Kutta's fourth order is stable to 2.78."""
+LEAST_STEP = 2e-6
+"""Smallest step that rates may ask for (s)."""
+COST = 5e-3
+"""Share of the weighted squares that conditions (B) may cost; a robot that is stiffer than that needs smaller steps."""
+HALVINGS = 4
+"""How often the step of (B) is halved before the conditions are given up."""
+
+
+def damping_of(controller: Controller) -> Array:
+    """Return the damping gain of a continuous controller per joint, joint side (N.m.s/rad or N.s/m); zeros for a digital one."""
+    if controller.digital is not None:
+        return np.zeros(controller.n_dof)
+    return np.abs(controller.laws[:, 1] * controller.gain)
+
+
+def simulable(
+    solver: ConsistentSolver, system: LinearSystem, settings: LeastSquaresSettings, damping: Array
+) -> tuple[ConsistentSolver, Fit, float | None]:
+    """Return the solver with the conditions (B) of the largest step that the log allows, its solution and that step (s).
+
+    Parameters
+    ----------
+    solver : ConsistentSolver
+        Its robot has smooth friction.
+    system : LinearSystem
+        Rows along the measured motion.
+    settings : LeastSquaresSettings
+        Weights.
+    damping : (n_dof,) array
+        See `damping_of`.
+    """
+    free = solver.on(system)
+    fit = free(system, settings)
+    smoothing = solver.robot.friction.smoothing
+    if solver.robot.friction.coulomb != "tanh" or not all(smoothing):
+        return free, fit, None
+    cost = float(np.sum((fit.residual * fit.weights) ** 2))
+    step = FINE_STEP
+    for _ in range(HALVINGS):
+        wanted = Simulability(step, RATE, tuple(damping.tolist()), tuple(smoothing))
+        bound = solver.on(system, wanted)
+        try:
+            other = bound(system, settings)
+        except FitError:  # rotors that are fixed or dropped contradict (B)
+            return free, fit, None
+        if float(np.sum((other.residual * fit.weights) ** 2)) <= (1.0 + COST) * cost:
+            return bound, other, step
+        step *= 0.5
+    return free, fit, None
+
+
+def rates(robot: Robot, x: Array, q: Array, damping: Array) -> tuple[float, Array]:
+    """Return the largest rate (1/s) without Coulomb friction, and that of each joint with it, at positions (n, n_dof)."""
+    from scipy.linalg import eigvalsh
+
+    drives, v = Drives(robot), robot.friction.smoothing
+    matrices = inertia_matrix(robot, q, x)
+    n = robot.n_dof
+    smooth = np.diag(damping)
+    for group in drives.groups:
+        smooth[np.ix_(group, group)] += _largest(
+            drives, x, [drives.viscous(group, sides) for sides in drives.choices(group)]
+        )
+
+    def rate(matrix: Array) -> float:
+        return max(float(eigvalsh(matrix, mass)[-1]) for mass in matrices)
+
+    slow, fast = rate(smooth), np.zeros(n)
+    if robot.friction.coulomb != "tanh" or not all(v):
+        return slow, np.full(n, slow)
+    for group in drives.groups:
+        motors = drives.motors(group)
+        corners = itertools.product(
+            drives.choices(group),
+            itertools.product((1.0, 0.0) if motors else (1.0,), repeat=len(group)),
+            itertools.product((1.0, 0.0), repeat=len(motors)),
+        )
+        largest = 0.0
+        for sides, joints, shafts in corners:
+            steep = smooth.copy()
+            steep[np.ix_(group, group)] += _sum(drives, x, drives.slopes(group, sides, joints, shafts, v))
+            largest = max(largest, rate(steep))
+        fast[list(group)] = largest
+    return slow, fast
+
+
+def _sum(drives: Drives, x: Array, terms: Terms) -> Array:
+    return np.asarray(np.sum([x[drives.places[name]] * term for name, term in terms.items()], axis=0))
+
+
+def _largest(drives: Drives, x: Array, choices: Sequence[Terms]) -> Array:
+    """Return the sum with the largest trace: the direction with more viscous friction."""
+    return max((_sum(drives, x, terms) for terms in choices), key=np.trace)
+
+
+def chosen_steps(slow: float, fast: Array, settings: SimulationSettings) -> tuple[float, tuple[float, ...]]:
+    """Return the steps (s) for rates: coarse, and fine per joint, at most those of the experiment.
+
+    They are rounded down to quarter octaves, so neighbouring iterates share a schedule.
+    """
+
+    def below(cap: float, rate: float) -> float:
+        step = max(min(cap, RATE / rate if rate > 0.0 else cap), LEAST_STEP)
+        return float(step if step == cap else 2.0 ** (np.floor(4.0 * np.log2(step)) / 4.0))
+
+    coarse = below(STEP if settings.step_s is None else settings.step_s, slow)
+    fine = FINE_STEP if settings.fine_step_s is None else settings.fine_step_s
+    caps = np.broadcast_to(np.asarray(fine, dtype=np.float64), fast.shape)
+    return coarse, tuple(below(min(float(cap), coarse), rate) for cap, rate in zip(caps, fast, strict=True))

@@ -1,0 +1,154 @@
+"""The robot nearest to an estimate, with intervals: (10) for base parameters and their covariance.
+
+    min_x 1/2 |R (B x - beta)|^2 + prior,    R^T R = C^-1
+
+Intervals are those of draws: beta ~ N(beta, C), each draw moved to its nearest robot. The curvature at the solution would
+be wrong where conditions are active. A parameter comes *from the prior* when other priors move it by more than
+its own deviation. Tested in ``tests/test_consistent.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...errors import FitError
+from ...robot.robot import Robot
+from ..selection import Selection
+from .bounds import Bounds
+from .prior import Prior, prior_of
+from .problem import ConstrainedProblem
+
+GAMMA = 1e-2
+"""Weight of the prior beside an honest covariance (nats)."""
+DRAWS = 200
+"""Draws of the estimate."""
+OTHER_PRIORS = (0.5, 2.0)
+"""Factors of mass and of second moments of the priors that an identified parameter does not feel."""
+FROM_PRIOR = 1.0
+"""Deviations by which another prior moves a parameter that comes from it."""
+IDENTIFIED_SHARE = 1e-9
+"""Changes below this share of the largest parameter of the same kind are rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class NearestRobot:
+    """Physically consistent standard parameters near an estimate.
+
+    Attributes
+    ----------
+    x : (p,) array
+        Standard parameters.
+    std, low, high : (p,) arrays
+        Deviation of the draws, and their 2.5 and 97.5 % quantiles.
+    identified : (p,) array of bool
+        False for what only the prior knows.
+    covariance : (b, b) array
+        Covariance of the base parameters of the draws.
+    half_distance : float
+        Half the squared distance from the estimate, in nats. Noise alone gives about half the number of active conditions;
+        more than the number of parameters says that model or covariance is wrong.
+    draws : (n, p) array
+        Standard parameters of the draws.
+    prior : str
+        Name of the prior.
+    """
+
+    x: Array
+    std: Array
+    low: Array
+    high: Array
+    identified: Array
+    covariance: Array
+    half_distance: float
+    draws: Array
+    prior: str
+
+
+def nearest_robot(
+    robot: Robot,
+    selection: Selection,
+    beta: Array,
+    covariance: Array,
+    *,
+    prior: str | Mapping[str, float] | Array | Prior = "generic",
+    gamma: float = GAMMA,
+    bounds: Bounds | None = None,
+    draws: int = DRAWS,
+    seed: int = 0,
+    threads: int = 2,
+) -> NearestRobot:
+    """Find the robot nearest to base parameters, in units of their covariance.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    selection : Selection
+        Fixed and dropped parameters keep their values.
+    beta : (b,) array
+        Base parameters.
+    covariance : (b, b) array
+        Their covariance; zero for fixed and dropped ones.
+    prior, bounds
+        As in `Consistent`.
+    gamma : float
+        Weight of the prior (nats).
+    draws : int
+        Number of draws for the intervals, at least 20.
+    seed : int
+        Of NumPy's default generator.
+    threads : int
+        Threads of the core; the bits do not depend on it.
+
+    Raises
+    ------
+    FitError
+        Without standard deviations, and when no robot meets all conditions.
+    """
+    if draws < 20:
+        raise FitError(f"intervals need at least 20 draws, got {draws}")
+    estimated = selection.estimated
+    part = covariance[np.ix_(estimated, estimated)]
+    std = np.sqrt(np.diag(part))
+    if not (np.isfinite(part).all() and (std > 0.0).all()):
+        raise FitError(
+            "the estimate has no standard deviations, and without them no robot is nearest to it: let the method converge first"
+        )
+    scaled = part / np.outer(std, std)
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(scaled)) / std
+    except np.linalg.LinAlgError:
+        raise FitError("the covariance of the estimate is not positive definite") from None
+    root = np.asarray(root, dtype=np.float64)
+    chosen = prior_of(robot, prior)
+    problem = ConstrainedProblem(robot, selection, chosen, gamma, bounds)
+    right = root @ beta[estimated]
+    best = problem.solve(root, right)
+    noise = np.random.default_rng(seed).standard_normal((draws, len(estimated)))
+    drawn = np.array([item.x for item in problem.solve_many(root, right + noise, threads)])
+    spread = drawn.std(axis=0, ddof=1)
+    moved = np.zeros(len(best.x))
+    others = []
+    for factor in OTHER_PRIORS:
+        other = replace(
+            chosen, bodies=tuple(factor * body for body in chosen.bodies), rotors=factor * chosen.rotors
+        )
+        others.append(ConstrainedProblem(robot, selection, other, gamma, bounds).solve(root, right).x)
+    moved = np.abs(others[1] - others[0]) / 2.0
+    size = np.maximum(np.abs(best.x), np.abs(drawn).max(axis=0))
+    low, high = np.quantile(drawn, [0.025, 0.975], axis=0)
+    return NearestRobot(
+        x=best.x,
+        std=spread,
+        low=low,
+        high=high,
+        identified=np.logical_and(moved <= FROM_PRIOR * spread, spread > IDENTIFIED_SHARE * size),
+        covariance=np.cov(drawn @ robot.base_parameters.matrix.T, rowvar=False),
+        half_distance=best.half_distance,
+        draws=drawn,
+        prior=chosen.name,
+    )

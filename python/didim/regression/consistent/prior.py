@@ -1,0 +1,176 @@
+"""Priors of physically consistent estimates: a robot that each link, rotor and friction coefficient is drawn to.
+
+The log-det divergence (11) from the prior is the only thing that bounds what a log says nothing of, such as the mass of a
+link that hardly moves. Tested in ``tests/test_consistent.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...errors import FitError
+from ...model.consistency import places_of, pseudo_inertias
+from ...robot.rigid_body import INERTIAL, ten_parameters
+from ...robot.robot import Robot
+from ..linear_system import LinearSystem
+from ..selection import Selection
+
+RADIUS_SHARE = 0.08
+"""Radius of gyration of a generic solid, as a share of the length of the arm."""
+LEAST_LENGTH = 0.1
+"""Length of an arm whose geometry has none (m)."""
+LEAST_MASS = 0.1
+"""Mass of a generic solid at least (kg): a log without gravity may give none."""
+DEFAULT_MASS = 3.0
+"""Mass of a generic solid where no log is at hand (kg)."""
+INNER = 1e-2
+"""Share of a generic solid that is mixed into the bodies of a given robot: plates and rods have no volume."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """The robot that an estimate is drawn to.
+
+    Attributes
+    ----------
+    name : str
+        What it is, for the record of a result.
+    bodies : tuple of (4, 4) arrays
+        Pseudo-inertia of each link about its frame, positive definite.
+    rotors : (n_dof,) array
+        Rotor inertia of each motor (kg.m^2 or kg), joint side.
+    """
+
+    name: str
+    bodies: tuple[Array, ...]
+    rotors: Array
+
+    def parameters(self, robot: Robot) -> Array:
+        """Return standard parameters inside every condition: those of the prior, with friction of 1."""
+        places, x = places_of(robot), np.zeros(len(robot.parameter_names))
+        for j, body in enumerate(self.bodies, start=1):
+            for name, value in zip(INERTIAL, ten_parameters(body), strict=True):
+                x[places[f"{name}{j}"]] = value
+        coupling = np.array(robot.geometry.coupling)
+        squares = (coupling / np.diag(coupling)[:, None]) ** 2
+        for j, inertia in enumerate(squares.T @ self.rotors, start=1):
+            x[places[f"Ia{j}"]] = inertia
+        for name, place in places.items():
+            if name.startswith(("Fvm", "Fcm")):
+                x[place] = 0.1
+            elif name.startswith(("Fv", "Fc")):
+                x[place] = 1.0
+        return x
+
+
+def generic_prior(
+    robot: Robot, system: LinearSystem | None = None, selection: Selection | None = None
+) -> Prior:
+    """Return solids of one mass at every frame, of a size that fits the arm, and unit rotors.
+
+    The radius of gyration is 0.08 of the length of the arm. The mass is the one that explains the torques of a log best, beside
+    rotors, friction and offsets; 3 kg without a log.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its geometry gives the size.
+    system : LinearSystem, optional
+        The rows of a log, for the mass.
+    selection : Selection, optional
+        Which base parameters the columns are.
+    """
+    geometry = robot.geometry
+    length = sum(abs(d) + abs(r) for d, r in zip(geometry.d, geometry.r, strict=True))
+    radius = RADIUS_SHARE * max(length, LEAST_LENGTH)
+    one = Prior("generic", (np.diag([radius**2] * 3 + [1.0]),) * robot.n_dof, np.ones(robot.n_dof))
+    mass = DEFAULT_MASS if system is None or selection is None else _mass(robot, one, system, selection)
+    return replace(one, bodies=tuple(mass * body for body in one.bodies))
+
+
+def _mass(robot: Robot, one: Prior, system: LinearSystem, selection: Selection) -> float:
+    """Return the mass of each of the equal solids that explain torques best, beside the drives."""
+    x = one.parameters(robot)
+    inertial = [name.rstrip("0123456789") in INERTIAL for name in robot.parameter_names]
+    matrix = robot.base_parameters.matrix[selection.estimated]
+    body = system.w @ (matrix @ np.where(inertial, x, 0.0))
+    drives = system.w @ matrix[:, np.logical_not(inertial)]
+    drives = drives[:, np.any(drives != 0.0, axis=0)]
+    columns = np.column_stack([body, drives])
+    sizes = np.linalg.norm(columns, axis=0)
+    if not sizes[0] > 0.0:
+        return DEFAULT_MASS
+    solution = np.linalg.lstsq(columns / np.where(sizes > 0.0, sizes, 1.0), system.y, rcond=1e-10)[0]
+    return float(max(solution[0] / sizes[0], LEAST_MASS))
+
+
+def prior_near(robot: Robot, x: Array, name: str) -> Prior:
+    """Return the prior at given standard parameters, such as those of a URDF or of CAD.
+
+    A small share of a generic solid is mixed in, so plates, rods and missing bodies have a volume.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    x : (p,) array
+        Standard parameters; links that are not bodies are replaced by generic solids.
+    name : str
+        For the record.
+
+    Raises
+    ------
+    FitError
+        For a wrong length.
+    """
+    if np.shape(x) != (len(robot.parameter_names),):
+        raise FitError(f"the prior needs {len(robot.parameter_names)} standard parameters, got {np.shape(x)}")
+    generic, places = generic_prior(robot), places_of(robot)
+    bodies = []
+    for body, solid in zip(pseudo_inertias(robot, x), generic.bodies, strict=True):
+        mass = max(body[3, 3], 0.0)
+        known = mass > 0.0 and np.linalg.eigvalsh(body)[0] >= -INNER * mass * solid[0, 0]
+        bodies.append(body + INNER * (mass / DEFAULT_MASS) * solid if known else solid)
+    given = np.array([x[places[f"Ia{j}"]] for j in range(1, robot.n_dof + 1)])
+    return Prior(name, tuple(bodies), np.where(given > 0.0, given, 1.0))
+
+
+def prior_of(
+    robot: Robot,
+    choice: str | Mapping[str, float] | Array | Prior,
+    system: LinearSystem | None = None,
+    selection: Selection | None = None,
+) -> Prior:
+    """Return a prior by choice.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    choice : str, mapping, array or Prior
+        "generic", a parameter set of the robot such as "urdf", values by name such as those of CAD, or standard parameters.
+    system, selection
+        As for `generic_prior`.
+
+    Raises
+    ------
+    FitError, RobotError
+        For a wrong choice.
+    """
+    if isinstance(choice, Prior):
+        if len(choice.bodies) != robot.n_dof:
+            raise FitError(
+                f"the prior has {len(choice.bodies)} links and robot {robot.name!r} has {robot.n_dof}"
+            )
+        return choice
+    if isinstance(choice, str):
+        if choice == "generic":
+            return generic_prior(robot, system, selection)
+        return prior_near(robot, robot.parameter_set(choice), choice)
+    if isinstance(choice, Mapping):
+        return prior_near(robot, robot.parameters_by_name(choice, "the prior:"), "given")
+    return prior_near(robot, np.asarray(choice, dtype=np.float64), "given")

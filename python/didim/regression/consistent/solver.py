@@ -1,0 +1,205 @@
+"""Consistent least squares on the seam: ``IDIMLS(physical=True)``, ``DIDIM(physical=True)``.
+
+The rows are weighted as by `didim.regression.least_squares.solve`, with the same number of solutions. The last one meets the
+conditions of a robot. Tested in ``tests/test_consistent.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from numbers import Real
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...errors import FitError
+from ...robot.robot import Robot
+from ..covariance import covariance
+from ..fit import Fit, Progress
+from ..linear_system import LinearSystem
+from ..selection import Selection
+from ..settings import LeastSquaresSettings
+from ..weights import joint_sigma, per_row
+from .bounds import Bounds
+from .prior import Prior, prior_of
+from .problem import ConstrainedProblem, Simulability
+
+GAMMA = 0.06
+"""Weight of the prior on rows of unit white noise (nats). Their true information is about six times less: 0.01 of it."""
+DEPENDENT = 1e-10
+"""Singular values below this share of the largest belong to combinations that the log does not identify."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Consistent:
+    """Settings of consistent least squares; a solver for ``solver=``.
+
+    Parameters
+    ----------
+    gamma : float
+        Weight of the prior on rows of unit white noise (nats).
+    prior : str, mapping, array or Prior
+        "generic" for solids that fit the arm and the log, a parameter set of the robot such as "urdf", values by name.
+    bounds : Bounds, optional
+        Masses and centres that are known.
+
+    Raises
+    ------
+    FitError
+        For a negative weight.
+    """
+
+    name: ClassVar[str] = "consistent"
+
+    gamma: float = GAMMA
+    prior: str | Mapping[str, float] | Array | Prior = "generic"
+    bounds: Bounds | None = None
+
+    def __post_init__(self) -> None:
+        number = isinstance(self.gamma, Real) and not isinstance(self.gamma, bool)
+        if not number or not 0.0 <= self.gamma < np.inf:
+            raise FitError(f"gamma must be a number of at least 0, got {self.gamma!r}")
+
+    def for_robot(self, robot: Robot, selection: Selection) -> ConsistentSolver:
+        """Return the solver for the systems of a robot."""
+        return ConsistentSolver(settings=self, robot=robot, selection=selection)
+
+
+CONSISTENT = Consistent()
+"""Consistent least squares with its default settings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConsistentSolver:
+    """Consistent least squares for the systems of one robot.
+
+    Attributes
+    ----------
+    settings : Consistent
+        Weight, prior and bounds.
+    robot : Robot
+        The robot.
+    selection : Selection
+        Which base parameters the columns are.
+    problem : ConstrainedProblem or None
+        The problem, once the prior has been sized by a log; made anew for each system without one.
+    """
+
+    settings: Consistent
+    robot: Robot
+    selection: Selection
+    problem: ConstrainedProblem | None = None
+
+    def on(self, system: LinearSystem, simulability: Simulability | None = None) -> ConsistentSolver:
+        """Return the solver with its prior sized by a log, and conditions (B) where they are asked for."""
+        wish = self.settings
+        prior = prior_of(self.robot, wish.prior, system, self.selection)
+        problem = ConstrainedProblem(self.robot, self.selection, prior, wish.gamma, wish.bounds, simulability)
+        return replace(self, problem=problem)
+
+    def __call__(
+        self, system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None
+    ) -> Fit:
+        """Solve (7) under the conditions; as `didim.regression.least_squares.solve`, but a log may leave parameters open.
+
+        Raises
+        ------
+        FitError
+            Without rows, for numbers too large for floating point, and when no parameters meet all conditions.
+        """
+        if not system.y.size or not (np.isfinite(system.w).all() and np.isfinite(system.y).all()):
+            raise FitError("the linear system has no rows, or values that are not finite")
+        problem = self.problem or self.on(system).problem
+        assert problem is not None
+        plain = _plain(system.w, system.y)
+        rest = system.y - system.w @ plain
+        sigma = joint_sigma(system, rest)
+        weighted = settings.solutions > 1
+        if not weighted:  # one size for all joints: that of all residuals
+            sigma = np.full(len(sigma), max(float(np.sqrt(np.mean(rest**2))), float(sigma.min())))
+        # Asked to stop after the last solution, there is nothing left to stop.
+        stopped = progress is not None and progress(1, plain, rest) and weighted
+        for number in range(2, max(settings.solutions, 2) + 1):
+            scale = per_row(system, 1.0 / sigma)
+            triangle, right = triangle_of(system.w * scale[:, None], system.y * scale)
+            constrained = problem.solve(triangle, right)
+            solution = np.asarray(problem.matrix @ constrained.x)
+            residual = system.y - system.w @ solution
+            if stopped or (progress is not None and weighted and progress(number, solution, residual)):
+                stopped = stopped or number < settings.solutions
+                break
+            sigma = joint_sigma(system, residual)
+        weights = scale if weighted else np.ones(len(scale))
+        inverse = _inverse(triangle, problem, constrained.x) * (1.0 if weighted else float(scale[0]))
+        nearest = _plain(triangle, right)
+        singular = np.linalg.svd(system.w, compute_uv=False)
+        return Fit(
+            solution=solution,
+            covariance=covariance(system, settings, weights, residual, inverse),
+            residual=residual,
+            weights=weights,
+            condition_number=float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf"),
+            stopped=bool(stopped),
+            converged=constrained.ending == "solved",
+            standard=constrained.x,
+            record={
+                "gamma": problem.gamma,
+                "prior": problem.prior.name,
+                "prior_mass": float(problem.prior.bodies[0][3, 3]),
+                "half_distance": constrained.half_distance - _half_square(triangle @ nearest - right),
+                "iterations": constrained.iterations,
+                **_errors(system, nearest, solution),
+            },
+        )
+
+
+def _plain(w: Array, y: Array) -> Array:
+    """Return the solution of least squares, also where columns depend."""
+    sizes = np.linalg.norm(w, axis=0)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    solution = np.linalg.lstsq(w / sizes, y, rcond=DEPENDENT)[0] / sizes
+    return np.asarray(solution, dtype=np.float64)
+
+
+def triangle_of(w: Array, y: Array) -> tuple[Array, Array]:
+    """Return ``R`` and ``z`` with ``|W b - y|^2 = |R b - z|^2 + constant``."""
+    triangle = np.asarray(np.linalg.qr(np.column_stack([w, y]), mode="r"), dtype=np.float64)
+    n = w.shape[1]
+    return np.ascontiguousarray(triangle[:n, :n]), np.ascontiguousarray(triangle[:n, n])
+
+
+def _inverse(triangle: Array, problem: ConstrainedProblem, x: Array) -> Array:
+    """Return ``R^-1``; of combinations that the log does not identify, what the prior says stands for it."""
+    sizes = np.linalg.norm(triangle, axis=0)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    if triangle.shape[0] == triangle.shape[1]:
+        singular = np.linalg.svd(triangle / sizes, compute_uv=False)
+        if singular[-1] > DEPENDENT * singular[0]:
+            return np.asarray(np.linalg.inv(triangle))
+    # Covariance of the standard parameters by log and prior together, seen in the base parameters.
+    a = triangle @ problem.matrix
+    hessian = a.T @ a + problem.marginal(x)
+    spread = problem.matrix @ np.linalg.pinv(hessian, hermitian=True) @ problem.matrix.T
+    values, vectors = np.linalg.eigh(spread)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _half_square(error: Array) -> float:
+    return 0.5 * float(error @ error)
+
+
+def _errors(system: LinearSystem, plain: Array, solution: Array) -> dict[str, Any]:
+    """Return the relative errors of plain and constrained estimate, all joints together and per joint."""
+    torque = system.norms(system.measured)
+    size = float(np.linalg.norm(system.measured))
+    found: dict[str, Any] = {}
+    for key, estimate in (("plain", plain), ("constrained", solution)):
+        error = system.y - system.w @ estimate
+        found[f"{key}_relative_error"] = float(np.linalg.norm(error) / size) if size > 0.0 else None
+        norms = system.norms(error)
+        found[f"{key}_relative_errors"] = [
+            float(norm / whole) if whole > 0.0 else None for norm, whole in zip(norms, torque, strict=True)
+        ]
+    return found

@@ -1,0 +1,210 @@
+"""A result moved to the nearest robot, with every standard parameter, its interval and where it comes from.
+
+Tested in ``tests/test_consistent.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import FitError
+from ..regression.consistent.bounds import Bounds
+from ..regression.consistent.nearest import DRAWS, GAMMA, NearestRobot, nearest_robot
+from ..regression.consistent.prior import Prior
+from ..regression.selection import Role, Selection
+from ..robot.friction import Friction
+from ..robot.robot import Geometry, JointLimits, Robot
+
+LARGE = 1.0
+"""Half squared distance per estimated parameter beyond which noise does not explain that an estimate is no robot."""
+
+
+def recorded_robot(name: str, settings: Mapping[str, Any]) -> Robot:
+    """Return the robot of a result, from the geometry and friction that it keeps; without limits and parameter sets.
+
+    Raises
+    ------
+    FitError
+        For a result without them.
+    """
+    try:
+        record = settings["robot"]
+        geometry = Geometry(**{key: _frozen(value) for key, value in record["geometry"].items()})
+        friction = Friction(**{key: _frozen(value) for key, value in record["friction"].items()})
+    except (KeyError, TypeError) as reason:
+        raise FitError(f"the result does not hold its robot ({reason}): give robot=") from None
+    return Robot(
+        name=name,
+        description="",
+        path=Path(f"{name}.toml"),
+        digest="",
+        geometry=geometry,
+        friction=friction,
+        limits=(JointLimits(),) * len(geometry.kinds),
+        reduction=None,
+        gains=None,
+    )
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(item) for item in value) if isinstance(value, list) else value
+
+
+def distance_sentence(half_distance: float, n_parameters: int) -> str:
+    """Say how far the nearest robot is from the estimate, and what that means."""
+    far = half_distance > LARGE * n_parameters
+    meaning = (
+        "more than noise explains: the model, the log or the covariance is wrong"
+        if far
+        else "within the noise"
+    )
+    return f"the estimate is half a squared distance of {half_distance:.4g} from the nearest robot: {meaning}"
+
+
+def record_of(robot: Robot, nearest: NearestRobot, gamma: float) -> dict[str, Any]:
+    """Return what a result keeps, as JSON has it."""
+    columns = zip(
+        robot.parameter_names,
+        robot.parameter_units,
+        nearest.x,
+        nearest.std,
+        nearest.low,
+        nearest.high,
+        nearest.identified,
+        strict=True,
+    )
+    return {
+        "gamma": gamma,
+        "prior": nearest.prior,
+        "half_distance": nearest.half_distance,
+        "draws": len(nearest.draws),
+        "parameters": [
+            {
+                "name": name,
+                "unit": unit,
+                "value": float(value),
+                "std": float(std),
+                "low": float(low),
+                "high": float(high),
+                "source": "identified" if identified else "prior",
+            }
+            for name, unit, value, std, low, high, identified in columns
+        ],
+    }
+
+
+def table_of(record: Mapping[str, Any]) -> list[str]:
+    """Return the lines of the table of standard parameters, intervals and sources."""
+    rows: list[Sequence[str]] = [("standard", "unit", "value", "95 % interval", "", "")]
+    for item in record["parameters"]:
+        source = "identified" if item["source"] == "identified" else "from the prior"
+        rows.append(
+            (
+                item["name"],
+                item["unit"],
+                f"{item['value']:.4g}",
+                f"{item['low']:.4g}",
+                f"{item['high']:.4g}",
+                source,
+            )
+        )
+    widths = [max(len(row[k]) for row in rows) for k in range(6)]
+    widths[3] = max(len(row[3]) for row in rows[1:])
+
+    def line(row: Sequence[str]) -> str:
+        left = f"{row[0]:{widths[0]}}  {row[1]:{widths[1]}}  {row[2]:>{widths[2]}}  "
+        if row is rows[0]:
+            return (left + row[3]).rstrip()
+        return f"{left}{row[3]:>{widths[3]}}  {row[4]:>{widths[4]}}  {row[5]}"
+
+    return [line(row) for row in rows]
+
+
+def base_covariance(covariance: Array, estimated: Sequence[int], draws: Array) -> Array:
+    """Return the covariance of the draws for the estimated base parameters, zero elsewhere."""
+    full = np.zeros_like(covariance)
+    full[np.ix_(estimated, estimated)] = draws[np.ix_(estimated, estimated)]
+    return full
+
+
+class MovedToRobot:
+    """The part of a result that moves it to the nearest robot."""
+
+    robot: str
+    roles: tuple[Role, ...]
+    beta: Array
+    covariance: Array
+    parameter_names: tuple[str, ...]
+    settings: Mapping[str, Any]
+    remarks: tuple[str, ...]
+
+    def consistent(
+        self,
+        prior: str | Mapping[str, float] | Array | Prior = "generic",
+        *,
+        gamma: float = GAMMA,
+        bounds: Bounds | None = None,
+        draws: int = DRAWS,
+        seed: int = 0,
+        robot: Robot | None = None,
+    ) -> Self:
+        """Return the nearest robot: all standard parameters physically consistent, with intervals from draws.
+
+        Each standard parameter is marked *identified*, or *from the prior* where another prior would move it by more than its
+        own deviation. ``settings["consistent"]`` keeps the table; the errors of the torques remain those of the estimate.
+
+        Parameters
+        ----------
+        prior : str, mapping, array or Prior
+            "generic" for solids that fit the arm, a parameter set of `robot` such as "urdf", values by name such as those of CAD.
+        gamma : float
+            Weight of the prior (nats): 1 is one nat per e-fold of volume.
+        bounds : Bounds, optional
+            Masses and centres of mass that are known.
+        draws, seed : int
+            Draws of the estimate by its covariance, and the seed of NumPy's generator.
+        robot : Robot, optional
+            The robot, where `prior` names one of its parameter sets; that of the result by default.
+
+        Raises
+        ------
+        FitError
+            For a result without standard deviations, and when no robot meets all conditions.
+
+        Notes
+        -----
+        ``test_consistent.py`` compares with Clarabel, and checks intervals on simulated logs.
+        """
+        known = recorded_robot(self.robot, self.settings) if robot is None else robot
+        if known.parameter_names != self.parameter_names:
+            raise FitError(f"the result is for robot {self.robot!r}, and the robot is {known.name!r}")
+        values = np.where([role == "fixed" for role in self.roles], self.beta, 0.0)
+        selection = Selection(roles=self.roles, values=values)
+        nearest = nearest_robot(
+            known,
+            selection,
+            self.beta,
+            self.covariance,
+            prior=prior,
+            gamma=gamma,
+            bounds=bounds,
+            draws=draws,
+            seed=seed,
+        )
+        moved: Self = replace(
+            self,  # type: ignore[type-var]
+            beta=known.base_parameters.project(nearest.x),
+            covariance=base_covariance(self.covariance, selection.estimated, nearest.covariance),
+            parameters=nearest.x,
+            warnings=(),
+            remarks=(*self.remarks, distance_sentence(nearest.half_distance, len(selection.estimated))),
+            uncertainty=None,
+            settings={**self.settings, "consistent": record_of(known, nearest, gamma)},
+        )
+        return moved

@@ -1,0 +1,152 @@
+"""Physically consistent parameters: conditions, the constrained problem, its solver on logs, and the nearest robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import didim
+from didim.model.consistency import violations
+from didim.model.drive_cones import Drives, simulable_cones
+from didim.model.dynamics import inertia_matrix
+from didim.regression.consistent.bounds import Bounds
+from didim.regression.consistent.prior import Prior, generic_prior, prior_of
+from didim.regression.consistent.problem import ConstrainedProblem, conditions_of
+from didim.regression.consistent.solver import Consistent
+from didim.regression.selection import select
+from didim.studies.simulated_log import simulated_log
+
+ROBOT = didim.load_robot("tx40")
+NOTHING = select(ROBOT, {}, ())
+PRIOR = Prior(
+    "masses", tuple(np.diag([0.01 * m] * 3 + [m]) for m in (8.0, 5.0, 4.0, 3.0, 1.0, 0.3)), np.ones(6)
+)
+EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "tx40_log_best.toml"
+
+
+def metric(seed: int = 0, noise: float = 0.05) -> np.ndarray:
+    """Triangle of a covariance as a log may give it."""
+    rng = np.random.default_rng(seed)
+    b = len(ROBOT.base_parameters.names)
+    return np.linalg.qr(rng.normal(size=(4 * b, b)))[1] / noise
+
+
+def test_the_physical_set_of_the_tx40_is_a_robot_and_table_ii_is_not() -> None:
+    conditions = conditions_of(ROBOT)
+    assert violations(conditions, ROBOT.parameter_set("didim_physical")) == []
+    assert violations(conditions, ROBOT.parameter_set("didim"))
+
+
+def test_a_feasible_estimate_with_a_vanishing_prior_comes_back() -> None:
+    x = ROBOT.parameter_set("didim_physical")
+    beta, root = ROBOT.base_parameters.project(x), metric()
+    solved = ConstrainedProblem(ROBOT, NOTHING, PRIOR, 0.0).solve(root, root @ beta)
+    assert solved.ending == "solved"
+    assert np.abs(root @ (ROBOT.base_parameters.project(solved.x) - beta)).max() < 0.02
+
+
+def test_infeasible_estimates_become_robots_and_draws_have_the_same_bits() -> None:
+    root = metric()
+    beta = ROBOT.set_base("didim")
+    problem = ConstrainedProblem(ROBOT, NOTHING, PRIOR, 1e-2)
+    right = root @ beta + np.random.default_rng(1).normal(size=(5, len(beta)))
+    solved = problem.solve_many(root, right, threads=1)
+    again = problem.solve_many(root, right, threads=2)
+    for one, other in zip(solved, again, strict=True):
+        assert one.ending == "solved"
+        assert one.iterations <= 20
+        assert violations(conditions_of(ROBOT), one.x) == []
+        assert one.x.tobytes() == other.x.tobytes()
+
+
+def test_fixed_and_dropped_parameters_keep_their_values() -> None:
+    selection = select(ROBOT, {"ZZ1R": 1.3}, ("Off2", "Fc3"))
+    root = metric()[: len(selection.estimated), : len(selection.estimated)]
+    beta = ROBOT.set_base("didim_physical")
+    problem = ConstrainedProblem(ROBOT, selection, PRIOR, 1e-2)
+    found = ROBOT.base_parameters.project(problem.solve(root, root @ beta[selection.estimated]).x)
+    names = ROBOT.base_parameters.names
+    assert found[names.index("ZZ1R")] == pytest.approx(1.3, abs=1e-12)
+    assert found[names.index("Off2")] == found[names.index("Fc3")] == 0.0
+
+
+def test_bounds_are_met_and_contradictions_are_named() -> None:
+    bounds = Bounds(
+        masses={6: (0.2, 0.5)},
+        total_mass=(15.0, 27.0),
+        centres={5: ((-0.1, 0.1),) * 3},
+        ellipsoids={4: ((0.0, 0.0, 0.0), (0.3, 0.3, 0.3))},
+    )
+    root, beta = metric(), ROBOT.set_base("didim")
+    x = ConstrainedProblem(ROBOT, NOTHING, PRIOR, 1e-2, bounds).solve(root, root @ beta).x
+    assert violations([*conditions_of(ROBOT), *bounds.cones(ROBOT)], x) == []
+    wrong = Bounds(masses={6: (5.0, 6.0)}, total_mass=(1.0, 2.0))
+    with pytest.raises(didim.FitError, match="no parameters meet all conditions"):
+        ConstrainedProblem(ROBOT, NOTHING, PRIOR, 1e-2, wrong).solve(root, root @ beta)
+    with pytest.raises(didim.FitError, match="no link 9"):
+        Bounds(masses={9: (0.0, 1.0)}).cones(ROBOT)
+
+
+def test_rotors_bound_the_rates_of_every_pose() -> None:
+    """(C) for feasible parameters of the coupled wrist: the fastest rate is below the bound of (B)."""
+    from scipy.linalg import eigvalsh
+
+    rng = np.random.default_rng(3)
+    drives, v = Drives(ROBOT), ROBOT.with_smoothing([0.01] * 6).friction.smoothing
+    step, rate = 1e-4, 1.5
+    cones = simulable_cones(drives, step, rate, [2.0] * 6, v)
+    x = generic_prior(ROBOT).parameters(ROBOT) * np.exp(0.1 * rng.normal(size=86))
+    x[[k for k, name in enumerate(ROBOT.parameter_names) if name.startswith("Ia")]] *= 0.02
+    assert violations(cones, x) == []
+    friction = 2.0 * np.eye(6)
+    for group in drives.groups:
+        sides = ("",) * len(group)
+        shafts = (1.0,) * len(drives.motors(group))
+        terms = [drives.viscous(group, sides), drives.slopes(group, sides, (1.0,) * len(group), shafts, v)]
+        for matrices in terms:
+            for name, matrix in matrices.items():
+                friction[np.ix_(group, group)] += x[drives.places[name]] * matrix
+    q = rng.uniform(-np.pi, np.pi, (50, 6))
+    fastest = max(eigvalsh(friction, mass)[-1] for mass in inertia_matrix(ROBOT, q, x))
+    assert 0.0 < fastest <= rate / step
+
+
+def test_priors_and_weights_are_checked() -> None:
+    assert prior_of(ROBOT, "didim_physical").name == "didim_physical"
+    with pytest.raises(didim.FitError, match="86 standard parameters"):
+        prior_of(ROBOT, np.zeros(3))
+    with pytest.raises(didim.FitError, match="gamma must be a number of at least 0"):
+        Consistent(gamma=-1.0)
+
+
+def test_consistent_didim_meets_a_robot_in_two_iterations() -> None:
+    experiment = didim.packaged_experiment("tx40")
+    truth = experiment.robot.parameter_set("didim_physical")
+    log = simulated_log(experiment, truth, seed=0)
+    fit = didim.identify(log, didim.DIDIM(physical=True))
+    assert fit.converged
+    assert fit.n_iterations == 2
+    assert violations(conditions_of(log.robot), fit.parameters) == []
+    off = (fit.beta - experiment.robot.base_parameters.project(truth)) / fit.std
+    assert np.sqrt(np.mean(off**2)) < 1.5
+    direct = didim.identify(log, didim.IDIMLS(physical=True))
+    assert violations(conditions_of(log.robot), direct.parameters) == []
+
+
+def test_the_real_log_has_the_distance_of_the_oracle(shared: Path) -> None:
+    """Numbers of a prototype and of Clarabel for the real TX40 (methods.md, 3.3)."""
+    experiment = didim.load_experiment(EXAMPLE, data=shared / "data" / "tx40")
+    fit = didim.identify(experiment, didim.IDIMLS(uncertainty="decimated"))
+    root = np.linalg.cholesky(np.linalg.inv(fit.covariance)).T
+    for gamma, distance in ((0.0, 6.697), (1e-4, 6.699), (1e-2, 6.798)):
+        solved = ConstrainedProblem(experiment.robot, NOTHING, PRIOR, gamma).solve(root, root @ fit.beta)
+        assert solved.half_distance == pytest.approx(distance, abs=1e-3)
+        assert solved.iterations <= 20
+    near = fit.consistent(draws=40)
+    sources = {item["name"]: item["source"] for item in near.settings["consistent"]["parameters"]}
+    assert sources["M1"] == "prior"
+    assert sources["Fv1"] == "identified"
+    assert violations(conditions_of(experiment.robot), near.parameters) == []
+    assert "from the prior" in str(near)
