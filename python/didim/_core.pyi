@@ -44,7 +44,7 @@ class ConsistentProblem:
         cones: Sequence[_Cone],
         coefficients: _Array | None = None,
         values: _Array | None = None,
-        least_weight: float = 1e-7,
+        least_weight: float = ...,
     ) -> ConsistentProblem: ...
     def solve(self, a: _Array, z: _Array, start: _Array, threads: int = 1) -> ConsistentSolutions: ...
 
