@@ -29,7 +29,7 @@ fn kernels(criterion: &mut Criterion) {
     let columns = base_parameters(&batch.robot).expect("the TX40 has base parameters").kept;
     group.bench_function("observation matrix, 60 columns, no filter, 1 thread", |bencher| {
         let Batch { robot, q, dq, ddq, .. } = &batch;
-        let log = Log { q, dq, ddq };
+        let log = Log { q, dq, ddq, load: &[] };
         bencher.iter(|| observation(robot, black_box(log), &columns, &[], 1).expect("shapes fit"));
     });
     group.finish();
