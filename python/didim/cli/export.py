@@ -26,6 +26,12 @@ def add(commands: Commands) -> None:
         help="in place of a result: a file of parameters (.toml, .npz), or a parameter set of the robot",
     )
     parser.add_argument(
+        "--prior",
+        metavar="NAME",
+        help="what the log leaves open is taken from this parameter set of the robot, or from 'generic' solids that fit the arm "
+        "(default: the set of the URDF)",
+    )
+    parser.add_argument(
         "--robot",
         metavar="ROBOT",
         help="robot, robot file or URDF (default: the file that the result was made with, beside it or the URDF; the URDF itself)",
@@ -59,7 +65,11 @@ def run(options: argparse.Namespace) -> int:
         return refuse(f"{options.output}: the file is there already; --force overwrites it")
     check_outputs(options.output)
     source = exported_parameters(
-        fit=options.fit, parameters=options.parameters, robot=options.robot, urdf=options.urdf
+        fit=options.fit,
+        parameters=options.parameters,
+        robot=options.robot,
+        urdf=options.urdf,
+        prior=options.prior,
     )
     tell(source.notes)
     content, report = export(

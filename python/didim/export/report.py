@@ -66,7 +66,7 @@ class ExportReport:
         if known:
             head += f"  {'before':>9}  {'centre moved mm':>15}  {'inertia changed %':>17}"
         prior = any(change.from_prior for change in self.links)
-        lines = [head + ("  known by the prior alone" if prior else "")]
+        lines = [head + ("  from the prior" if prior else "")]
         for change in self.links:
             line = f"{change.link:{width}}  {change.mass:9.4g}"
             if known:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +11,12 @@ import numpy as np
 from .._tools.arrays import Array
 from ..errors import FitError
 from ..result.identification import Identification
+from ..robot.friction import Friction
 from ..robot.parameter_file import is_file, load_parameters
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
-from .bodies import PLACED
+from .bodies import PLACED, export_model
+from .consistent import consistent_parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,12 @@ class Source:
 
 
 def exported_parameters(
-    *, fit: Path | None, parameters: str | None, robot: str | None, urdf: Path | None
+    *,
+    fit: Path | None,
+    parameters: str | None,
+    robot: str | None,
+    urdf: Path | None,
+    prior: str | None = None,
 ) -> Source:
     """Find robot and parameters for ``didim export``.
 
@@ -54,11 +61,14 @@ def exported_parameters(
         Robot; by default the file that the result was made with, or the URDF itself.
     urdf : Path or None
         The URDF that is edited.
+    prior : str, optional
+        Prior of the physically consistent parameters, see `consistent_parameters`. Without one, the parameters of a result are
+        taken as they are where they are those of bodies.
 
     Raises
     ------
     FitError
-        When the robot is not found, or is another one than the result's.
+        When the robot is not found, or is another one than the result's, or no consistent parameters are near the result's.
     RobotError
         When the robot cannot be read, or has no such set.
     OSError
@@ -73,8 +83,35 @@ def exported_parameters(
         return Source(model, x, model.notes)
     result = Identification.load(fit)
     model = _robot_of(result, fit, robot, urdf)
-    x, notes = _by_name(result, model, fit)
-    return Source(model, x, (*model.notes, *notes))
+    x, notes = _by_name(result, result.parameters, model, fit)
+    if prior is None and _are_bodies(model, x):
+        return Source(model, x, (*model.notes, *notes))
+    found = consistent_parameters(result, _with_terms(model, result), prior)
+    x, _ = _by_name(result, found.x, model, fit)
+    notes.append(
+        f"physically consistent parameters near the prior {found.prior!r}: {found.sigmas:.2g} standard deviations rms from the "
+        "estimate"
+    )
+    return Source(model, x, (*model.notes, *notes), found.from_prior)
+
+
+def _are_bodies(robot: Robot, x: Array) -> bool:
+    """Whether parameters are those of a robot as they are."""
+    try:
+        model = export_model(robot, x)
+        for key in ("rotor", "viscous", "coulomb"):
+            model.own_share(key)
+    except FitError:
+        return False
+    return True
+
+
+def _with_terms(robot: Robot, fit: Identification) -> Robot:
+    """Return the robot with the further friction terms of a result, which its base parameters have too."""
+    saved = fit.settings.get("robot", {}).get("friction", {}).get("terms", ())
+    return (
+        replace(robot, friction=replace(robot.friction, terms=Friction.terms_of(saved))) if saved else robot
+    )
 
 
 def _robot_of(fit: Identification, path: Path, robot: str | None, urdf: Path | None) -> Robot:
@@ -87,9 +124,9 @@ def _robot_of(fit: Identification, path: Path, robot: str | None, urdf: Path | N
     return found.with_friction(**options)
 
 
-def _by_name(fit: Identification, robot: Robot, path: Path) -> tuple[Array, list[str]]:
+def _by_name(fit: Identification, x: Array, robot: Robot, path: Path) -> tuple[Array, list[str]]:
     """Return standard parameters in the order of the robot, and a sentence on further friction terms of the result."""
-    values = dict(zip(fit.parameter_names, fit.parameters.tolist(), strict=True))
+    values = dict(zip(fit.parameter_names, x.tolist(), strict=True))
     missing = next((name for name in robot.parameter_names if name not in values), None)
     if missing is not None:
         raise FitError(
