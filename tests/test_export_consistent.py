@@ -113,3 +113,15 @@ def test_wrong_priors_and_results_without_covariance(folder: Path) -> None:
         consistent_parameters(fit, robot, "cad")
     with pytest.raises(FitError, match="the estimate has no standard deviations"):
         consistent_parameters(replace(fit, covariance=np.zeros_like(fit.covariance)), robot)
+
+
+def test_a_consistent_result_is_written_as_it_is(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fit, robot = Identification.load(folder / "fit.json"), didim.load_robot(folder / "arm.toml")
+    near = fit.consistent("urdf", robot=robot)
+    near.save(folder / "near.json")
+    source = exported_parameters(
+        fit=folder / "near.json", parameters=None, robot=None, urdf=folder / "arm.urdf"
+    )
+    np.testing.assert_array_equal(source.x, near.parameters)
+    assert "M1" in source.from_prior[0]
+    assert not any("near the prior" in note for note in source.notes)

@@ -63,6 +63,11 @@ def test_the_tx40_with_its_wrist(seed: int) -> None:
     np.testing.assert_allclose(model.dof_armature[5], 0.0)
 
 
+def test_the_physical_tx40_of_the_package() -> None:
+    robot = didim.load_robot("tx40")
+    assert difference(robot, robot.parameter_set("didim_physical")) < 1e-12
+
+
 @pytest.mark.parametrize("row", [[0.0, 0.5, -0.7, 1.0, 0.0, 0.0], [0.3, 0.0, 0.0, 2.0, 0.0, 0.0]])
 def test_any_coupling(row: list[float]) -> None:
     robot = didim.load_robot("tx40")

@@ -16,7 +16,7 @@ from ..robot.parameter_file import is_file, load_parameters
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
 from .bodies import PLACED, export_model
-from .consistent import consistent_parameters
+from .consistent import consistent_parameters, parameters_from_prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def exported_parameters(
     model = _robot_of(result, fit, robot, urdf)
     x, notes = _by_name(result, result.parameters, model, fit)
     if prior is None and _are_bodies(model, x):
-        return Source(model, x, (*model.notes, *notes))
+        return Source(model, x, (*model.notes, *notes), parameters_from_prior(result, model))
     found = consistent_parameters(result, _with_terms(model, result), prior)
     x, _ = _by_name(result, found.x, model, fit)
     notes.append(
