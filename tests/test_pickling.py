@@ -105,7 +105,10 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
     recursive.update(*(np.random.default_rng(1).standard_normal((4, 60, 2))))
     return {
         "CLOE": [CLOE(start="idim-ls", noise=[1.0, 2.0])],
+        "Contrast": [didim.contrast(didim.identify(arm, IDIMLS()), fit)],
         "DIDIM": [DIDIM(fixed={"Fc1": 1.0}, dropped=["Off1"])],
+        "EKF": [didim.EKF()],
+        "IDIMIV": [didim.IDIMIV()],
         "IDIMLS": [IDIMLS()],
         "BaseParameters": [robot.base_parameters],
         "Comparison": [comparison],

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.pickling import Pickled
 from ..errors import FitError
 
 Kind = Literal["jackknife", "decimated", "white", "correlated"]
@@ -43,7 +44,7 @@ class TimeBlock:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Uncertainty:
+class Uncertainty(Pickled):
     """How the standard deviations of a result were found.
 
     Attributes
