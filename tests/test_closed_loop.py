@@ -466,7 +466,7 @@ GAINS = 'kind = "pd"\nkp = [1, 1]\nkv = 1\n'
             "at least two different points",
         ),
         ("controller", "", "key 'kind' is missing"),
-        ("controller", 'kind = "lqr"', "kind must be one of 'pd', 'pid', 'cascade', got 'lqr'"),
+        ("controller", 'kind = "lqr"', "kind must be one of 'pd', 'pid', 'cascade', 'made-up', got 'lqr'"),
         ("controller", 'kind = "pd"\nkp = 1', "key 'kv' is missing"),
         ("controller", 'kind = "pid"\nkp = 1\nkv = 1', "key 'ki' is missing"),
         ("controller", GAINS + "ki = 1", "unknown key 'ki'"),

@@ -23,6 +23,7 @@ FLOORS = (
     ("result",),
     ("methods",),
     ("export",),
+    ("excitation",),
     ("studies",),
     ("plot",),
     ("formats",),

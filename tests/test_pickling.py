@@ -101,10 +101,20 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
     turned = dataclasses.replace(arm.recordings[0], tau=-np.asarray(arm.recordings[0].tau))
     findings = didim.check(dataclasses.replace(arm, recordings=(turned,)))
     assert findings
+    excitation = didim.ExcitationSettings(
+        position=[(-1.0, 1.0)] * 2,
+        velocity=[2.0] * 2,
+        acceleration=[10.0] * 2,
+        harmonics=4,
+        duration_s=4.0,
+        starts=1,
+        parameters="reference",
+    )
     recursive = didim.Recursive(arm.robot)
     recursive.update(*(np.random.default_rng(1).standard_normal((4, 60, 2))))
     return {
         "CLOE": [CLOE(start="idim-ls", noise=[1.0, 2.0])],
+        "Capsule": [didim.Capsule(link=1, start=(0.0, 0.0, 0.0), end=(0.1, 0.0, 0.0), radius=0.05)],
         "Contrast": [didim.contrast(didim.identify(arm, IDIMLS()), fit)],
         "DIDIM": [DIDIM(fixed={"Fc1": 1.0}, dropped=["Off1"])],
         "EKF": [didim.EKF()],
@@ -114,6 +124,8 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
         "Comparison": [comparison],
         "Controller": controllers,
         "Digital": [didim.Digital(sample_time_s=1e-3, resolution=(1e-5,))],
+        "Excitation": [didim.excite(didim.load_robot("planar2"), excitation)],
+        "ExcitationSettings": [excitation],
         "Experiment": [arm, tx40],
         "Finding": list(findings)[:1],
         "Findings": [findings],
@@ -129,6 +141,7 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
         "SignalProcessing": [didim.SignalProcessing(cutoff_hz=50.0, decimation=(5,))],
         "Simulation": [run],
         "Validation": [didim.validate(fit, arm)],
+        "Workspace": [didim.Workspace(floor=-0.5, clearance=0.01)],
         "errors": [didim.FitError("one"), didim.RankError("two", (1, 2))],
         "others": [Iteration(iteration=1, relative_error=0.1, step=0.2, more={"a": 1.0})],
     }

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from . import formats, plot, report
     from .diagnosis.check import check
     from .diagnosis.finding import Finding, Findings
+    from .excitation.clearance import Workspace
+    from .excitation.design import Excitation
+    from .excitation.excite import excite
+    from .excitation.settings import ExcitationSettings
     from .experiment.experiment import Experiment
     from .experiment.experiment_file import load_experiment
     from .export.mjcf import to_mjcf
@@ -49,6 +53,7 @@ if TYPE_CHECKING:
     from .result.identification import Identification
     from .result.status import Status
     from .robot.base_parameters import BaseParameters
+    from .robot.collision import Capsule
     from .robot.friction import Friction, FrictionTerm
     from .robot.parameter_file import load_parameters
     from .robot.robot import Robot
@@ -66,11 +71,14 @@ __all__ = [
     "IDIMIV",
     "IDIMLS",
     "BaseParameters",
+    "Capsule",
     "Comparison",
     "Contrast",
     "Controller",
     "DidimError",
     "Digital",
+    "Excitation",
+    "ExcitationSettings",
     "Experiment",
     "ExperimentError",
     "Finding",
@@ -98,10 +106,12 @@ __all__ = [
     "Status",
     "StepWarning",
     "Validation",
+    "Workspace",
     "check",
     "compare",
     "contrast",
     "direct_dynamics",
+    "excite",
     "formats",
     "identify",
     "inertia_matrix",
@@ -132,8 +142,11 @@ _LATER = {
     "BaseParameters": "robot.base_parameters",
     "Comparison": "studies.comparison",
     "Contrast": "result.contrast",
+    "Capsule": "robot.collision",
     "Controller": "loop.controller",
     "Digital": "loop.controller",
+    "Excitation": "excitation.design",
+    "ExcitationSettings": "excitation.settings",
     "Experiment": "experiment.experiment",
     "Finding": "diagnosis.finding",
     "Findings": "diagnosis.finding",
@@ -152,10 +165,12 @@ _LATER = {
     "Status": "result.status",
     "StepWarning": "loop.simulation",
     "Validation": "studies.validation",
+    "Workspace": "excitation.clearance",
     "check": "diagnosis.check",
     "compare": "studies.compare",
     "contrast": "result.contrast",
     "direct_dynamics": "model.dynamics",
+    "excite": "excitation.excite",
     "identify": "methods.identify",
     "inertia_matrix": "model.dynamics",
     "inverse_dynamics": "model.dynamics",

@@ -19,6 +19,8 @@ __all__ = [
     "direct_dynamics",
     "filtfilt",
     "inertia_matrix",
+    "information",
+    "information_gradient",
     "inverse_dynamics",
     "largest_safe_step",
     "least_squares",
@@ -225,3 +227,17 @@ def simulate_sensitivities(
     directions: _Array,
     threads: int | None = None,
 ) -> tuple[list[_Array], _Ending]: ...
+def information(
+    robot: Robot, q: _Array, dq: _Array, ddq: _Array, columns: Sequence[int], weights: _Array
+) -> _Array: ...
+def information_gradient(
+    robot: Robot,
+    q: _Array,
+    dq: _Array,
+    ddq: _Array,
+    columns: Sequence[int],
+    weights: _Array,
+    derivative: _Array,
+    torque_weights: _Array | None = None,
+    x: _Array | None = None,
+) -> tuple[_Array, _Array, _Array]: ...

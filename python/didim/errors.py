@@ -53,6 +53,10 @@ class ReferenceError(DidimError):
     """A reference motion that cannot be followed."""
 
 
+class ExcitationError(DidimError):
+    """A motion that cannot be designed: limits without room, or settings that contradict each other."""
+
+
 class ControllerError(DidimError):
     """A controller that cannot be."""
 

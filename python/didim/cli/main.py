@@ -21,6 +21,7 @@ from ..errors import DidimError, RobotWarning
 from .base import add as add_base
 from .check import add as add_check
 from .compare import add as add_compare
+from .excite import add as add_excite
 from .export import add as add_export
 from .identify import add as add_identify
 from .init import add as add_init
@@ -92,6 +93,7 @@ def _parser() -> argparse.ArgumentParser:
 
 COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_robot,
+    add_excite,
     add_init,
     add_check,
     add_compare,

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from .._tools.files import check_output, write_atomically
 from ..errors import PlotError
+from ..excitation.design import Excitation
 from ..experiment.experiment import Experiment
 from ..plot.style import require
 from ..result.identification import Identification
@@ -20,15 +21,18 @@ from ..studies.validation import Validation
 __all__ = ["check", "render", "write"]
 
 
-def render(result: Identification | Comparison | Validation, experiment: Experiment | None = None) -> str:
+def render(
+    result: Identification | Comparison | Validation | Excitation, experiment: Experiment | None = None
+) -> str:
     """Return a report as HTML.
 
     Parameters
     ----------
-    result : Identification, Comparison or Validation
-        From `identify`, `compare` or `validate`.
+    result : Identification, Comparison, Validation or Excitation
+        From `identify`, `compare`, `validate` or `excite`.
     experiment : Experiment, optional
-        The log of an identification or a validation, which pictures of torques need; a comparison has its own.
+        The log of an identification or a validation, which pictures of torques need; a comparison has its own, and a
+        designed motion needs none.
 
     Returns
     -------
@@ -49,6 +53,10 @@ def render(result: Identification | Comparison | Validation, experiment: Experim
         from .comparison import comparison_page
 
         return comparison_page(result)
+    if isinstance(result, Excitation):
+        from .excitation import excitation_page
+
+        return excitation_page(result)
     if experiment is None:
         raise PlotError("a report needs the experiment that the result was made of")
     if isinstance(result, Validation):
@@ -62,7 +70,7 @@ def render(result: Identification | Comparison | Validation, experiment: Experim
 
 def write(
     path: str | Path,
-    result: Identification | Comparison | Validation,
+    result: Identification | Comparison | Validation | Excitation,
     experiment: Experiment | None = None,
 ) -> None:
     """Write a report: whole, or not at all. Parameters and errors as for `render`.

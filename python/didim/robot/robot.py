@@ -19,6 +19,7 @@ from .._tools.toml import Table
 from .._tools.words import did_you_mean
 from ..errors import RobotError
 from .base_parameters import BaseParameters, base_parameters
+from .collision import Capsule
 from .correspondence import Correspondence
 from .friction import Friction, FrictionTerm, read_friction
 
@@ -93,6 +94,8 @@ class Robot(Pickled):
         Names of the joints, as recordings and other files have them; empty where the file has none.
     correspondence : Correspondence or None
         How the robot goes back into the URDF that it was read from.
+    collision : tuple of Capsule
+        Capsules that stand for the links, where the file has any.
     notes : tuple of str
         Sentences on what reading the file changed, such as angles that were snapped to right ones.
     """
@@ -108,6 +111,7 @@ class Robot(Pickled):
     gains: tuple[float, ...] | None
     joint_names: tuple[str, ...] = ()
     correspondence: Correspondence | None = None
+    collision: tuple[Capsule, ...] = ()
     notes: tuple[str, ...] = ()
     _named: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
 

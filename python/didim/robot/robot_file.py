@@ -13,6 +13,7 @@ import numpy as np
 from .._tools.toml import Table, read_toml
 from .._tools.words import did_you_mean
 from ..errors import RobotError, RobotWarning
+from .collision import read_capsules
 from .correspondence import read_correspondence
 from .friction import read_friction
 from .right_angles import SNAP, RightAngles
@@ -130,6 +131,7 @@ def _robot(table: Table, path: Path, angles: RightAngles) -> Robot:
     friction = read_friction(_sub_table(table, "friction"), kinds, None)
     sets = _sub_table(table, "parameters")
     named = {key: _parameter_set(sets.table(key)) for key in sets.content}
+    collision = read_capsules(table.tables("collision") if table.has("collision") else [], n)
     correspondence = read_correspondence(table.table("urdf"), len(kinds)) if table.has("urdf") else None
     table.done()
     if reduction is not None:
@@ -154,6 +156,7 @@ def _robot(table: Table, path: Path, angles: RightAngles) -> Robot:
         gains=gains,
         joint_names=joint_names,
         correspondence=correspondence,
+        collision=collision,
         notes=tuple(angles.notes(path.name)),
         _named=named,
     )

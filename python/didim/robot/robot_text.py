@@ -53,6 +53,15 @@ def robot_text(robot: Robot) -> str:
         if limits:
             lines.append(f"limits = {{ {', '.join(limits)} }}")
     lines += _transmission(robot) + _friction(robot)
+    for capsule in robot.collision:
+        lines += [
+            "",
+            "[[collision]]",
+            f"link = {capsule.link}",
+            f"from_m = {_numbers(capsule.start)}",
+            f"to_m = {_numbers(capsule.end)}",
+            f"radius_m = {_number(capsule.radius)}",
+        ]
     for name, values in robot._named.items():
         lines += ["", f"[parameters.{_key(name)}]"]
         lines += [f"{_key(parameter)} = {_number(value)}" for parameter, value in values.items()]

@@ -3,7 +3,6 @@
 //! Every function that a kernel calls on its hot path is `#[inline(always)]`, or it would be compiled for the oldest processor.
 
 use super::arrays::MAX_DOF;
-use pulp::Arch;
 
 /// A computation that can run on any number of lanes.
 pub trait Kernel {
@@ -28,16 +27,18 @@ impl<K: Kernel, const L: usize, const FUSED: bool> pulp::NullaryFnOnce for Vecto
     }
 }
 
-/// Runs a kernel on `L` lanes with the best instruction set of this processor.
+/// Runs a kernel on `L` lanes with the best instruction set of this processor, or on one lane where there is none: without vector
+/// registers lanes gain nothing, and would take long to compile.
 pub fn dispatch_on<const L: usize, K: Kernel>(kernel: K) -> K::Output {
+    // Asked for by name: `pulp::Arch` would become another one with any dependency that turns on `pulp/x86-v4`.
     #[cfg(target_arch = "x86_64")]
-    if let Arch::V3(simd) = Arch::new() {
+    if let Some(simd) = pulp::x86::V3::try_new() {
         return simd.vectorize(Vectorised::<K, L, true>(kernel));
     }
     #[cfg(target_arch = "aarch64")]
     return kernel.run::<L, true>();
     #[cfg(not(target_arch = "aarch64"))]
-    kernel.run::<L, false>()
+    kernel.run::<1, false>()
 }
 
 /// Runs a kernel on [`WIDTH`] lanes.

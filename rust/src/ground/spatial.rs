@@ -1,7 +1,6 @@
-//! 3-vectors on lanes, and the two turns that take a vector from frame `j-1` to frame `j`.
+//! 3-vectors on lanes, and their turn about z.
 
 use crate::ground::lanes::Lanes;
-use crate::robot::Twist;
 use std::ops::{Add, Sub};
 
 /// A vector in some frame.
@@ -53,33 +52,6 @@ impl<const L: usize, const F: bool> Vector<L, F> {
         )
     }
 
-    /// Components after `Rot(x, alpha)` of the frame: `Rot(x, alpha)^T v`.
-    #[inline(always)]
-    pub fn into_twisted(self, twist: Twist) -> Self {
-        match twist {
-            Twist::Zero => self,
-            Twist::Half => Self::new(self.x, -self.y, -self.z),
-            Twist::Plus => Self::new(self.x, self.z, -self.y),
-            Twist::Minus => Self::new(self.x, -self.z, self.y),
-            Twist::General(c, s) => Self::new(
-                self.x,
-                self.y.mul_add(Lanes::splat(c), self.z.scale(s)),
-                self.z.mul_add(Lanes::splat(c), self.y.scale(-s)),
-            ),
-        }
-    }
-
-    /// Back: `Rot(x, alpha) v`.
-    #[inline(always)]
-    pub fn out_of_twisted(self, twist: Twist) -> Self {
-        self.into_twisted(match twist {
-            Twist::Plus => Twist::Minus,
-            Twist::Minus => Twist::Plus,
-            Twist::General(c, s) => Twist::General(c, -s),
-            right => right,
-        })
-    }
-
     /// Components after `Rot(z, theta)` of the frame, from the sine and cosine of theta.
     #[inline(always)]
     pub fn into_turned(self, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
@@ -125,11 +97,6 @@ mod tests {
             let v = Vector::<1, false>::splat(v);
             let (s, c) = Lanes([angle]).sin_cos();
             prop_assert!(close(v.into_turned(s, c).out_of_turned(s, c), v));
-            for twist in [Twist::Zero, Twist::Half, Twist::Plus, Twist::Minus, Twist::General(c.0[0], s.0[0])] {
-                prop_assert!(close(v.into_twisted(twist).out_of_twisted(twist), v));
-                let (c, s) = twist.cos_sin();
-                prop_assert!(close(v.into_twisted(twist), v.into_twisted(Twist::General(c, s))));
-            }
         }
 
         #[test]

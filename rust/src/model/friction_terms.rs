@@ -165,7 +165,7 @@ mod tests {
     fn terms_that_cannot_be_are_named() {
         let plain = robot(&[false, false]);
         let message = |terms: Vec<Term>, asymmetric: bool| {
-            let friction = Friction { terms, asymmetric, ..Friction::sign(2) };
+            let friction = Friction { asymmetric, terms, ..Friction::sign(2) };
             let made = Robot::new(plain.joints().to_vec(), plain.gravity(), plain.transmission(), friction);
             made.unwrap_err().to_string()
         };

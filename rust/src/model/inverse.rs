@@ -3,18 +3,16 @@
 //! `tau = M(q) ddq + N(q, dq)`, rotors and friction included. Identity that tests it: `tau = W x` with the
 //! columns of [`crate::model::regressor`]; independently, Pinocchio's `rnea` in the Python tests.
 
-use crate::ground::arrays::MAX_DOF;
-use crate::ground::arrays::{ShapeError, check_length};
+use crate::ground::arrays::{MAX_DOF, ShapeError, check_length};
 use crate::ground::dispatch::{Kernel, dispatch};
 use crate::ground::lanes::Lanes;
-use crate::ground::spatial::Vector;
 use crate::model::bodies::{Body, Wrench};
 use crate::model::friction::Drives;
 use crate::model::links::Links;
-use crate::model::motion::{Angular, State};
+use crate::model::motion::{Link, State};
 use crate::robot::Robot;
-use crate::robot::arm::{Arm, Place, by_twist, inwards, outwards};
-use crate::robot::geometry::{Frames, Geometry, Pose, Step};
+use crate::robot::arm::{Arm, Place, inwards, outwards};
+use crate::robot::geometry::{Frames, Geometry, Step};
 use crate::robot::parameters::Layout;
 
 /// What moves each link, at its origin and in its frame; of the first one only what its joint feels. Rotors are not in it.
@@ -30,85 +28,32 @@ pub fn link_wrenches<const L: usize, const F: bool, const MOVING: bool, S: Arm>(
     ddq: &[Lanes<L, F>; MAX_DOF],
     wrenches: &mut [Wrench<L, F>; MAX_DOF],
 ) {
-    let [x, y, z] = geometry.gravity;
-    let base = Vector::splat([-x, -y, -z]);
-    let mut link = Link { omega: Vector::zero(), domega: Vector::zero(), a: base, u: Angular::none() };
+    let mut link = Link::base(geometry.gravity);
     outwards!(S, geometry.n(), place => {
         let (step, j) = (geometry.step(place), place.index());
         link.move_on::<_, MOVING>(place, &step, frames.pose(j), dq[j], ddq[j]);
-        link.load::<MOVING>(j, &step, &bodies[j], ddq[j], &mut wrenches[j]);
+        load::<L, F, MOVING>(&link, j, &step, &bodies[j], ddq[j], &mut wrenches[j]);
     });
 }
 
-/// How a link moves: seen from its own frame, its points have the accelerations `a + U p`.
-struct Link<const L: usize, const F: bool> {
-    omega: Vector<L, F>,
-    domega: Vector<L, F>,
-    a: Vector<L, F>,
-    u: Angular<L, F>,
-}
-
-impl<const L: usize, const F: bool> Link<L, F> {
-    /// From one link to the next.
-    #[inline(always)]
-    fn move_on<P: Place, const MOVING: bool>(
-        &mut self,
-        place: P,
-        step: &Step,
-        (s, c, t): Pose<'_, L, F>,
-        dq: Lanes<L, F>,
-        ddq: Lanes<L, F>,
-    ) {
-        let Self { omega, domega, a, u } = self;
-        if place.index() == 0 {
-            // The base does not turn.
-            *a = by_twist!(P, step, T => a.stepped::<T>(step, s, c));
-            if step.form.turns {
-                omega.z = dq;
-            }
-            if MOVING {
-                *(if step.form.turns { &mut domega.z } else { &mut a.z }) += ddq;
-            }
-            *u = if step.form.turns { Angular::about_z(omega.z, domega.z) } else { Angular::none() };
-            return;
-        }
-        *a = u.displaced(*a, &step.form.shifted, t);
-        (*omega, *domega, *a) = by_twist!(P, step, T =>
-            (omega.stepped::<T>(step, s, c), domega.stepped::<T>(step, s, c), a.stepped::<T>(step, s, c)));
-        if step.form.turns {
-            domega.x = omega.y.mul_add(dq, domega.x);
-            domega.y = omega.x.neg_mul_add(dq, domega.y);
-            omega.z += dq;
-        } else {
-            let twice = dq + dq;
-            a.x = omega.y.mul_add(twice, a.x);
-            a.y = omega.x.neg_mul_add(twice, a.y);
-        }
-        if MOVING {
-            *(if step.form.turns { &mut domega.z } else { &mut a.z }) += ddq;
-        }
-        *u = Angular::of(*omega, *domega);
-    }
-
-    /// The wrench that moves the link; of the first one only what its joint feels.
-    #[inline(always)]
-    fn load<const MOVING: bool>(
-        &self,
-        j: usize,
-        step: &Step,
-        body: &Body<L, F>,
-        ddq: Lanes<L, F>,
-        wrench: &mut Wrench<L, F>,
-    ) {
-        let (a, u) = (self.a, &self.u);
-        if j > 0 {
-            *wrench = if step.form.turns { body.regrouped_wrench(u, a) } else { body.wrench(u, a) };
-        } else if step.form.turns {
-            let moment = body.h.x.mul_sub(a.y, body.h.y * a.x);
-            wrench.moment.z = if MOVING { (body.xx + body.yy).mul_add(ddq, moment) } else { moment };
-        } else {
-            wrench.force.z = body.m * a.z;
-        }
+/// The wrench that moves link `j`; of the first one only what its joint feels.
+#[inline(always)]
+fn load<const L: usize, const F: bool, const MOVING: bool>(
+    link: &Link<L, F>,
+    j: usize,
+    step: &Step,
+    body: &Body<L, F>,
+    ddq: Lanes<L, F>,
+    wrench: &mut Wrench<L, F>,
+) {
+    let (a, u) = (link.a, &link.u);
+    if j > 0 {
+        *wrench = if step.form.turns { body.regrouped_wrench(u, a) } else { body.wrench(u, a) };
+    } else if step.form.turns {
+        let moment = body.h.x.mul_sub(a.y, body.h.y * a.x);
+        wrench.moment.z = if MOVING { (body.xx + body.yy).mul_add(ddq, moment) } else { moment };
+    } else {
+        wrench.force.z = body.m * a.z;
     }
 }
 

@@ -1,11 +1,12 @@
-//! Motion of the links, frame by frame from the base: the forward pass shared by the inverse model and its regressor.
+//! Motion of the links, frame by frame from the base: the outward pass that the inverse model and its regressor share.
 //!
 //! All vectors are in the link's own frame. Gravity enters as an acceleration of the base, `a_0 = -g`.
 
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::lanes::Lanes;
 use crate::ground::spatial::Vector;
-use crate::robot::{JointKind, Robot};
+use crate::robot::arm::{Place, by_twist};
+use crate::robot::geometry::{Pose, Step};
 
 /// Positions, velocities and accelerations of the joints on lanes.
 #[derive(Debug, Clone, Copy)]
@@ -35,115 +36,80 @@ impl<const L: usize, const F: bool> State<L, F> {
             // The last row stands in past the end.
             let mut block = [[0.0; MAX_DOF]; L];
             for l in 0..L {
-                block[l][..n].copy_from_slice(&rows[(row + l).min(last) * n..][..n]);
+                let from = &rows[(row + l).min(last) * n..];
+                // A copy of known length, of what follows the row too, takes fewer instructions.
+                match from.first_chunk::<MAX_DOF>() {
+                    Some(wide) => block[l] = *wide,
+                    None => block[l][..n].copy_from_slice(&from[..n]),
+                }
             }
             for j in 0..n {
                 values[j] = Lanes(std::array::from_fn(|l| block[l][j]));
             }
         }
     }
-
-    /// The same as a state of its own.
-    #[inline(always)]
-    pub fn gather(n: usize, row: usize, q: &[f64], dq: &[f64], ddq: &[f64]) -> Self {
-        let mut state = Self::zero();
-        state.load(n, row, q, dq, ddq);
-        state
-    }
 }
 
-/// Where frame `j` is seen from frame `j-1`: the turn about z and the translation `(d, 0, r)` before it.
+/// How a link moves: seen from its own frame, its points have the accelerations `a + U p`.
 #[derive(Debug, Clone, Copy)]
-pub struct Placement<const L: usize, const F: bool> {
-    /// Sine of the angle about z.
-    pub sine: Lanes<L, F>,
-    /// Its cosine.
-    pub cosine: Lanes<L, F>,
-    /// Translation along the twisted z axis (m); along x it is the joint's constant `d`.
-    pub r: Lanes<L, F>,
-}
-
-impl<const L: usize, const F: bool> Placement<L, F> {
-    /// Of joint `j` at position `q`.
-    #[inline(always)]
-    pub fn of(robot: &Robot, j: usize, q: Lanes<L, F>) -> Self {
-        let joint = &robot.joints()[j];
-        match joint.kind {
-            JointKind::Revolute => {
-                let (sine, cosine) = (q + Lanes::splat(joint.theta)).sin_cos();
-                Self { sine, cosine, r: Lanes::splat(joint.r) }
-            }
-            JointKind::Prismatic => {
-                let (sine, cosine) = Lanes::<L, F>::splat(joint.theta).sin_cos();
-                Self { sine, cosine, r: q + Lanes::splat(joint.r) }
-            }
-        }
-    }
-}
-
-/// Motion of one link.
-#[derive(Debug, Clone, Copy)]
-pub struct Motion<const L: usize, const F: bool> {
+pub struct Link<const L: usize, const F: bool> {
     /// Angular velocity.
-    pub omega: Vector<L, F>,
+    omega: Vector<L, F>,
     /// Angular acceleration.
     pub domega: Vector<L, F>,
     /// Acceleration of the origin, less gravity.
     pub a: Vector<L, F>,
+    /// `U`.
+    pub u: Angular<L, F>,
 }
 
-impl<const L: usize, const F: bool> Motion<L, F> {
-    /// Of the base.
+impl<const L: usize, const F: bool> Link<L, F> {
+    /// The base: gravity enters as its acceleration.
     #[inline(always)]
-    pub fn base(robot: &Robot) -> Self {
-        let [x, y, z] = robot.gravity();
-        Self { omega: Vector::zero(), domega: Vector::zero(), a: Vector::splat([-x, -y, -z]) }
+    pub fn base([x, y, z]: [f64; 3]) -> Self {
+        let a = Vector::splat([-x, -y, -z]);
+        Self { omega: Vector::zero(), domega: Vector::zero(), a, u: Angular::none() }
     }
 
-    /// Of link `j`, from that of link `j-1`.
+    /// From one link to the next. Without `MOVING`, joint accelerations are zero.
     #[inline(always)]
-    #[must_use]
-    pub fn next(
-        &self,
-        robot: &Robot,
-        j: usize,
-        at: &Placement<L, F>,
+    pub fn move_on<P: Place, const MOVING: bool>(
+        &mut self,
+        place: P,
+        step: &Step,
+        (s, c, t): Pose<'_, L, F>,
         dq: Lanes<L, F>,
         ddq: Lanes<L, F>,
-    ) -> Self {
-        let joint = &robot.joints()[j];
-        let twist = robot.twists()[j];
-        let omega = self.omega.into_twisted(twist);
-        let domega = self.domega.into_twisted(twist);
-        let mut a = self.a.into_twisted(twist);
-        let angular = Angular::of(omega, domega);
-        if joint.d != 0.0 {
-            let d = Lanes::splat(joint.d);
-            let u = angular.column(0);
-            a = Vector::new(u.x.mul_add(d, a.x), u.y.mul_add(d, a.y), u.z.mul_add(d, a.z));
-        }
-        if joint.r != 0.0 || joint.kind == JointKind::Prismatic {
-            let u = angular.column(2);
-            a = Vector::new(u.x.mul_add(at.r, a.x), u.y.mul_add(at.r, a.y), u.z.mul_add(at.r, a.z));
-        }
-        let mut omega = omega.into_turned(at.sine, at.cosine);
-        let mut domega = domega.into_turned(at.sine, at.cosine);
-        let mut a = a.into_turned(at.sine, at.cosine);
-        match joint.kind {
-            JointKind::Revolute => {
-                domega.x = omega.y.mul_add(dq, domega.x);
-                domega.y = omega.x.neg_mul_add(dq, domega.y);
-                domega.z += ddq;
-                omega.z += dq;
+    ) {
+        let Self { omega, domega, a, u } = self;
+        if place.index() == 0 {
+            // The base does not turn.
+            *a = by_twist!(P, step, T => a.stepped::<T>(step, s, c));
+            if step.form.turns {
+                omega.z = dq;
             }
-            JointKind::Prismatic => {
-                let twice = dq + dq;
-                a.x = omega.y.mul_add(twice, a.x);
-                a.y = omega.x.neg_mul_add(twice, a.y);
-                a.z += ddq;
+            if MOVING {
+                *(if step.form.turns { &mut domega.z } else { &mut a.z }) += ddq;
             }
+            *u = if step.form.turns { Angular::about_z(omega.z, domega.z) } else { Angular::none() };
+            return;
         }
-        Self { omega, domega, a }
+        *a = u.displaced(*a, &step.form.shifted, t);
+        (*omega, *domega, *a) = by_twist!(P, step, T =>
+            (omega.stepped::<T>(step, s, c), domega.stepped::<T>(step, s, c), a.stepped::<T>(step, s, c)));
+        if step.form.turns {
+            domega.x = omega.y.mul_add(dq, domega.x);
+            domega.y = omega.x.neg_mul_add(dq, domega.y);
+            omega.z += dq;
+        } else {
+            let twice = dq + dq;
+            a.x = omega.y.mul_add(twice, a.x);
+            a.y = omega.x.neg_mul_add(twice, a.y);
+        }
+        if MOVING {
+            *(if step.form.turns { &mut domega.z } else { &mut a.z }) += ddq;
+        }
+        *u = Angular::of(*omega, *domega);
     }
 }
 
@@ -207,47 +173,5 @@ impl<const L: usize, const F: bool> Angular<L, F> {
     #[inline(always)]
     pub fn column(&self, k: usize) -> Vector<L, F> {
         self.columns[k]
-    }
-}
-
-/// Motion of a link per unit speed of an earlier joint, seen at the link's origin: how that joint feels the link's wrench.
-#[derive(Debug, Clone, Copy)]
-pub struct Axis<const L: usize, const F: bool> {
-    /// Angular part.
-    pub u: Vector<L, F>,
-    /// Linear part.
-    pub w: Vector<L, F>,
-}
-
-impl<const L: usize, const F: bool> Axis<L, F> {
-    /// Of the joint itself, in its own frame.
-    #[inline(always)]
-    pub fn own(kind: JointKind) -> Self {
-        let z = Vector::splat([0.0, 0.0, 1.0]);
-        match kind {
-            JointKind::Revolute => Self { u: z, w: Vector::zero() },
-            JointKind::Prismatic => Self { u: Vector::zero(), w: z },
-        }
-    }
-
-    /// The same axis seen from frame `j`, one further out.
-    #[inline(always)]
-    #[must_use]
-    pub fn next(&self, robot: &Robot, j: usize, at: &Placement<L, F>) -> Self {
-        let joint = &robot.joints()[j];
-        let twist = robot.twists()[j];
-        let u = self.u.into_twisted(twist);
-        let mut w = self.w.into_twisted(twist);
-        // w + u x (d, 0, r)
-        if joint.d != 0.0 {
-            let d = Lanes::splat(joint.d);
-            w.y = u.z.mul_add(d, w.y);
-            w.z = u.y.neg_mul_add(d, w.z);
-        }
-        if joint.r != 0.0 || joint.kind == JointKind::Prismatic {
-            w.x = u.y.mul_add(at.r, w.x);
-            w.y = u.x.neg_mul_add(at.r, w.y);
-        }
-        Self { u: u.into_turned(at.sine, at.cosine), w: w.into_turned(at.sine, at.cosine) }
     }
 }

@@ -1,85 +1,168 @@
 //! Regressor of the inverse dynamic model (2): `tau = IDM(q, dq, ddq) x`, linear in the standard parameters.
 //!
 //! A column of a link's inertial parameter is the wrench that a unit of it needs; row `i` is that wrench seen along
-//! axis `i`. Identity that tests it: `W x` equals [`crate::model::inverse`]; independently, Pinocchio's
-//! `computeJointTorqueRegressor` in the Python tests.
+//! axis `i`. The links move by the same outward pass as in [`crate::model::inverse`]. Identity that tests it: `W x` equals
+//! its torques; independently, Pinocchio's `computeJointTorqueRegressor` in the Python tests.
 
-use crate::ground::arrays::MAX_DOF;
-use crate::ground::arrays::ShapeError;
-use crate::ground::arrays::check_length;
+use crate::ground::arrays::{MAX_DOF, ShapeError, check_length};
 use crate::ground::dispatch::{Kernel, dispatch};
 use crate::ground::lanes::Lanes;
 use crate::ground::spatial::Vector;
 use crate::model::friction::{Shaft, own_columns};
 use crate::model::friction_terms::column;
-use crate::model::motion::{Angular, Axis, Motion, Placement, State};
+use crate::model::motion::{Link, State};
 use crate::robot::Robot;
+use crate::robot::arm::{At, Place, by_twist};
 use crate::robot::friction_terms::Law;
+use crate::robot::geometry::{Frames, Geometry, Pose, Step};
 use crate::robot::parameters::{FRICTION, IA, INERTIAL, Layout};
+
+/// Motion of a link per unit speed of an earlier joint, seen at the link's origin: how that joint feels the link's wrench.
+#[derive(Debug, Clone, Copy)]
+struct Axis<const L: usize, const F: bool> {
+    /// Angular part.
+    u: Vector<L, F>,
+    /// Linear part.
+    w: Vector<L, F>,
+}
+
+impl<const L: usize, const F: bool> Axis<L, F> {
+    const fn none() -> Self {
+        let zero = Vector { x: Lanes([0.0; L]), y: Lanes([0.0; L]), z: Lanes([0.0; L]) };
+        Self { u: zero, w: zero }
+    }
+
+    /// Of a joint itself, in its own frame.
+    #[inline(always)]
+    fn own(turns: bool) -> Self {
+        let z = Vector::splat([0.0, 0.0, 1.0]);
+        if turns { Self { u: z, w: Vector::zero() } } else { Self { u: Vector::zero(), w: z } }
+    }
+
+    /// The same axis seen from the next frame.
+    #[inline(always)]
+    fn stepped<const T: u8>(&self, step: &Step, (s, c, t): Pose<'_, L, F>) -> Self {
+        let Self { u, mut w } = *self;
+        // w + u x t
+        if step.form.shifted[0] {
+            w.y = u.z.mul_add(t.x, w.y);
+            w.z = u.y.neg_mul_add(t.x, w.z);
+        }
+        if step.form.shifted[1] {
+            w.x = u.z.neg_mul_add(t.y, w.x);
+            w.z = u.x.mul_add(t.y, w.z);
+        }
+        if step.form.shifted[2] {
+            w.x = u.y.mul_add(t.z, w.x);
+            w.y = u.x.neg_mul_add(t.z, w.y);
+        }
+        Self { u: u.stepped::<T>(step, s, c), w: w.stepped::<T>(step, s, c) }
+    }
+}
 
 /// Walks out along the robot; after `k` steps it knows the columns of link `k`.
 #[derive(Debug, Clone, Copy)]
 pub struct Walk<const L: usize, const F: bool> {
-    motion: Motion<L, F>,
+    frames: Frames<L, F>,
+    link: Link<L, F>,
     axes: [Axis<L, F>; MAX_DOF],
 }
 
 impl<const L: usize, const F: bool> Walk<L, F> {
     /// At the base.
     #[inline(always)]
-    pub fn new(robot: &Robot) -> Self {
-        let axis = Axis { u: Vector::zero(), w: Vector::zero() };
-        Self { motion: Motion::base(robot), axes: [axis; MAX_DOF] }
+    pub fn new(geometry: &Geometry) -> Self {
+        Self {
+            frames: Frames::new(geometry),
+            link: Link::base(geometry.gravity),
+            axes: [Axis::none(); MAX_DOF],
+        }
+    }
+
+    /// Back to the base, with the joints at `q`.
+    #[inline(always)]
+    pub fn start(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+        self.frames.place(geometry, q);
+        self.link = Link::base(geometry.gravity);
     }
 
     /// Steps to link `j`.
     #[inline(always)]
-    pub fn step(&mut self, robot: &Robot, j: usize, state: &State<L, F>) {
-        let at = Placement::of(robot, j, state.q[j]);
-        self.motion = self.motion.next(robot, j, &at, state.dq[j], state.ddq[j]);
-        for axis in &mut self.axes[..j] {
-            *axis = axis.next(robot, j, &at);
+    pub fn step(&mut self, geometry: &Geometry, j: usize, state: &State<L, F>) {
+        let (place, step) = (At(j), geometry.step(At(j)));
+        let j = place.index();
+        let pose = self.frames.pose(j);
+        self.link.move_on::<_, true>(place, &step, pose, state.dq[j], state.ddq[j]);
+        by_twist!(step, T => for axis in &mut self.axes[..j] {
+            *axis = axis.stepped::<T>(&step, pose);
+        });
+        self.axes[j] = Axis::own(step.form.turns);
+    }
+
+    /// Hands over the ten inertial columns of link `j`, on which the walk stands, as columns `first` and following.
+    #[inline(always)]
+    pub(crate) fn link_rows(
+        &self,
+        geometry: &Geometry,
+        j: usize,
+        first: usize,
+        entries: &mut impl Entries<L, F>,
+    ) {
+        let unit = UnitWrenches::of(&self.link);
+        for i in 0..j {
+            entries.put_link(i, first, &self.row(i, &unit));
         }
-        self.axes[j] = Axis::own(robot.joints()[j].kind);
+        entries.put_link(j, first, &Self::own_row(geometry.step(At(j)).form.turns, &unit));
     }
 
-    /// The wrenches of unit parameters of the link the walk stands on.
+    /// Row `i` of these columns, `i` an earlier joint.
     #[inline(always)]
-    pub fn unit_wrenches(&self) -> UnitWrenches<L, F> {
-        UnitWrenches::of(&self.motion)
-    }
-
-    /// Row `i` of the ten inertial columns of that link.
-    #[inline(always)]
-    pub fn row(&self, i: usize, unit: &UnitWrenches<L, F>) -> [Lanes<L, F>; INERTIAL] {
+    fn row(&self, i: usize, unit: &UnitWrenches<L, F>) -> [Lanes<L, F>; INERTIAL] {
         let Axis { u, w } = self.axes[i];
         let mut row = [Lanes::zero(); INERTIAL];
         for k in 0..6 {
             row[k] = u.dot(unit.inertia[k]);
         }
-        let [ax, ay, az] = [unit.a.x, unit.a.y, unit.a.z];
-        row[6] = w.dot(unit.angular.column(0)) + u.z.mul_sub(ay, u.y * az);
-        row[7] = w.dot(unit.angular.column(1)) + u.x.mul_sub(az, u.z * ax);
-        row[8] = w.dot(unit.angular.column(2)) + u.y.mul_sub(ax, u.x * ay);
-        row[9] = w.dot(unit.a);
+        let Link { a, u: angular, .. } = &unit.link;
+        row[6] = u.z.mul_add(a.y, u.y.neg_mul_add(a.z, w.dot(angular.column(0))));
+        row[7] = u.x.mul_add(a.z, u.z.neg_mul_add(a.x, w.dot(angular.column(1))));
+        row[8] = u.y.mul_add(a.x, u.x.neg_mul_add(a.y, w.dot(angular.column(2))));
+        row[9] = w.dot(*a);
+        row
+    }
+
+    /// The same of the link's own joint, which turns or not.
+    #[inline(always)]
+    fn own_row(turns: bool, unit: &UnitWrenches<L, F>) -> [Lanes<L, F>; INERTIAL] {
+        let mut row = [Lanes::zero(); INERTIAL];
+        let Link { a, u: angular, .. } = &unit.link;
+        if turns {
+            for k in 0..6 {
+                row[k] = unit.inertia[k].z;
+            }
+            (row[6], row[7]) = (a.y, -a.x);
+        } else {
+            for k in 0..3 {
+                row[6 + k] = angular.column(k).z;
+            }
+            row[9] = a.z;
+        }
         row
     }
 }
 
 /// Moments of unit inertias (`XX XY XZ YY YZ ZZ`), and what forces and moments of the first moments and the mass follow from.
 #[derive(Debug, Clone, Copy)]
-pub struct UnitWrenches<const L: usize, const F: bool> {
+struct UnitWrenches<const L: usize, const F: bool> {
     inertia: [Vector<L, F>; 6],
-    angular: Angular<L, F>,
-    a: Vector<L, F>,
+    link: Link<L, F>,
 }
 
 impl<const L: usize, const F: bool> UnitWrenches<L, F> {
     #[inline(always)]
-    fn of(motion: &Motion<L, F>) -> Self {
-        let angular = Angular::of(motion.omega, motion.domega);
-        let [xx, yy, zz, xy, xz, yz] = angular.products;
-        let d = motion.domega;
+    fn of(link: &Link<L, F>) -> Self {
+        let [xx, yy, zz, xy, xz, yz] = link.u.products;
+        let d = link.domega;
         Self {
             inertia: [
                 Vector::new(d.x, xz, -xy),
@@ -89,8 +172,7 @@ impl<const L: usize, const F: bool> UnitWrenches<L, F> {
                 Vector::new(yy - zz, d.z - xy, d.y + xz),
                 Vector::new(yz, -xz, d.z),
             ],
-            angular,
-            a: motion.a,
+            link: *link,
         }
     }
 }
@@ -122,19 +204,17 @@ pub(crate) trait Entries<const L: usize, const F: bool> {
 #[inline(always)]
 fn regressor_lanes<const L: usize, const F: bool>(
     robot: &Robot,
+    geometry: &Geometry,
+    walk: &mut Walk<L, F>,
     state: &State<L, F>,
     load: &[Lanes<L, F>; MAX_DOF],
     entries: &mut impl Entries<L, F>,
 ) {
     let layout = Layout::of(robot);
-    let mut walk = Walk::new(robot);
-    for j in 0..robot.n_dof() {
-        walk.step(robot, j, state);
-        let unit = walk.unit_wrenches();
-        let first = layout.joint(j);
-        for i in 0..=j {
-            entries.put_link(i, first, &walk.row(i, &unit));
-        }
+    walk.start(geometry, &state.q);
+    for j in 0..geometry.n() {
+        walk.step(geometry, j, state);
+        walk.link_rows(geometry, j, layout.joint(j), entries);
     }
     drive_lanes(robot, state, load, entries);
 }
@@ -178,28 +258,18 @@ pub(crate) fn drive_lanes<const L: usize, const F: bool>(
     }
 }
 
-/// Entries go to the rows of each of `L` samples.
-struct Rows<'a> {
-    out: &'a mut [f64],
-    /// Entries of a row, and of all rows of a sample.
+/// Entries go to the rows of each of `L` samples, row-major.
+struct Rows<'a, const L: usize> {
+    samples: [&'a mut [f64]; L],
+    /// Entries of a row.
     p: usize,
-    sample: usize,
 }
 
-impl Rows<'_> {
-    /// Columns `first` to `first + width - 1` of a row of a sample.
-    #[inline(always)]
-    fn part(&mut self, sample: usize, row: usize, first: usize, width: usize) -> &mut [f64] {
-        let start = sample * self.sample + (row * self.p + first);
-        &mut self.out[start..start + width]
-    }
-}
-
-impl<const L: usize, const F: bool> Entries<L, F> for Rows<'_> {
+impl<const L: usize, const F: bool> Entries<L, F> for Rows<'_, L> {
     #[inline(always)]
     fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>) {
-        for l in 0..L {
-            self.part(l, row, column, 1)[0] = value.0[l];
+        for (sample, value) in self.samples.iter_mut().zip(value.to_array()) {
+            sample[row * self.p + column] = value;
         }
     }
 
@@ -208,8 +278,9 @@ impl<const L: usize, const F: bool> Entries<L, F> for Rows<'_> {
     fn put_link(&mut self, row: usize, first: usize, v: &[Lanes<L, F>; INERTIAL]) {
         let parts = [[v[0], v[1], v[2], v[3]], [v[4], v[5], v[6], v[7]], [v[6], v[7], v[8], v[9]]];
         let [a, b, c] = [Lanes::turned(parts[0]), Lanes::turned(parts[1]), Lanes::turned(parts[2])];
-        for l in 0..L {
-            let out = self.part(l, row, first, INERTIAL);
+        let start = row * self.p + first;
+        for (l, sample) in self.samples.iter_mut().enumerate() {
+            let out = &mut sample[start..start + INERTIAL];
             out[..4].copy_from_slice(&a[l]);
             out[4..8].copy_from_slice(&b[l]);
             out[6..].copy_from_slice(&c[l]);
@@ -219,8 +290,9 @@ impl<const L: usize, const F: bool> Entries<L, F> for Rows<'_> {
     #[inline(always)]
     fn put_drive(&mut self, row: usize, first: usize, values: [Lanes<L, F>; 4]) {
         let values = Lanes::turned(values);
-        for l in 0..L {
-            self.part(l, row, first, 4).copy_from_slice(&values[l]);
+        let start = row * self.p + first;
+        for (sample, values) in self.samples.iter_mut().zip(values) {
+            sample[start..start + 4].copy_from_slice(&values);
         }
     }
 }
@@ -238,17 +310,25 @@ impl Kernel for Batch<'_> {
     type Output = ();
     #[inline(always)]
     fn run<const L: usize, const F: bool>(self) {
-        let n = self.robot.n_dof();
-        let p = Layout::of(self.robot).count();
+        let geometry = Geometry::of(self.robot);
+        let (n, p) = (geometry.n(), Layout::of(self.robot).count());
+        let sample = n * p;
         // What is left of the last block goes through a block of its own.
-        let mut spare = vec![0.0; if self.w.len().is_multiple_of(n * p * L) { 0 } else { n * p * L }];
-        for (block, out) in self.w.chunks_mut(n * p * L).enumerate() {
-            let state = State::<L, F>::gather(n, block * L, self.q, self.dq, self.ddq);
-            let whole = out.len() == n * p * L;
+        let mut spare = vec![0.0; if self.w.len().is_multiple_of(sample * L) { 0 } else { sample * L }];
+        let (mut walk, mut state) = (Walk::<L, F>::new(&geometry), State::zero());
+        for (block, out) in self.w.chunks_mut(sample * L).enumerate() {
+            state.load(n, block * L, self.q, self.dq, self.ddq);
+            let whole = out.len() == sample * L;
             let rows = if whole { &mut *out } else { &mut spare[..] };
             rows.fill(0.0);
             let load = gather_load(self.load, n, block * L);
-            regressor_lanes(self.robot, &state, &load, &mut Rows { out: rows, p, sample: n * p });
+            let mut rest = rows;
+            let samples = std::array::from_fn(|_| {
+                let (one, others) = std::mem::take(&mut rest).split_at_mut(sample);
+                rest = others;
+                one
+            });
+            regressor_lanes(self.robot, &geometry, &mut walk, &state, &load, &mut Rows { samples, p });
             if !whole {
                 out.copy_from_slice(&spare[..out.len()]);
             }
@@ -363,8 +443,11 @@ mod tests {
         let (n, p) = (4, Layout::of(&robot).count());
         let [q, dq, ddq] = motion(n, 1);
         let mut entries = OneByOne(vec![None; n * p], p);
-        let state = State::<1, false>::gather(n, 0, &q, &dq, &ddq);
-        regressor_lanes(&robot, &state, &[Lanes::zero(); MAX_DOF], &mut entries);
+        let mut state = State::<1, false>::zero();
+        state.load(n, 0, &q, &dq, &ddq);
+        let geometry = Geometry::of(&robot);
+        let mut walk = Walk::new(&geometry);
+        regressor_lanes(&robot, &geometry, &mut walk, &state, &[Lanes::zero(); MAX_DOF], &mut entries);
         let mut w = vec![0.0; n * p];
         regressor(&robot, &q, &dq, &ddq, &mut w).unwrap();
         for (entry, want) in entries.0.iter().zip(&w) {

@@ -11,6 +11,7 @@ mod model;
 mod regression;
 mod robot;
 mod signal;
+mod tangent;
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -38,4 +39,6 @@ mod _core {
     use super::robot::Robot;
     #[pymodule_export]
     use super::signal::{decimate, filtfilt, observation, parse_table};
+    #[pymodule_export]
+    use super::tangent::{information, information_gradient};
 }

@@ -11,7 +11,7 @@
 //! | `Table` | cubic interpolation of values over speed | the user's own law |
 //!
 //! `s(dq)` is the sign of the Coulomb friction, with its smoothing and dead zone. Each column has one parameter. Identity that
-//! tests them: `W x` equals the inverse model, and the direct model undoes it (model/friction_terms.rs).
+//! tests them: `W x` equals the inverse model, and the direct model undoes it (`model/friction_terms.rs`).
 
 /// Most terms that a robot can have: five at each joint.
 pub const MAX_TERMS: usize = 60;

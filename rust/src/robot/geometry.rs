@@ -292,3 +292,44 @@ impl<const L: usize, const F: bool> Vector<L, F> {
         self.out_of_turned(sine, cosine).untwisted::<T>(step)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::arm::by_twist;
+    use proptest::prelude::*;
+
+    /// `v` by a matrix, row by row.
+    fn times(matrix: [[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
+        matrix.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
+    }
+
+    proptest! {
+        #[test]
+        fn steps_are_the_rotations_they_stand_for(
+            v in prop::array::uniform3(-3.0..3.0_f64), theta in -7.0..7.0_f64, alpha in -7.0..7.0_f64,
+        ) {
+            let (s, c) = Lanes::<1, false>([theta]).sin_cos();
+            for (twist, cosine, sine) in [
+                (ZERO, 1.0, 0.0), (PLUS, 0.0, 1.0), (MINUS, 0.0, -1.0), (GENERAL, alpha.cos(), alpha.sin()),
+            ] {
+                let step = Step { form: StepForm::of(true, twist, [false; 3]), cosine, sine, ..Step::STILL };
+                let vector = Vector::splat(v);
+                let (into, back) = by_twist!(step, T => {
+                    let into = vector.stepped::<T>(&step, s, c);
+                    (into, into.unstepped::<T>(&step, s, c))
+                });
+                // Rot(z, theta)' Rot(x, alpha)' v
+                let untwisted = times([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]], v);
+                let (st, ct) = theta.sin_cos();
+                let want = times([[ct, st, 0.0], [-st, ct, 0.0], [0.0, 0.0, 1.0]], untwisted);
+                for (got, want) in [into.x, into.y, into.z].iter().zip(want) {
+                    prop_assert!((got.0[0] - want).abs() < 1e-12);
+                }
+                for (got, want) in [back.x, back.y, back.z].iter().zip(v) {
+                    prop_assert!((got.0[0] - want).abs() < 1e-12);
+                }
+            }
+        }
+    }
+}

@@ -13,6 +13,7 @@ use crate::ground::parallel;
 use crate::model::motion::State;
 use crate::model::regressor::{Entries, Walk, check_load, drive_lanes, gather_load};
 use crate::robot::Robot;
+use crate::robot::geometry::Geometry;
 use crate::robot::parameters::{INERTIAL, Layout, Owner};
 use crate::signal::filter::{
     Row, Stage, StageError, Workspace, check_stages, output_length, zero_phase_lanes,
@@ -197,27 +198,21 @@ impl Kernel for FormAndFilter<'_> {
         for (s, series) in block.series.iter().enumerate() {
             place[series.row * width + series.column] = s;
         }
+        let geometry = Geometry::of(robot);
+        let (mut walk, mut state) = (Walk::<L, F>::new(&geometry), State::zero());
         for first in (0..samples).step_by(L) {
-            let state = State::<L, F>::gather(n, first, log.q, log.dq, log.ddq);
+            state.load(n, first, log.q, log.dq, log.ddq);
             let valid = L.min(samples - first);
             let mut entries = Asked { place: &place, width, groups, first, valid };
-            match block.link {
-                Some(j) => {
-                    let mut walk = Walk::new(robot);
-                    for k in 0..=j.min(MAX_DOF - 1) {
-                        walk.step(robot, k, &state);
-                    }
-                    let unit = walk.unit_wrenches();
-                    for i in 0..=j {
-                        for (k, value) in walk.row(i, &unit).into_iter().enumerate() {
-                            entries.put(i, k, value);
-                        }
-                    }
+            if let Some(j) = block.link {
+                walk.start(&geometry, &state.q);
+                for k in 0..=j.min(MAX_DOF - 1) {
+                    walk.step(&geometry, k, &state);
                 }
-                None => {
-                    let load = gather_load(log.load, n, first);
-                    drive_lanes(robot, &state, &load, &mut entries);
-                }
+                walk.link_rows(&geometry, j, 0, &mut entries);
+            } else {
+                let load = gather_load(log.load, n, first);
+                drive_lanes(robot, &state, &load, &mut entries);
             }
         }
         let mut results = Vec::with_capacity(count);

@@ -1,0 +1,99 @@
+"""``didim excite``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .options import CONVERGED, INTERRUPTED, add_command, add_report, check_report
+
+if TYPE_CHECKING:
+    from .options import Commands
+
+PROGRESS_S = 1.0
+"""Seconds between lines of progress."""
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands, "excite", run, "design the motion that identifies a robot best within its limits"
+    )
+    parser.add_argument(
+        "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
+    )
+    parser.add_argument(
+        "settings",
+        metavar="EXCITE.toml",
+        type=Path,
+        nargs="?",
+        help="what is asked for (default: ten seconds)",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        type=Path,
+        action="append",
+        default=[],
+        help="write the motion: .csv, .toml ([reference] of an experiment), .script (URScript) or .yaml (JointTrajectory of "
+        "ROS 2); may be given several times",
+    )
+    parser.add_argument(
+        "--for",
+        dest="wanted",
+        metavar="NAME",
+        nargs="+",
+        help="base parameters that count (default: all)",
+    )
+    add_report(parser)
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    from dataclasses import replace
+
+    from ..excitation.excite import excite
+    from ..excitation.export import check_path, save
+    from ..excitation.settings import ExcitationSettings
+    from ..excitation.settings_file import read_excitation
+    from ..robot.robot_file import load_robot
+
+    check_report(options)
+    robot = load_robot(options.robot)
+    for path in options.output:
+        check_path(path, robot)
+    settings = ExcitationSettings() if options.settings is None else read_excitation(options.settings, robot)
+    if options.wanted is not None:
+        settings = replace(settings, wanted=tuple(options.wanted))
+    found = excite(robot, settings, progress=None if options.quiet else _progress())
+    # The files first: a reader of stdout that stops early must not cost the result.
+    for path in options.output:
+        save(found, path)
+    if options.report is not None:
+        from ..report import write
+
+        write(options.report, found)
+    print(found)
+    return INTERRUPTED if found.interrupted else CONVERGED
+
+
+def _progress() -> Callable[[int, int, float], None]:
+    """Return a callback that prints a line a second; it is called from several threads."""
+    lock, last = threading.Lock(), [time.monotonic()]
+
+    def tell(start: int, evaluations: int, value: float) -> None:
+        with lock:
+            now = time.monotonic()
+            if now - last[0] < PROGRESS_S:
+                return
+            last[0] = now
+            print(f"start {start}: {evaluations} motions, criterion {value:.1f}", file=sys.stderr, flush=True)
+
+    return tell

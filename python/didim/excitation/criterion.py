@@ -1,0 +1,77 @@
+"""Criteria of a design as functions of the information matrix, with their derivatives.
+
+The information on the base parameters is ``M = M_0 + sum W' Sigma^-1 W``. Its log determinant (D-optimality) depends neither on
+units nor on the choice of base parameters; the condition number of W depends on both and is here for comparison
+(docs/excitation.md). Tested in ``tests/test_excitation.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from .._tools.arrays import Array
+
+Name = Literal["information", "condition"]
+Criterion = Callable[[Array], tuple[float, Array]]
+"""Value to be maximised, and its derivative ``P`` with ``d value = sum P : dM``, both of an information matrix."""
+
+FLOOR = 1e-13
+"""Smallest eigenvalue of the scaled information matrix that counts, as a share of the largest: below it is rounding."""
+
+
+def criterion(name: Name, wanted: Array | None = None) -> Criterion:
+    """Return a criterion.
+
+    Parameters
+    ----------
+    name : {"information", "condition"}
+        Log determinant of the information, or less the logarithm of the condition number of W.
+    wanted : array of int, optional
+        Columns of the parameters that count (D_s-optimality): the information on them when all others are unknown.
+    """
+    if name == "condition":
+        return _condition
+    if wanted is None:
+        return log_determinant
+    return lambda matrix: _of_some(matrix, wanted)
+
+
+def log_determinant(matrix: Array) -> tuple[float, Array]:
+    """Log determinant and inverse of a symmetric positive definite matrix; eigenvalues lost in rounding count as the floor."""
+    # With a unit diagonal the eigenvalues do not depend on units.
+    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    values = np.maximum(values, FLOOR * values[-1])
+    scaled = vectors / scale[:, None]
+    value = float(np.log(values).sum() + 2.0 * np.log(scale).sum())
+    return value, np.asarray((scaled / values) @ scaled.T)
+
+
+def _of_some(matrix: Array, wanted: Array) -> tuple[float, Array]:
+    """Log determinant of the Schur complement, ``log det M - log det M_others``."""
+    value, derivative = log_determinant(matrix)
+    others = np.setdiff1d(np.arange(len(matrix)), wanted)
+    if others.size:
+        places = np.ix_(others, others)
+        less, inverse = log_determinant(matrix[places])
+        value -= less
+        derivative[places] -= inverse
+    return value, derivative
+
+
+def _condition(matrix: Array) -> tuple[float, Array]:
+    """Less the logarithm of the condition number of W, half that of W' W."""
+    values, vectors = np.linalg.eigh(matrix)
+    low = max(float(values[0]), FLOOR * float(values[-1]))
+    value = 0.5 * float(np.log(low) - np.log(values[-1]))
+    first, last = vectors[:, 0], vectors[:, -1]
+    return value, 0.5 * (np.outer(first, first) / low - np.outer(last, last) / values[-1])
+
+
+def condition_number(matrix: Array) -> float:
+    """Condition number of W from ``W' W``."""
+    values = np.linalg.eigvalsh(matrix)
+    return float(np.sqrt(values[-1] / max(float(values[0]), np.finfo(float).tiny)))

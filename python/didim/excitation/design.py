@@ -1,0 +1,212 @@
+"""The result of a design: the motion, what it tells of each parameter, and how much of each limit it uses.
+
+Tested in ``tests/test_excitation.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._tools.arrays import Array, relative_percent
+from .._tools.pickling import Pickled
+from ..loop.reference import Reference
+from ..robot.robot import Robot
+from .limits import MotionLimits
+from .ramps import Ramp, whole_motion
+from .settings import ExcitationSettings
+
+WEAK_PERCENT = 10.0
+"""Relative standard deviation from which a parameter counts as weak."""
+CORRELATED = 0.9
+"""Absolute correlation of two estimates from which one is named as the reason of the other's weakness."""
+INFLATED = 3.0
+"""Factor between the standard deviation of a parameter and the one it had if all others were known, likewise."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Excitation(Pickled):
+    """A designed motion. Made by `excite`.
+
+    Attributes
+    ----------
+    robot : Robot
+        With the friction model of the design.
+    settings : ExcitationSettings
+        What was asked for.
+    reference : Reference
+        The motion without its ramps, as `simulate` and experiments take it.
+    tables : mapping
+        Entries of its table ``[reference]``.
+    ramps : (Ramp or None, Ramp or None)
+        From home and back.
+    limits : MotionLimits
+        Limits, margins taken off.
+    x : (n_parameters,) array or None
+        Parameters that torques and relative deviations are computed with.
+    names, units : tuple of str
+        Of the base parameters.
+    information : (n_base, n_base) array
+        Information of the motion and of earlier logs.
+    random_information : (n_base, n_base) array
+        The same for the random motion that the design is compared with, scaled to the same limits.
+    condition_number, random_condition_number : float
+        Of W along both motions.
+    log_det : float
+        Log determinant of the information, of each start in turn the best; ``starts`` has them all.
+    starts : tuple of float
+        Value of the criterion that each start reached.
+    use : mapping of str to (n_dof,) arrays
+        Largest share of each limit, by kind, on a grid 20 times finer than the optimiser's.
+    nearest : (str, float) or None
+        What comes nearest, and the distance that is left beyond the one to keep (m).
+    remarks : tuple of str
+        Sentences on what was assumed.
+    interrupted : bool
+        Whether the user stopped the search.
+    elapsed : float
+        Seconds.
+    """
+
+    robot: Robot
+    settings: ExcitationSettings
+    reference: Reference
+    tables: Mapping[str, object]
+    ramps: tuple[Ramp | None, Ramp | None]
+    limits: MotionLimits
+    x: Array | None
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    information: Array
+    random_information: Array
+    condition_number: float
+    random_condition_number: float
+    log_det: float
+    random_log_det: float
+    starts: tuple[float, ...]
+    use: Mapping[str, Array]
+    nearest: tuple[str, float] | None
+    remarks: tuple[str, ...]
+    interrupted: bool
+    elapsed: float
+
+    @property
+    def std(self) -> Array:
+        """Expected standard deviations of the base parameters, ``(n_base,)``."""
+        return standard_deviations(self.information)
+
+    @property
+    def random_std(self) -> Array:
+        """Those of the random motion."""
+        return standard_deviations(self.random_information)
+
+    @property
+    def ratio(self) -> float:
+        """Geometric mean of the standard deviations over those of the random motion."""
+        return float(np.exp(np.mean(np.log(self.std / self.random_std))))
+
+    @property
+    def relative_std_percent(self) -> Array | None:
+        """Standard deviations relative to the parameters (%); None without parameters."""
+        if self.x is None:
+            return None
+        return relative_percent(self.std, self.robot.base_parameters.project(self.x))
+
+    def sampled(self, rate_hz: float | None = None) -> tuple[Array, Array, Array, Array]:
+        """Return times (s), positions, velocities and accelerations with ramps, at the controller's rate by default."""
+        rate = self.settings.rate_hz if rate_hz is None else rate_hz
+        return whole_motion(self.reference, *self.ramps, rate)
+
+    def weak(self) -> tuple[str, ...]:
+        """Sentences on the parameters that stay weak, and why."""
+        percent = self.relative_std_percent
+        std = self.std
+        correlation = _inverse(self.information) / np.outer(std, std)
+        alone = 1.0 / np.sqrt(np.diag(self.information))
+        sentences: list[str] = []
+        faint: list[str] = []
+        tangled: list[str] = []
+        for k, name in enumerate(self.names):
+            inflated = std[k] > INFLATED * alone[k]
+            if percent is None:
+                # Without values only what cannot be told apart is weak for certain.
+                weak, words = std[k] > INFLATED**2 * alone[k], name
+            else:
+                weak, words = not percent[k] <= WEAK_PERCENT, f"{name} ({percent[k]:.3g} %)"
+            row = np.abs(correlation[k])
+            row[k] = 0.0
+            other = int(row.argmax())
+            if weak and inflated and row[other] > CORRELATED:
+                sentences.append(
+                    f"weak: {words}; the motion hardly tells it from {self.names[other]} (correlation "
+                    f"{correlation[k, other]:.2f})"
+                )
+            elif weak:
+                (tangled if inflated else faint).append(words)
+        if tangled:
+            sentences.append(
+                f"weak: {', '.join(tangled)}; other parameters together have nearly the same effect"
+            )
+        if faint:
+            sentences.append(
+                f"weak: {', '.join(faint)}; small beside the noise even if all others were known"
+            )
+        return tuple(sentences)
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.robot.name}: {self.reference.duration:g} s, {len(self.names)} base parameters, "
+            f"log det of the information {self.log_det:.1f} (random motion {self.random_log_det:.1f})",
+            f"standard deviations are {self.ratio:.2f} of those of the random motion, as after {1.0 / self.ratio**2:.1f} times "
+            "its length",
+            "",
+            self._parameter_table(),
+            "",
+            self._use_table(),
+        ]
+        if self.nearest is not None:
+            lines += ["", f"nearest: {self.nearest[0]}, with {1e3 * self.nearest[1]:.1f} mm to spare"]
+        weak = self.weak()
+        if weak:
+            lines += ["", *weak]
+        if self.remarks:
+            lines += ["", *self.remarks]
+        if self.interrupted:
+            lines += ["", "interrupted: the best motion so far"]
+        return "\n".join(lines)
+
+    def _parameter_table(self) -> str:
+        percent = self.relative_std_percent
+        width = max(map(len, self.names))
+        unit = max(map(len, self.units))
+        head = f"{'':{width}}  {'unit':{unit}}  {'sigma':>10}  {'random':>10}  {'ratio':>6}"
+        lines = [head + ("" if percent is None else f"  {'sigma %':>8}")]
+        rows = zip(self.names, self.units, self.std, self.random_std, strict=True)
+        for k, (name, name_unit, std, random) in enumerate(rows):
+            line = f"{name:{width}}  {name_unit:{unit}}  {std:10.3g}  {random:10.3g}  {std / random:6.2f}"
+            if percent is not None:
+                line += f"  {percent[k]:8.3g}" if np.isfinite(percent[k]) else f"  {'-':>8}"
+            lines.append(line)
+        return "\n".join(lines)
+
+    def _use_table(self) -> str:
+        n = self.robot.n_dof
+        lines = ["share of limits %" + "".join(f"{f'joint {j + 1}':>9}" for j in range(n))]
+        for kind, values in self.use.items():
+            lines.append(f"{kind:17}" + "".join(f"{100.0 * value:9.1f}" for value in values))
+        return "\n".join(lines)
+
+
+def _inverse(matrix: Array) -> Array:
+    scale = np.sqrt(np.diag(matrix))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    scaled = vectors / scale[:, None]
+    # What rounding has made zero or less stays unknown: its standard deviation is beyond all bounds.
+    return np.asarray((scaled / np.maximum(values, np.finfo(float).eps * values[-1])) @ scaled.T)
+
+
+def standard_deviations(information: Array) -> Array:
+    """Return the standard deviations of the base parameters for their information, ``(n_base,)``."""
+    return np.asarray(np.sqrt(np.diag(_inverse(information))))

@@ -1,0 +1,145 @@
+"""Limits of a motion: those of the robot file, or of the design, with a margin.
+
+Tested in ``tests/test_excitation.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._tools.arrays import Array, real_array
+from .._tools.words import counted
+from ..errors import ExcitationError
+from ..robot.robot import Robot
+
+ACCELERATION_TIME = 0.25
+"""Seconds to the velocity limit where no acceleration limit is known; the report says where it has been used."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionLimits:
+    """Limits that a motion has to keep, joint side, margins taken off; infinite where there is none.
+
+    Attributes
+    ----------
+    lowest, highest : (n_dof,) arrays
+        Positions (rad or m).
+    velocity, acceleration, jerk, torque : (n_dof,) arrays
+        Largest absolute values (per s, s^2, s^3; N.m or N).
+    assumed : tuple of str
+        Sentences on limits that were not given.
+    """
+
+    lowest: Array
+    highest: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    torque: Array
+    assumed: tuple[str, ...] = ()
+
+    def use(self, q: Array, dq: Array, ddq: Array, jerk: Array) -> dict[str, Array]:
+        """Largest share of each limit that a motion uses, per joint; a position counts from the middle of its range."""
+        middle, half = (self.highest + self.lowest) / 2.0, (self.highest - self.lowest) / 2.0
+        return {
+            "position": np.asarray(np.abs((q - middle) / half).max(axis=0)),
+            "velocity": np.asarray(np.abs(dq / self.velocity).max(axis=0)),
+            "acceleration": np.asarray(np.abs(ddq / self.acceleration).max(axis=0)),
+            "jerk": np.asarray(np.abs(jerk / self.jerk).max(axis=0)),
+        }
+
+
+Values = float | Sequence[float] | None
+
+
+def motion_limits(
+    robot: Robot,
+    *,
+    position: Sequence[Sequence[float]] | None = None,
+    velocity: Values = None,
+    acceleration: Values = None,
+    jerk: Values = None,
+    torque: Values = None,
+    margin: float = 1.0,
+) -> MotionLimits:
+    """Collect the limits of a motion.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its file's limits stand in for those that are not given.
+    position : sequence of (float, float), optional
+        Lowest and highest position of each joint (rad or m).
+    velocity, acceleration, jerk, torque : float or sequence of float, optional
+        Largest absolute values, one for all joints or one per joint, joint side.
+    margin : float
+        Share of each limit that the motion may use; of a position's range about its middle.
+
+    Raises
+    ------
+    ExcitationError
+        For a joint without position or velocity limits, and for a limit that is not positive; the sentence names the joint.
+    """
+    n = robot.n_dof
+    if not 0.0 < margin <= 1.0:
+        raise ExcitationError(f"margin must be above 0 and at most 1, got {margin}")
+    ranges = position if position is not None else [limit.position for limit in robot.limits]
+    if len(ranges) != n:
+        raise ExcitationError(f"position limits need {counted(n, 'pair')}, one per joint, got {len(ranges)}")
+    lowest, highest = np.empty(n), np.empty(n)
+    for joint, pair in enumerate(ranges):
+        if pair is None:
+            raise ExcitationError(
+                f"robot {robot.name!r} has no position limits for joint {joint + 1}: give them in its file, or to excite"
+            )
+        low, high = (float(value) for value in pair)
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise ExcitationError(
+                f"joint {joint + 1} has no room: its positions are limited to [{low:g}, {high:g}]"
+            )
+        middle, half = (low + high) / 2.0, margin * (high - low) / 2.0
+        lowest[joint], highest[joint] = middle - half, middle + half
+    speeds = _values(robot, "velocity", velocity, [limit.velocity for limit in robot.limits])
+    if np.isinf(speeds).any():
+        joint = int(np.argmax(np.isinf(speeds)))
+        raise ExcitationError(
+            f"robot {robot.name!r} has no velocity limit for joint {joint + 1}: give it in its file, or to excite"
+        )
+    assumed = []
+    accelerations = _values(robot, "acceleration", acceleration, [None] * n)
+    if np.isinf(accelerations).any():
+        accelerations = np.where(np.isinf(accelerations), speeds / ACCELERATION_TIME, accelerations)
+        assumed.append(
+            f"no acceleration limits are known: the motion reaches the velocity limit in {ACCELERATION_TIME:g} s at best"
+        )
+    return MotionLimits(
+        lowest=lowest,
+        highest=highest,
+        velocity=margin * speeds,
+        acceleration=margin * accelerations,
+        jerk=margin * _values(robot, "jerk", jerk, [None] * n),
+        torque=margin * _values(robot, "torque", torque, [limit.effort for limit in robot.limits]),
+        assumed=tuple(assumed),
+    )
+
+
+def _values(robot: Robot, name: str, given: Values, known: Sequence[float | None]) -> Array:
+    """One positive number per joint, infinite where there is none."""
+    if given is None:
+        values = np.array([np.inf if value is None or value <= 0.0 else value for value in known])
+    else:
+        array = real_array(f"{name} limits", given, ExcitationError)
+        if array.shape not in ((), (robot.n_dof,)):
+            raise ExcitationError(
+                f"{name} limits need one number or {robot.n_dof}, one per joint, got an array of shape {array.shape}"
+            )
+        values = np.broadcast_to(array, (robot.n_dof,)).astype(float)
+    if not (values > 0.0).all():
+        joint = int(np.argmin(values > 0.0))
+        raise ExcitationError(
+            f"the {name} limit of joint {joint + 1} must be positive, got {values[joint]:g}"
+        )
+    return values

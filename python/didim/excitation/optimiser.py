@@ -1,0 +1,133 @@
+"""Several starts in parallel, each by a quasi-Newton method with two weights of the penalties.
+
+A start depends on its seed alone, so the result has the same bits for any number of threads. Tested in
+``tests/test_excitation.py``.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from .._tools.arrays import Array
+from .problem import Problem
+from .series import POWERS
+
+WEIGHTS = (100.0, 2000.0)
+"""Weights of the penalties, one after the other: the second leaves violations of parts in a thousand."""
+SHARES = (0.5, 0.5)
+"""Shares of the iterations with each weight."""
+REPAIRS, REPAIR = 8, 0.06
+"""Largest number of repetitions with tighter limits, until the fine grid keeps them, and the share of iterations of each."""
+MEMORY = 60
+"""Pairs of steps and gradients that the quasi-Newton method keeps."""
+POLL_S = 0.2
+"""Seconds between looks at the keyboard."""
+
+Progress = Callable[[int, int, float], None]
+"""Called with the start (from 1), the evaluation and the value of the criterion so far."""
+
+
+class _StopSearchError(Exception):
+    """The user has stopped the search."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """End of one start.
+
+    Attributes
+    ----------
+    variables : array
+        The best ones.
+    objective : float
+        Their objective, with the last weight.
+    evaluations : int
+        Values and gradients computed.
+    """
+
+    variables: Array
+    objective: float
+    evaluations: int
+
+
+def search(
+    problem: Problem,
+    start: Array,
+    iterations: int,
+    stop: threading.Event,
+    progress: Callable[[int, float], None] | None = None,
+) -> Found:
+    """Minimise the objective of a problem from one start; a stop keeps the best variables so far."""
+    best, least, calls = start, np.inf, 0
+    penalised = problem.limited or not problem.clearance.empty
+
+    def value(v: Array, weight: float) -> tuple[float, Array]:
+        nonlocal best, least, calls
+        if stop.is_set():
+            raise _StopSearchError
+        calls += 1
+        objective, gradient = problem.value(v, weight)
+        if objective < least:
+            best, least = v.copy(), objective
+        if progress is not None:
+            progress(calls, least)
+        return objective, gradient
+
+    def descend(weight: float, count: int) -> None:
+        nonlocal least
+        least = np.inf
+        options = {"maxiter": count, "maxfun": 2 * count, "maxcor": MEMORY, "ftol": 1e-9, "gtol": 1e-6}
+        minimise: Any = minimize  # its overloads do not know functions that return value and gradient
+        minimise(lambda v: value(v, weight), best, jac=True, method="L-BFGS-B", options=options)
+
+    try:
+        for power, weight, share in zip(POWERS, WEIGHTS, SHARES, strict=True):
+            problem.series.power = power
+            descend(weight, max(1, round(share * iterations)))
+        for _ in range(REPAIRS if penalised else 0):
+            if not problem.tighten(problem.series.build(best)[0]):
+                break
+            descend(WEIGHTS[-1], max(1, round(REPAIR * iterations)))
+    except _StopSearchError:
+        problem.series.power = POWERS[-1]
+    return Found(best, float(least), calls)
+
+
+def search_all(
+    problems: Sequence[Problem],
+    starts: Sequence[Array],
+    iterations: int,
+    threads: int,
+    progress: Progress | None = None,
+) -> tuple[list[Found], bool]:
+    """Run all starts on threads, and say whether the keyboard interrupted them; every start keeps its best."""
+    stop = threading.Event()
+
+    def one(index: int) -> Found:
+        tell = None
+        if progress is not None:
+
+            def tell(calls: int, least: float) -> None:
+                progress(index + 1, calls, -least)
+
+        return search(problems[index], starts[index], iterations, stop, tell)
+
+    interrupted = False
+    with ThreadPoolExecutor(max_workers=max(1, min(threads, len(starts)))) as pool:
+        futures = [pool.submit(one, index) for index in range(len(starts))]
+        pending = set(futures)
+        while pending:
+            try:
+                pending = wait(pending, timeout=POLL_S).not_done
+            except KeyboardInterrupt:
+                # A second interruption while the threads come to their end leaves as usual.
+                interrupted = True
+                stop.set()
+        return [future.result() for future in futures], interrupted

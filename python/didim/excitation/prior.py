@@ -1,0 +1,122 @@
+"""What earlier logs tell: information matrices of results and of experiments, and the noise of their torques.
+
+Tested in ``tests/test_excitation.py``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+import didim._core as _core
+
+from .._tools.arrays import Array
+from ..errors import ExcitationError
+from ..experiment.experiment import Experiment
+from ..experiment.experiment_file import load_experiment
+from ..regression.linear_system import linear_system
+from ..regression.selection import select
+from ..result.identification import Identification
+from ..robot.robot import Robot
+from ..signal.segments import segments
+from .settings import Prior
+
+
+def prior_information(source: Prior, robot: Robot, sigma: Array, log_rate_hz: float) -> Array:
+    """Information of an earlier log on the base parameters, ``(n_base, n_base)``.
+
+    Parameters
+    ----------
+    source : Identification, Experiment or path
+        A result gives the inverse of its covariance. An experiment gives the information of its recorded motion, also where the
+        log alone identifies nothing because a joint stood still.
+    robot : Robot
+        The robot, with the friction model of the design.
+    sigma : (n_dof,) array
+        Noise of the torques at each sample of `log_rate_hz` (N.m or N); used for experiments.
+    log_rate_hz : float
+        Its rate: logs at other rates have the same noise per unit of time.
+
+    Raises
+    ------
+    ExcitationError
+        For a source of another robot or another friction model.
+    """
+    if isinstance(source, str | Path):
+        path = Path(source)
+        source = Identification.load(path) if path.suffix == ".json" else load_experiment(path)
+    if isinstance(source, Identification):
+        return _of_result(source, robot)
+    _check_robot(source, robot)
+    total = np.zeros((len(robot.base_parameters.names),) * 2)
+    for recording in source.recordings:
+        if recording.role != "fit":
+            continue
+        for part in segments(recording, source.signal, 0.0):
+            weights = log_rate_hz / part.rate_hz / sigma**2
+            columns = list(robot.base_parameters.indices)
+            total += _core.information(robot.core, part.q, part.dq, part.ddq, columns, weights)
+    return total
+
+
+def _of_result(fit: Identification, robot: Robot) -> Array:
+    names = robot.base_parameters.names
+    if fit.names != names:
+        other = next((name for name in names if name not in fit.names), fit.names[-1])
+        raise ExcitationError(
+            f"the prior {fit.name!r} is a result for robot {fit.robot!r} with other base parameters than robot "
+            f"{robot.name!r}: {other} is not in both; is it the same robot with the same friction?"
+        )
+    estimated = np.flatnonzero([role == "estimated" for role in fit.roles])
+    covariance = fit.covariance[np.ix_(estimated, estimated)]
+    # By standard deviations, whose units differ.
+    std = np.sqrt(np.diag(covariance))
+    if not ((std > 0.0) & np.isfinite(std)).all():
+        name = names[estimated[int(np.argmin((std > 0.0) & np.isfinite(std)))]]
+        raise ExcitationError(f"the prior {fit.name!r} has no standard deviation for {name}")
+    values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
+    scaled = vectors / std[:, None]
+    information = np.zeros((len(names), len(names)))
+    # What two estimates have in common to the last digits is not information.
+    information[np.ix_(estimated, estimated)] = (scaled / np.maximum(values, 1e-12)) @ scaled.T
+    return information
+
+
+def _check_robot(experiment: Experiment, robot: Robot) -> None:
+    if experiment.robot.parameter_names != robot.parameter_names:
+        raise ExcitationError(
+            f"experiment {experiment.name!r} is for robot {experiment.robot.name!r} with other parameters than robot "
+            f"{robot.name!r}; is it the same robot with the same friction?"
+        )
+
+
+def noise_from(source: Experiment | str | Path, robot: Robot, log_rate_hz: float) -> Array:
+    """Estimate the standard deviation of each joint's torque noise per logged sample from an earlier log, ``(n_dof,)``.
+
+    The residuals of its least squares problem (7) have the noise that is left after decimation. Noise is taken as white up to the
+    rate after decimation, so that the variance grows with the rate.
+
+    Raises
+    ------
+    ExcitationError
+        For an experiment of another robot, or a log without degrees of freedom.
+    """
+    experiment = load_experiment(source) if isinstance(source, str | Path) else source
+    _check_robot(experiment, robot)
+    recordings = [each for each in experiment.recordings if each.role == "fit"]
+    parts = [part for each in recordings for part in segments(each, experiment.signal, 0.0)]
+    selection = select(robot, experiment.fixed, experiment.dropped)
+    system = linear_system(robot, parts, experiment.signal, selection)
+    solution = np.linalg.lstsq(system.w, system.y, rcond=1e-10)
+    residual = system.y - system.w @ solution[0]
+    kept = len(system.y) // robot.n_dof
+    seconds = sum(len(part.q) / part.rate_hz for part in parts)
+    # Each joint loses the same share of its degrees of freedom.
+    share = 1.0 - int(solution[2]) / len(system.y)
+    if share <= 0.0:
+        raise ExcitationError(
+            f"experiment {experiment.name!r} has too few samples to tell the noise of its torques"
+        )
+    variance = np.array([np.mean(residual[rows] ** 2) for rows in system.joints]) / share
+    return np.asarray(np.sqrt(variance * log_rate_hz / (kept / seconds)))

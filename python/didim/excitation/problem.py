@@ -1,0 +1,199 @@
+"""The design as an unconstrained problem: a criterion of the information, less penalties on torques and clearances.
+
+Tested in ``tests/test_excitation.py``: gradients against differences, values against the regressor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+import didim._core as _core
+
+from .._tools.arrays import Array
+from ..model.dynamics import inverse_dynamics
+from ..robot.robot import Robot
+from .clearance import Clearance
+from .criterion import Criterion
+from .series import ScaledSeries, Series
+
+CLEARANCE_SCALE = 0.1
+"""Shortfall (m) that weighs as much as a torque at twice its limit: a millimetre counts as one per cent."""
+FINE = 20
+"""Every limit is verified on a grid so many times finer than that of the optimiser."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Information:
+    """How a motion's information on the base parameters is counted.
+
+    Attributes
+    ----------
+    robot : Robot
+        With the friction that the criterion sees.
+    sigma : (n_dof,) array
+        Standard deviation of the torques' noise at each of the logged samples (N.m or N).
+    samples : float
+        Logged samples of the whole motion.
+    prior : (n_base, n_base) array
+        Information from earlier logs.
+    """
+
+    robot: Robot
+    sigma: Array
+    samples: float
+    prior: Array
+
+    def matrix(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Information of a motion given on any uniform grid, the prior included."""
+        share = self.samples / len(q)
+        return self.prior + _core.information(
+            self.robot.core, q, dq, ddq, list(self.robot.base_parameters.indices), share / self.sigma**2
+        )
+
+
+class Problem:
+    """Value and gradient of a design in the variables of its series.
+
+    Parameters
+    ----------
+    series : ScaledSeries
+        Variables and limits.
+    information : Information
+        What is counted.
+    criterion : Criterion
+        Function of the information, to be maximised.
+    x : (n_parameters,) array or None
+        Standard parameters for the torques; None where torques are not limited.
+    clearance : Clearance
+        Distances to keep.
+    """
+
+    def __init__(
+        self,
+        series: ScaledSeries,
+        information: Information,
+        criterion: Criterion,
+        x: Array | None,
+        clearance: Clearance,
+    ) -> None:
+        self.series, self.information, self.criterion = series, information, criterion
+        self.x, self.clearance = x, clearance
+        self.limited = x is not None and bool(np.isfinite(series.limits.torque).any())
+        self.evaluations = 0
+        # What the penalties let pass: `tighten` takes off what the fine grid asks for.
+        self.torque_share, self.extra_clearance = np.ones(series.n), 0.0
+
+    def value(self, v: Array, weight: float) -> tuple[float, Array]:
+        """Objective to be minimised, and its gradient; `weight` is that of the penalties."""
+        self.evaluations += 1
+        motion, way = self.series.build(v)
+        q, dq, ddq, _ = motion.motion()
+        information = self.information
+        core, columns = information.robot.core, list(information.robot.base_parameters.indices)
+        weights = information.samples / len(q) / information.sigma**2
+        matrix = information.prior + _core.information(core, q, dq, ddq, columns, weights)
+        value, derivative = self.criterion(matrix)
+        objective, torque_weights = -value, None
+        if self.limited and self.x is not None:
+            largest = self.torque_share * self.series.limits.torque
+            relative = inverse_dynamics(information.robot, q, dq, ddq, self.x) / largest
+            excess = np.maximum(np.abs(relative) - 1.0, 0.0)
+            if excess.any():
+                objective += weight * float((excess**2).sum())
+                torque_weights = 2.0 * weight * excess * np.sign(relative) / largest
+        gq, gdq, gddq = _core.information_gradient(
+            core,
+            q,
+            dq,
+            ddq,
+            columns,
+            weights,
+            -derivative,
+            torque_weights,
+            None if torque_weights is None else self.x,
+        )
+        if not self.clearance.empty:
+            short, slope = self.clearance.penalty(q, CLEARANCE_SCALE, self.extra_clearance)
+            objective += weight * short
+            gq = gq + weight * slope
+        return objective, self.series.back(way, gq, gdq, gddq)
+
+    def torques(self, motion: tuple[Array, Array, Array, Array]) -> Array | None:
+        """Torques of a motion (N.m or N), ``(n_samples, n_dof)``; None without parameters."""
+        if self.x is None:
+            return None
+        return inverse_dynamics(self.information.robot, *motion[:3], self.x)
+
+    def excess(self, series: Series) -> tuple[Array, float]:
+        """By how much a motion exceeds each torque limit (relative) and falls short of clearances (m), on the fine grid."""
+        motion = series.motion(FINE)
+        torque, clearance = np.zeros(self.series.n), 0.0
+        torques = self.torques(motion) if self.limited else None
+        if torques is not None:
+            torque = np.maximum(np.abs(torques / self.series.limits.torque).max(axis=0) - 1.0, 0.0)
+        if not self.clearance.empty:
+            clearance = max(0.0, -float(self.clearance.distances(motion[0]).min()))
+        return torque, clearance
+
+    def keeps(self, series: Series) -> bool:
+        """Whether a motion keeps torque limits and clearances on the fine grid."""
+        torque, clearance = self.excess(series)
+        return clearance == 0.0 and not torque.any()
+
+    def tighten(self, series: Series) -> bool:
+        """Tighten the limits of the penalties by what a motion exceeds them on the fine grid; False if it keeps them."""
+        torque, clearance = self.excess(self.exact(series))
+        self.torque_share = self.torque_share * (1.0 - np.minimum(0.5, TIGHTER * torque))
+        self.extra_clearance += TIGHTER * clearance
+        return clearance > 0.0 or bool(torque.any())
+
+    def feasible(self, series: Series) -> Series:
+        """Scale a motion to its limits, exactly, as they are on the fine grid.
+
+        First each joint by itself (`exact`); then, where torques or clearances ask for it, all joints together towards the
+        offset. Gravity does not shrink with the motion, so the largest scale that keeps the limits is found by steps.
+        """
+        exact = self.exact(series)
+        factor = 1.0
+        while factor > SMALLEST_SCALE:
+            if self.keeps(scaled(exact, factor)):
+                return scaled(exact, factor)
+            factor *= 0.995 if factor > 0.8 else 0.95
+        return scaled(exact, 0.0)
+
+    def exact(self, series: Series) -> Series:
+        """Scale each joint so that no kinematic limit is exceeded on the fine grid, and one is met if it was on the coarse one."""
+        coarse, fine = (self._use(series, factor) for factor in (1, FINE))
+        # A joint that shrinks for the sake of torques or walls stays as it is, unless it goes too far between the samples.
+        full = np.where(coarse > FULL, 1.0, coarse)
+        return scaled(series, full / np.maximum(fine, np.finfo(float).tiny) * (1.0 - ROUNDING))
+
+    def _use(self, series: Series, factor: int) -> Array:
+        limits = self.series.limits
+        q, dq, ddq, jerk = series.motion(factor)
+        away = q - series.offset
+        # Distances from the offset: they are what a scale changes.
+        up, down = limits.highest - series.offset, series.offset - limits.lowest
+        position = np.maximum((away / up).max(axis=0), (-away / down).max(axis=0))
+        others = [
+            np.abs(values / limit).max(axis=0)
+            for values, limit in ((dq, limits.velocity), (ddq, limits.acceleration), (jerk, limits.jerk))
+        ]
+        return np.asarray(np.max([position, *others], axis=0))
+
+
+FULL = 0.975
+"""Use of a limit on the optimiser's grid that counts as full: the norm that stands for a maximum leaves one or two per cent."""
+ROUNDING = 1e-9
+"""Share that keeps a motion within its limits when it is sampled at other times."""
+TIGHTER = 1.3
+"""Share of an excess by which the limits of the penalties are tightened: a little is left to chance otherwise."""
+SMALLEST_SCALE = 0.01
+"""Scale below which a motion identifies nothing."""
+
+
+def scaled(series: Series, factor: float | Array) -> Series:
+    """Return the same motion with larger or smaller amplitudes about the same offset."""
+    return Series(basis=series.basis, scaled=series.scaled * factor, offset=series.offset)

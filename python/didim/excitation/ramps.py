@@ -1,0 +1,133 @@
+"""The whole motion that a controller plays: a ramp from the robot's home, the periods, and a ramp back.
+
+Tested in ``tests/test_excitation.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import ExcitationError
+from ..loop.reference import Reference
+from .clearance import Clearance
+from .limits import MotionLimits
+
+LONGER = 1.25
+"""Factor by which a ramp is drawn out until its torques keep their limits."""
+MOST_LONGER = 20
+"""Attempts; after them the torque of the way itself is too large."""
+LOOKS = 400
+"""Samples of a ramp on which torques and clearances are verified."""
+PEAKS = (15.0 / 8.0, 10.0 / np.sqrt(3.0), 60.0)
+"""Largest velocity, acceleration and jerk of the quintic from 0 to 1 within one second, at rest at both ends."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ramp:
+    """A quintic from rest to rest.
+
+    Attributes
+    ----------
+    start, end : (n_dof,) arrays
+        Positions (rad or m).
+    duration : float
+        Length (s).
+    """
+
+    start: Array
+    end: Array
+    duration: float
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations at times within the ramp, ``(n_times, n_dof)`` each."""
+        u = t / self.duration
+        way = self.end - self.start
+        s = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+        ds = 30.0 * u**2 * (1.0 - u) ** 2 / self.duration
+        dds = 60.0 * u * (1.0 - 3.0 * u + 2.0 * u**2) / self.duration**2
+        return self.start + np.outer(s, way), np.outer(ds, way), np.outer(dds, way)
+
+
+def ramp(
+    start: Array,
+    end: Array,
+    limits: MotionLimits,
+    clearance: Clearance,
+    torques: object = None,
+) -> Ramp | None:
+    """Return the shortest quintic within all limits, or None where nothing has to move.
+
+    Parameters
+    ----------
+    start, end : (n_dof,) arrays
+        Positions (rad or m).
+    limits : MotionLimits
+        Velocities, accelerations, jerks, torques.
+    clearance : Clearance
+        Distances to keep.
+    torques : callable or None
+        Torques of ``q dq ddq``; None where they are not limited.
+
+    Raises
+    ------
+    ExcitationError
+        When the way itself is outside the limits; the sentence names the joint, or what it comes too near to.
+    """
+    way = np.abs(end - start)
+    if not way.any():
+        return None
+    kinds = (limits.velocity, limits.acceleration, limits.jerk)
+    needed = [
+        float((peak * way / limit).max()) ** (1.0 / (order + 1))
+        for order, (peak, limit) in enumerate(zip(PEAKS, kinds, strict=True))
+    ]
+    duration = max(needed)
+    found = Ramp(start=start, end=end, duration=duration)
+    if not clearance.empty:
+        distances = clearance.distances(found.at(np.linspace(0.0, duration, LOOKS))[0])
+        sample, column = np.unravel_index(int(distances.argmin()), distances.shape)
+        if distances[sample, column] < 0.0:
+            raise ExcitationError(
+                f"the ramp between home and the start of the motion comes too near: {clearance.describe(int(column))}; "
+                "give another home or another start"
+            )
+    for _ in range(MOST_LONGER):
+        if not callable(torques):
+            return found
+        relative = np.abs(torques(*found.at(np.linspace(0.0, found.duration, LOOKS)))) / limits.torque
+        if (relative <= 1.0).all():
+            return found
+        found = Ramp(start=start, end=end, duration=LONGER * found.duration)
+    joint = int(relative.max(axis=0).argmax()) + 1
+    raise ExcitationError(
+        f"the ramp between home and the start of the motion needs more torque of joint {joint} than its limit, at any speed; "
+        "give another home or another start"
+    )
+
+
+def whole_motion(
+    reference: Reference, before: Ramp | None, after: Ramp | None, rate_hz: float
+) -> tuple[Array, Array, Array, Array]:
+    """Sample a motion with its ramps: times from 0 (s), positions, velocities and accelerations.
+
+    Returns
+    -------
+    t : (n_samples,) array
+    q, dq, ddq : (n_samples, n_dof) arrays
+    """
+    first = 0.0 if before is None else before.duration
+    second = first + reference.duration
+    end = second + (0.0 if after is None else after.duration)
+    # The last sample is at rest: the end of the motion, or the first sample after it.
+    t = np.arange(int(np.ceil(end * rate_hz - 1e-9)) + 1) / rate_hz
+    q, dq, ddq = (np.array(values) for values in reference.at(np.clip(t - first, 0.0, reference.duration)))
+    dq[t > second], ddq[t > second] = 0.0, 0.0
+    for piece, begin, stop in ((before, 0.0, first), (after, second, np.inf)):
+        if piece is None:
+            continue
+        inside = (t >= begin) & (t < stop) if begin == 0.0 else t > begin
+        q[inside], dq[inside], ddq[inside] = piece.at(np.clip(t[inside] - begin, 0.0, piece.duration))
+    return t, q, dq, ddq

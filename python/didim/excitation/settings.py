@@ -1,0 +1,147 @@
+"""What a design is asked for. Tested in ``tests/test_excitation.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from ..errors import ExcitationError
+from ..experiment.experiment import Experiment
+from ..result.identification import Identification
+from ..robot.collision import Capsule
+from .clearance import Workspace
+from .criterion import Name
+from .limits import Values
+
+Prior = Identification | Experiment | str | Path
+"""Earlier information: a result (its covariance), or an experiment (its recordings); as objects or as files."""
+
+LEAST_HARMONICS = 4
+"""A series at rest at its ends has three conditions on the amplitudes of each joint."""
+MOST_HARMONICS = 200
+"""Beyond that the matrices of the series no longer fit memory."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExcitationSettings:
+    """Settings of a design, joint side, SI units. What is None comes from the robot file, or is not limited.
+
+    Attributes
+    ----------
+    kind : {"fourier", "point-to-point"}
+        A Fourier series, or moves from point to point with trapezoidal velocity.
+    duration_s : float
+        Period of the series (s). Moves from point to point are compared as if repeated for as long.
+    harmonics : int
+        Harmonics of the series, at least 4.
+    points : int
+        Points of a motion from point to point.
+    dwell_s : float
+        Rest at each point (s).
+    seed, starts : int
+        Random motions that the search starts from: `seed`, `seed` + 1, ...
+    iterations : int
+        Iterations of each start.
+    threads : int, optional
+        Threads for the starts; those of the machine by default. The result does not depend on them.
+    criterion : {"information", "condition"}
+        Log determinant of the information (D-optimality), or condition number of W.
+    wanted : sequence of str
+        Base parameters that count (D_s-optimality); all by default.
+    start : (n_dof,) sequence or None
+        Position at the start and the end (rad or m); chosen by the optimiser by default.
+    home : (n_dof,) sequence or None
+        Position of the robot before and after: the motion gets ramps from there and back.
+    periods : int
+        Repetitions of the series.
+    rate_hz : float
+        Samples per second of the exported motion: the controller's.
+    log_rate_hz : float, optional
+        Samples per second of the log; `rate_hz` by default.
+    torque_noise : float or sequence of float, optional
+        Standard deviation of the torques' noise at each logged sample (N.m or N).
+    noise_of : Experiment or path, optional
+        Earlier experiment whose residuals give the noise instead.
+    margin : float
+        Share of every limit that the motion may use.
+    position : sequence of (float, float), optional
+        Lowest and highest positions.
+    velocity, acceleration, jerk, torque : float or sequence of float, optional
+        Largest absolute values.
+    parameters : array, str, Identification or None
+        Standard parameters for the torques: a vector, a set of the robot, a file. By default the set ``urdf`` where there is one.
+    prior : sequence
+        Earlier information.
+    friction : mapping
+        Keys of a table ``[friction]``: the model whose parameters are to be identified; that of the robot by default.
+    smoothing : float
+        Velocity of the tanh in place of the sign of the velocity while the motion is optimised (rad/s or m/s).
+    capsules : sequence of Capsule
+        Links as capsules, beside those of the robot file.
+    workspace : Workspace
+        Walls, floor, and the distance to keep.
+
+    Raises
+    ------
+    ExcitationError
+        For a value that is out of range.
+    """
+
+    kind: str = "fourier"
+    duration_s: float = 10.0
+    harmonics: int = 20
+    points: int = 20
+    dwell_s: float = 0.2
+    seed: int = 0
+    starts: int = 2
+    iterations: int = 500
+    threads: int | None = None
+    criterion: Name = "information"
+    wanted: Sequence[str] = ()
+    start: Sequence[float] | None = None
+    home: Sequence[float] | None = None
+    periods: int = 1
+    rate_hz: float = 500.0
+    log_rate_hz: float | None = None
+    torque_noise: Values = None
+    noise_of: Experiment | str | Path | None = None
+    margin: float = 0.9
+    position: Sequence[Sequence[float]] | None = None
+    velocity: Values = None
+    acceleration: Values = None
+    jerk: Values = None
+    torque: Values = None
+    parameters: ArrayLike | str | Identification | None = None
+    prior: Sequence[Prior] = ()
+    friction: Mapping[str, Any] = field(default_factory=dict)
+    smoothing: float = 0.05
+    capsules: Sequence[Capsule] = ()
+    workspace: Workspace = field(default_factory=Workspace)
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("fourier", "point-to-point"):
+            raise ExcitationError(f"kind must be 'fourier' or 'point-to-point', got {self.kind!r}")
+        if self.criterion not in ("information", "condition"):
+            raise ExcitationError(f"criterion must be 'information' or 'condition', got {self.criterion!r}")
+        if not LEAST_HARMONICS <= self.harmonics <= MOST_HARMONICS:
+            raise ExcitationError(
+                f"harmonics must be between {LEAST_HARMONICS} and {MOST_HARMONICS}, got {self.harmonics}"
+            )
+        for name, least in (("points", 2), ("starts", 1), ("iterations", 1), ("periods", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < least:
+                raise ExcitationError(f"{name} must be a whole number of at least {least}, got {value!r}")
+        for name in ("duration_s", "rate_hz", "log_rate_hz", "smoothing"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < float("inf"):
+                raise ExcitationError(f"{name} must be positive, got {value!r}")
+        if not 0.0 <= self.dwell_s < float("inf"):
+            raise ExcitationError(f"dwell_s must not be negative, got {self.dwell_s!r}")
+        if self.wanted and self.criterion == "condition":
+            raise ExcitationError(
+                "the condition number is one of all parameters: leave out the names of wanted ones"
+            )

@@ -1,0 +1,181 @@
+"""The file of a design, ``excite.toml``. Unknown keys are errors with a suggestion.
+
+    schema = 1
+    [excitation]
+    duration_s = 10
+    harmonics = 20
+    torque_noise_n_m = 0.5
+    prior = ["fit.json"]
+    [limits]
+    max_acceleration_rad_s2 = [25, 25, 35, 60, 60, 90]
+    [workspace]
+    floor_m = 0.0
+    [[collision]]
+    link = 3
+    from_m = [0, 0, 0]
+    to_m = [0.39, 0, 0]
+    radius_m = 0.06
+
+Tested in ``tests/test_excitation_files.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .._tools.toml import Table, read_toml
+from ..errors import ExcitationError
+from ..robot.collision import read_capsules
+from ..robot.parameter_file import is_file
+from ..robot.robot import Robot
+from .clearance import Workspace
+from .settings import ExcitationSettings
+
+_PLAIN = {
+    "duration_s": "number",
+    "harmonics": "integer",
+    "points": "integer",
+    "dwell_s": "number",
+    "seed": "integer",
+    "starts": "integer",
+    "iterations": "integer",
+    "threads": "integer",
+    "periods": "integer",
+    "rate_hz": "number",
+    "log_rate_hz": "number",
+    "margin": "number",
+    "kind": "text",
+    "criterion": "text",
+}
+"""Keys of ``[excitation]`` that are fields of the settings."""
+_UNITS = {
+    "rad": ("revolute", 1.0),
+    "deg": ("revolute", math.pi / 180.0),
+    "m": ("prismatic", 1.0),
+    "mm": ("prismatic", 1e-3),
+}
+
+
+def read_excitation(path: str | Path, robot: Robot) -> ExcitationSettings:
+    """Read the file of a design.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; files that it names are looked for beside it.
+    robot : Robot
+        Gives the number of joints and their kinds.
+
+    Raises
+    ------
+    ExcitationError
+        For a file that cannot be read, an unknown key, and a wrong value; one sentence.
+    """
+    path = Path(path)
+    table = Table(read_toml(path, ExcitationError), path.name, ExcitationError)
+    if table.integer("schema", 1) != 1:
+        raise ExcitationError(f"{path.name}: schema must be 1")
+    found: dict[str, Any] = {}
+    main = _sub_table(table, "excitation")
+    for key, kind in _PLAIN.items():
+        value = getattr(main, kind)(key, None)
+        if value is not None:
+            found[key] = value
+    for key in ("start", "home"):
+        found[key] = _per_joint(main, key, robot)
+    found["torque_noise"] = _forces(main, "torque_noise", robot)
+    smoothing = main.number("smoothing_rad_s", None, above=0.0)
+    if smoothing is not None:
+        found["smoothing"] = smoothing
+    found["wanted"] = tuple(main.texts("for", []))
+    parameters = main.text("parameters", None)
+    if parameters is not None:
+        found["parameters"] = str(path.parent / parameters) if is_file(parameters) else parameters
+    noise = main.text("noise_of", None)
+    found["noise_of"] = None if noise is None else path.parent / noise
+    found["prior"] = tuple(path.parent / name for name in main.texts("prior", []))
+    main.done()
+    limits = _sub_table(table, "limits")
+    found["position"] = _ranges(limits, robot)
+    for key, per in (("velocity", "_s"), ("acceleration", "_s2"), ("jerk", "_s3")):
+        found[key] = _per_joint(limits, f"max_{key}", robot, per)
+    found["torque"] = _forces(limits, "max_torque", robot)
+    limits.done()
+    workspace = _sub_table(table, "workspace")
+    found["workspace"] = Workspace(
+        lowest=_corner(workspace, "lowest_m"),
+        highest=_corner(workspace, "highest_m"),
+        floor=workspace.number("floor_m", None),
+        clearance=workspace.number("clearance_m", 0.0, minimum=0.0),
+    )
+    workspace.done()
+    found["capsules"] = read_capsules(
+        table.tables("collision") if table.has("collision") else [], robot.n_dof
+    )
+    found["friction"] = table.table("friction").content if table.has("friction") else {}
+    table.done()
+    try:
+        return ExcitationSettings(**found)
+    except ExcitationError as error:
+        raise ExcitationError(f"{path.name}: {error}") from None
+
+
+def _sub_table(table: Table, key: str) -> Table:
+    """Sub-table `key`, empty when the file has none."""
+    return (
+        table.table(key)
+        if table.has(key)
+        else Table({}, table.prefix.removesuffix(":"), ExcitationError, key)
+    )
+
+
+def _corner(table: Table, key: str) -> tuple[float, float, float] | None:
+    values = table.numbers(key, length=3, default=None)
+    return None if values is None else (values[0], values[1], values[2])
+
+
+def _per_joint(table: Table, key: str, robot: Robot, per: str = "") -> list[float] | None:
+    """One number per joint of keys such as ``max_velocity_rad_s``, with one key for each kind of joint; None without any."""
+    found: list[float | None] = [None] * robot.n_dof
+    for unit, (kind, factor) in _UNITS.items():
+        numbers = table.spread(f"{key}_{unit}{per}", robot.n_dof, None)
+        for joint, number in enumerate(numbers or ()):
+            if robot.joint_kinds[joint] == kind:
+                found[joint] = number * factor
+    return _complete(table, key, found)
+
+
+def _forces(table: Table, key: str, robot: Robot) -> list[float] | None:
+    """Read the same of torques and forces: ``torque_noise_n_m`` and ``torque_noise_n``."""
+    found: list[float | None] = [None] * robot.n_dof
+    for unit, kind in (("n_m", "revolute"), ("n", "prismatic")):
+        numbers = table.spread(f"{key}_{unit}", robot.n_dof, None)
+        for joint, number in enumerate(numbers or ()):
+            if robot.joint_kinds[joint] == kind:
+                found[joint] = number
+    return _complete(table, key, found)
+
+
+def _complete(table: Table, key: str, found: Sequence[float | None]) -> list[float] | None:
+    values = [value for value in found if value is not None]
+    if values and len(values) < len(found):
+        table.fail(f"{key} is missing for joint {list(found).index(None) + 1}")
+    return values or None
+
+
+def _ranges(table: Table, robot: Robot) -> list[tuple[float, float]] | None:
+    """Pairs of ``position_rad`` and its like; None without any."""
+    low: list[float | None] = [None] * robot.n_dof
+    high: list[float | None] = [None] * robot.n_dof
+    for unit, (kind, factor) in _UNITS.items():
+        rows = table.matrix(f"position_{unit}", robot.n_dof, 2, None)
+        for joint, row in enumerate(rows or ()):
+            if robot.joint_kinds[joint] == kind:
+                low[joint], high[joint] = row[0] * factor, row[1] * factor
+    lowest, highest = _complete(table, "position", low), _complete(table, "position", high)
+    if lowest is None or highest is None:
+        return None
+    return list(zip(lowest, highest, strict=True))

@@ -1,0 +1,114 @@
+"""Pictures of designed motions: positions, velocities and torques against their limits, and the poses that are swept."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..excitation.design import Excitation
+from ..model.dynamics import inverse_dynamics
+from ..model.kinematics import frames
+from .style import FAINT, MODEL, RESIDUAL, line, new_figure, per_row, styled, units
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MOST_POSES = 60
+"""Poses of the picture of the swept space."""
+PER_ROW = 3
+"""Joints side by side."""
+
+
+@styled
+def motion(design: Excitation) -> Figure:
+    """Draw positions of each joint, with its limits and the share of them that velocities and torques use.
+
+    Parameters
+    ----------
+    design : Excitation
+        From `excite`.
+
+    Returns
+    -------
+    Figure
+        One picture a joint: position over its range, velocity and, with parameters, torque as shares of their limits.
+
+    Raises
+    ------
+    PlotError
+        Without matplotlib.
+    """
+    t, q, dq, ddq = design.sampled()
+    n = design.robot.n_dof
+    rows, columns = per_row(n, PER_ROW)
+    figure = new_figure(2.1 * rows)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    limits = design.limits
+    middle, half = (limits.highest + limits.lowest) / 2.0, (limits.highest - limits.lowest) / 2.0
+    shares = {"position": (q - middle) / half, "velocity": dq / limits.velocity}
+    if design.x is not None and np.isfinite(limits.torque).all():
+        shares["torque"] = inverse_dynamics(design.robot, q, dq, ddq, design.x) / limits.torque
+    colors = {"position": MODEL, "velocity": FAINT, "torque": RESIDUAL}
+    for joint, axes in enumerate(grid.flat):
+        if joint >= n:
+            axes.set_axis_off()
+            continue
+        _joint(axes, t, {kind: values[:, joint] for kind, values in shares.items()}, colors)
+        axes.set_title(_title(design, joint))
+    for axes in grid[-1]:
+        axes.set_xlabel("time (s)")
+    for row in grid:
+        row[0].set_ylabel("share of limit")
+    handles, labels = grid.flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+    return figure
+
+
+def _joint(axes: Axes, t: Array, shares: dict[str, Array], colors: dict[str, str]) -> None:
+    for kind, values in shares.items():
+        line(axes, [(t, values)], color=colors[kind], label=kind, linewidth=0.9)
+    for bound in (-1.0, 1.0):
+        axes.axhline(bound, color="black", linewidth=0.6, linestyle=":")
+
+
+def _title(design: Excitation, joint: int) -> str:
+    unit = units(design.robot.joint_kinds[joint])[0]
+    low, high = design.limits.lowest[joint], design.limits.highest[joint]
+    return f"joint {joint + 1}, {low:.3g} to {high:.3g} {unit}"
+
+
+@styled
+def swept(design: Excitation) -> Figure:
+    """Draw the poses that a motion goes through: links as lines, seen from the side and from above.
+
+    Parameters
+    ----------
+    design : Excitation
+        From `excite`.
+
+    Returns
+    -------
+    Figure
+        In m, frame 0.
+
+    Raises
+    ------
+    PlotError
+        Without matplotlib.
+    """
+    _, q, _, _ = design.sampled(50.0)
+    poses = q[:: max(1, len(q) // MOST_POSES)]
+    points = frames(design.robot, poses)[:, :, :3, 3]
+    way = frames(design.robot, q)[:, -1, :3, 3]
+    figure = new_figure(3.4)
+    for axes, (across, up) in zip(figure.subplots(1, 2), ((0, 2), (0, 1)), strict=True):
+        for pose in points:
+            axes.plot(pose[:, across], pose[:, up], color=FAINT, linewidth=0.6)
+        axes.plot(way[:, across], way[:, up], color=MODEL, linewidth=0.9)
+        axes.set_xlabel(f"{'xyz'[across]} (m)")
+        axes.set_ylabel(f"{'xyz'[up]} (m)")
+        axes.set_aspect("equal", adjustable="datalim")
+    return figure

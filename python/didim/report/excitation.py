@@ -1,0 +1,69 @@
+"""The report of a designed motion: what it tells of each parameter, how much of each limit it uses, and pictures of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..excitation.design import Excitation
+from ..plot.excitation import motion, swept
+from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
+
+
+def excitation_page(design: Excitation) -> str:
+    """Return the report of a design as HTML."""
+    level: Level = "caution" if design.interrupted else "good"
+    badge = "Interrupted" if design.interrupted else "Designed"
+    sentence = (
+        f"The standard deviations are {design.ratio:.2f} of those of the random motion, as after {1.0 / design.ratio**2:.1f} times "
+        "its length. No limit is exceeded on a grid 20 times finer than that of the optimiser."
+    )
+    percent = design.relative_std_percent
+    tiles = [
+        (f"{design.ratio:.2f}", "of the random motion's standard deviations"),
+        (f"{design.log_det:.1f}", f"log det of the information, random motion {design.random_log_det:.1f}"),
+        (
+            f"{design.condition_number:.0f}",
+            f"condition number of W, random motion {design.random_condition_number:.0f}",
+        ),
+    ]
+    if percent is not None:
+        tiles.append((f"{int((percent < 2.0).sum())} of {len(percent)}", "parameters expected below 2 %"))
+    sections = [
+        verdict(level, badge, sentence, tiles, [*design.weak(), *design.remarks]),
+        _motion_section(design),
+        _parameter_section(design),
+    ]
+    subtitle = f"{design.reference.duration:g} s, to be played at {design.settings.rate_hz:g} Hz"
+    return page(f"A motion for robot {design.robot.name}", subtitle, sections)
+
+
+def _motion_section(design: Excitation) -> Html:
+    n = design.robot.n_dof
+    rows: list[list[Text]] = [
+        [kind, *(f"{100.0 * value:.1f}" for value in values)] for kind, values in design.use.items()
+    ]
+    content = [
+        picture(motion(design), "Positions, velocities and torques as shares of their limits"),
+        paragraph("Largest share of each limit, in per cent:"),
+        table(["", *(f"joint {j + 1}" for j in range(n))], rows, numbers=range(1, n + 1)),
+        picture(swept(design), "Poses that the motion goes through"),
+    ]
+    if design.nearest is not None:
+        name, distance = design.nearest
+        content.append(paragraph(f"Nearest: {name}, with {1e3 * distance:.1f} mm to spare."))
+    return section("The motion", *content)
+
+
+def _parameter_section(design: Excitation) -> Html:
+    percent = design.relative_std_percent
+    head = ["parameter", "unit", "expected sigma", "random motion", "ratio"] + (
+        [] if percent is None else ["sigma %"]
+    )
+    rows: list[list[Text]] = []
+    for k, name in enumerate(design.names):
+        std, random = design.std[k], design.random_std[k]
+        row: list[Text] = [name, design.units[k], f"{std:.3g}", f"{random:.3g}", f"{std / random:.2f}"]
+        if percent is not None:
+            row.append(f"{percent[k]:.3g}" if np.isfinite(percent[k]) else "-")
+        rows.append(row)
+    return section("What it tells of each parameter", table(head, rows, numbers=range(2, len(head))))

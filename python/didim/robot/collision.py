@@ -1,0 +1,70 @@
+"""Capsules that stand for the links of a robot: the tables ``[[collision]]`` of a robot file.
+
+    [[collision]]
+    link = 3                    # 0 is the base; coordinates are those of the link's frame, as for MX MY MZ
+    from_m = [0.0, 0.0, 0.0]
+    to_m = [0.39, 0.0, 0.0]
+    radius_m = 0.06
+
+Tested in ``tests/test_clearance.py``, against the geometry of Pinocchio too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._tools.toml import Table
+
+NEIGHBOURS = 1
+"""Capsules of links at most so far apart along the chain touch at their common joint, and are not checked against each other."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Capsule:
+    """All points within a radius of a segment, fixed to a link.
+
+    Attributes
+    ----------
+    link : int
+        Link that carries it; 0 is the base.
+    start, end : tuple of float
+        Ends of the segment in the link's frame (m); the same point for a sphere.
+    radius : float
+        Radius (m).
+    """
+
+    link: int
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+
+
+def read_capsules(tables: Sequence[Table], n_dof: int) -> tuple[Capsule, ...]:
+    """Read the tables ``[[collision]]`` of a file."""
+    found = []
+    for table in tables:
+        link = table.integer("link", minimum=0, maximum=n_dof)
+        start, end = (_point(table, key) for key in ("from_m", "to_m"))
+        found.append(Capsule(link=link, start=start, end=end, radius=table.number("radius_m", above=0.0)))
+        table.done()
+    return tuple(found)
+
+
+def _point(table: Table, key: str) -> tuple[float, float, float]:
+    x, y, z = table.numbers(key, length=3)
+    return x, y, z
+
+
+def checked_pairs(capsules: Sequence[Capsule]) -> NDArray[np.intp]:
+    """Pairs of capsules that must not touch, ``(n_pairs, 2)``: those of links that are no neighbours."""
+    pairs = [
+        (i, j)
+        for i, one in enumerate(capsules)
+        for j, other in enumerate(capsules[i + 1 :], i + 1)
+        if abs(one.link - other.link) > NEIGHBOURS
+    ]
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)

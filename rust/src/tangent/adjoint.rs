@@ -1,0 +1,445 @@
+//! Gradient of a weighted sum of the regressor's entries with respect to positions, velocities and accelerations.
+//!
+//! A criterion of a motion that is a function of its regressor `W` (2) changes by `sum G : dW`, with `G` its derivative with
+//! respect to the entries. `sum_p G_ip W_ip` is the torque of joint `i` with the row `G_i` as standard parameters, so the sum is
+//! `n` inverse dynamic models (1) that share one motion. They are walked outwards once; the derivatives are carried inwards,
+//! in reverse order, at a small multiple of the cost of the sum itself. Identity that tests it: the derivatives of the inverse
+//! model with the rows as parameters, [`crate::tangent::partials`].
+
+use crate::ground::arrays::{MAX_DOF, ShapeError, check_length};
+use crate::ground::dispatch::{Kernel, dispatch};
+use crate::ground::lanes::Lanes;
+use crate::ground::spatial::Vector;
+use crate::model::motion::State;
+use crate::robot::parameters::{INERTIAL, Layout};
+use crate::robot::{JointKind, Robot};
+use crate::tangent::drives::drives;
+use crate::tangent::twists::{into_twisted, out_of_twisted};
+
+/// Where the derivatives go, each row-major `(n_samples, n_dof)`.
+#[derive(Debug)]
+pub struct Gradient<'a> {
+    /// With respect to positions.
+    pub q: &'a mut [f64],
+    /// With respect to velocities.
+    pub dq: &'a mut [f64],
+    /// With respect to accelerations.
+    pub ddq: &'a mut [f64],
+}
+
+/// Derivatives of `sum G : W` of each sample; `g` is row-major `(n_samples, n_dof, n_parameters)`.
+///
+/// Where the sign of a velocity jumps, its derivative is taken as zero.
+pub fn contraction_gradient(
+    robot: &Robot,
+    q: &[f64],
+    dq: &[f64],
+    ddq: &[f64],
+    g: &[f64],
+    out: Gradient<'_>,
+) -> Result<(), ShapeError> {
+    check_length("dq", dq, q.len())?;
+    check_length("ddq", ddq, q.len())?;
+    check_length("g", g, q.len() * Layout::of(robot).count())?;
+    for (what, array) in
+        [("the gradient of q", &*out.q), ("the gradient of dq", &*out.dq), ("the gradient of ddq", &*out.ddq)]
+    {
+        check_length(what, array, q.len())?;
+    }
+    if !q.is_empty() {
+        dispatch(Batch { robot, q, dq, ddq, g, out });
+    }
+    Ok(())
+}
+
+struct Batch<'a> {
+    robot: &'a Robot,
+    q: &'a [f64],
+    dq: &'a [f64],
+    ddq: &'a [f64],
+    g: &'a [f64],
+    out: Gradient<'a>,
+}
+
+impl Kernel for Batch<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const L: usize, const F: bool>(self) {
+        let n = self.robot.n_dof();
+        let layout = Layout::of(self.robot);
+        let width = n * layout.count();
+        let (mut chain, mut found) = (Chain::<L, F>::new(self.robot), State::zero());
+        let blocks = self.out.q.chunks_mut(n * L).zip(self.out.dq.chunks_mut(n * L));
+        for (block, ((q, dq), ddq)) in blocks.zip(self.out.ddq.chunks_mut(n * L)).enumerate() {
+            let mut state = State::<L, F>::zero();
+            state.load(n, block * L, self.q, self.dq, self.ddq);
+            let weights = Weights { g: &self.g[block * L * width..], width, layout };
+            chain.outwards(self.robot, &state);
+            chain.inwards(self.robot, &state, &weights, &mut found);
+            drives(self.robot, &state, &weights, &mut found);
+            Lanes::scatter(&found.q[..n], q, n);
+            Lanes::scatter(&found.dq[..n], dq, n);
+            Lanes::scatter(&found.ddq[..n], ddq, n);
+        }
+    }
+}
+
+/// The rows `G` of a block of samples.
+pub(super) struct Weights<'a> {
+    g: &'a [f64],
+    /// Entries of a sample.
+    width: usize,
+    /// Places of the parameters.
+    pub(super) layout: Layout,
+}
+
+impl Weights<'_> {
+    /// Entry of a row and a column; past the end the last sample stands in.
+    #[inline(always)]
+    pub(super) fn at<const L: usize, const F: bool>(&self, row: usize, column: usize) -> Lanes<L, F> {
+        Lanes::gather(self.g, self.width, 0, row * self.layout.count() + column)
+    }
+}
+
+/// A link's motion, or the derivatives of the sum with respect to it.
+#[derive(Debug, Clone, Copy)]
+struct Motion<const L: usize, const F: bool> {
+    omega: Vector<L, F>,
+    domega: Vector<L, F>,
+    a: Vector<L, F>,
+}
+
+impl<const L: usize, const F: bool> Motion<L, F> {
+    #[inline(always)]
+    fn none() -> Self {
+        Self { omega: Vector::zero(), domega: Vector::zero(), a: Vector::zero() }
+    }
+}
+
+/// An earlier joint's axis as a link feels it: angular and linear part of the motion per unit speed.
+#[derive(Debug, Clone, Copy)]
+struct Axis<const L: usize, const F: bool> {
+    u: Vector<L, F>,
+    w: Vector<L, F>,
+}
+
+/// What the way inwards needs of the way outwards.
+struct Chain<const L: usize, const F: bool> {
+    base: Motion<L, F>,
+    sine: [Lanes<L, F>; MAX_DOF],
+    cosine: [Lanes<L, F>; MAX_DOF],
+    /// Displacement of each origin after the twist, `(d, 0, r)`.
+    arm: [Vector<L, F>; MAX_DOF],
+    /// Motion of the link before, in the frame of the link: without the joint's own speed.
+    carried: [Motion<L, F>; MAX_DOF],
+    /// Axes of joints `0..=j` seen from link `j`.
+    axes: [[Axis<L, F>; MAX_DOF]; MAX_DOF],
+    /// Derivatives with respect to the axes, seen from the link at hand.
+    axes_bar: [Axis<L, F>; MAX_DOF],
+}
+
+impl<const L: usize, const F: bool> Chain<L, F> {
+    #[inline(always)]
+    fn new(robot: &Robot) -> Self {
+        let zero = [Lanes::zero(); MAX_DOF];
+        let axis = Axis { u: Vector::zero(), w: Vector::zero() };
+        let [x, y, z] = robot.gravity();
+        Self {
+            base: Motion { a: Vector::splat([-x, -y, -z]), ..Motion::none() },
+            sine: zero,
+            cosine: zero,
+            arm: [Vector::zero(); MAX_DOF],
+            carried: [Motion::none(); MAX_DOF],
+            axes: [[axis; MAX_DOF]; MAX_DOF],
+            axes_bar: [axis; MAX_DOF],
+        }
+    }
+
+    /// Motion of link `j`: what is carried, and the joint's own speed and acceleration.
+    #[inline(always)]
+    fn motion(&self, robot: &Robot, j: usize, state: &State<L, F>) -> Motion<L, F> {
+        let Motion { mut omega, mut domega, mut a } = self.carried[j];
+        let (dq, ddq) = (state.dq[j], state.ddq[j]);
+        match robot.joints()[j].kind {
+            JointKind::Revolute => {
+                domega.x = omega.y.mul_add(dq, domega.x);
+                domega.y = omega.x.neg_mul_add(dq, domega.y);
+                domega.z += ddq;
+                omega.z += dq;
+            }
+            JointKind::Prismatic => {
+                let twice = dq + dq;
+                a.x = omega.y.mul_add(twice, a.x);
+                a.y = omega.x.neg_mul_add(twice, a.y);
+                a.z += ddq;
+            }
+        }
+        Motion { omega, domega, a }
+    }
+
+    #[inline(always)]
+    fn outwards(&mut self, robot: &Robot, state: &State<L, F>) {
+        let mut before = self.base;
+        for j in 0..robot.n_dof().min(MAX_DOF) {
+            let (joint, twist) = (&robot.joints()[j], robot.twists()[j]);
+            let revolute = joint.kind == JointKind::Revolute;
+            let (theta, r) = (Lanes::splat(joint.theta), Lanes::splat(joint.r));
+            let (s, c) = (if revolute { state.q[j] + theta } else { theta }).sin_cos();
+            let arm =
+                Vector::new(Lanes::splat(joint.d), Lanes::zero(), if revolute { r } else { r + state.q[j] });
+            (self.sine[j], self.cosine[j], self.arm[j]) = (s, c, arm);
+            let (omega, domega) = (into_twisted(before.omega, twist), into_twisted(before.domega, twist));
+            let a = into_twisted(before.a, twist) + (domega.cross(arm) + omega.cross(omega.cross(arm)));
+            self.carried[j] = Motion {
+                omega: omega.into_turned(s, c),
+                domega: domega.into_turned(s, c),
+                a: a.into_turned(s, c),
+            };
+            before = self.motion(robot, j, state);
+            let (inner, outer) = self.axes.split_at_mut(j);
+            for i in 0..j {
+                let Axis { u, w } = inner[j - 1][i];
+                let (u, w) = (into_twisted(u, twist), into_twisted(w, twist));
+                outer[0][i] = Axis { u: u.into_turned(s, c), w: (w + u.cross(arm)).into_turned(s, c) };
+            }
+            let z = Vector::splat([0.0, 0.0, 1.0]);
+            outer[0][j] =
+                if revolute { Axis { u: z, w: Vector::zero() } } else { Axis { u: Vector::zero(), w: z } };
+        }
+    }
+
+    /// Derivatives of the links' part of the sum, into `found`.
+    #[inline(always)]
+    fn inwards(
+        &mut self,
+        robot: &Robot,
+        state: &State<L, F>,
+        weights: &Weights<'_>,
+        found: &mut State<L, F>,
+    ) {
+        let n = robot.n_dof().min(MAX_DOF);
+        let mut bar = Motion::none();
+        self.axes_bar = [Axis { u: Vector::zero(), w: Vector::zero() }; MAX_DOF];
+        for j in (0..n).rev() {
+            let motion = self.motion(robot, j, state);
+            let first = weights.layout.joint(j);
+            for i in 0..=j {
+                let row: [Lanes<L, F>; INERTIAL] = std::array::from_fn(|k| weights.at(i, first + k));
+                body(&row, &motion, &self.axes[j][i], &mut bar, &mut self.axes_bar[i]);
+            }
+            bar = self.through_joint(robot, j, state, bar, found);
+        }
+    }
+
+    /// From link `j` to the link before: derivatives with respect to the joint, and what is left for the links further in.
+    #[inline(always)]
+    fn through_joint(
+        &mut self,
+        robot: &Robot,
+        j: usize,
+        state: &State<L, F>,
+        mut bar: Motion<L, F>,
+        found: &mut State<L, F>,
+    ) -> Motion<L, F> {
+        let (s, c, arm, carried) = (self.sine[j], self.cosine[j], self.arm[j], self.carried[j]);
+        let twist = robot.twists()[j];
+        let revolute = robot.joints()[j].kind == JointKind::Revolute;
+        // The joint's own speed and acceleration.
+        let (felt, speed) = if revolute {
+            found.ddq[j] = bar.domega.z;
+            (bar.domega, state.dq[j])
+        } else {
+            found.ddq[j] = bar.a.z;
+            (bar.a.times(2.0), state.dq[j])
+        };
+        let across = felt.x.mul_sub(carried.omega.y, felt.y * carried.omega.x);
+        found.dq[j] = if revolute { across + bar.omega.z } else { across };
+        bar.omega.x = felt.y.neg_mul_add(speed, bar.omega.x);
+        bar.omega.y = felt.x.mul_add(speed, bar.omega.y);
+        // The turn about z.
+        let mut turn = turned_by(bar.omega, carried.omega)
+            + (turned_by(bar.domega, carried.domega) + turned_by(bar.a, carried.a));
+        let omega_bar = bar.omega.out_of_turned(s, c);
+        let domega_bar = bar.domega.out_of_turned(s, c);
+        let a_bar = bar.a.out_of_turned(s, c);
+        // The displacement of the origin: `a + domega x arm + omega x (omega x arm)`.
+        let (omega, domega) = (carried.omega.out_of_turned(s, c), carried.domega.out_of_turned(s, c));
+        let along = a_bar.dot(omega);
+        let mut slide = a_bar.cross(domega).z + omega.z.mul_sub(along, a_bar.z * omega.dot(omega));
+        let omega_bar = omega_bar + centripetal(a_bar, omega, arm);
+        let domega_bar = domega_bar + arm.cross(a_bar);
+        for i in 0..j {
+            let (axis, seen) = (self.axes_bar[i], self.axes[j][i]);
+            turn += turned_by(axis.u, seen.u) + turned_by(axis.w, seen.w);
+            let w_bar = axis.w.out_of_turned(s, c);
+            let u_bar = axis.u.out_of_turned(s, c) + arm.cross(w_bar);
+            if !revolute {
+                slide += w_bar.cross(seen.u.out_of_turned(s, c)).z;
+            }
+            self.axes_bar[i] = Axis { u: out_of_twisted(u_bar, twist), w: out_of_twisted(w_bar, twist) };
+        }
+        found.q[j] = if revolute { turn } else { slide };
+        Motion {
+            omega: out_of_twisted(omega_bar, twist),
+            domega: out_of_twisted(domega_bar, twist),
+            a: out_of_twisted(a_bar, twist),
+        }
+    }
+}
+
+impl<const L: usize, const F: bool> Vector<L, F> {
+    #[inline(always)]
+    fn times(self, factor: f64) -> Self {
+        Self::new(self.x.scale(factor), self.y.scale(factor), self.z.scale(factor))
+    }
+
+    #[inline(always)]
+    fn by(self, factor: Lanes<L, F>) -> Self {
+        Self::new(self.x * factor, self.y * factor, self.z * factor)
+    }
+}
+
+/// Derivative along the angle of a vector seen from a frame that turns about z.
+#[inline(always)]
+fn turned_by<const L: usize, const F: bool>(bar: Vector<L, F>, v: Vector<L, F>) -> Lanes<L, F> {
+    bar.x.mul_sub(v.y, bar.y * v.x)
+}
+
+/// Derivative of `w . (omega x (omega x h))` with respect to `omega`.
+#[inline(always)]
+fn centripetal<const L: usize, const F: bool>(
+    w: Vector<L, F>,
+    omega: Vector<L, F>,
+    h: Vector<L, F>,
+) -> Vector<L, F> {
+    let (oh, ow, wh) = (omega.dot(h), omega.dot(w), w.dot(h));
+    (w.by(oh) + h.by(ow)) - omega.by(wh + wh)
+}
+
+/// The wrench of a body with the ten parameters `x` along an axis: adds its derivatives.
+#[inline(always)]
+fn body<const L: usize, const F: bool>(
+    x: &[Lanes<L, F>; INERTIAL],
+    motion: &Motion<L, F>,
+    axis: &Axis<L, F>,
+    bar: &mut Motion<L, F>,
+    axis_bar: &mut Axis<L, F>,
+) {
+    let [xx, xy, xz, yy, yz, zz, hx, hy, hz, m] = *x;
+    let inertia = |v: Vector<L, F>| {
+        Vector::new(
+            xz.mul_add(v.z, xy.mul_add(v.y, xx * v.x)),
+            yz.mul_add(v.z, yy.mul_add(v.y, xy * v.x)),
+            zz.mul_add(v.z, yz.mul_add(v.y, xz * v.x)),
+        )
+    };
+    let h = Vector::new(hx, hy, hz);
+    let Motion { omega, domega, a } = *motion;
+    let Axis { u, w } = *axis;
+    let momentum = inertia(omega);
+    axis_bar.u = axis_bar.u + (inertia(domega) + (omega.cross(momentum) + h.cross(a)));
+    axis_bar.w = axis_bar.w + (domega.cross(h) + (omega.cross(omega.cross(h)) + a.by(m)));
+    bar.domega = bar.domega + (inertia(u) + h.cross(w));
+    bar.omega = bar.omega + ((momentum.cross(u) + inertia(u.cross(omega))) + centripetal(w, omega, h));
+    bar.a = bar.a + (u.cross(h) + w.by(m));
+}
+
+#[cfg(test)]
+pub(in crate::tangent) mod tests {
+    use super::*;
+    use crate::robot::{Coupling, Friction, Joint};
+    use crate::tangent::partials::partials;
+
+    pub(in crate::tangent) fn robot(friction: Friction) -> Robot {
+        let joint = |kind, alpha, d, theta, r| Joint { kind, alpha, d, theta, r };
+        let joints = vec![
+            joint(JointKind::Revolute, 0.3, 0.1, 0.2, 0.1),
+            joint(JointKind::Revolute, -std::f64::consts::FRAC_PI_2, 0.3, 0.0, 0.0),
+            joint(JointKind::Prismatic, 0.7, -0.2, 0.4, 0.3),
+            joint(JointKind::Revolute, 1.1, 0.1, -0.5, -0.2),
+        ];
+        let transmission = [
+            vec![1.0, 0.0, 0.0, 0.0],
+            vec![0.0, 1.0, 0.0, 0.0],
+            vec![0.0, 0.0, 1.0, 0.0],
+            vec![0.5, -0.3, 0.0, 1.0],
+        ];
+        Robot::new(joints, [1.0, -2.0, -9.81], &transmission, friction).unwrap()
+    }
+
+    /// Torque of joint `i` with a row as parameters, differentiated: positions and velocities by dual numbers, accelerations by
+    /// the regressor's linearity in them.
+    fn expected(robot: &Robot, q: &[f64], dq: &[f64], ddq: &[f64], g: &[f64]) -> [Vec<f64>; 3] {
+        let (n, p) = (robot.n_dof(), Layout::of(robot).count());
+        let mut want = [vec![0.0; n], vec![0.0; n], vec![0.0; n]];
+        for (i, row) in g.chunks_exact(p).enumerate() {
+            let at = partials(robot, row, q, dq, ddq);
+            for j in 0..n {
+                want[0][j] += at.position[i][j];
+                want[1][j] += at.velocity[i][j];
+                let mut more = ddq.to_vec();
+                more[j] += 1.0;
+                want[2][j] += partials(robot, row, q, dq, &more).tau[i] - at.tau[i];
+            }
+        }
+        want
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_inverse_models_with_the_rows_as_parameters() {
+        let sign = Friction::sign(4);
+        let smooth = Friction { smoothing: vec![0.3; 4], ..sign.clone() };
+        let dead_zone = vec![0.25; 4];
+        for friction in [
+            smooth.clone(),
+            Friction { asymmetric: true, ..smooth.clone() },
+            Friction { coupling: Coupling::Printed, ..smooth.clone() },
+            Friction { dead_zone: dead_zone.clone(), ..smooth },
+            Friction { dead_zone, asymmetric: true, ..sign.clone() },
+            sign,
+        ] {
+            let robot = robot(friction);
+            let (n, samples) = (4, 7);
+            let p = Layout::of(&robot).count();
+            let wave = |a: f64, count: usize| -> Vec<f64> {
+                (0..count).map(|k| (a * (k * k) as f64 + a).sin()).collect()
+            };
+            let (q, dq, ddq) = (wave(0.7, n * samples), wave(1.1, n * samples), wave(1.7, n * samples));
+            let g = wave(0.37, n * p * samples);
+            let [mut gq, mut gdq, mut gddq] = [(); 3].map(|()| vec![0.0; n * samples]);
+            let out = Gradient { q: &mut gq, dq: &mut gdq, ddq: &mut gddq };
+            contraction_gradient(&robot, &q, &dq, &ddq, &g, out).unwrap();
+            for s in 0..samples {
+                let at = s * n..(s + 1) * n;
+                let rows = &g[s * n * p..(s + 1) * n * p];
+                let want = expected(&robot, &q[at.clone()], &dq[at.clone()], &ddq[at.clone()], rows);
+                for (kind, (got, want)) in [&gq, &gdq, &gddq].into_iter().zip(&want).enumerate() {
+                    for (j, (got, want)) in got[at.clone()].iter().zip(want).enumerate() {
+                        assert!(
+                            (got - want).abs() < 1e-11 * (1.0 + want.abs()),
+                            "sample {s}, derivative {kind}, joint {j}: {got} {want}, {:?}",
+                            robot.friction()
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn arrays_that_do_not_fit_are_named() {
+        let robot = robot(Friction::sign(4));
+        let [mut a, mut b, mut c] = [(); 3].map(|()| vec![0.0; 4]);
+        let mut message = |dq: &[f64], g: &[f64], short: usize| {
+            let out = Gradient { q: &mut a, dq: &mut b, ddq: &mut c[short..] };
+            contraction_gradient(&robot, &[0.0; 4], dq, &[0.0; 4], g, out).unwrap_err().to_string()
+        };
+        let g = vec![0.0; 4 * Layout::of(&robot).count()];
+        assert_eq!(message(&[0.0; 3], &g, 0), "dq has 3 numbers where 4 are needed");
+        assert_eq!(
+            message(&[0.0; 4], &g[1..], 0),
+            format!("g has {} numbers where {} are needed", g.len() - 1, g.len())
+        );
+        assert_eq!(message(&[0.0; 4], &g, 1), "the gradient of ddq has 3 numbers where 4 are needed");
+    }
+}

@@ -1,0 +1,402 @@
+//! What a motion tells of the base parameters: the information matrix `sum W' Sigma^-1 W`, and its gradient along the motion.
+//!
+//! `W` is the regressor (2) restricted to the columns of the base parameters (7) and `Sigma` the covariance of the torques' noise,
+//! which is diagonal: a weight `1 / sigma_i^2` per joint. A criterion `f(M)` with derivative `P = df/dM` changes by
+//! `P : dM = sum G : dW` with `G = 2 Sigma^-1 W P`, and torques `W x` with a weight each add `weight_i x` to the rows of `G`
+//! ([`super::adjoint`]). Identity that tests it: differences of the matrix itself.
+
+use super::adjoint::{Gradient, contraction_gradient};
+use crate::ground::arrays::{ShapeError, check_length};
+use crate::ground::dispatch::{Kernel, WIDTH, dispatch};
+use crate::ground::lanes::Lanes;
+use crate::model::regressor::regressor;
+use crate::robot::Robot;
+use crate::robot::parameters::Layout;
+
+/// Samples at a time: their regressors stay in the cache.
+const BLOCK: usize = 32;
+
+/// A motion, row-major `(n_samples, n_dof)` each.
+#[derive(Debug, Clone, Copy)]
+pub struct Motion<'a> {
+    /// Positions (rad or m).
+    pub q: &'a [f64],
+    /// Velocities.
+    pub dq: &'a [f64],
+    /// Accelerations.
+    pub ddq: &'a [f64],
+}
+
+impl<'a> Motion<'a> {
+    fn part(&self, first: usize, last: usize) -> Self {
+        let at = |values: &'a [f64]| &values[first..last];
+        Self { q: at(self.q), dq: at(self.dq), ddq: at(self.ddq) }
+    }
+}
+
+/// Which columns count, and how precise each joint's torques are.
+#[derive(Debug, Clone, Copy)]
+pub struct Weighting<'a> {
+    /// Columns of the regressor, the base parameters.
+    pub columns: &'a [usize],
+    /// `1 / sigma^2` of each joint's torque.
+    pub joints: &'a [f64],
+}
+
+/// Weighted torques in a criterion: it changes by `sum weights : d(W x)`.
+#[derive(Debug, Clone, Copy)]
+pub struct Torques<'a> {
+    /// Row-major `(n_samples, n_dof)`.
+    pub weights: &'a [f64],
+    /// Standard parameters.
+    pub x: &'a [f64],
+}
+
+/// Memory for the regressors of a block: in it each row of kept columns fills whole registers.
+struct Block {
+    /// Entries of a regressor's row.
+    p: usize,
+    /// Columns, up to the next multiple of the lanes.
+    stride: usize,
+    w: Vec<f64>,
+    kept: Vec<f64>,
+}
+
+impl Block {
+    fn new(robot: &Robot, columns: usize) -> Self {
+        let (n, p) = (robot.n_dof(), Layout::of(robot).count());
+        let stride = columns.next_multiple_of(WIDTH);
+        Self { p, stride, w: vec![0.0; BLOCK * n * p], kept: vec![0.0; BLOCK * n * stride] }
+    }
+
+    /// Regressors of a part of a motion of at most [`BLOCK`] samples; returns the number of rows.
+    fn fill(&mut self, robot: &Robot, motion: &Motion<'_>, columns: &[usize]) -> Result<usize, ShapeError> {
+        let rows = motion.q.len();
+        regressor(robot, motion.q, motion.dq, motion.ddq, &mut self.w[..rows * self.p])?;
+        for (kept, row) in self.kept.chunks_exact_mut(self.stride).zip(self.w.chunks_exact(self.p)).take(rows)
+        {
+            for (kept, &column) in kept.iter_mut().zip(columns) {
+                *kept = row[column];
+            }
+        }
+        Ok(rows)
+    }
+}
+
+fn check(robot: &Robot, motion: &Motion<'_>, weighting: &Weighting<'_>) -> Result<(), ShapeError> {
+    check_length("dq", motion.dq, motion.q.len())?;
+    check_length("ddq", motion.ddq, motion.q.len())?;
+    check_length("weights", weighting.joints, robot.n_dof())?;
+    let count = Layout::of(robot).count();
+    match weighting.columns.iter().find(|&&column| column >= count) {
+        Some(&column) => Err(ShapeError::Column { column, count }),
+        None => Ok(()),
+    }
+}
+
+/// The information matrix, row-major and symmetric, into `matrix`.
+pub fn information(
+    robot: &Robot,
+    motion: Motion<'_>,
+    weighting: Weighting<'_>,
+    matrix: &mut [f64],
+) -> Result<(), ShapeError> {
+    check(robot, &motion, &weighting)?;
+    let b = weighting.columns.len();
+    check_length("the information matrix", matrix, b * b)?;
+    let n = robot.n_dof();
+    let mut block = Block::new(robot, b);
+    let mut sum = vec![0.0; b * block.stride];
+    for first in (0..motion.q.len()).step_by(BLOCK * n) {
+        let part = motion.part(first, (first + BLOCK * n).min(motion.q.len()));
+        let rows = block.fill(robot, &part, weighting.columns)?;
+        dispatch(Gram {
+            rows: &block.kept[..rows * block.stride],
+            n,
+            b,
+            weights: weighting.joints,
+            sum: &mut sum,
+        });
+    }
+    for i in 0..b {
+        for j in i..b {
+            matrix[i * b + j] = sum[i * block.stride + j];
+            matrix[j * b + i] = sum[i * block.stride + j];
+        }
+    }
+    Ok(())
+}
+
+/// Adds `rows' weights rows` to the upper triangle of `sum`.
+struct Gram<'a> {
+    rows: &'a [f64],
+    n: usize,
+    b: usize,
+    weights: &'a [f64],
+    sum: &'a mut [f64],
+}
+
+impl Kernel for Gram<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const L: usize, const F: bool>(self) {
+        let stride = self.sum.len() / self.b.max(1);
+        // The same joint of four samples: their zeros are the same, and one pass over the sum serves all four.
+        for four in self.rows.chunks(4 * self.n * stride) {
+            for joint in 0..self.n {
+                let row =
+                    |k: usize| four.get((k * self.n + joint) * stride..(k * self.n + joint + 1) * stride);
+                let Some(first_row) = row(0) else { break };
+                // Rows past the end repeat the first with weight zero.
+                let rows: [&[f64]; 4] = std::array::from_fn(|k| row(k).unwrap_or(first_row));
+                let weights: [f64; 4] =
+                    std::array::from_fn(|k| if row(k).is_some() { self.weights[joint] } else { 0.0 });
+                let start = (0..self.b).find(|&c| rows.iter().any(|row| row[c] != 0.0)).unwrap_or(self.b);
+                for c in start..self.b {
+                    let factors: [Lanes<L, F>; 4] =
+                        std::array::from_fn(|k| Lanes::splat(rows[k][c] * weights[k]));
+                    let out = &mut self.sum[c * stride..(c + 1) * stride];
+                    for k in (c - c % L..stride).step_by(L) {
+                        let mut sum = Lanes::<L, F>::from_slice(&out[k..k + L]);
+                        for (factor, row) in factors.iter().zip(rows) {
+                            sum = Lanes::from_slice(&row[k..k + L]).mul_add(*factor, sum);
+                        }
+                        out[k..k + L].copy_from_slice(&sum.to_array());
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Derivatives of a criterion along a motion: `derivative` is `df/dM`, row-major and symmetric.
+pub fn information_gradient(
+    robot: &Robot,
+    motion: Motion<'_>,
+    weighting: Weighting<'_>,
+    derivative: &[f64],
+    torques: Option<Torques<'_>>,
+    out: &mut Gradient<'_>,
+) -> Result<(), ShapeError> {
+    check(robot, &motion, &weighting)?;
+    let (n, b) = (robot.n_dof(), weighting.columns.len());
+    let p = Layout::of(robot).count();
+    check_length("the derivative", derivative, b * b)?;
+    if let Some(torques) = torques {
+        check_length("the weights of the torques", torques.weights, motion.q.len())?;
+        check_length("x", torques.x, p)?;
+    }
+    for (what, array) in
+        [("the gradient of q", &*out.q), ("the gradient of dq", &*out.dq), ("the gradient of ddq", &*out.ddq)]
+    {
+        check_length(what, array, motion.q.len())?;
+    }
+    let mut block = Block::new(robot, b);
+    let stride = block.stride;
+    let mut padded = vec![0.0; b * stride];
+    for (padded, row) in padded.chunks_exact_mut(stride.max(1)).zip(derivative.chunks_exact(b.max(1))) {
+        padded[..b].copy_from_slice(row);
+    }
+    let mut product = vec![0.0; BLOCK * n * stride];
+    let mut g = vec![0.0; BLOCK * n * p];
+    for first in (0..motion.q.len()).step_by(BLOCK * n) {
+        let last = (first + BLOCK * n).min(motion.q.len());
+        let part = motion.part(first, last);
+        let rows = block.fill(robot, &part, weighting.columns)?;
+        let kept = &block.kept[..rows * stride];
+        dispatch(Product {
+            rows: kept,
+            n,
+            b,
+            weights: weighting.joints,
+            by: &padded,
+            out: &mut product[..rows * stride],
+        });
+        let g = &mut g[..rows * p];
+        match torques {
+            None => g.fill(0.0),
+            Some(Torques { weights, x }) => {
+                for (row, &weight) in g.chunks_exact_mut(p).zip(&weights[first..last]) {
+                    for (out, x) in row.iter_mut().zip(x) {
+                        *out = weight * x;
+                    }
+                }
+            }
+        }
+        for (row, product) in g.chunks_exact_mut(p).zip(product.chunks_exact(stride.max(1))) {
+            for (&column, value) in weighting.columns.iter().zip(product) {
+                row[column] += value;
+            }
+        }
+        let here = Gradient {
+            q: &mut out.q[first..last],
+            dq: &mut out.dq[first..last],
+            ddq: &mut out.ddq[first..last],
+        };
+        contraction_gradient(robot, part.q, part.dq, part.ddq, g, here)?;
+    }
+    Ok(())
+}
+
+/// `2 weights rows by`.
+struct Product<'a> {
+    rows: &'a [f64],
+    n: usize,
+    b: usize,
+    weights: &'a [f64],
+    by: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl Kernel for Product<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const L: usize, const F: bool>(self) {
+        let stride = self.by.len() / self.b.max(1);
+        if stride == 0 {
+            return;
+        }
+        let rows = self.rows.chunks_exact(stride);
+        for (index, (row, out)) in rows.zip(self.out.chunks_exact_mut(stride)).enumerate() {
+            let weight = 2.0 * self.weights[index % self.n];
+            let start = row.iter().position(|&value| value != 0.0).unwrap_or(self.b);
+            // Four registers at a time: they stay where they are for the whole sum.
+            for k in (0..stride).step_by(4 * L) {
+                let registers = ((stride - k) / L).min(4);
+                let mut sums = [Lanes::<L, F>::zero(); 4];
+                for c in start..self.b {
+                    let factor = Lanes::splat(row[c] * weight);
+                    let by = &self.by[c * stride + k..];
+                    for r in 0..registers {
+                        sums[r] = Lanes::from_slice(&by[r * L..(r + 1) * L]).mul_add(factor, sums[r]);
+                    }
+                }
+                for r in 0..registers {
+                    out[k + r * L..k + (r + 1) * L].copy_from_slice(&sums[r].to_array());
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::inverse::inverse_dynamics;
+    use crate::robot::{Friction, Joint, JointKind};
+
+    /// Joints that slide where it says so; the last motor turns with the joint before.
+    fn robot(slides: &[bool]) -> Robot {
+        let n = slides.len();
+        let joint = |(j, &slides): (usize, &bool)| Joint {
+            kind: if slides { JointKind::Prismatic } else { JointKind::Revolute },
+            alpha: 0.4 * j as f64,
+            d: 0.1 * j as f64,
+            theta: 0.3,
+            r: 0.2,
+        };
+        let mut transmission = vec![vec![0.0; n]; n];
+        for j in 0..n {
+            transmission[j][j] = 1.0;
+        }
+        if n > 1 {
+            transmission[n - 1][n - 2] = 0.5;
+        }
+        let friction = Friction { smoothing: vec![0.4; n], ..Friction::sign(n) };
+        let joints = slides.iter().enumerate().map(joint).collect();
+        Robot::new(joints, [0.5, 1.0, -9.81], &transmission, friction).unwrap()
+    }
+
+    fn wave(a: f64, count: usize) -> Vec<f64> {
+        (0..count).map(|k| 2.0 * (a * k as f64 + a).sin()).collect()
+    }
+
+    /// Columns that are no multiple of the lanes, samples that fill no whole block.
+    const SAMPLES: usize = 2 * BLOCK + 7;
+
+    fn columns(robot: &Robot) -> Vec<usize> {
+        (0..Layout::of(robot).count()).filter(|k| k % 3 != 1).collect()
+    }
+
+    #[test]
+    fn the_matrix_is_that_of_the_regressor() {
+        let robot = robot(&[false, true, false]);
+        let (n, p, columns) = (3, Layout::of(&robot).count(), columns(&robot));
+        let (q, dq, ddq) = (wave(1.1, n * SAMPLES), wave(0.7, n * SAMPLES), wave(1.7, n * SAMPLES));
+        let weights = [2.0, 0.5, 3.0];
+        let mut w = vec![0.0; n * SAMPLES * p];
+        regressor(&robot, &q, &dq, &ddq, &mut w).unwrap();
+        let b = columns.len();
+        let mut matrix = vec![0.0; b * b];
+        let motion = Motion { q: &q, dq: &dq, ddq: &ddq };
+        information(&robot, motion, Weighting { columns: &columns, joints: &weights }, &mut matrix).unwrap();
+        for (i, &ci) in columns.iter().enumerate() {
+            for (j, &cj) in columns.iter().enumerate() {
+                let want: f64 =
+                    w.chunks_exact(p).enumerate().map(|(r, row)| weights[r % n] * row[ci] * row[cj]).sum();
+                let scale: f64 = w.chunks_exact(p).map(|row| row[ci].abs().max(row[cj].abs()).powi(2)).sum();
+                assert!((matrix[i * b + j] - want).abs() < 1e-12 * (1.0 + scale), "{i} {j}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_gradient_is_the_difference_of_the_criterion() {
+        let robot = robot(&[false, true, false]);
+        let (n, p, columns) = (3, Layout::of(&robot).count(), columns(&robot));
+        let b = columns.len();
+        let weights = [2.0, 0.5, 3.0];
+        let weighting = Weighting { columns: &columns, joints: &weights };
+        // A criterion that is linear in the matrix, and in the torques.
+        let mut derivative = vec![0.0; b * b];
+        for i in 0..b {
+            for j in 0..b {
+                derivative[i * b + j] = ((i * j) as f64 * 0.3).cos() + ((i + j) as f64).sin();
+            }
+        }
+        let (x, torque_weights) = (wave(0.31, p), wave(0.53, n * SAMPLES));
+        let value = |arrays: &[Vec<f64>; 3]| -> f64 {
+            let [q, dq, ddq] = arrays;
+            let (mut matrix, mut tau) = (vec![0.0; b * b], vec![0.0; q.len()]);
+            information(&robot, Motion { q, dq, ddq }, weighting, &mut matrix).unwrap();
+            inverse_dynamics(&robot, q, dq, ddq, &x, &mut tau).unwrap();
+            let of_matrix: f64 = matrix.iter().zip(&derivative).map(|(m, d)| m * d).sum();
+            of_matrix + tau.iter().zip(&torque_weights).map(|(t, w)| t * w).sum::<f64>()
+        };
+        let arrays = [wave(1.1, n * SAMPLES), wave(0.7, n * SAMPLES), wave(1.7, n * SAMPLES)];
+        let mut found = [(); 3].map(|()| vec![0.0; n * SAMPLES]);
+        {
+            let [q, dq, ddq] = &mut found;
+            let motion = Motion { q: &arrays[0], dq: &arrays[1], ddq: &arrays[2] };
+            let torques = Torques { weights: &torque_weights, x: &x };
+            let mut out = Gradient { q, dq, ddq };
+            information_gradient(&robot, motion, weighting, &derivative, Some(torques), &mut out).unwrap();
+        }
+        for kind in 0..3 {
+            for at in [0, n * BLOCK + 1, n * SAMPLES - 1] {
+                let h = 1e-5;
+                let moved = |by: f64| {
+                    let mut arrays = arrays.clone();
+                    arrays[kind][at] += by;
+                    value(&arrays)
+                };
+                let want = (moved(h) - moved(-h)) / (2.0 * h);
+                let got = found[kind][at];
+                assert!((got - want).abs() < 1e-4 * (1.0 + want.abs()), "{kind} {at}: {got} {want}");
+            }
+        }
+    }
+
+    #[test]
+    fn columns_and_arrays_that_do_not_fit_are_named() {
+        let robot = robot(&[false]);
+        let motion = Motion { q: &[0.0], dq: &[0.0], ddq: &[0.0] };
+        let message = |columns: &[usize], joints: &[f64], length: usize| {
+            let weighting = Weighting { columns, joints };
+            information(&robot, motion, weighting, &mut vec![0.0; length]).unwrap_err().to_string()
+        };
+        assert_eq!(message(&[0], &[1.0, 2.0], 1), "weights has 2 numbers where 1 are needed");
+        assert_eq!(message(&[0], &[1.0], 2), "the information matrix has 2 numbers where 1 are needed");
+        assert!(message(&[99], &[1.0], 1).contains("99"));
+    }
+}

@@ -1,0 +1,51 @@
+//! Vectors seen from a frame turned by `alpha` about x, and back; right angles need no multiplication.
+
+use crate::ground::lanes::Lanes;
+use crate::ground::spatial::Vector;
+use crate::robot::Twist;
+
+/// Components after `Rot(x, alpha)` of the frame: `Rot(x, alpha)^T v`.
+#[inline(always)]
+pub(super) fn into_twisted<const L: usize, const F: bool>(v: Vector<L, F>, twist: Twist) -> Vector<L, F> {
+    match twist {
+        Twist::Zero => v,
+        Twist::Half => Vector::new(v.x, -v.y, -v.z),
+        Twist::Plus => Vector::new(v.x, v.z, -v.y),
+        Twist::Minus => Vector::new(v.x, -v.z, v.y),
+        Twist::General(c, s) => Vector::new(
+            v.x,
+            v.y.mul_add(Lanes::splat(c), v.z.scale(s)),
+            v.z.mul_add(Lanes::splat(c), v.y.scale(-s)),
+        ),
+    }
+}
+
+/// Back: `Rot(x, alpha) v`.
+#[inline(always)]
+pub(super) fn out_of_twisted<const L: usize, const F: bool>(v: Vector<L, F>, twist: Twist) -> Vector<L, F> {
+    let back = match twist {
+        Twist::Plus => Twist::Minus,
+        Twist::Minus => Twist::Plus,
+        Twist::General(c, s) => Twist::General(c, -s),
+        right => right,
+    };
+    into_twisted(v, back)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_turn_and_its_inverse_undo_each_other_and_right_angles_are_turns() {
+        let v = Vector::<1, false>::splat([0.3, -1.2, 2.5]);
+        let same = |a: Vector<1, false>, b: Vector<1, false>| {
+            [(a.x, b.x), (a.y, b.y), (a.z, b.z)].iter().all(|(a, b)| (a.0[0] - b.0[0]).abs() < 1e-15)
+        };
+        for twist in [Twist::Zero, Twist::Half, Twist::Plus, Twist::Minus, Twist::General(0.6, 0.8)] {
+            assert!(same(out_of_twisted(into_twisted(v, twist), twist), v));
+            let (c, s) = twist.cos_sin();
+            assert!(same(into_twisted(v, twist), into_twisted(v, Twist::General(c, s))));
+        }
+    }
+}
