@@ -9,3 +9,4 @@ pub mod inverse;
 pub mod links;
 pub mod motion;
 pub mod regressor;
+pub mod walk;

@@ -6,8 +6,8 @@
 
 use super::friction_terms::{Law, MAX_TERMS, Term};
 use crate::ground::arrays::MAX_DOF;
+use crate::robot::twist::Twist;
 use nalgebra::DMatrix;
-use std::f64::consts::FRAC_PI_2;
 use thiserror::Error;
 
 /// A robot description that is not a robot.
@@ -85,9 +85,6 @@ pub enum RobotError {
     },
 }
 
-/// Angles closer than this to a multiple of 90 degrees are taken as that multiple.
-const RIGHT_ANGLE_TOLERANCE: f64 = 1e-12;
-
 /// What a joint does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JointKind {
@@ -151,48 +148,6 @@ impl Friction {
     /// Does a torque depend on the load?
     pub fn has_load(&self) -> bool {
         self.terms.iter().any(|term| term.law == Law::Load)
-    }
-}
-
-/// `alpha` as the kernels see it: right angles need no multiplication.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Twist {
-    /// `alpha = 0`.
-    Zero,
-    /// `alpha = pi`.
-    Half,
-    /// `alpha = pi/2`.
-    Plus,
-    /// `alpha = -pi/2`.
-    Minus,
-    /// Any other angle: its cosine and sine.
-    General(f64, f64),
-}
-
-impl Twist {
-    fn new(alpha: f64) -> Self {
-        let quarter = (alpha / FRAC_PI_2).round();
-        if (alpha - quarter * FRAC_PI_2).abs() > RIGHT_ANGLE_TOLERANCE {
-            return Self::General(alpha.cos(), alpha.sin());
-        }
-        #[allow(clippy::cast_possible_truncation)]
-        match (quarter as i64).rem_euclid(4) {
-            0 => Self::Zero,
-            1 => Self::Plus,
-            2 => Self::Half,
-            _ => Self::Minus,
-        }
-    }
-
-    /// Cosine and sine, exact at right angles.
-    pub fn cos_sin(self) -> (f64, f64) {
-        match self {
-            Self::Zero => (1.0, 0.0),
-            Self::Half => (-1.0, 0.0),
-            Self::Plus => (0.0, 1.0),
-            Self::Minus => (0.0, -1.0),
-            Self::General(c, s) => (c, s),
-        }
     }
 }
 
@@ -435,14 +390,6 @@ mod tests {
         );
         let weightless = Robot::new(vec![joint()], [0.0, f64::INFINITY, 0.0], &one, Friction::sign(1));
         assert_eq!(weightless.unwrap_err().to_string(), "gravity must be three finite numbers");
-    }
-
-    #[test]
-    fn right_angles_are_exact() {
-        assert_eq!(Twist::new(-FRAC_PI_2), Twist::Minus);
-        assert_eq!(Twist::new(3.0 * FRAC_PI_2), Twist::Minus);
-        assert_eq!(Twist::new(std::f64::consts::PI), Twist::Half);
-        assert!(matches!(Twist::new(0.3), Twist::General(..)));
     }
 
     #[test]

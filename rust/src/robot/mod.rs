@@ -5,5 +5,7 @@ mod description;
 pub mod friction_terms;
 pub mod geometry;
 pub mod parameters;
+mod twist;
 
-pub use description::{CoupledMotor, Coupling, Friction, Joint, JointKind, Robot, RobotError, Twist};
+pub use description::{CoupledMotor, Coupling, Friction, Joint, JointKind, Robot, RobotError};
+pub use twist::Twist;
