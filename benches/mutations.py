@@ -95,16 +95,16 @@ PYTHON = (
     ),
     Mutation(
         "the variance divides by r - 1 instead of r - b",
-        "python/didim/regression/least_squares.py",
-        'return int(rows - columns if settings.variance == "r-b" else rows - 1)',
-        "return int(rows - 1)",
+        "python/didim/regression/settings.py",
+        'return rows - columns if self.variance == "r-b" else rows - 1',
+        "return rows - 1",
         "tests/test_least_squares.py",
     ),
     Mutation(
         "weights are the sigma of a joint instead of its reciprocal",
         "python/didim/regression/least_squares.py",
-        "scale = _per_row(system, 1.0 / sigma)",
-        "scale = _per_row(system, sigma)",
+        "per_row(system, 1.0 / joint_sigma(system, residual))",
+        "per_row(system, joint_sigma(system, residual))",
         "tests/test_least_squares.py",
     ),
     Mutation(
@@ -175,14 +175,14 @@ PYTHON = (
 RUST = (
     Mutation(
         "gravity pushes instead of pulling",
-        "rust/src/model/inverse.rs",
+        "rust/src/model/motion.rs",
         "Vector::splat([-x, -y, -z])",
         "Vector::splat([x, y, z])",
         "",
     ),
     Mutation(
         "Coriolis acceleration of a prismatic joint has the wrong sign",
-        "rust/src/model/inverse.rs",
+        "rust/src/model/motion.rs",
         "a.x = omega.y.mul_add(twice, a.x);",
         "a.x = omega.y.neg_mul_add(twice, a.x);",
         "",
