@@ -456,7 +456,7 @@ def test_a_measured_tx40(project: Path, shared: Path) -> None:
     experiment = didim.load_experiment(project / "examples" / "tx40_log.toml", data=shared / "data" / "tx40")
     fit = identify(experiment, IDIMLS())
     html = report.render(fit, experiment)
-    assert len(html) < 1_600_000
+    assert len(html) < 1_500_000
     page = Page.of(html)
     assert len(page.table("parameter")) >= 2 * 60
     assert "27 of 60 well" in page.text
