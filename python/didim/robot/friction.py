@@ -67,7 +67,7 @@ class FrictionTerm:
 
     Notes
     -----
-    The core has the columns: ``rust/src/robot/friction_terms.rs`` tests them against the inverse and the direct model.
+    The core has the columns: ``rust/src/model/friction_terms.rs`` tests them against the inverse and the direct model.
     """
 
     law: Law

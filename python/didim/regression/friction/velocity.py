@@ -90,11 +90,6 @@ class SettledFriction:
     passes: int = 0
 
 
-def needs_settling(robot: Robot) -> bool:
-    """Whether the friction of a robot makes (7) nonlinear."""
-    return robot.friction.has_load or bool(robot.friction.estimated)
-
-
 def settled(
     robot: Robot,
     parts: Sequence[Segment],
