@@ -12,8 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import didim
 import simulated
 from didim.cli.main import main
+from didim.experiment.experiment_file import load_experiment
+from didim.regression.solver import SOLVERS
 from didim.result.identification import Identification
 from didim.result.status import Status
 from didim.robot.robot_file import load_robot
@@ -125,6 +128,55 @@ def test_quiet_and_verbose(arm: Path, capsys: pytest.CaptureFixture[str]) -> Non
     out, err = capsys.readouterr()
     assert out.startswith("arm: ")
     assert "iteration 1: relative error" in err
+
+
+def test_standard_deviations_and_solver_are_chosen_on_the_command_line(arm: Path, tmp_path: Path) -> None:
+    path = tmp_path / "arm.json"
+    experiment = load_experiment(arm, data=arm.parent / "data")
+    for kind in ("jackknife", "decimated", "white"):
+        assert identify_arm(arm, "--quiet", "--uncertainty", kind, "--json", str(path)) == 0
+        found = Identification.load(path)
+        assert found.uncertainty is not None
+        assert found.uncertainty.kind == kind
+        assert found.std == pytest.approx(didim.identify(experiment, uncertainty=kind).std)
+    assert identify_arm(arm, "--quiet", "--solver", "huber", "--json", str(path)) == 0
+    robust, plain = Identification.load(path), didim.identify(experiment)
+    assert robust.settings["solver"]["name"] == "huber"
+    assert robust.beta == pytest.approx(didim.identify(experiment, didim.IDIMLS(solver="huber")).beta)
+    assert np.abs(robust.beta - plain.beta).max() > 1e-6
+
+
+def test_help_lists_every_solver(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["identify", "--help"])
+    text = "".join(capsys.readouterr().out.split())  # lines are broken at hyphens
+    assert [name for name in SOLVERS if name not in text] == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            ("--solver", "hubert"),
+            "there is no solver 'hubert'; did you mean 'huber'? (there are: least-squares,",
+        ),
+        (("--method", "cloe", "--solver", "huber"), "--solver is not for method 'cloe'"),
+        (
+            ("--method", "idim-iv", "--solver", "huber"),
+            "IDIM-IV solves the linear system with its instruments",
+        ),
+        (("--method", "idim-iv", "--physical"), "IDIM-IV solves the linear system with its instruments"),
+        (
+            ("--method", "ekf", "--uncertainty", "white"),
+            "the standard deviations of the Kalman filter are its own",
+        ),
+    ],
+)
+def test_choices_that_a_method_does_not_have(
+    arm: Path, options: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert identify_arm(arm, *options) == 2
+    assert message in one_line(capsys)
 
 
 def test_not_converged_is_exit_1(

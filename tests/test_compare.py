@@ -210,6 +210,14 @@ def test_the_callback_hears_method_and_iteration(experiment: Experiment) -> None
     assert len(heard) == 2 + found.fits["didim"].n_iterations
 
 
+def test_standard_deviations_and_solver_are_those_of_all_methods_that_have_them(
+    experiment: Experiment,
+) -> None:
+    methods = all_methods(experiment, simplex_iterations=0, uncertainty="white", solver="huber")
+    assert [method.uncertainty for method in methods] == ["white"] * 3  # type: ignore[attr-defined]
+    assert [getattr(method, "solver", None) for method in methods] == ["huber", "huber", None]
+
+
 def test_the_methods_start_where_the_robot_allows(experiment: Experiment) -> None:
     idim_ls, didim_method, simplex, levenberg = all_methods(packaged_experiment("tx40"))
     assert (idim_ls, didim_method) == LEAST_SQUARES
@@ -292,6 +300,8 @@ def test_command_that_does_not_converge_is_exit_1(tmp_path: Path, capsys: pytest
         (["--parameters", "nothing"], "didim: tx40.toml: no parameter set 'nothing'"),
         (["--seed", "-1"], "didim: the seed of the noise must not be negative, got -1"),
         (["--experiment", "nothing.toml"], "nothing.toml"),
+        (["--contrast", "--solver", "huber"], "didim: --solver is not for --contrast"),
+        (["--contrast", "--uncertainty", "white"], "didim: --uncertainty is not for --contrast"),
     ],
 )
 def test_wrong_commands_are_one_line_and_exit_2(

@@ -12,10 +12,12 @@ from .options import (
     add_command,
     add_data,
     add_format,
+    add_regression,
     add_report,
     check_report,
     exit_code,
     formatted,
+    refuse,
 )
 from .outputs import Saved, check_outputs
 
@@ -62,6 +64,7 @@ def add(commands: Commands) -> None:
         action="append",
         help="of the simplex (default: adaptive); give it twice to see two beside each other",
     )
+    add_regression(parser)
     parser.add_argument("--no-noise", action="store_true", help="a log without noise")
     parser.add_argument(
         "--contrast",
@@ -89,12 +92,19 @@ def run(options: argparse.Namespace) -> int:
         else load_experiment(options.experiment, data=options.data)
     )
     if options.contrast:
+        for key in ("uncertainty", "solver"):
+            if getattr(options, key) is not None:
+                return refuse(f"--{key} is not for --contrast, which compares least squares by the jackknife")
         return _contrast(options, experiment)
     iterations = {"short": SHORT_SIMPLEX, "full": None, "none": 0}[options.nelder_mead]
     comparison = compare(
         experiment,
         methods=all_methods(
-            experiment, simplex_iterations=iterations, variants=options.variant or ["adaptive"]
+            experiment,
+            simplex_iterations=iterations,
+            variants=options.variant or ["adaptive"],
+            uncertainty=options.uncertainty,
+            solver=options.solver or "least-squares",
         ),
         parameters=options.parameters,
         noise=not options.no_noise,

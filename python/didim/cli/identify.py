@@ -10,6 +10,7 @@ from .options import (
     add_command,
     add_experiment,
     add_format,
+    add_regression,
     add_report,
     check_report,
     exit_code,
@@ -33,6 +34,7 @@ def add(commands: Commands) -> None:
         metavar="NAME",
         help="initial parameters of didim and cloe: unit, idim-ls, a set of the robot file, or a file of parameters",
     )
+    add_regression(parser)
     parser.add_argument(
         "--physical",
         action="store_true",
@@ -78,7 +80,17 @@ def add(commands: Commands) -> None:
     loudness.add_argument("--verbose", action="store_true", help="print progress on stderr")
 
 
-CHOICES = ("start", "physical", "optimizer", "output", "variant", "starts", "checkpoint")
+CHOICES = (
+    "start",
+    "uncertainty",
+    "solver",
+    "physical",
+    "optimizer",
+    "output",
+    "variant",
+    "starts",
+    "checkpoint",
+)
 """Options of `identify` that are settings of a method."""
 
 

@@ -91,6 +91,20 @@ def check_report(options: argparse.Namespace) -> None:
         check(options.report)
 
 
+def add_regression(parser: argparse.ArgumentParser) -> None:
+    """Add ``--uncertainty`` and ``--solver``, settings that several methods share."""
+    parser.add_argument(
+        "--uncertainty",
+        choices=("jackknife", "decimated", "white"),
+        help="where standard deviations come from (default: that of the experiment file, the jackknife)",
+    )
+    parser.add_argument(
+        "--solver",
+        metavar="NAME",
+        help="how idim-ls and didim solve the linear system: least-squares (default), huber, bisquare, total, ridge or consistent",
+    )
+
+
 def add_format(parser: argparse.ArgumentParser) -> None:
     """Add ``--format``."""
     parser.add_argument(

@@ -61,6 +61,10 @@ class EKF(MethodSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         positive("prior", self.prior, FitError)
+        if self.uncertainty is not None:
+            raise FitError(
+                "the standard deviations of the Kalman filter are its own: it has no setting for uncertainty"
+            )
 
     def run(
         self,

@@ -10,11 +10,12 @@ from importlib import import_module
 
 from ..errors import FitError
 from ..experiment.experiment import Experiment
+from ..regression.settings import UncertaintyKind
 from ..result.identification import Identification
 from ..result.iteration import Iteration
 from .friction import with_known_friction
 from .idim_ls import IDIMLS
-from .method import Method
+from .method import Method, MethodSettings
 
 METHODS: dict[str, str | Callable[..., Method]] = {
     "idim-ls": "didim.methods.idim_ls:IDIMLS",
@@ -48,6 +49,7 @@ def identify(
     experiment: Experiment,
     method: Method | None = None,
     *,
+    uncertainty: UncertaintyKind | None = None,
     callback: Callable[[Iteration], bool | None] | None = None,
     verbose: bool = False,
 ) -> Identification:
@@ -59,6 +61,8 @@ def identify(
         From `didim.load_experiment`.
     method : method, optional
         Settings such as ``didim.IDIMLS()``, which is also the default.
+    uncertainty : {"jackknife", "decimated", "white"}, optional
+        Where standard deviations come from, in place of the method's setting (`LeastSquaresSettings`).
     callback : callable, optional
         Called with every `Iteration`; when it returns True the method stops there.
     verbose : bool
@@ -80,6 +84,10 @@ def identify(
     """
     if method is None:
         method = IDIMLS()
+    if uncertainty is not None:
+        if not isinstance(method, MethodSettings):
+            raise FitError(f"method '{method.name}' has no setting for uncertainty")
+        method = replace(method, uncertainty=uncertainty)
 
     def say(text: str) -> None:
         if verbose:

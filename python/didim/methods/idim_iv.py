@@ -14,6 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..regression.classical.instrumental import Diagnosis, solve_with_instruments
 from ..regression.fit import Fit, Progress
@@ -55,6 +56,11 @@ class IDIMIV(DIDIMSettings):
 
     tolerance: float = 0.0
     sigma_fraction: float = 0.05
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.physical or self.solver != "least-squares":
+            raise FitError("IDIM-IV solves the linear system with its instruments: it has no other solver")
 
     def run(
         self,

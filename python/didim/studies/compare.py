@@ -15,6 +15,8 @@ from ..experiment.experiment import Experiment
 from ..methods.cloe.settings import Variant
 from ..methods.identify import identify
 from ..methods.method import Method
+from ..regression.settings import UncertaintyKind
+from ..regression.solver import SolverChoice
 from ..result.identification import Identification
 from ..result.iteration import Iteration
 from .comparison import Comparison
@@ -29,6 +31,8 @@ def all_methods(
     *,
     simplex_iterations: int | None = SHORT_SIMPLEX,
     variants: Sequence[Variant] = ("adaptive",),
+    uncertainty: UncertaintyKind | None = None,
+    solver: SolverChoice = "least-squares",
 ) -> list[Method]:
     """Return the methods of a comparison.
 
@@ -40,6 +44,10 @@ def all_methods(
         Of Nelder and Mead; None for as many as the paper's recipe allows, 0 to leave the simplex out.
     variants : sequence of str
         Of the simplex; one method each.
+    uncertainty : {"jackknife", "decimated", "white"}, optional
+        Where standard deviations come from, as in `LeastSquaresSettings`; as in the experiment by default.
+    solver : str or solver
+        How IDIM-LS and DIDIM solve (7); CLOE has no linear system.
     """
     from ..methods.cloe.cloe import CLOE
     from ..methods.didim.didim import DIDIM
@@ -47,10 +55,21 @@ def all_methods(
 
     start = "apriori" if "apriori" in experiment.robot.sets else "unit"
     simplexes = [
-        CLOE(optimizer="nelder-mead", variant=variant, max_iterations=simplex_iterations or None, start=start)
+        CLOE(
+            optimizer="nelder-mead",
+            variant=variant,
+            max_iterations=simplex_iterations or None,
+            start=start,
+            uncertainty=uncertainty,
+        )
         for variant in ([] if simplex_iterations == 0 else variants)
     ]
-    return [IDIMLS(), DIDIM(), *simplexes, CLOE(optimizer="levenberg-marquardt", start=start)]
+    return [
+        IDIMLS(uncertainty=uncertainty, solver=solver),
+        DIDIM(uncertainty=uncertainty, solver=solver),
+        *simplexes,
+        CLOE(optimizer="levenberg-marquardt", start=start, uncertainty=uncertainty),
+    ]
 
 
 def compare(
