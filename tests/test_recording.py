@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from didim._tools.toml import Table
 from didim.errors import DidimError, ExperimentError, RecordingError
+from didim.log.data_folder import DataFolder
 from didim.log.recording import Recording
-from didim.log.recording_file import DataFolder, read_recording, read_reduction
+from didim.log.recording_file import read_recording, read_reduction
 from didim.log.sampling import check_time
 
 Array = NDArray[np.float64]
@@ -518,9 +519,12 @@ def test_a_missing_sample_is_named(tmp_path: Path) -> None:
     t = motion()[0].copy()
     t[30:] += 1 / RATE
     place = "after row 30 (t = 0.029 s), where the time step is"
-    assert with_time(tmp_path, t) == f"a.csv: 1 sample is missing {place} 0.002 s instead of 0.001 s"
+    fault, offer = with_time(tmp_path, t).split("; resample = true")
+    assert fault == f"a.csv: 1 sample is missing {place} 0.002 s instead of 0.001 s"
+    assert "at 1000 Hz" in offer
     t[30:] += 1 / RATE
-    assert with_time(tmp_path, t) == f"a.csv: 2 samples are missing {place} 0.003 s instead of 0.001 s"
+    fault = f"a.csv: 2 samples are missing {place} 0.003 s instead of 0.001 s"
+    assert with_time(tmp_path, t).startswith(f"{fault}; resample = true")
 
 
 def test_uneven_time_is_named(tmp_path: Path) -> None:
@@ -530,7 +534,7 @@ def test_uneven_time_is_named(tmp_path: Path) -> None:
         "a.csv: sampling is uneven after row 30 (t = 0.029 s), "
         "where the time step is 0.0013 s instead of 0.001 s"
     )
-    assert with_time(tmp_path, t) == expected
+    assert with_time(tmp_path, t).startswith(f"{expected}; resample = true under [recording.time]")
     t[30] = t[29]
     assert with_time(tmp_path, t) == "a.csv: time does not grow from row 30 (0.029 s) to row 31"
 
@@ -569,7 +573,11 @@ def test_a_rate_that_contradicts_the_time_stamps(tmp_path: Path) -> None:
         ("torque", {"unit": "N"}, "unit 'N' does not suit joint 1, which is revolute"),
         ("torque", {"unit": "A"}, "unit 'A' needs the drive gain: gain = number or list of 2"),
         ("torque", {"unit": "V", "gain": [1, 0]}, "gain must not be zero"),
-        ("torque", {"gain": 2}, "gain is for torques logged in A or V, and the unit is 'N.m'"),
+        (
+            "torque",
+            {"gain": 2},
+            "gain is for torques logged in A or V, and the unit is 'N.m'; scale and sign are for any unit",
+        ),
         (
             "position",
             {"side": "motor"},
@@ -601,9 +609,9 @@ def test_wrong_keys(
         ),
         ({"role": "test"}, "role must be one of 'fit', 'held-out', got 'test'"),
         (
-            {"velocity": {}},
-            "unknown key 'velocity'; known here are 'name', 'role', 'rate_hz', 'windows_s', 'time', "
-            "'position', 'torque', 'reference'",
+            {"acceleration": {}},
+            "unknown key 'acceleration'; known here are 'name', 'role', 'rate_hz', 'windows_s', 'time', "
+            "'position', 'velocity', 'torque', 'external', 'reference'",
         ),
     ],
 )

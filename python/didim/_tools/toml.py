@@ -229,6 +229,10 @@ class Table:
             self._child(item, key if len(value) == 1 else f"{key} {i + 1}") for i, item in enumerate(value)
         ]
 
+    def changed(self, mapping: Mapping[str, Any]) -> Table:
+        """Return a table of other content in the same place."""
+        return Table(mapping, self._where, self._error, self._path)
+
     @property
     def content(self) -> dict[str, Any]:
         """Copy of the whole table, for one of free names; counts as asking for all of it."""

@@ -107,7 +107,7 @@ def run(options: argparse.Namespace) -> int:
 
         check_path(options.save_parameters)
     experiment = load_experiment(options.experiment, data=options.data)
-    tell(experiment.robot.notes)
+    tell(experiment.notes)
     settings = {key: getattr(options, key) for key in CHOICES}
     settings = {key: value for key, value in settings.items() if value is not None}
     method = make()

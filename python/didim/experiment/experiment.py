@@ -69,6 +69,11 @@ class Experiment:
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
     measurement: Measurement | None = None
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on what reading robot and recordings changed."""
+        return (*self.robot.notes, *(note for recording in self.recordings for note in recording.notes))
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "recordings", tuple(self.recordings))
         object.__setattr__(self, "dropped", dropped_names(self.dropped))

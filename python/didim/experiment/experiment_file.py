@@ -13,8 +13,9 @@ from typing import Any, TypeVar
 
 from .._tools.toml import Table, read_toml
 from ..errors import DidimError, ExperimentError
+from ..log.data_folder import DataFolder, expanded
 from ..log.recording import Recording
-from ..log.recording_file import DataFolder, read_recording, read_reduction
+from ..log.recording_file import read_recording, read_reduction
 from ..log.sampling import TimeFault
 from ..regression.settings import LeastSquaresSettings
 from ..robot.robot import Robot
@@ -86,8 +87,13 @@ def load_experiment(
     reduction = read_reduction(transmission, robot.reduction, robot.n_dof)
     folder = DataFolder(path.parent if data is None else Path(data))
     recordings: list[Recording] = []
-    for i, part in enumerate(recording_tables):
-        recording = read_recording(part, f"recording {i + 1}", robot, reduction, folder, faults)
+    parts = [
+        found
+        for i, part in enumerate(recording_tables)
+        for found in expanded(part, f"recording {i + 1}", folder.folder)
+    ]
+    for part, title in parts:
+        recording = read_recording(part, title, robot, reduction, folder, faults)
         if recording.name in [other.name for other in recordings]:
             part.fail(f"name {recording.name!r} stands for an earlier recording already")
         recordings.append(recording)

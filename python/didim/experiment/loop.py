@@ -61,6 +61,7 @@ def closed_loop(
         if isinstance(controller, ControllerSpec):
             controller = controller.build(reference)
         rate, duration, state = settings.rate_hz, settings.duration_s, None
+        external = None
         from_recording = isinstance(experiment.reference, ReferenceSpec) and experiment.reference.made is None
         if recording is None and settings.start == "measured":
             raise ExperimentError("[simulation] start = 'measured' needs a recording")
@@ -68,6 +69,8 @@ def closed_loop(
             start, stop = window or (0, len(recording.q))
             rate = recording.rate_hz
             duration = (stop - start - 1) / rate
+            if recording.external is not None:
+                external = (rate, recording.external[start:stop])
             if start > 0 and not from_recording:
                 raise ExperimentError(
                     f"the window of recording {recording.name!r} begins at {start / rate:g} s, and a reference that is "
@@ -85,6 +88,7 @@ def closed_loop(
             step=settings.step_s,
             fine_step=settings.fine_step_s,
             start=state,
+            external=external,
             divergence=settings.divergence,
         )
         if recording is not None:

@@ -25,7 +25,9 @@ READERS: dict[str, str | Reader] = {
 """Readers of the other formats by suffix, or where they are, as "module:name": loaded when such a file is opened."""
 
 
-def open_data_file(path: Path, name: str, *, delimiter: str | None, header: bool | None) -> DataFile:
+def open_data_file(
+    path: Path, name: str, *, delimiter: str | None, header: bool | None, topic: str | None = None
+) -> DataFile:
     """Open a data file by its suffix.
 
     Parameters

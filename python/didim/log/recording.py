@@ -33,8 +33,14 @@ class Recording(Pickled):
         (n_samples,) time stamps in s.
     q
         (n_samples, n_dof) joint positions in rad or m.
+    dq
+        (n_samples, n_dof) measured joint velocities in rad/s or m/s, or None: they then take the place of differences of
+        the positions.
     tau
         (n_samples, n_dof) joint torques in N.m or forces in N, or None.
+    external
+        (n_samples, n_dof) torques (N.m) or forces (N) that something outside the robot exerts on its joints, or None: the
+        model explains their sum with `tau`.
     rate_hz
         Sampling rate.
     q_ref
@@ -45,6 +51,8 @@ class Recording(Pickled):
         (start, stop) sample slices that are used, in order and without overlap; the whole record by default.
     digests
         SHA-256 of each file read, by file name.
+    notes
+        Sentences on what reading changed, such as time stamps that were resampled.
     origin
         How it was read, for the record of a result: the tables of the experiment file with the factors that
         took their values to SI, and the reduction matrix of a log on the motor side; empty for arrays.
@@ -59,13 +67,16 @@ class Recording(Pickled):
     name: str = "recording"
     t: Array
     q: Array
+    dq: Array | None = None
     tau: Array | None = None
+    external: Array | None = None
     rate_hz: float
     q_ref: Array | None = None
     role: Role = "fit"
     windows: tuple[tuple[int, int], ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
     origin: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         one_of(f"{self.name}: role", self.role, ROLES, RecordingError)
@@ -91,7 +102,7 @@ class Recording(Pickled):
         check_time(t, self.rate_hz, self.name)
         for key, value in (("t", t), ("q", q)):
             self._set(key, value)
-        for key in ("tau", "q_ref"):
+        for key in ("dq", "tau", "external", "q_ref"):
             value = getattr(self, key)
             if value is None:
                 continue
@@ -135,6 +146,11 @@ class Recording(Pickled):
             q_ref=None if q_ref is None else real_array(f"{name}: q_ref", q_ref, RecordingError),
             role=role,
         )
+
+    @property
+    def driving(self) -> Array | None:
+        """Torques that drive the robot (N.m or N): those of the motors, and external ones where they were measured."""
+        return self.tau if self.tau is None or self.external is None else self.tau + self.external
 
     def _windows(self) -> tuple[tuple[int, int], ...]:
         try:

@@ -17,11 +17,14 @@ TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 POSITION = {"rad": 1.0, "deg": math.pi / 180.0, "m": 1.0, "mm": 1e-3}
 """Radians or metres per unit of position; counts need the resolution of the encoder."""
 
+VELOCITY = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "m/s": 1.0, "mm/s": 1e-3}
+"""Radians or metres per second per unit of velocity."""
+
 EFFORT = ("N.m", "N", "A", "V")
 """Units of torque and force; amperes and volts need a drive gain."""
 
-_LINEAR = ("m", "mm", "N")
-_ANGULAR = ("rad", "deg", "count", "N.m")
+_LINEAR = ("m", "mm", "N", "m/s", "mm/s")
+_ANGULAR = ("rad", "deg", "count", "N.m", "rad/s", "deg/s")
 
 
 def _units(table: Table, allowed: Sequence[str], n: int) -> list[str]:
@@ -43,6 +46,28 @@ def _check_joints(table: Table, units: Sequence[str], joint_kinds: Sequence[str]
             table.fail(f"unit {unit!r} does not suit joint {i + 1}, which is {kind}")
 
 
+def _scales(table: Table, n: int) -> list[float]:
+    """Factors of `scale` and `sign`, in any unit: one number, or one for each column."""
+    scale, sign = table.spread("scale", n, [1.0] * n), table.spread("sign", n, [1.0] * n)
+    if not all(scale):
+        table.fail("scale must not be zero")
+    if any(abs(value) != 1.0 for value in sign):
+        table.fail(f"sign must be 1 or -1, for all columns or one for each, got {table.raw('sign')!r}")
+    return [value * turned for value, turned in zip(scale, sign, strict=True)]
+
+
+def _product(factors: Sequence[float], scales: Sequence[float]) -> list[float]:
+    return [factor * scale for factor, scale in zip(factors, scales, strict=True)]
+
+
+def velocity_factors(table: Table, side: str, joint_kinds: Sequence[str]) -> list[float]:
+    """Factor of each velocity column to rad/s or m/s, with `scale` and `sign`; keys as of `position_factors`."""
+    units = _units(table, list(VELOCITY), len(joint_kinds))
+    if side == "joint":
+        _check_joints(table, units, joint_kinds)
+    return _product([VELOCITY[unit] for unit in units], _scales(table, len(joint_kinds)))
+
+
 def position_factors(table: Table, side: str, joint_kinds: Sequence[str]) -> list[float]:
     """Factor of each position column to rad or m.
 
@@ -50,7 +75,7 @@ def position_factors(table: Table, side: str, joint_kinds: Sequence[str]) -> lis
     ----------
     table
         ``[recording.position]``: `unit` is rad, deg, m, mm or count, the last with `counts_per_rev` (a number
-        or one for each column).
+        or one for each column); `scale` and `sign`, a number or one for each column, multiply any unit.
     side
         "motor" or "joint"; on the joint side the units must suit the joints.
     joint_kinds
@@ -60,15 +85,17 @@ def position_factors(table: Table, side: str, joint_kinds: Sequence[str]) -> lis
     units = _units(table, [*POSITION, "count"], n)
     if side == "joint":
         _check_joints(table, units, joint_kinds)
+    scales = _scales(table, n)
     if "count" not in units:
-        return [POSITION[unit] for unit in units]
+        return _product([POSITION[unit] for unit in units], scales)
     counts = table.spread("counts_per_rev", n)
     if not all(counts):
         table.fail("counts_per_rev must not be zero")
-    return [
+    factors = [
         2.0 * math.pi / count if unit == "count" else POSITION[unit]
         for unit, count in zip(units, counts, strict=True)
     ]
+    return _product(factors, scales)
 
 
 def effort_factors(
@@ -91,11 +118,14 @@ def effort_factors(
     units = _units(table, EFFORT, n)
     if side == "joint":
         _check_joints(table, units, joint_kinds)
+    scales = _scales(table, n)
     electrical = [unit for unit in units if unit in ("A", "V")]
     if not electrical:
         if table.has("gain"):
-            table.fail(f"gain is for torques logged in A or V, and the unit is {units[0]!r}")
-        return [1.0] * n
+            table.fail(
+                f"gain is for torques logged in A or V, and the unit is {units[0]!r}; scale and sign are for any unit"
+            )
+        return scales
     gains = table.spread("gain", n, None)
     if gains is None:
         if robot_gains is None:
@@ -103,4 +133,5 @@ def effort_factors(
         gains = list(robot_gains)
     if not all(gains):
         table.fail("gain must not be zero")
-    return [gain if unit in ("A", "V") else 1.0 for unit, gain in zip(units, gains, strict=True)]
+    factors = [gain if unit in ("A", "V") else 1.0 for unit, gain in zip(units, gains, strict=True)]
+    return _product(factors, scales)

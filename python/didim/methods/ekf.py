@@ -93,7 +93,7 @@ class EKF(MethodSettings):
         recordings = [item for item in experiment.recordings if item.role == "fit"]
         q = np.concatenate([item.q[start:stop] for item in recordings for start, stop in item.windows])
         tau = np.concatenate(
-            [np.asarray(item.tau)[start:stop] for item in recordings for start, stop in item.windows]
+            [np.asarray(item.driving)[start:stop] for item in recordings for start, stop in item.windows]
         )
         position_noise, torque_noise = white_noise(q), white_noise(tau)
         base = job.robot.base_parameters
@@ -135,7 +135,12 @@ class EKF(MethodSettings):
                     position_noise,
                 )
                 ended = _pass(
-                    filtered, item.q[start:stop], np.asarray(item.tau)[start:stop], rate, history, progress
+                    filtered,
+                    item.q[start:stop],
+                    np.asarray(item.driving)[start:stop],
+                    rate,
+                    history,
+                    progress,
                 )
                 if ended is not None:
                     status, sentence = ended

@@ -154,7 +154,9 @@ def central_differences(x: Array, dt: float, ends: Ends = "second-order") -> Arr
     return dx
 
 
-def differentiate(q: Array, rate_hz: float, signal: SignalProcessing) -> tuple[Array, Array, Array]:
+def differentiate(
+    q: Array, rate_hz: float, signal: SignalProcessing, dq: Array | None = None
+) -> tuple[Array, Array, Array]:
     """Derive velocities and accelerations from logged positions.
 
     The positions are filtered once, then differentiated twice. Nothing is trimmed yet: the torque is aligned
@@ -168,6 +170,8 @@ def differentiate(q: Array, rate_hz: float, signal: SignalProcessing) -> tuple[A
         Sampling rate.
     signal : SignalProcessing
         Filter; without a cut-off the positions stay as they are.
+    dq : ndarray, shape (n_samples, n_dof), optional
+        Measured velocities (rad/s or m/s), filtered alike, in place of differences of the positions.
 
     Returns
     -------
@@ -186,7 +190,12 @@ def differentiate(q: Array, rate_hz: float, signal: SignalProcessing) -> tuple[A
     q = checked_columns(q)
     if signal.cutoff_hz is not None:
         q = zero_phase_butterworth(q, rate_hz, signal.cutoff_hz, signal.order, signal.padding, signal.form)
-    dq = central_differences(q, 1.0 / rate_hz, signal.ends)
+    if dq is None:
+        dq = central_differences(q, 1.0 / rate_hz, signal.ends)
+    elif signal.cutoff_hz is not None:
+        dq = zero_phase_butterworth(
+            checked_columns(dq), rate_hz, signal.cutoff_hz, signal.order, signal.padding, signal.form
+        )
     return q, dq, central_differences(dq, 1.0 / rate_hz, signal.ends)
 
 

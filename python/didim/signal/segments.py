@@ -84,19 +84,33 @@ def segments(
     -----
     ``test_identify.py`` filters windows each by itself, and reads the messages.
     """
-    if recording.tau is None:
+    torque = recording.driving
+    if torque is None:
         raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
     found = []
     for window, (start, stop) in enumerate(recording.windows):
         place = place_of(recording, (start, stop))
         with at_place(place):
-            found_motion = differentiate(recording.q[start:stop], recording.rate_hz, signal)
-            motion, tau = align(
-                found_motion, without_spikes(recording.tau[start:stop], signal), delay_samples
-            )
+            found_motion = motion_of(recording, (start, stop), signal)
+            motion, tau = align(found_motion, without_spikes(torque[start:stop], signal), delay_samples)
         part = trimmed(recording, place, signal, motion, tau)
         found.append(replace(part, recording=number, window=window))
     return found
+
+
+def motion_of(
+    recording: Recording, window: tuple[int, int], signal: SignalProcessing
+) -> tuple[Array, Array, Array]:
+    """Filter a window, and return ``q dq ddq``: measured velocities take the place of differences of the positions.
+
+    Raises
+    ------
+    SignalError
+        When the filter cannot be applied.
+    """
+    start, stop = window
+    dq = None if recording.dq is None else recording.dq[start:stop]
+    return differentiate(recording.q[start:stop], recording.rate_hz, signal, dq)
 
 
 def trimmed(

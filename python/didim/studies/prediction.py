@@ -259,8 +259,9 @@ def _simulated(
 
 
 def _torque(recording: Recording) -> Array:
-    assert recording.tau is not None  # predict refuses others
-    return recording.tau
+    torque = recording.driving
+    assert torque is not None  # predict refuses others
+    return torque
 
 
 def _prediction(

@@ -24,7 +24,7 @@ from ..loop.reference import Reference
 from ..loop.simulation import too_large
 from ..robot.parameter_file import is_file, load_parameters
 from ..robot.robot import Robot
-from ..signal.filters import differentiate
+from ..signal.segments import motion_of
 
 Arrays = tuple[Array, Array, Array, Array]
 
@@ -184,7 +184,7 @@ def recording_errors(
     signal = experiment.signal
     kept = slice(signal.trim_start, stop - start - signal.trim_end)
     raw = recording.q[start:stop]
-    _, dq, ddq = differentiate(raw, recording.rate_hz, signal)
+    _, dq, ddq = motion_of(recording, window, signal)
     measured = {"position": raw, "velocity": dq, "acceleration": ddq}
     if recording.tau is not None:
         measured["torque"] = recording.tau[start:stop]

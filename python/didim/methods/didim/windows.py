@@ -106,14 +106,15 @@ def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
     for number, recording in enumerate(experiment.recordings):
         if recording.role != "fit":
             continue
-        if recording.tau is None:
+        torque = recording.driving
+        if torque is None:
             raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
         for window, (start, stop) in enumerate(recording.windows):
             loop = closed_loop(experiment, recording, (start, stop))
             # The torque is moved back against the motion as for IDIM-LS; the motion is simulated later.
             samples = np.arange(stop - start, dtype=np.float64)[:, None]
             shift = delay.measured(recording.rate_hz) if held else delay.samples
-            (index,), tau = align([samples], without_spikes(recording.tau[start:stop], job.signal), shift)
+            (index,), tau = align([samples], without_spikes(torque[start:stop], job.signal), shift)
             place = place_of(recording, (start, stop))
             kept = kept_samples(len(tau), place, job.signal)
             first = int(index[0, 0])
