@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from .excitation.settings import ExcitationSettings
     from .experiment.experiment import Experiment
     from .experiment.experiment_file import load_experiment
+    from .export.code.c_header import to_c
+    from .export.code.latex import to_latex
     from .export.mjcf import to_mjcf
     from .export.sdf import to_sdf
     from .export.urdf import to_urdf
@@ -126,6 +128,8 @@ __all__ = [
     "set_threads",
     "simulate",
     "simulated_log",
+    "to_c",
+    "to_latex",
     "to_mjcf",
     "to_sdf",
     "to_urdf",
@@ -181,6 +185,8 @@ _LATER = {
     "regressor": "model.dynamics",
     "simulate": "loop.simulation",
     "simulated_log": "studies.simulated_log",
+    "to_c": "export.code.c_header",
+    "to_latex": "export.code.latex",
     "to_mjcf": "export.mjcf",
     "to_sdf": "export.sdf",
     "to_urdf": "export.urdf",

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 def add(commands: Commands) -> None:
     """Add the command and its options."""
     parser = add_command(
-        commands, "export", run, "write identified parameters into the user's URDF, or as MJCF or SDF"
+        commands,
+        "export",
+        run,
+        "write identified parameters into the user's URDF, or as MJCF, SDF, C or LaTeX",
     )
     parser.add_argument("fit", metavar="FIT.json", type=Path, nargs="?", help="result of an identification")
     parser.add_argument(
@@ -42,6 +45,11 @@ def add(commands: Commands) -> None:
     )
     form.add_argument("--mjcf", action="store_true", help="write MJCF, the format of MuJoCo")
     form.add_argument("--sdf", action="store_true", help="write SDF, the format of Gazebo and Drake")
+    form.add_argument("--c", action="store_true", help="write a C99 header: torques, M(q) and gravity")
+    form.add_argument(
+        "--latex", action="store_true", help="write the equations of a robot of up to three joints as LaTeX"
+    )
+    parser.add_argument("--prefix", help="with --c: what names begin with (default: the name of the robot)")
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="new file (default: stdout)")
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
     parser.add_argument(
@@ -53,25 +61,35 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    from .._tools.files import write_atomically
+    from ..export.code.c_header import to_c
+    from ..export.code.latex import to_latex
     from ..export.source import exported_parameters
     from ..export.write import export
+    from ..robot.robot_file import load_robot
 
-    if (options.fit is None) == (options.parameters is None):
-        return refuse("export takes either a result, FIT.json, or --parameters")
+    if options.prefix is not None and not options.c:
+        return refuse("--prefix is for --c")
     if options.keep_lumped and options.urdf is None:
         return refuse("--keep-lumped is for --urdf")
     if options.output is not None and options.output.exists() and not options.force:
         return refuse(f"{options.output}: the file is there already; --force overwrites it")
     check_outputs(options.output)
+    if options.latex and options.fit is None and options.parameters is None and options.robot is not None:
+        return _written(options.output, to_latex(load_robot(options.robot)).encode())
+    if (options.fit is None) == (options.parameters is None):
+        return refuse("export takes either a result, FIT.json, or --parameters")
     source = exported_parameters(
         fit=options.fit,
         parameters=options.parameters,
         robot=options.robot,
         urdf=options.urdf,
         prior=options.prior,
+        further_terms=options.c or options.latex,
     )
     tell(source.notes)
+    if options.c or options.latex:
+        text = to_c(source.robot, source.x, prefix=options.prefix) if options.c else to_latex(source.robot)
+        return _written(options.output, text.encode())
     content, report = export(
         source.robot,
         source.x,
@@ -80,11 +98,20 @@ def run(options: argparse.Namespace) -> int:
         keep_lumped=options.keep_lumped,
         from_prior=source.from_prior,
     )
-    if options.output is None:
+    return _written(options.output, content, f"{report}")
+
+
+def _written(path: Path | None, content: bytes, report: str = "") -> int:
+    """Write a file, or to stdout, and the report beside it."""
+    from .._tools.files import write_atomically
+
+    if path is None:
         sys.stdout.buffer.write(content)
-        print(report, file=sys.stderr)
+        if report:
+            print(report, file=sys.stderr)
         return CONVERGED
     saved = Saved()
-    saved.save(options.output, lambda path: write_atomically(path, content))
-    saved.show(f"{report}" if saved.failed else f"{options.output}: written\n\n{report}")
+    saved.save(path, lambda path: write_atomically(path, content))
+    parts = [] if saved.failed else [f"{path}: written"]
+    saved.show("\n\n".join([*parts, *([report] if report else [])]))
     return saved.code(CONVERGED)

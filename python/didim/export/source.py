@@ -48,6 +48,7 @@ def exported_parameters(
     robot: str | None,
     urdf: Path | None,
     prior: str | None = None,
+    further_terms: bool = False,
 ) -> Source:
     """Find robot and parameters for ``didim export``.
 
@@ -64,6 +65,8 @@ def exported_parameters(
     prior : str, optional
         Prior of the physically consistent parameters, see `consistent_parameters`. Without one, the parameters of a result are
         taken as they are where they are those of bodies.
+    further_terms : bool
+        Keep the friction of a result as it is: further terms, smoothing and dead zones.
 
     Raises
     ------
@@ -83,6 +86,8 @@ def exported_parameters(
         return Source(model, x, model.notes)
     result = Identification.load(fit)
     model = _robot_of(result, fit, robot, urdf)
+    if further_terms:
+        model = _as_fitted(_with_terms(model, result), result)
     x, notes = _by_name(result, result.parameters, model, fit)
     if prior is None and _are_bodies(model, x):
         return Source(model, x, (*model.notes, *notes), parameters_from_prior(result, model))
@@ -112,6 +117,16 @@ def _with_terms(robot: Robot, fit: Identification) -> Robot:
     return (
         replace(robot, friction=replace(robot.friction, terms=Friction.terms_of(saved))) if saved else robot
     )
+
+
+def _as_fitted(robot: Robot, fit: Identification) -> Robot:
+    """Return the robot with the sign and the dead zones that a result was made with."""
+    saved = fit.settings.get("robot", {}).get("friction", {})
+    if not {"coulomb", "smoothing", "dead_zone"}.issubset(saved):
+        return robot
+    smoothing, dead_zone = (tuple(map(float, saved[key])) for key in ("smoothing", "dead_zone"))
+    shape = replace(robot.friction, coulomb=saved["coulomb"], smoothing=smoothing, dead_zone=dead_zone)
+    return replace(robot, friction=shape)
 
 
 def _robot_of(fit: Identification, path: Path, robot: str | None, urdf: Path | None) -> Robot:

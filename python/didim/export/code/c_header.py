@@ -1,0 +1,349 @@
+"""The model of a robot as a C99 header: torques, inertia matrix and gravity, without loops or memory of its own.
+
+Tested in ``tests/test_export_c.py``: compiled with every warning an error, and equal to the core.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...errors import FitError
+from ...model.dynamics import standard_vector
+from ...robot.friction import FrictionTerm
+from ...robot.robot import Robot
+from .equations import Equations
+from .expression import Expression, Graph
+
+_CALLS = {
+    "sin": "sin",
+    "cos": "cos",
+    "tanh": "tanh",
+    "atan": "atan",
+    "exp": "exp",
+    "sqrt": "sqrt",
+    "abs": "fabs",
+}
+_LONGEST = 90
+"""Characters of an expression that is not given a name of its own."""
+
+
+@dataclass(frozen=True)
+class _Written:
+    """Algebra of expressions that end up in C."""
+
+    graph: Graph
+    robot: Robot
+
+    def number(self, value: float) -> Expression:
+        return self.graph.number(value)
+
+    def sin(self, value: Expression) -> Expression:
+        return self.graph.apply("sin", value)
+
+    def cos(self, value: Expression) -> Expression:
+        return self.graph.apply("cos", value)
+
+    def sign(self, joint: int, speed: Expression) -> Expression:
+        friction = self.robot.friction
+        zone = self.number(friction.dead_zone[joint])
+        if friction.coulomb == "tanh":
+            smooth = self.graph.apply("tanh", speed * (1.0 / friction.smoothing[joint]))
+            return (
+                self.graph.apply("outside", speed, zone, smooth)
+                if friction.dead_zone[joint] > 0.0
+                else smooth
+            )
+        return self.graph.apply("sign", speed, zone)
+
+    def positive(self, value: Expression) -> Expression:
+        return self.graph.apply("positive", value)
+
+    def magnitude(self, value: Expression) -> Expression:
+        return self.graph.apply("abs", value)
+
+    def term(self, term: FrictionTerm, speed: Expression, sign: Expression) -> Expression:
+        one = self.number(1.0)
+        if term.law == "rest":
+            zone = self.robot.friction.dead_zone[term.joint]
+            if not zone > 0.0:
+                return self.number(0.0)
+            return one - self.graph.apply("outside", speed, self.number(zone), one)
+        if term.law == "atan":
+            return self.graph.apply("atan", speed * (1.0 / term.velocity))
+        if term.law == "stribeck":
+            ratio = speed * (1.0 / term.velocity)
+            return sign * self.graph.apply("exp", -(ratio * ratio))
+        if term.law == "root":
+            return sign * self.graph.apply("sqrt", self.magnitude(speed))
+        if term.law == "forward":
+            return self.positive(speed)
+        return self.graph.apply("table", speed, extra=(term.parameter,))
+
+
+def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
+    """Write the model of a robot as a C99 header.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; its friction is written as it is (sign or tanh, dead zones, further terms).
+    x : (n_parameters,) array
+        Standard parameters in the order of ``robot.parameter_names``, SI units, joint side. Parameters that have the same torques
+        give the same functions: the base parameters are written, or all where friction depends on the load.
+    prefix : str, optional
+        What the names in the header begin with; by default the name of the robot.
+
+    Returns
+    -------
+    str
+        The header: ``PREFIX_tau(q, dq, ddq, tau)``, ``PREFIX_inertia(q, M)`` (row by row) and ``PREFIX_gravity(q, tau)``, joint
+        side, SI units. They allocate nothing and need ``math.h`` alone.
+
+    Raises
+    ------
+    FitError
+        When the prefix is not a C identifier (``tests/test_export_c.py``).
+    ShapeError
+        When `x` has another length, or a NaN.
+    """
+    if prefix is None:
+        prefix = re.sub(r"\W", "_", robot.name, flags=re.ASCII).lower()
+        prefix = f"_{prefix}".lstrip("_") if not prefix[:1].isdigit() else f"robot_{prefix}"
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
+        raise FitError(f"names in C begin with a letter and have letters, digits and _, got {prefix!r}")
+    x = standard_vector(robot, x)
+    base = robot.base_parameters
+    beta = base.project(x)
+    # Load friction feels gravity but not an offset, which are one parameter to a joint that slides upright.
+    written = x if robot.friction.has_load else base.lift(beta)
+    values = {name: float(value) for name, value in zip(robot.parameter_names, written, strict=True)}
+    n = robot.n_dof
+    functions = [
+        _tau(robot, values, prefix),
+        _inertia(robot, values, prefix),
+        _gravity(robot, values, prefix),
+    ]
+    body = "\n".join(functions)
+    guard = f"{prefix.upper()}_DYNAMICS_H"
+    kinds = ", ".join(f"{j + 1} {kind}" for j, kind in enumerate(robot.geometry.kinds))
+    lines = [
+        f"/* Inverse dynamics of {_comment(robot.name)}: tau = M(q) ddq + N(q, dq).",
+        " *",
+        " * SI units, joint side: rad, N.m for revolute joints, m, N for prismatic ones. Joints: "
+        + kinds
+        + ".",
+        " * Nothing is allocated, nothing is kept between calls.",
+        " *",
+        " * Base parameters:",
+        *(
+            f" *   {name:8} {value!r} {unit}"
+            for name, value, unit in zip(base.names, beta.tolist(), base.units, strict=True)
+        ),
+        " */",
+        f"#ifndef {guard}",
+        f"#define {guard}",
+        "",
+        "#include <math.h>",
+        "",
+        f"#define {prefix.upper()}_DOF {n}",
+        "",
+        *_helpers(robot, prefix, body),
+        body,
+        "#endif",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _inputs(graph: Graph, name: str, n: int) -> list[Expression]:
+    return [graph.leaf(f"{name}[{j}]") for j in range(n)]
+
+
+def _equations(robot: Robot, values: dict[str, float]) -> tuple[Graph, Equations]:
+    graph = Graph()
+    named = {name: graph.number(value) for name, value in values.items()}
+    return graph, Equations(robot, named, _Written(graph, robot), _inputs(graph, "q", robot.n_dof))
+
+
+def _tau(robot: Robot, values: dict[str, float], prefix: str) -> str:
+    graph, model = _equations(robot, values)
+    n = robot.n_dof
+    results = model.torque(_inputs(graph, "dq", n), _inputs(graph, "ddq", n))
+    return _function(
+        f"{prefix}_tau(const double q[{n}], const double dq[{n}], const double ddq[{n}], double tau[{n}])",
+        "Torques of the inverse model at positions q, velocities dq and accelerations ddq, friction included.",
+        graph,
+        [(f"tau[{j}]", one) for j, one in enumerate(results)],
+        ("q", "dq", "ddq"),
+        prefix,
+    )
+
+
+def _inertia(robot: Robot, values: dict[str, float], prefix: str) -> str:
+    graph, model = _equations(robot, values)
+    n = robot.n_dof
+    rows = model.inertia()
+    return _function(
+        f"{prefix}_inertia(const double q[{n}], double M[{n * n}])",
+        f"Inertia matrix M(q) with rotors, row by row: M[{n} * i + j].",
+        graph,
+        [(f"M[{n * i + j}]", rows[i][j]) for i in range(n) for j in range(n)],
+        ("q",),
+        prefix,
+    )
+
+
+def _gravity(robot: Robot, values: dict[str, float], prefix: str) -> str:
+    graph, model = _equations(robot, values)
+    n = robot.n_dof
+    return _function(
+        f"{prefix}_gravity(const double q[{n}], double tau[{n}])",
+        "Torques that hold the robot against gravity, without friction and offsets.",
+        graph,
+        [(f"tau[{j}]", one) for j, one in enumerate(model.gravity())],
+        ("q",),
+        prefix,
+    )
+
+
+def _function(
+    head: str,
+    purpose: str,
+    graph: Graph,
+    results: Sequence[tuple[str, Expression]],
+    inputs: Sequence[str],
+    prefix: str,
+) -> str:
+    """Write a function that computes results one after the other, what is used twice once."""
+    needed, uses = _needed(graph, [one.index for _, one in results])
+    texts: dict[int, str] = {}
+    lines = []
+    for index in needed:
+        name, taken = graph.nodes[index]
+        text = _text(name, taken, texts, prefix)
+        if name not in ("leaf", "number") and (uses[index] > 1 or len(text) > _LONGEST):
+            lines.append(f"    const double t{index} = {_bare(text)};")
+            text = f"t{index}"
+        texts[index] = text
+    written = " ".join(lines)
+    outputs = [f"    {target} = {_bare(texts[one.index])};" for target, one in results]
+    code = written + " ".join(outputs)
+    unused = [f"    (void){name};" for name in inputs if not re.search(rf"\b{name}\[", code)]
+    return "\n".join(
+        [f"/* {purpose} */", f"static inline void {head}", "{", *unused, *lines, *outputs, "}", ""]
+    )
+
+
+def _needed(graph: Graph, ends: Sequence[int]) -> tuple[list[int], dict[int, int]]:
+    """Nodes that results depend on, in order, and how often each is used."""
+    uses: dict[int, int] = {}
+    open_ = list(ends)
+    for index in open_:
+        uses[index] = uses.get(index, 0) + 1
+        if uses[index] == 1:
+            open_.extend(_taken(graph, index))
+    return sorted(uses), uses
+
+
+def _taken(graph: Graph, index: int) -> list[int]:
+    name, taken = graph.nodes[index]
+    return [] if name in ("leaf", "number") else [one for one in taken if isinstance(one, int)]
+
+
+def _text(name: str, taken: Sequence[object], texts: dict[int, str], prefix: str) -> str:
+    if name == "leaf":
+        return str(taken[0])
+    if name == "number":
+        text = repr(taken[0])
+        return f"({text})" if text.startswith("-") else text
+    parts = [texts[one] for one in taken if isinstance(one, int)]
+    if name in ("+", "-", "*"):
+        if name != "*":  # products bind first, and sums go from left to right
+            parts = [_bare(part) if _joined(part, ("*",)) else part for part in parts]
+            parts[0] = _bare(parts[0]) if _joined(parts[0], ("+", "-", "*")) else parts[0]
+        return f"({parts[0]} {name} {parts[1]})"
+    if name == "neg":
+        return f"(-{parts[0]})"
+    if name in _CALLS:
+        return f"{_CALLS[name]}({_bare(parts[0])})"
+    if name == "table":
+        return f"{prefix}_{taken[-1]}({_bare(parts[0])})"
+    return f"{prefix}_{name}({', '.join(_bare(part) for part in parts)})"
+
+
+def _joined(text: str, signs: Sequence[str]) -> bool:
+    """Whether brackets hold operands that one of these signs joins, and nothing else outside further brackets."""
+    inside = _bare(text)
+    if inside == text:
+        return False
+    depth, found = 0, set()
+    for word in inside.split(" "):
+        if depth == 0 and word in ("+", "-", "*"):
+            found.add(word)
+        depth += word.count("(") - word.count(")")
+    return bool(found) and found.issubset({"*"} if tuple(signs) == ("*",) else {"+", "-", "*"})
+
+
+def _bare(text: str) -> str:
+    """Take away brackets around all of it."""
+    if not (text.startswith("(") and text.endswith(")")):
+        return text
+    depth = 0
+    for place, letter in enumerate(text):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0:
+            return text[1:-1] if place == len(text) - 1 else text
+    return text
+
+
+def _helpers(robot: Robot, prefix: str, body: str) -> list[str]:
+    """Functions of one number that the body uses."""
+    lines = []
+    for name, head, value in (
+        ("sign", "double speed, double zone", "speed > zone ? 1.0 : (speed < -zone ? -1.0 : 0.0)"),
+        ("outside", "double speed, double zone, double value", "fabs(speed) > zone ? value : 0.0"),
+        ("positive", "double value", "value > 0.0 ? value : 0.0"),
+    ):
+        if f"{prefix}_{name}(" in body:
+            lines += [f"static inline double {prefix}_{name}({head})", "{", f"    return {value};", "}", ""]
+    for term in robot.friction.terms:
+        if term.law == "table" and f"{prefix}_{term.parameter}(" in body:
+            lines += _table(term, prefix)
+    return lines
+
+
+def _table(term: FrictionTerm, prefix: str) -> list[str]:
+    """Write a law that is given by its values: cubics between neighbours, straight lines beyond the ends."""
+    values = np.array(term.values)
+    slopes = np.gradient(values, edge_order=2)  # times the step: parabola through three neighbours
+    last = len(values) - 1
+    return [
+        f"static inline double {prefix}_{term.parameter}(double speed)",
+        "{",
+        f"    static const double values[{last + 1}] = {{{', '.join(map(repr, values.tolist()))}}};",
+        f"    static const double slopes[{last + 1}] = {{{', '.join(map(repr, slopes.tolist()))}}};",
+        f"    const double place = (speed - ({term.first!r})) / {term.step!r};",
+        "    if (!(place > 0.0)) {",
+        "        return values[0] + slopes[0] * place;",
+        "    }",
+        f"    if (place >= {float(last)!r}) {{",
+        f"        return values[{last}] + slopes[{last}] * (place - {float(last)!r});",
+        "    }",
+        "    {",
+        "        const int k = (int)place;",
+        "        const double u = place - k, v = 1.0 - u;",
+        "        return values[k] * ((1.0 + 2.0 * u) * v * v) + values[k + 1] * (u * u * (3.0 - 2.0 * u))",
+        "               + u * v * (slopes[k] * v - slopes[k + 1] * u);",
+        "    }",
+        "}",
+        "",
+    ]
+
+
+def _comment(text: str) -> str:
+    """Make a text unable to end a comment."""
+    return text.replace("*/", "* /")

@@ -1,0 +1,140 @@
+"""Expressions that are written down while they are computed: the same Python makes numbers, C or formulas.
+
+Equal expressions are one node, and what constants decide is computed at once: zeros and ones of a robot's geometry leave no trace.
+Tested in ``tests/test_export_c.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+Node = tuple[str, tuple[object, ...]]
+"""Name of an operation, and what it takes: numbers of nodes, or what a leaf is."""
+
+_FOLD: dict[str, Callable[..., float]] = {
+    "+": lambda a, b: a + b,
+    "-": lambda a, b: a - b,
+    "*": lambda a, b: a * b,
+    "neg": lambda a: -a,
+    "sin": math.sin,
+    "cos": math.cos,
+    "tanh": math.tanh,
+    "atan": math.atan,
+    "exp": math.exp,
+    "sqrt": math.sqrt,
+    "abs": abs,
+}
+
+
+@dataclass
+class Graph:
+    """Nodes of expressions in the order in which they can be computed.
+
+    Attributes
+    ----------
+    nodes : list of Node
+        Each takes only nodes before it.
+    """
+
+    nodes: list[Node] = field(default_factory=list)
+    _known: dict[Node, int] = field(default_factory=dict, repr=False)
+
+    def leaf(self, name: str) -> Expression:
+        """Return an input, by the text that stands for it."""
+        return self._node("leaf", name)
+
+    def number(self, value: float) -> Expression:
+        """Return a constant."""
+        return self._node("number", value + 0.0)  # zero has no sign
+
+    def apply(self, name: str, *taken: Expression, extra: tuple[object, ...] = ()) -> Expression:
+        """Return a function of expressions; one of constants alone is a constant."""
+        values = [self.value(one) for one in taken]
+        if name in _FOLD and all(value is not None for value in values):
+            return self.number(_FOLD[name](*values))
+        return self._node(name, *(one.index for one in taken), *extra)
+
+    def value(self, one: Expression) -> float | None:
+        """Return what a constant is, None for anything else."""
+        name, taken = self.nodes[one.index]
+        return taken[0] if name == "number" else None  # type: ignore[return-value]
+
+    def _node(self, name: str, *taken: object) -> Expression:
+        node = (name, taken)
+        if node not in self._known:
+            self._known[node] = len(self.nodes)
+            self.nodes.append(node)
+        return Expression(self, self._known[node])
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A node of a graph, with arithmetic."""
+
+    graph: Graph
+    index: int
+
+    def __add__(self, other: Expression | float) -> Expression:
+        other = self._expression(other)
+        if self._is(0.0):
+            return other
+        if other._is(0.0):
+            return self
+        if other._negated is not None:
+            return self - other._negated
+        if self._negated is not None:
+            return other - self._negated
+        first, second = sorted((self, other), key=lambda one: one.index)
+        return self.graph.apply("+", first, second)
+
+    def __sub__(self, other: Expression | float) -> Expression:
+        other = self._expression(other)
+        if other._is(0.0):
+            return self
+        if self._is(0.0):
+            return -other
+        if self.index == other.index:
+            return self.graph.number(0.0)
+        if other._negated is not None:
+            return self + other._negated
+        return self.graph.apply("-", self, other)
+
+    def __mul__(self, other: Expression | float) -> Expression:
+        other = self._expression(other)
+        for one, rest in ((self, other), (other, self)):
+            if one._is(0.0):
+                return one
+            if one._is(1.0):
+                return rest
+            if one._is(-1.0):
+                return -rest
+            if one._negated is not None:
+                return -(one._negated * rest)
+        first, second = sorted((self, other), key=lambda one: one.index)
+        return self.graph.apply("*", first, second)
+
+    def __neg__(self) -> Expression:
+        return self._negated or self.graph.apply("neg", self)
+
+    def __radd__(self, other: float) -> Expression:
+        return self._expression(other) + self
+
+    def __rsub__(self, other: float) -> Expression:
+        return self._expression(other) - self
+
+    def __rmul__(self, other: float) -> Expression:
+        return self._expression(other) * self
+
+    @property
+    def _negated(self) -> Expression | None:
+        """What this is the negative of, when it is one."""
+        name, taken = self.graph.nodes[self.index]
+        return Expression(self.graph, taken[0]) if name == "neg" else None  # type: ignore[arg-type]
+
+    def _is(self, value: float) -> bool:
+        return self.graph.value(self) == value
+
+    def _expression(self, other: Expression | float) -> Expression:
+        return other if isinstance(other, Expression) else self.graph.number(other)

@@ -1,0 +1,174 @@
+"""The equations of a small robot as LaTeX, parameter by parameter. Needs SymPy: ``pip install didim[latex]``.
+
+Tested in ``tests/test_export_latex.py`` against the core.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from ...errors import FitError
+from ...robot.friction import FrictionTerm
+from ...robot.robot import Robot
+from .equations import Equations
+
+if TYPE_CHECKING:
+    import sympy
+
+MOST_JOINTS = 3
+"""Joints of the largest robot whose equations are written: those of more fill pages."""
+
+LARGEST_DENOMINATOR = 12
+"""Of a fraction that stays one."""
+
+_REFUSED = {
+    "load": "depends on the load",
+    "rest": "acts at standstill only",
+    "table": "is given by its values",
+}
+
+
+@dataclass(frozen=True)
+class _Symbolic:
+    """Algebra of SymPy."""
+
+    sympy: Any
+    robot: Robot
+    gravity: Any
+
+    def number(self, value: float) -> Any:
+        x, y, z = self.robot.geometry.gravity
+        size = abs(x) + abs(y) + abs(z)
+        if size and abs(value) == size:  # gravity along an axis has a symbol
+            return self.gravity if value > 0.0 else -self.gravity
+        for unit, symbol in ((1.0, 1), (math.pi, self.sympy.pi)):
+            near = Fraction(value / unit).limit_denominator(1000)
+            if abs(float(near) * unit - value) < 1e-14 * max(1.0, abs(value)):
+                return self.sympy.Rational(near.numerator, near.denominator) * symbol
+        return self.sympy.Float(value)
+
+    def sin(self, value: Any) -> Any:
+        return self.sympy.sin(value)
+
+    def cos(self, value: Any) -> Any:
+        return self.sympy.cos(value)
+
+    def sign(self, joint: int, speed: Any) -> Any:
+        friction = self.robot.friction
+        if friction.coulomb == "tanh":
+            return self.sympy.tanh(speed / self.number(friction.smoothing[joint]))
+        return self.sympy.sign(speed)
+
+    def positive(self, value: Any) -> Any:
+        return self.sympy.Max(value, 0)
+
+    def magnitude(self, value: Any) -> Any:
+        return self.sympy.Abs(value)
+
+    def term(self, term: FrictionTerm, speed: Any, sign: Any) -> Any:
+        if term.law == "atan":
+            return self.sympy.atan(speed / self.number(term.velocity))
+        if term.law == "stribeck":
+            return sign * self.sympy.exp(-((speed / self.number(term.velocity)) ** 2))
+        return sign * self.sympy.sqrt(self.magnitude(speed)) if term.law == "root" else self.positive(speed)
+
+
+def symbolic_model(robot: Robot) -> list[list[tuple[str, sympy.Expr]]]:
+    """Write the torque of each joint as base parameters times functions of the motion.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot of up to three joints.
+
+    Returns
+    -------
+    list of list of (str, Expr)
+        For each joint, the base parameters that it feels with their coefficients: SymPy expressions of the symbols ``q1``,
+        ``dq1``, ``ddq1`` and so on (SI units, joint side), and of ``g`` where gravity points along an axis of the base.
+
+    Raises
+    ------
+    FitError
+        For a larger robot, a friction term that is no formula of the speed, or without SymPy (``tests/test_export_latex.py``).
+    """
+    if robot.n_dof > MOST_JOINTS:
+        raise FitError(
+            f"the equations of {robot.n_dof} joints fill pages: LaTeX is written for up to {MOST_JOINTS}; C takes any robot"
+        )
+    for term in robot.friction.terms:
+        if term.law in _REFUSED:
+            raise FitError(
+                f"friction term {term.parameter} {_REFUSED[term.law]}: it has no place in a formula that is linear in parameters"
+            )
+    try:
+        import sympy
+    except ImportError:
+        raise FitError("LaTeX of the model needs SymPy: pip install didim[latex]") from None
+    joints = range(1, robot.n_dof + 1)
+    q, dq, ddq = ([sympy.Symbol(f"{name}{j}", real=True) for j in joints] for name in ("q", "dq", "ddq"))
+    base = robot.base_parameters
+    symbols = {name: sympy.Symbol(name) for name in base.names}
+    values = {
+        robot.parameter_names[i]: symbols[name] for i, name in zip(base.indices, base.names, strict=True)
+    }
+    algebra = _Symbolic(sympy, robot, sympy.Symbol("g", positive=True))
+    model = []
+    for torque in Equations(robot, values, algebra, q).torque(dq, ddq):
+        coefficients = [(name, _short(sympy, sympy.diff(torque, symbol))) for name, symbol in symbols.items()]
+        model.append([(name, value) for name, value in coefficients if value != 0])
+    return model
+
+
+def to_latex(robot: Robot) -> str:
+    """Write the inverse dynamic model of a small robot as LaTeX.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot of up to three joints.
+
+    Returns
+    -------
+    str
+        An ``align`` environment of ``amsmath``: the torque of each joint, one base parameter a line.
+
+    Raises
+    ------
+    FitError
+        As `symbolic_model` (``tests/test_export_latex.py``).
+    """
+    model = symbolic_model(robot)
+    import sympy
+
+    names = {"g": "g"}
+    for j in range(1, robot.n_dof + 1):
+        names |= {f"q{j}": f"q_{{{j}}}", f"dq{j}": rf"\dot q_{{{j}}}", f"ddq{j}": rf"\ddot q_{{{j}}}"}
+    lines = []
+    for j, terms in enumerate(model):
+        for place, (name, value) in enumerate(terms):
+            known = {symbol: names[symbol.name] for symbol in value.free_symbols}
+            text = sympy.latex(value, symbol_names=known, full_prec=False)
+            if isinstance(value, sympy.Add) or text.startswith("-"):
+                text = rf"\left({text}\right)"
+            product = _parameter(name) if value == 1 else rf"{_parameter(name)}\, {text}"
+            lines.append(rf"\tau_{{{j + 1}}} &= {product}" if place == 0 else rf"&\quad + {product}")
+    return "\\begin{align*}\n" + " \\\\\n".join(lines) + "\n\\end{align*}\n"
+
+
+def _short(sympy: Any, value: Any) -> Any:
+    """Write a coefficient with fewer sines and cosines, and with decimals in place of long fractions."""
+    value = sympy.trigsimp(sympy.expand(value))
+    return value.xreplace(
+        {part: sympy.Float(part) for part in value.atoms(sympy.Rational) if part.q > LARGEST_DENOMINATOR}
+    )
+
+
+def _parameter(name: str) -> str:
+    """``ZZ1R`` as ``ZZ_{1R}``."""
+    letters, number, rest = re.fullmatch(r"(\D+)(\d+)(.*)", name).groups()  # type: ignore[union-attr]
+    return rf"\mathit{{{letters}}}_{{{number}{rest}}}"
