@@ -25,6 +25,7 @@ from .excite import add as add_excite
 from .export import add as add_export
 from .identify import add as add_identify
 from .init import add as add_init
+from .lists import add as add_lists
 from .options import CONVERGED, INTERRUPTED, Parser, refuse
 from .robot import add as add_robot
 from .simulate import add as add_simulate
@@ -102,4 +103,5 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_simulate,
     add_export,
     add_base,
+    add_lists,
 )

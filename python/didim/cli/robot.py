@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,15 +12,23 @@ from .options import CONVERGED, add_command, refuse, tell
 from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
+    from ..robot.robot import Robot
     from .options import Commands
 
 
 def add(commands: Commands) -> None:
     """Add the command and its options."""
     parser = add_command(
-        commands, "robot", run, "make a robot file of a URDF, which says how frames and names correspond"
+        commands,
+        "robot",
+        run,
+        "say how the frames of a robot correspond to those of its maker, and make a robot file of a URDF",
     )
-    parser.add_argument("urdf", metavar="ARM.urdf", type=Path, help="description of the robot")
+    parser.add_argument(
+        "robot",
+        metavar="ROBOT",
+        help="a URDF; or name of a packaged robot, or path of a robot file, whose rows and frames are printed",
+    )
     parser.add_argument(
         "-o",
         "--output",
@@ -61,8 +70,10 @@ def run(options: argparse.Namespace) -> int:
     from ..robot.right_angles import SNAP
     from ..robot.robot_text import robot_text
     from ..robot.urdf.reading import read_urdf
-    from ..robot.urdf.summary import summary
+    from ..robot.urdf.summary import rows_and_frames, summary
 
+    if Path(options.robot).suffix.lower() != ".urdf":
+        return _described(options, rows_and_frames)
     locked: dict[str, float] = {}
     for text in options.lock:
         joint, sign, value = text.rpartition("=")
@@ -79,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
             return refuse(f"{options.output}: the file is there already; --force overwrites it")
     check_outputs(options.output)
     reading = read_urdf(
-        options.urdf,
+        Path(options.robot),
         tip=options.tip,
         base=options.base,
         lock=locked,
@@ -96,3 +107,18 @@ def run(options: argparse.Namespace) -> int:
             print(f"{options.output}: written")
     saved.show(summary(reading))
     return saved.code(CONVERGED)
+
+
+def _described(options: argparse.Namespace, rows_and_frames: Callable[[Robot], str]) -> int:
+    """Print rows and frames of a robot that is no URDF."""
+    from ..robot.robot_file import load_robot
+
+    for name in ("output", "tip", "base", "gravity"):
+        if getattr(options, name) is not None:
+            return refuse(f"--{name} is for a URDF, and {options.robot} is not one")
+    if options.lock:
+        return refuse(f"--lock is for a URDF, and {options.robot} is not one")
+    robot = load_robot(options.robot, snap=options.snap)
+    tell(robot.notes)
+    print(rows_and_frames(robot))
+    return CONVERGED

@@ -54,6 +54,9 @@ class EKF(MethodSettings):
     """
 
     name: ClassVar[str] = "ekf"
+    summary: ClassVar[str] = (
+        "extended Kalman filter, sample by sample: for monitoring, with standard deviations that are too small"
+    )
 
     start: Start = "idim-ls"
     prior: float = 0.1

@@ -52,6 +52,9 @@ class IDIMIV(DIDIMSettings):
     """
 
     name: ClassVar[str] = "idim-iv"
+    summary: ClassVar[str] = (
+        "instrumental variables: rows of the measured motion, instruments of the simulated one; needs [controller]"
+    )
     motion: ClassVar[Motion] = "measured"
 
     tolerance: float = 0.0

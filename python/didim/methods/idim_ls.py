@@ -29,6 +29,9 @@ class IDIMLS(FitSettings):
     """
 
     name: ClassVar[str] = "idim-ls"
+    summary: ClassVar[str] = (
+        "least squares along the measured motion: needs positions and torques alone; the one to begin with"
+    )
 
     def run(
         self,

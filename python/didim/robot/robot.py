@@ -10,10 +10,11 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import didim._core as _core
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, real_array
 from .._tools.pickling import Pickled
 from .._tools.toml import Table
 from .._tools.words import did_you_mean
@@ -22,6 +23,7 @@ from .base_parameters import BaseParameters, base_parameters
 from .collision import Capsule
 from .correspondence import Correspondence
 from .friction import Friction, FrictionTerm, read_friction
+from .standard_dh import StandardTable, from_frame, in_other_frames, to_frame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +96,8 @@ class Robot(Pickled):
         Names of the joints, as recordings and other files have them; empty where the file has none.
     correspondence : Correspondence or None
         How the robot goes back into the URDF that it was read from.
+    standard : StandardTable or None
+        The table of a robot that was given by a standard Denavit-Hartenberg table.
     collision : tuple of Capsule
         Capsules that stand for the links, where the file has any.
     notes : tuple of str
@@ -112,8 +116,10 @@ class Robot(Pickled):
     joint_names: tuple[str, ...] = ()
     correspondence: Correspondence | None = None
     collision: tuple[Capsule, ...] = ()
+    standard: StandardTable | None = None
     notes: tuple[str, ...] = ()
     _named: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
+    _own: frozenset[str] = field(default_factory=frozenset, repr=False)
 
     @cached_property
     def core(self) -> _core.Robot:
@@ -162,6 +168,42 @@ class Robot(Pickled):
         """Return how messages and reports call a joint, from 0: ``joint 3``, or ``joint 3 (elbow_joint)``."""
         name = f" ({self.joint_names[joint]})" if self.joint_names else ""
         return f"joint {joint + 1}{name}"
+
+    @property
+    def own_frames(self) -> tuple[Array, ...]:
+        """Frames of the description that the robot was made of, each (4, 4) in frame j of the model.
+
+        They are those of the maker's standard table or of the links of a URDF, and those of the model where the file has no others.
+        """
+        if self.correspondence is not None:
+            return tuple(link.matrix for link in self.correspondence.links)
+        return (np.eye(4),) * self.n_dof if self.standard is None else self.standard.poses
+
+    def to_own_frames(self, x: ArrayLike) -> Array:
+        """Return standard parameters with those of each link in its own frame (`own_frames`), ``(n_parameters,)``.
+
+        The model keeps parameters in its own modified frames; masses stay, moments and inertias change. Only whole bodies
+        have a meaning there: base parameters lifted with zeros (`fit.parameters`) give the same torques and no body, so
+        that ``fit.consistent().parameters`` is what to convert. ``test_standard_dh.py`` checks both directions.
+
+        Raises
+        ------
+        RobotError
+            For another number of parameters.
+        """
+        return in_other_frames(self.parameter_names, self._checked(x), self.own_frames, to_frame)
+
+    def from_own_frames(self, x: ArrayLike) -> Array:
+        """Return the model's standard parameters of those in the links' own frames: the inverse of `to_own_frames`."""
+        return in_other_frames(self.parameter_names, self._checked(x), self.own_frames, from_frame)
+
+    def _checked(self, x: ArrayLike) -> Array:
+        values = real_array("parameters", x, RobotError)
+        if values.shape != (len(self.parameter_names),):
+            raise RobotError(
+                f"parameters must have shape ({len(self.parameter_names)},) for robot {self.name!r}, got {values.shape}"
+            )
+        return values
 
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:
@@ -221,7 +263,18 @@ class Robot(Pickled):
         return self._vector(name)
 
     def _vector(self, name: str) -> Array:
-        return self.parameters_by_name(self._named[name], f"{self.path.name}: [parameters.{name}]")
+        where = f"{self.path.name}: [parameters.{name}]"
+        x = self.parameters_by_name(self._named[name], where)
+        if name not in self._own:
+            return x
+        for parameter in self._named[name]:
+            if parameter not in self.parameter_names:
+                raise RobotError(
+                    f"{where} {parameter!r} is a base parameter, which frames = 'own' cannot have"
+                )
+        x = self.from_own_frames(x)
+        x.setflags(write=False)
+        return x
 
     def parameters_by_name(self, values: Mapping[str, float], where: str = "the parameters:") -> Array:
         """Return values by name as a full vector of standard parameters, ``(n_parameters,)``.

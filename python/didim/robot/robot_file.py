@@ -18,6 +18,7 @@ from .correspondence import read_correspondence
 from .friction import read_friction
 from .right_angles import SNAP, RightAngles
 from .robot import Geometry, JointLimits, Robot
+from .standard_dh import StandardTable, read_lengths
 from .transmission import reduction_matrix
 
 PACKAGED = Path(__file__).parents[1] / "packaged" / "robots"
@@ -38,7 +39,7 @@ def load_robot(
     Parameters
     ----------
     name : str or Path
-        Name of a packaged robot (``tx40``, ``emps``, ``planar2``), path of a robot file, or of a URDF.
+        Name of a packaged robot (``tx40``, ``ur10e``; `packaged_robots` has all), path of a robot file, or of a URDF.
     tip, base : str, optional
         Last and first link of the chain of a URDF; by default the end of the only path that moves, and the root.
     lock : mapping of str to float, optional
@@ -91,6 +92,11 @@ def load_robot(
     return robot
 
 
+def packaged_robots() -> dict[str, Robot]:
+    """Return the robots that come with the package by name (``tests/test_packaged_robots.py``)."""
+    return {file.stem: load_robot(file.stem) for file in sorted(PACKAGED.glob("*.toml"))}
+
+
 def _no_robot(path: Path, packaged: Mapping[str, Path]) -> str:
     """Sentence on what is neither a packaged robot nor a path that ends in .toml."""
     if path.is_file():
@@ -114,14 +120,16 @@ def _robot(table: Table, path: Path, angles: RightAngles) -> Robot:
     if len(joints) > 12:
         raise RobotError(f"{path.name}: a robot has at most 12 joints, got {len(joints)}")
     kinds = tuple(joint.text("kind", choices=("revolute", "prismatic")) for joint in joints)
-    rows = [_row(joint, kind, angles) for joint, kind in zip(joints, kinds, strict=True)]
+    read_row = _distal_row if convention == "dh" else _row
+    rows = [read_row(joint, kind, angles) for joint, kind in zip(joints, kinds, strict=True)]
     joint_names = _joint_names(table, joints)
     limits = tuple(_limits(joint, kind) for joint, kind in zip(joints, kinds, strict=True))
     for joint in joints:
         joint.done()
     alpha, d, theta, r = (tuple(column) for column in zip(*rows, strict=True))
-    if convention == "dh":
-        alpha, d = (0.0, *alpha[:-1]), (0.0, *d[:-1])
+    standard = StandardTable(a=d, alpha=alpha) if convention == "dh" else None
+    if standard is not None:
+        alpha, d = standard.rows
     n = len(kinds)
     transmission = _sub_table(table, "transmission")
     coupling = transmission.matrix("coupling", n, n) if transmission.has("coupling") else np.eye(n).tolist()
@@ -130,7 +138,9 @@ def _robot(table: Table, path: Path, angles: RightAngles) -> Robot:
     transmission.done()
     friction = read_friction(_sub_table(table, "friction"), kinds, None)
     sets = _sub_table(table, "parameters")
-    named = {key: _parameter_set(sets.table(key)) for key in sets.content}
+    parts = {key: sets.table(key) for key in sets.content}
+    own = frozenset(key for key, part in parts.items() if _in_own_frames(part, standard))
+    named = {key: _parameter_set(part) for key, part in parts.items()}
     collision = read_capsules(table.tables("collision") if table.has("collision") else [], n)
     correspondence = read_correspondence(table.table("urdf"), len(kinds)) if table.has("urdf") else None
     table.done()
@@ -157,8 +167,10 @@ def _robot(table: Table, path: Path, angles: RightAngles) -> Robot:
         joint_names=joint_names,
         correspondence=correspondence,
         collision=collision,
+        standard=standard,
         notes=tuple(angles.notes(path.name)),
         _named=named,
+        _own=own,
     )
 
 
@@ -168,7 +180,7 @@ def _sub_table(table: Table, key: str) -> Table:
 
 
 def _row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, float, float]:
-    """Alpha, d, theta, r of one row (rad, m); in a standard table alpha and d belong to the next row."""
+    """Alpha, d, theta, r of one row (rad, m)."""
     alpha, theta = _angle(joint, "alpha"), _angle(joint, "theta")
     # The offset of a revolute joint only says where its zero is: any angle is as good as another.
     return (
@@ -177,6 +189,21 @@ def _row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, fl
         theta if kind == "revolute" else angles.snapped(theta),
         joint.number("r_m", 0.0),
     )
+
+
+def _distal_row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, float, float]:
+    """Alpha, a, theta, d of one row of a standard table (rad, m)."""
+    a, d = read_lengths(joint)
+    alpha, theta = _angle(joint, "alpha"), _angle(joint, "theta")
+    return angles.snapped(alpha), a, theta if kind == "revolute" else angles.snapped(theta), d
+
+
+def _in_own_frames(table: Table, standard: StandardTable | None) -> bool:
+    """Whether a parameter set is given in the frames of the robot's own table."""
+    frames = table.text("frames", "model", choices=("model", "own"))
+    if frames == "own" and standard is None:
+        table.fail("frames = 'own' is for a robot with convention = 'dh', whose table has frames of its own")
+    return frames == "own"
 
 
 def _joint_names(table: Table, joints: Sequence[Table]) -> tuple[str, ...]:
@@ -219,4 +246,4 @@ def _limits(joint: Table, kind: str) -> JointLimits:
 
 
 def _parameter_set(table: Table) -> dict[str, float]:
-    return {name: table.number(name) for name in table.content}
+    return {name: table.number(name) for name in table.content if name != "frames"}

@@ -22,7 +22,7 @@ def robot_text(robot: Robot) -> str:
     Parameters
     ----------
     robot : Robot
-        Any robot; a standard Denavit-Hartenberg table comes out as a modified one.
+        Any robot.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def robot_text(robot: Robot) -> str:
         "schema = 1",
         f"name = {_text(robot.name)}",
         f"description = {_text(robot.description)}",
-        'convention = "mdh"',
+        f'convention = "{"mdh" if robot.standard is None else "dh"}"',
         f"gravity_m_s2 = {_numbers(robot.geometry.gravity)}",
     ]
     geometry = robot.geometry
@@ -44,11 +44,21 @@ def robot_text(robot: Robot) -> str:
             lines.append(f"name = {_text(robot.joint_names[j])}")
         lines += [
             f"kind = {_text(kind)}",
-            _angle("alpha", geometry.alpha[j]),
-            f"d_m = {_number(geometry.d[j])}",
-            _angle("theta", geometry.theta[j]),
-            f"r_m = {_number(geometry.r[j])}",
         ]
+        if robot.standard is None:
+            lines += [
+                _angle("alpha", geometry.alpha[j]),
+                f"d_m = {_number(geometry.d[j])}",
+                _angle("theta", geometry.theta[j]),
+                f"r_m = {_number(geometry.r[j])}",
+            ]
+        else:
+            lines += [
+                f"a_m = {_number(robot.standard.a[j])}",
+                _angle("alpha", robot.standard.alpha[j]),
+                f"d_m = {_number(geometry.r[j])}",
+                _angle("theta", geometry.theta[j]),
+            ]
         limits = _limits(robot.limits[j], kind)
         if limits:
             lines.append(f"limits = {{ {', '.join(limits)} }}")
@@ -64,6 +74,8 @@ def robot_text(robot: Robot) -> str:
         ]
     for name, values in robot._named.items():
         lines += ["", f"[parameters.{_key(name)}]"]
+        if name in robot._own:
+            lines.append('frames = "own"')
         lines += [f"{_key(parameter)} = {_number(value)}" for parameter, value in values.items()]
     if robot.correspondence is not None:
         lines += _urdf(robot.correspondence)

@@ -48,6 +48,9 @@ class DIDIMSettings(FitSettings):
     """
 
     name: ClassVar[str] = "didim"
+    summary: ClassVar[str] = (
+        "least squares along the simulated motion, iterated: needs torques, [controller] and [reference], and no filter"
+    )
     motion: ClassVar[Motion] = "simulated"
 
     start: Start = "unit"

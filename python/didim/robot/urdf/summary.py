@@ -1,4 +1,7 @@
-"""What became of a URDF, in words: one line per joint, and the self-test. Tested in ``tests/test_urdf.py``."""
+"""What became of a description, in words: one line per joint, and the self-test of a URDF.
+
+Tested in ``tests/test_urdf.py`` and ``tests/test_standard_dh.py``.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,8 @@ import math
 import numpy as np
 
 from ..._tools.words import counted
+from ..robot import Robot
+from ..standard_dh import correspondence_lines
 from .reading import UrdfReading
 from .summation import STATES
 
@@ -41,3 +46,37 @@ def summary(reading: UrdfReading) -> str:
         + (f" ({reading.as_written:.1e} before snapping)." if places.snapped_rad else "."),
     ]
     return "\n".join(lines)
+
+
+def rows_and_frames(robot: Robot) -> str:
+    """Return the modified rows of a robot and where the frames of its own table lie, as ``didim robot`` prints them."""
+    names = robot.joint_names or tuple(f"joint {j + 1}" for j in range(robot.n_dof))
+    width = max(len(name) for name in (*names, "joint"))
+    gravity = " ".join(f"{value:g}" for value in robot.geometry.gravity)
+    lines = [
+        f"{robot.name}: {robot.description}",
+        f"{counted(robot.n_dof, 'joint')}, {len(robot.base_parameters.names)} base parameters, "
+        f"gravity in frame 0 {gravity} m/s^2",
+        "",
+        "Rows of the model (modified Denavit-Hartenberg: frame j has its z axis along joint axis j):",
+        f"   {'joint':{width}}  {'kind':9}  {'alpha deg':>9}  {'d m':>8}  {'theta deg':>9}  {'r m':>8}",
+    ]
+    geometry = robot.geometry
+    for j, name in enumerate(names):
+        lines.append(
+            f"{j + 1:2} {name:{width}}  {geometry.kinds[j]:9}  {math.degrees(geometry.alpha[j]):9.6g}  {geometry.d[j]:8.5g}  "
+            f"{math.degrees(geometry.theta[j]):9.6g}  {geometry.r[j]:8.5g}"
+        )
+    if robot.standard is None and robot.correspondence is None:
+        return "\n".join(lines)
+    whose = (
+        "links of the URDF" if robot.standard is None else "the maker's table (standard Denavit-Hartenberg)"
+    )
+    lines += ["", f"Frames of {whose}, each in frame j of the model, where it does not move:"]
+    lines += correspondence_lines(robot.own_frames, names)
+    lines += [
+        "",
+        "robot.to_own_frames(x) and robot.from_own_frames(x) convert standard parameters; "
+        + ("'frames = \"own\"' in a parameter set takes them so." if robot.standard is not None else ""),
+    ]
+    return "\n".join(line.rstrip() for line in lines)

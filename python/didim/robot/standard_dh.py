@@ -1,0 +1,129 @@
+"""Standard (distal) Denavit-Hartenberg tables, as makers print them, and the way between their frames and those of the model.
+
+Frame j of such a table is reached by ``Rot(z, theta_j) Trans(z, d_j) Trans(x, a_j) Rot(x, alpha_j)``, and lies at the end of
+link j. Frame j of the model has its z axis along joint axis j. The two share their motion, so one is constant in the other:
+``Trans(x, a_j) Rot(x, alpha_j)``. Tested in ``tests/test_standard_dh.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.toml import Table
+from .rigid_body import INERTIAL, inverse, mdh_pose, pseudo_inertia, ten_parameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandardTable:
+    """The columns of a standard table that are not in the rows of the model as they are.
+
+    Attributes
+    ----------
+    a : tuple of float
+        Lengths along x (m), one per joint.
+    alpha : tuple of float
+        Angles about x (rad).
+    """
+
+    a: tuple[float, ...]
+    alpha: tuple[float, ...]
+
+    @property
+    def poses(self) -> tuple[Array, ...]:
+        """Frame j of the table in frame j of the model, (4, 4), for every position of the joints."""
+        return tuple(mdh_pose(alpha, a, 0.0, 0.0) for a, alpha in zip(self.a, self.alpha, strict=True))
+
+    @property
+    def rows(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Columns alpha and d of the modified table: those of the row before."""
+        return (0.0, *self.alpha[:-1]), (0.0, *self.a[:-1])
+
+
+def read_lengths(joint: Table) -> tuple[float, float]:
+    """Return a and d of a row (m), which a standard table has both: nothing is taken for the other convention's keys.
+
+    Raises
+    ------
+    DidimError
+        Of the table's class, when one is missing, or `r_m` of the modified convention is there.
+    """
+    if joint.has("r_m"):
+        joint.fail(
+            "r_m belongs to convention 'mdh'; with convention = 'dh' the lengths are the maker's: a_m along x and d_m along z"
+        )
+    if not joint.has("a_m"):
+        joint.fail(
+            "key 'a_m' is missing: with convention = 'dh' a_m is the length along x and d_m the one along z, 0 if none"
+        )
+    return joint.number("a_m"), joint.number("d_m")
+
+
+def in_other_frames(
+    names: Sequence[str], x: Array, poses: Sequence[Array], change: Callable[[Array, Array], Array]
+) -> Array:
+    """Return standard parameters with the ten of each link expressed in another frame.
+
+    Parameters
+    ----------
+    names
+        Names of the standard parameters.
+    x
+        (n_parameters,) their values.
+    poses
+        (4, 4) pose per link of its other frame in frame j.
+    change
+        `to_frame` or `from_frame`.
+    """
+    found = np.array(x, dtype=np.float64)
+    for j, pose in enumerate(poses):
+        first = names.index(f"{INERTIAL[0]}{j + 1}")
+        ten = slice(first, first + len(INERTIAL))
+        found[ten] = ten_parameters(change(pose, pseudo_inertia(found[ten])))
+    return found
+
+
+def to_frame(pose: Array, pseudo: Array) -> Array:
+    """Return a pseudo-inertia of frame j as that of the frame with this pose in it."""
+    back = inverse(pose)
+    return np.asarray(back @ pseudo @ back.T)
+
+
+def from_frame(pose: Array, pseudo: Array) -> Array:
+    """Return a pseudo-inertia of the frame with this pose in frame j as that of frame j."""
+    return np.asarray(pose @ pseudo @ pose.T)
+
+
+def correspondence_lines(poses: Sequence[Array], joints: Sequence[str]) -> list[str]:
+    """Return one line per joint: where its own frame lies in frame j of the model (mm, degrees)."""
+    width = max([len("joint"), *(len(name) for name in joints)])
+    lines = [f"   {'joint':{width}}  {'x mm':>9}  {'y mm':>9}  {'z mm':>9}  {'turn deg':>8}  about"]
+    for j, (pose, name) in enumerate(zip(poses, joints, strict=True)):
+        axis, angle = _axis(pose[:3, :3])
+        x, y, z = (f"{1e3 * value + 0.0:9.5g}" for value in pose[:3, 3])
+        lines.append(f"{j + 1:2} {name:{width}}  {x}  {y}  {z}  {angle:8.4g}  {axis}")
+    return lines
+
+
+def _axis(rotation: Array) -> tuple[str, float]:
+    """Return the axis and the angle (degrees) of a rotation in words."""
+    cosine = max(-1.0, min(1.0, 0.5 * (float(np.trace(rotation)) - 1.0)))
+    angle = math.degrees(math.acos(cosine))
+    if angle < 1e-7:
+        return "-", 0.0
+    vector = np.array(
+        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+    )
+    if np.linalg.norm(vector) < 1e-7:  # half a turn: the axis is the column that is not turned round
+        symmetric = 0.5 * (rotation + np.eye(3))
+        vector = symmetric[:, int(np.argmax(np.diag(symmetric)))]
+    unit = vector / np.linalg.norm(vector)
+    for name, direction in zip("xyz", np.eye(3), strict=True):
+        along = float(unit @ direction)
+        if abs(along) > 1.0 - 1e-9:
+            return name, angle if along > 0.0 else -angle
+    return "(" + ", ".join(f"{value + 0.0:.4g}" for value in unit) + ")", angle
