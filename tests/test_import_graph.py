@@ -25,6 +25,7 @@ FLOORS = (
     ("export",),
     ("excitation",),
     ("studies",),
+    ("monte_carlo",),
     ("plot",),
     ("formats",),
     ("report",),

@@ -20,6 +20,7 @@ from .errors import (
     RobotWarning,
     ShapeError,
     SignalError,
+    StudyError,
 )
 
 if TYPE_CHECKING:
@@ -49,6 +50,8 @@ if TYPE_CHECKING:
     from .methods.idim_iv import IDIMIV
     from .methods.idim_ls import IDIMLS
     from .model.dynamics import direct_dynamics, inertia_matrix, inverse_dynamics, regressor
+    from .monte_carlo.results import StudyResults
+    from .monte_carlo.study import study
     from .regression.recursive import Recursive, RecursiveEstimate
     from .regression.settings import LeastSquaresSettings
     from .result.contrast import Contrast, contrast
@@ -107,6 +110,8 @@ __all__ = [
     "SimulationStatus",
     "Status",
     "StepWarning",
+    "StudyError",
+    "StudyResults",
     "Validation",
     "Workspace",
     "check",
@@ -128,6 +133,7 @@ __all__ = [
     "set_threads",
     "simulate",
     "simulated_log",
+    "study",
     "to_c",
     "to_latex",
     "to_mjcf",
@@ -168,6 +174,7 @@ _LATER = {
     "SimulationStatus": "loop.closed_loop",
     "Status": "result.status",
     "StepWarning": "loop.simulation",
+    "StudyResults": "monte_carlo.results",
     "Validation": "studies.validation",
     "Workspace": "excitation.clearance",
     "check": "diagnosis.check",
@@ -185,6 +192,7 @@ _LATER = {
     "regressor": "model.dynamics",
     "simulate": "loop.simulation",
     "simulated_log": "studies.simulated_log",
+    "study": "monte_carlo.study",
     "to_c": "export.code.c_header",
     "to_latex": "export.code.latex",
     "to_mjcf": "export.mjcf",

@@ -65,6 +65,10 @@ class SimulationError(DidimError):
     """A simulation whose parts do not fit together."""
 
 
+class StudyError(DidimError):
+    """A study that cannot be run: a wrong key, rows of something else, or workers that do not answer."""
+
+
 class ThreadsError(DidimError):
     """A number of threads that cannot be."""
 

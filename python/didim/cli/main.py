@@ -29,6 +29,7 @@ from .lists import add as add_lists
 from .options import CONVERGED, INTERRUPTED, Parser, refuse
 from .robot import add as add_robot
 from .simulate import add as add_simulate
+from .study import add as add_study
 from .validate import add as add_validate
 
 if TYPE_CHECKING:
@@ -101,6 +102,7 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_identify,
     add_validate,
     add_simulate,
+    add_study,
     add_export,
     add_base,
     add_lists,

@@ -7,7 +7,7 @@ key. Tested in ``tests/test_experiment.py``.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -64,12 +64,46 @@ def load_experiment(
         On a data file that is not as the experiment says.
     """
     path = Path(path)
-    table = Table(read_toml(path, ExperimentError), path.name, ExperimentError)
+    content = read_toml(path, ExperimentError)
+    digests = {f"experiment {path.name}": hashlib.sha256(path.read_bytes()).hexdigest()}
+    return read_experiment(content, path, data=data, faults=faults, digests=digests)
+
+
+def read_experiment(
+    content: Mapping[str, Any],
+    path: Path,
+    *,
+    robot: Robot | None = None,
+    data: Path | str | None = None,
+    faults: list[tuple[str, TimeFault]] | None = None,
+    digests: Mapping[str, str] | None = None,
+) -> Experiment:
+    """Make an experiment of the content of an experiment file; the file itself need not exist.
+
+    Parameters
+    ----------
+    content
+        Tables of the file, as `tomllib` gives them.
+    path
+        Names the file in messages; files that the content names are looked up beside it.
+    robot
+        Robot in place of the one that the content names, before the experiment's friction.
+    data, faults
+        As for `load_experiment`.
+    digests
+        Digest of the content, for the record of results; those of the files read are added.
+
+    Raises
+    ------
+    ExperimentError, RobotError, RecordingError
+        As for `load_experiment`.
+    """
+    table = Table(content, path.name, ExperimentError)
     schema = table.integer("schema")
     if schema != SCHEMA:
         table.fail(f"schema {schema} is unknown; this version reads schema {SCHEMA}")
     name = table.text("name", path.stem)
-    robot = _robot(table, path)
+    robot = _robot(table, path, robot)
     transmission = table.table("transmission", None)
     recording_tables = table.tables("recording", [])
     signal = _settings(SignalProcessing, _signal_keys, table.table("signal", None))
@@ -99,12 +133,9 @@ def load_experiment(
         recordings.append(recording)
 
     # An experiment and a robot may both be emps.toml.
-    digests = {
-        f"experiment {path.name}": hashlib.sha256(path.read_bytes()).hexdigest(),
-        f"robot {robot.path.name}": robot.digest,
-    }
+    found = {**(digests or {}), f"robot {robot.path.name}": robot.digest}
     for recording in recordings:
-        digests.update({f"data {file}": digest for file, digest in recording.digests.items()})
+        found.update({f"data {file}": digest for file, digest in recording.digests.items()})
     return Experiment(
         name=name,
         path=path,
@@ -115,7 +146,7 @@ def load_experiment(
         delay=delay,
         fixed=fixed,
         dropped=dropped,
-        digests=digests,
+        digests=found,
         reference=reference,
         controller=controller,
         simulation=simulation,
@@ -130,12 +161,16 @@ def _optional(
     return None if part is None else read(part, robot)
 
 
-def _robot(table: Table, path: Path) -> Robot:
+def robot_place(name: str, folder: Path) -> str | Path:
+    """Return what `load_robot` takes for the robot that an experiment in `folder` names: a packaged name, or a file beside it."""
+    # A name that is not a packaged robot's is a file beside the experiment, and its message names files there.
+    return name if (PACKAGED / f"{name}.toml").is_file() else folder / name
+
+
+def _robot(table: Table, path: Path, given: Robot | None) -> Robot:
     """Load the robot, by packaged name or path from the experiment file, with the experiment's friction."""
     name = table.text("robot")
-    beside = path.parent / name
-    # A name that is not a packaged robot's is a file beside the experiment, and its message names files there.
-    robot = load_robot(name if (PACKAGED / f"{name}.toml").is_file() else beside)
+    robot = load_robot(robot_place(name, path.parent)) if given is None else given
     friction = table.table("friction", None)
     return robot if friction is None else robot.with_friction_table(friction)
 

@@ -7,6 +7,7 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -82,10 +83,36 @@ def load_robot(
             raise RobotError(_no_robot(path, packaged))
         path = packaged[str(name)]
     content = read_toml(path, RobotError)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
     angles = RightAngles(SNAP if snap is None else snap)
-    robot = _robot(Table(content, path.name, RobotError), path, angles)
+    robot = read_robot(content, path, digest=digest, angles=angles)
     if angles.suspicious and snap is None:
         warnings.warn(angles.suspicion(path.name), RobotWarning, stacklevel=2)
+    return robot
+
+
+def read_robot(
+    content: Mapping[str, Any], path: Path, *, digest: str, angles: RightAngles | None = None
+) -> Robot:
+    """Make a robot of the content of a robot file; the file itself need not exist.
+
+    Parameters
+    ----------
+    content : mapping
+        Tables of the file, as `tomllib` gives them.
+    path : Path
+        Names the file in messages.
+    digest : str
+        SHA-256 of the content, for the record of results.
+    angles : RightAngles, optional
+        Snaps rounded right angles, and notes which.
+
+    Raises
+    ------
+    RobotError
+        As for `load_robot`.
+    """
+    robot = _robot(Table(content, path.name, RobotError), path, angles or RightAngles(SNAP), digest)
     for parameter_set in robot._named:  # now, so that a wrong description is an error of loading
         robot.parameter_set(parameter_set)
     robot.core  # noqa: B018 - likewise, for a robot without sets
@@ -107,7 +134,7 @@ def _no_robot(path: Path, packaged: Mapping[str, Path]) -> str:
     return f"no packaged robot {path.name!r}{near} (there are: {', '.join(packaged)}); a path ends in .toml or .urdf"
 
 
-def _robot(table: Table, path: Path, angles: RightAngles) -> Robot:
+def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     if table.integer("schema") != 1:
         raise RobotError(f"{path.name}: schema must be 1")
     name = table.text("name", path.stem)
@@ -150,7 +177,7 @@ def _robot(table: Table, path: Path, angles: RightAngles) -> Robot:
         name=name,
         description=description,
         path=path,
-        digest=hashlib.sha256(path.read_bytes()).hexdigest(),
+        digest=digest,
         geometry=Geometry(
             kinds=kinds,
             alpha=alpha,

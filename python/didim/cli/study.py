@@ -1,0 +1,148 @@
+"""``didim study``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .._tools.words import counted, printable
+from .options import CONVERGED, INTERRUPTED, NOT_CONVERGED, add_command
+from .outputs import Saved, check_outputs
+
+if TYPE_CHECKING:
+    from ..monte_carlo.results import StudyResults
+    from ..monte_carlo.study import Progress
+    from .options import Commands
+
+PROGRESS_S = 2.0
+"""Seconds between lines of progress."""
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(commands, "study", run, "identify many simulated logs by several methods")
+    parser.add_argument(
+        "study",
+        metavar="STUDY.toml|ROWS.jsonl",
+        type=Path,
+        nargs="+",
+        help="study file to run, or rows of finished studies to summarise",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="ROWS.jsonl",
+        type=Path,
+        help="file that rows are appended to (default: beside the study); rows that it has are not made again",
+    )
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--executor",
+        choices=("process", "thread", "serial", "loky"),
+        default="process",
+        help="what runs the tasks on this machine (default: %(default)s)",
+    )
+    where.add_argument(
+        "--dask", metavar="ADDRESS", help="run on the workers of a Dask scheduler, such as tcp://host:8786"
+    )
+    where.add_argument(
+        "--ray",
+        metavar="ADDRESS",
+        nargs="?",
+        const="",
+        help="run on Ray: on this machine, or on the cluster at ADDRESS",
+    )
+    where.add_argument(
+        "--mpi",
+        action="store_true",
+        help="run on the ranks of MPI (python -m mpi4py.futures -m didim study ...)",
+    )
+    parser.add_argument("--workers", metavar="N", type=int, help="processes or threads (default: all cores)")
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    from ..errors import StudyError
+    from ..monte_carlo.results import StudyResults
+
+    if all(path.suffix == ".jsonl" for path in options.study):
+        results, code = StudyResults.read(*options.study), CONVERGED
+    elif len(options.study) > 1:
+        raise StudyError("give one study file, or files of rows that end in .jsonl")
+    else:
+        results, code = _run(options)
+    for remark in results.rows.remarks:
+        print(f"didim: note: {printable(remark)}", file=sys.stderr)
+    saved = Saved()
+    saved.show(str(results))
+    return saved.code(code)
+
+
+def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
+    """Run a study, and return what there is when it ends or is interrupted."""
+    from ..monte_carlo.results import StudyResults
+    from ..monte_carlo.spec import load_study
+    from ..monte_carlo.study import study
+
+    (path,) = options.study
+    spec = load_study(path)
+    output = options.output or path.with_suffix(".jsonl")
+    check_outputs(output)
+    executor, address = options.executor, None
+    if options.dask is not None:
+        executor, address = "dask", options.dask
+    elif options.ray is not None:
+        executor, address = "ray", options.ray or None
+    elif options.mpi:
+        executor = "mpi"
+    lost = [0]
+    tell = None if options.quiet else _progress()
+
+    def progress(state: Progress) -> None:
+        lost[0] = state.lost
+        if tell is not None:
+            tell(state)
+
+    try:
+        results = study(
+            spec, output, executor=executor, workers=options.workers, address=address, progress=progress
+        )
+    except KeyboardInterrupt:
+        print(
+            f"didim: interrupted; '{printable(str(output))}' has the rows so far, and the same command goes on",
+            file=sys.stderr,
+        )
+        return StudyResults.read(output), INTERRUPTED
+    if lost[0]:
+        print(
+            f"didim: {counted(lost[0], 'task')} lost with the workers that ran them; the same command tries them again",
+            file=sys.stderr,
+        )
+    return results, NOT_CONVERGED if lost[0] else CONVERGED
+
+
+def _progress() -> Callable[[Progress], None]:
+    """Return a callback that prints a line every few seconds, and one at the end."""
+    last = [time.monotonic()]
+
+    def tell(state: Progress) -> None:
+        now = time.monotonic()
+        if now - last[0] < PROGRESS_S and state.done < state.total:
+            return
+        last[0] = now
+        made = state.done - state.found
+        rate = made / max(state.seconds, 1e-9)
+        left = (state.total - state.done) / max(rate, 1e-9)
+        found = f", {state.found} from before" if state.found else ""
+        print(
+            f"{state.done} of {state.total} rows{found}, {state.failed} failed, {rate:.3g} a second, {left:.0f} s left",
+            file=sys.stderr,
+            flush=True,
+        )
+
+    return tell

@@ -1,0 +1,175 @@
+"""Tasks on an executor: a window of them at a time, those of lost workers again, none counted twice.
+
+The function that runs a task returns a row whatever the method does, so an exception of a future is a fault of the
+machinery: a worker that died, or one that cannot import didim. Tested in ``tests/test_study_executors.py``.
+"""
+
+from __future__ import annotations
+
+import queue
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from typing import Any
+
+from ..errors import StudyError
+from .executors import Pool
+
+ATTEMPTS = 3
+"""Runs of a task whose worker dies each time, before it counts as lost."""
+FIRST_LOSSES = 6
+"""So many losses before the first result mean that no worker works."""
+WINDOW_PER_WORKER = 4
+"""Tasks that are submitted ahead, for each worker."""
+
+Outcome = tuple[Any, Any, str | None]
+"""A task with its result, or with None and the sentence of what happened to its workers."""
+
+
+def run_all(
+    function: Callable[[Any], Any], tasks: Iterable[Any], pool: Pool, *, window: int | None = None
+) -> Iterator[Outcome]:
+    """Run a function on tasks, and return results as they come.
+
+    Parameters
+    ----------
+    function : callable
+        Of a module that workers can import. It must not raise, except for `StudyError`, which ends everything.
+    tasks : iterable
+        Plain data; taken as they are needed.
+    pool : Pool
+        Workers.
+    window : int, optional
+        Tasks that are submitted ahead.
+
+    Yields
+    ------
+    task, result, sentence
+        Each task once: with its result, or with None and the sentence of what happened to its workers, `ATTEMPTS` times.
+
+    Raises
+    ------
+    StudyError
+        When no worker works, or an executor broke that cannot be started again.
+    """
+    run = _Run(function, pool, window or WINDOW_PER_WORKER * pool.workers)
+    finished = False
+    try:
+        yield from run.results(iter(tasks))
+        finished = True
+    finally:
+        run.stop(wait=finished)
+
+
+class _Run:
+    """State of one run: what is submitted, and what must be run again."""
+
+    def __init__(self, function: Callable[[Any], Any], pool: Pool, window: int) -> None:
+        self._function, self._pool, self._window = function, pool, window
+        self._executor: Executor | None = None
+        self._ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+        self._running: dict[Future[Any], tuple[int, Any]] = {}
+        self._again: deque[tuple[int, Any]] = deque()
+        self._alone: deque[tuple[int, Any]] = deque()
+        self._attempts: Counter[int] = Counter()
+        self._outcomes: deque[Outcome] = deque()
+        self._losses = self._results = 0
+
+    def stop(self, *, wait: bool) -> None:
+        """Give up what runs, and the pool."""
+        for future in self._running:
+            future.cancel()
+        if self._executor is not None:
+            self._pool.stop(self._executor, wait)
+
+    def results(self, tasks: Iterator[Any]) -> Iterator[Outcome]:
+        """Yield the outcomes of all tasks."""
+        numbered = enumerate(tasks)
+        exhausted = False
+        while True:
+            # After a pool broke, its tasks run one at a time: the one that kills its worker is found, and no other is blamed.
+            while self._alone and not self._running:
+                self._submit(*self._alone.popleft())
+            while not self._alone and len(self._running) < self._window:
+                item = self._again.popleft() if self._again else next(numbered, None)
+                if item is None:
+                    exhausted = True
+                    break
+                self._submit(*item)
+            while self._outcomes:
+                yield self._outcomes.popleft()
+            if self._running:
+                future = self._ended.get()
+                if future in self._running:  # and not of a pool that broke
+                    self._take(future)
+            elif exhausted and not self._alone and not self._again and not self._outcomes:
+                return
+
+    def _submit(self, number: int, task: Any) -> None:
+        if self._executor is None:
+            self._executor = self._pool.start()
+        try:
+            future = self._executor.submit(self._function, task)
+        except BrokenExecutor as reason:
+            self._broken(reason, [(number, task)])
+            return
+        self._running[future] = (number, task)
+        future.add_done_callback(self._ended.put)
+
+    def _take(self, future: Future[Any]) -> None:
+        number, task = self._running[future]
+        try:
+            result = future.result()
+        except StudyError:
+            raise
+        except BrokenExecutor as reason:
+            self._broken(reason, [])
+        except (Exception, CancelledError) as reason:
+            # Dask and Ray name the one task whose workers died.
+            del self._running[future]
+            self._lost(number, task, reason, self._again)
+        else:
+            del self._running[future]
+            self._results += 1
+            self._outcomes.append((task, result, None))
+
+    def _lost(self, number: int, task: Any, reason: BaseException, place: deque[tuple[int, Any]]) -> None:
+        """Run a task again whose worker is lost, unless that has happened too often."""
+        self._attempts[number] += 1
+        text = self._count_loss(reason)
+        if self._attempts[number] < ATTEMPTS:
+            place.append((number, task))
+        else:
+            self._outcomes.append((task, None, f"its worker was lost {ATTEMPTS} times: {text}"))
+
+    def _broken(self, reason: BaseException, also: list[tuple[int, Any]]) -> None:
+        """Start the pool again after one of its processes died, which ends all its tasks."""
+        executor, self._executor = self._executor, None
+        lost = list(also)
+        for future, (number, task) in self._running.items():
+            if future.done() and not future.cancelled() and future.exception() is None:
+                self._results += 1
+                self._outcomes.append((task, future.result(), None))
+            else:
+                lost.append((number, task))
+        self._running.clear()
+        if executor is not None:
+            self._pool.stop(executor, False)
+        if not self._pool.restarts:
+            raise StudyError(
+                f"the executor broke ({type(reason).__name__}); the rows so far are kept, and the study goes on from there with a "
+                "new executor"
+            ) from reason
+        if len(lost) == 1:
+            self._lost(*lost[0], reason, self._alone)
+        else:
+            self._count_loss(reason)
+            self._alone.extend(lost)
+
+    def _count_loss(self, reason: BaseException) -> str:
+        """Return the reason as text, or give up where no worker has ever returned a result."""
+        self._losses += 1
+        text = " ".join(f"{type(reason).__name__}: {reason}".split())
+        if not self._results and self._losses >= FIRST_LOSSES:
+            raise StudyError(f"no worker of {self._pool.name} has run a task: {text}") from reason
+        return text

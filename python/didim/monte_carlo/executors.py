@@ -1,0 +1,276 @@
+"""Executors by name: processes of this machine, threads, loky, and the workers of Dask, Ray and MPI.
+
+Anything else that is a `concurrent.futures.Executor` is taken as it is. Tested in ``tests/test_study_executors.py``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import multiprocessing
+import os
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass
+from multiprocessing.connection import wait
+from typing import Any
+
+from .._tools.settings import whole
+from .._tools.threads import NUMPY_VARIABLES, VARIABLE
+from ..errors import StudyError
+
+NAMES = ("process", "thread", "serial", "loky", "dask", "ray", "mpi")
+"""Executors that have a name."""
+MOST_WORKERS = 10_000
+UNKNOWN_WORKERS = 16
+"""Workers that an executor is taken to have when it does not say."""
+
+
+@dataclass(frozen=True)
+class Pool:
+    """How to get an executor, and another one when it breaks.
+
+    Attributes
+    ----------
+    name : str
+        In messages.
+    start : callable
+        Return an executor.
+    stop : callable
+        Shut one down: ``stop(executor, wait)``, at once without `wait`.
+    workers : int
+        Tasks that run at a time.
+    restarts : bool
+        Whether `start` may be called again.
+    """
+
+    name: str
+    start: Callable[[], Executor]
+    stop: Callable[[Executor, bool], None]
+    workers: int
+    restarts: bool = True
+
+
+@contextlib.contextmanager
+def pool(
+    executor: Executor | str = "process", workers: int | None = None, address: str | None = None
+) -> Iterator[Pool]:
+    """Return workers by the name of their executor, or those of an executor that is there already.
+
+    Parameters
+    ----------
+    executor : Executor or str
+        One of `NAMES`, or any executor; it is left as it is in the end.
+    workers : int, optional
+        Processes or threads; by default as many as this process may use. Dask, Ray and MPI have their own number.
+    address : str, optional
+        Scheduler of Dask, or head of Ray; without one they start workers on this machine.
+
+    Raises
+    ------
+    StudyError
+        For an unknown name, or a package that is missing.
+    """
+    if workers is not None:
+        workers = whole("workers", workers, StudyError, least=1, most=MOST_WORKERS)
+    if isinstance(executor, Executor):
+        yield Pool(
+            type(executor).__name__,
+            lambda: executor,
+            _leave,
+            workers or _workers_of(executor),
+            restarts=False,
+        )
+        return
+    if executor not in NAMES:
+        raise StudyError(f"there is no executor {executor!r} (there are: {', '.join(NAMES)})")
+    own = workers or _cores()
+    with single_threaded(), contextlib.ExitStack() as stack:
+        if executor == "process":
+            yield Pool("process", lambda: _processes(own), _stop_processes, own)
+        elif executor == "thread":
+            yield Pool("thread", lambda: ThreadPoolExecutor(own), _stop, own)
+        elif executor == "serial":
+            yield Pool("serial", SerialExecutor, _stop, 1)
+        elif executor == "loky":
+            loky = _needed("loky", "loky")
+            yield Pool("loky", lambda: _loky(loky, own), _stop_loky, own)
+        elif executor == "dask":
+            client = stack.enter_context(_dask_client(workers, address))
+            threads = sum(client.nthreads().values())
+            # Dask runs the tasks of a lost worker again by itself.
+            yield Pool("dask", lambda: client.get_executor(pure=False), _stop, max(1, threads))
+        elif executor == "ray":
+            ray = stack.enter_context(_ray_session(workers, address))
+            yield Pool(
+                "ray", lambda: RayExecutor(ray), _stop, max(1, int(ray.cluster_resources().get("CPU", 1)))
+            )
+        else:
+            mpi = _needed("mpi4py.futures", "mpi4py")
+            started = stack.enter_context(mpi.MPIPoolExecutor())
+            yield Pool("mpi", lambda: started, _leave, max(1, started.num_workers), restarts=False)
+
+
+@contextlib.contextmanager
+def single_threaded() -> Iterator[None]:
+    """Give processes that are started meanwhile one thread each, and the core of this one."""
+    names = (VARIABLE, *NUMPY_VARIABLES)
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+class SerialExecutor(Executor):
+    """Runs each task at once, in the thread that submits it."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Run a function."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class RayExecutor(Executor):
+    """Ray as an executor: a task of one processor for each call.
+
+    Parameters
+    ----------
+    ray : module
+        Ray, connected.
+    """
+
+    def __init__(self, ray: Any) -> None:
+        self._ray = ray
+        self._remote: dict[Callable[..., Any], Any] = {}
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Run a function of a module that workers can import."""
+        if fn not in self._remote:
+            self._remote[fn] = self._ray.remote(fn)
+        future: Future[Any] = self._remote[fn].remote(*args, **kwargs).future()
+        return future
+
+
+def start_worker() -> None:
+    """Prepare a process: no warnings of methods on stderr, and no life after that of its parent."""
+    warnings.simplefilter("ignore")
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_die_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _die_with(sentinel: int) -> None:
+    """End this process with its parent: a killed parent takes no leave, and workers would wait for tasks for ever."""
+    wait([sentinel])
+    os._exit(1)
+
+
+def _cores() -> int:
+    """Count the processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        mine: set[int] = os.sched_getaffinity(0)
+        return len(mine)
+    return os.cpu_count() or 1
+
+
+def _workers_of(executor: Executor) -> int:
+    for name in ("_max_workers", "num_workers"):
+        number = getattr(executor, name, None)
+        if isinstance(number, int) and number > 0:
+            return number
+    client = getattr(executor, "_client", None)
+    if client is not None and hasattr(client, "nthreads"):
+        return max(1, int(sum(client.nthreads().values())))
+    return UNKNOWN_WORKERS
+
+
+def _processes(workers: int) -> Executor:
+    # A forked child would have the threads of its parent in an unknown state.
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=start_worker)
+
+
+def _stop(executor: Executor, wait_for_it: bool) -> None:
+    executor.shutdown(wait=wait_for_it, cancel_futures=True)
+
+
+def _leave(executor: Executor, wait_for_it: bool) -> None:
+    """Leave an executor to its owner."""
+
+
+def _stop_processes(executor: Executor, wait_for_it: bool) -> None:
+    # Asked for before the shutdown, which forgets them.
+    processes = list((getattr(executor, "_processes", None) or {}).values())
+    executor.shutdown(wait=wait_for_it, cancel_futures=True)
+    if not wait_for_it:
+        for process in processes:
+            process.terminate()
+
+
+def _loky(loky: Any, workers: int) -> Executor:
+    executor: Executor = loky.get_reusable_executor(max_workers=workers, initializer=start_worker)
+    return executor
+
+
+def _stop_loky(executor: Any, wait_for_it: bool) -> None:
+    executor.shutdown(wait=wait_for_it, kill_workers=not wait_for_it)
+
+
+@contextlib.contextmanager
+def _dask_client(workers: int | None, address: str | None) -> Iterator[Any]:
+    distributed = _needed("distributed", "didim[dask]")
+    try:
+        if address is not None:
+            client = distributed.Client(address, set_as_default=False, timeout=30)
+        else:
+            client = distributed.Client(
+                n_workers=workers or _cores(),
+                threads_per_worker=1,
+                dashboard_address=None,
+                set_as_default=False,
+            )
+    except OSError as reason:
+        raise StudyError(f"no scheduler of Dask answers at {address} ({reason})") from None
+    with client:
+        yield client
+
+
+@contextlib.contextmanager
+def _ray_session(workers: int | None, address: str | None) -> Iterator[Any]:
+    ray = _needed("ray", "didim[ray]")
+    ours = not ray.is_initialized()
+    if ours:
+        options: dict[str, Any] = {
+            "include_dashboard": False,
+            "log_to_driver": False,
+            "configure_logging": False,
+        }
+        if address is not None:
+            options = {"address": address, "log_to_driver": False}
+        elif workers is not None:
+            options["num_cpus"] = workers
+        ray.init(**options)
+    try:
+        yield ray
+    finally:
+        if ours:
+            ray.shutdown()
+
+
+def _needed(module: str, install: str) -> Any:
+    try:
+        return importlib.import_module(module)
+    except ImportError as reason:
+        raise StudyError(f"this executor needs {module}: pip install {install} ({reason})") from None

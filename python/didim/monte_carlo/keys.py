@@ -1,0 +1,148 @@
+"""Dotted keys: what a scenario changes in the content of an experiment file, of a robot file, or in the settings of methods.
+
+``signal.cutoff_hz`` is a key of the experiment, ``robot.joint.2.d_m`` one of the robot file (the second joint), and
+``method.max_iterations`` a setting of every method. ``truth.`` in front restricts a key to the simulated robot,
+``model.`` to what the methods are told of it. Tested in ``tests/test_study_spec.py``.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..errors import StudyError
+
+Keys = Mapping[str, Any]
+
+PROCESSING = ("signal", "least_squares", "delay", "parameters")
+"""Tables of an experiment that say how a log is processed: they do not change the simulated log."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Keys of a scenario, by the content that they change.
+
+    Attributes
+    ----------
+    truth, model : dict
+        Keys of the experiment: of the simulated log, and of what the methods are given.
+    truth_robot, model_robot : dict
+        Keys of the robot file, likewise.
+    method : dict
+        Settings of all methods.
+    """
+
+    truth: dict[str, Any] = field(default_factory=dict)
+    model: dict[str, Any] = field(default_factory=dict)
+    truth_robot: dict[str, Any] = field(default_factory=dict)
+    model_robot: dict[str, Any] = field(default_factory=dict)
+    method: dict[str, Any] = field(default_factory=dict)
+
+
+def parts_of(keys: Keys) -> Parts:
+    """Sort the keys of a scenario by what they change.
+
+    Raises
+    ------
+    StudyError
+        For a key without a table, or ``truth.`` in front of a key that changes nothing of a simulated log.
+    """
+    found = Parts()
+    for key, value in keys.items():
+        side, inner = "", key
+        for prefix in ("truth.", "model."):
+            if key.startswith(prefix):
+                side, inner = prefix, key.removeprefix(prefix)
+        root, _, rest = inner.partition(".")
+        if not rest:
+            raise StudyError(
+                f"key {key!r} names no table: write it as TABLE.KEY, such as signal.cutoff_hz or robot.friction.coulomb"
+            )
+        if root == "method":
+            if side:
+                raise StudyError(
+                    f"key {key!r}: methods have settings on their own side only; leave out {side!r}"
+                )
+            found.method[rest] = value
+            continue
+        if root in PROCESSING and side == "truth.":
+            raise StudyError(f"key {key!r}: [{root}] does not change a simulated log; leave out 'truth.'")
+        if root == "measurement" and side == "model.":
+            raise StudyError(f"key {key!r}: methods are not told the noise of a log; leave out 'model.'")
+        if side != "model." and root not in PROCESSING:
+            _put(found.truth_robot if root == "robot" else found.truth, root, inner, value)
+        if side != "truth.":
+            _put(found.model_robot if root == "robot" else found.model, root, inner, value)
+    return found
+
+
+def _put(place: dict[str, Any], root: str, key: str, value: object) -> None:
+    place[key.removeprefix("robot.") if root == "robot" else key] = value
+
+
+def changed(content: Mapping[str, Any], keys: Keys, what: str) -> dict[str, Any]:
+    """Return the content of a file with dotted keys set.
+
+    A number in a key is a place in a list, from 1. The value ``{ times = 0.7 }`` multiplies the number, or the numbers, of
+    the file.
+
+    Parameters
+    ----------
+    content : mapping
+        As `tomllib` gives it; it stays as it is.
+    keys : mapping
+        Values by dotted key.
+    what : str
+        Names the file in messages.
+
+    Raises
+    ------
+    StudyError
+        When a key leads through a value that is not a table, or multiplies what is not a number.
+    """
+    made: dict[str, Any] = copy.deepcopy(dict(content))
+    for key, value in keys.items():
+        *way, last = key.split(".")
+        place: Any = made
+        for step in way:
+            place = _enter(place, step, key, what)
+        if isinstance(value, Mapping) and set(value) == {"times"}:
+            value = _times(_enter(place, last, key, what, make=False), value["times"], key, what)
+        if isinstance(place, list):
+            place[_index(place, last, key, what)] = copy.deepcopy(value)
+        else:
+            place[last] = copy.deepcopy(value)
+    return made
+
+
+def _enter(place: Any, step: str, key: str, what: str, *, make: bool = True) -> Any:
+    if isinstance(place, list):
+        found = place[_index(place, step, key, what)]
+    else:
+        if step not in place and not make:
+            raise StudyError(f"{what} has no {key!r} to multiply: give its value")
+        found = place.setdefault(step, {})
+    if make and not isinstance(found, dict | list):
+        raise StudyError(f"key {key!r}: {step!r} is a value in {what}, and not a table")
+    return found
+
+
+def _index(place: list[Any], step: str, key: str, what: str) -> int:
+    if not step.isdecimal() or not 1 <= int(step) <= len(place):
+        raise StudyError(f"key {key!r}: {step!r} must be a place from 1 to {len(place)} in a list of {what}")
+    return int(step) - 1
+
+
+def _times(value: Any, factor: Any, key: str, what: str) -> Any:
+    if isinstance(value, list):
+        factors = factor if isinstance(factor, list) else [factor] * len(value)
+        if len(factors) != len(value):
+            raise StudyError(f"key {key!r}: {len(factors)} factors for {len(value)} numbers of {what}")
+        return [_times(item, by, key, what) for item, by in zip(value, factors, strict=True)]
+    if any(isinstance(item, bool) or not isinstance(item, int | float) for item in (value, factor)):
+        raise StudyError(
+            f"key {key!r}: times multiplies a number of {what} by a number, not {value!r} by {factor!r}"
+        )
+    return value * factor

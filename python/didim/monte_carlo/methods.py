@@ -1,0 +1,56 @@
+"""Methods of a study, from their names and settings as plain data. Tested in ``tests/test_study_spec.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from .._tools.arrays import Array
+from .._tools.settings import share
+from .._tools.words import did_you_mean
+from ..errors import StudyError
+from ..methods.identify import method_class
+from ..methods.method import Method
+
+OBJECTS = ("signal", "checkpoint", "progress")
+"""Settings that plain data cannot hold, or that a study has other keys for."""
+
+
+def method_of(
+    name: str, settings: Mapping[str, Any], start: Callable[[float], Array] | None = None
+) -> Method:
+    """Make a method.
+
+    Parameters
+    ----------
+    name : str
+        Such as "didim".
+    settings : mapping
+        Plain data. ``start = { spread = 0.15 }`` is a start within 15 % of the truth, drawn anew for each seed.
+    start : callable, optional
+        Draws a start with a spread.
+
+    Raises
+    ------
+    StudyError
+        For a setting that the method does not have.
+    FitError
+        For an unknown method, or a wrong value.
+    """
+    made = method_class(name)
+    options = dict(settings)
+    known = [item.name for item in fields(made) if item.init] if is_dataclass(made) else list(options)
+    for key in options:
+        if key in OBJECTS:
+            raise StudyError(
+                f'method {name!r}: {key} cannot be set in a study; keys of the experiment such as "signal.cutoff_hz" can'
+            )
+        if key not in known:
+            raise StudyError(f"method {name!r} has no setting {key!r}{did_you_mean(key, known)}")
+    wanted = options.get("start")
+    if isinstance(wanted, Mapping) and set(wanted) == {"spread"}:
+        spread = share("start.spread", wanted["spread"], StudyError)
+        # Without a seed there is nothing to draw from: the settings are only checked.
+        options["start"] = "unit" if start is None else start(spread)
+    return made(**options)

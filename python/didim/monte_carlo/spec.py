@@ -1,0 +1,312 @@
+"""A study as its file says it: an experiment, scenarios, methods and seeds. Tested in ``tests/test_study_spec.py``."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .._tools.settings import whole
+from .._tools.toml import Table, read_toml
+from .._tools.words import listing
+from ..errors import ExperimentError, RobotError, StudyError
+from ..experiment.experiment_file import robot_place
+from ..robot.robot_file import PACKAGED as ROBOTS
+from ..studies.simulated_log import LOG_REFINEMENT
+from ..studies.simulated_log import PACKAGED as EXPERIMENTS
+from .keys import Keys
+
+SCHEMA = 1
+"""Version of the file format that this code reads."""
+MOST_SEEDS = 10_000_000
+MOST_SCENARIOS = 100_000
+"""More are a mistake in a grid."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario:
+    """What a simulated log is like, and what the methods are told of it.
+
+    Attributes
+    ----------
+    name : str
+        In tables and rows.
+    keys : mapping
+        Dotted keys with their values, beside those of the files (`didim.monte_carlo.keys`).
+    """
+
+    name: str
+    keys: Keys
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodSpec:
+    """A method of a study.
+
+    Attributes
+    ----------
+    label : str
+        In tables and rows.
+    name : str
+        Of the method, such as "didim".
+    settings : mapping
+        Its settings.
+    keys : mapping
+        Dotted keys of the experiment, for this method alone.
+    seeds : int or None
+        Fewer seeds than the study has, for a slow method.
+    """
+
+    label: str
+    name: str
+    settings: Mapping[str, Any]
+    keys: Keys
+    seeds: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudySpec:
+    """A study.
+
+    Attributes
+    ----------
+    name : str
+        In reports.
+    experiment, robot : mapping
+        Content of the experiment file and of the robot file.
+    files : (str, str)
+        Names of both, for messages.
+    parameters : str
+        Parameter set of the robot file: the truth.
+    refinement : int
+        Steps of the log, so many times finer than those of the methods.
+    noise_in_loop : bool
+        Whether the controller reads the noisy positions, so that their noise reaches the torque.
+    other_motion : mapping
+        Keys that make the other motion on which torque errors are judged; none when it is empty.
+    scenarios, methods : tuple
+        Every method is run on every scenario.
+    seeds, root : int
+        Logs of each scenario, and the root of their random numbers.
+    """
+
+    name: str
+    experiment: Mapping[str, Any]
+    robot: Mapping[str, Any]
+    files: tuple[str, str]
+    parameters: str
+    refinement: int
+    noise_in_loop: bool
+    other_motion: Keys
+    scenarios: tuple[Scenario, ...]
+    methods: tuple[MethodSpec, ...]
+    seeds: int
+    root: int
+
+    def shared(self) -> dict[str, Any]:
+        """Return what all tasks of the study have in common, as plain data."""
+        return {
+            "experiment": dict(self.experiment),
+            "robot": dict(self.robot),
+            "files": list(self.files),
+            "parameters": self.parameters,
+            "refinement": self.refinement,
+            "noise_in_loop": self.noise_in_loop,
+            "other_motion": dict(self.other_motion),
+            "root": self.root,
+        }
+
+
+def canonical(value: object, what: str = "the study") -> str:
+    """Return plain data as JSON, the same text for the same data.
+
+    Raises
+    ------
+    StudyError
+        For what JSON does not have, such as a date or infinity.
+    """
+    try:
+        return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    except (TypeError, ValueError) as reason:
+        raise StudyError(
+            f"{what} holds a value that is not a text, a number or a table of them ({reason})"
+        ) from None
+
+
+def digest(text: str) -> str:
+    """SHA-256 of a text, 32 hexadecimal digits of it."""
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def load_study(path: str | Path) -> StudySpec:
+    """Read a study file.
+
+    Raises
+    ------
+    StudyError
+        On a wrong key or value, with the file, the table and the key; likewise `ExperimentError` and `RobotError` for the files
+        that it names.
+    """
+    path = Path(path)
+    return read_study(read_toml(path, StudyError), path)
+
+
+def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudySpec:
+    """Read the content of a study file, or the same written in Python.
+
+    Parameters
+    ----------
+    content : mapping
+        Tables of the file.
+    path : Path
+        Names the file in messages; files that it names are looked up beside it.
+
+    Raises
+    ------
+    StudyError
+        As for `load_study`.
+    """
+    canonical(content, path.name)
+    table = Table(content, path.name, StudyError)
+    if table.integer("schema", 1) != SCHEMA:
+        table.fail(f"schema {table.raw('schema')} is unknown; this version reads schema {SCHEMA}")
+    experiment, where = _experiment(table.text("experiment"), path)
+    robot, robot_where = _robot(Table(experiment, where.name, ExperimentError).text("robot"), where)
+    seeds, root = _repeat(table)
+    scenarios = _scenarios(table)
+    methods = _methods(table)
+    other = table.table("other_motion", None)
+    made = StudySpec(
+        name=table.text("name", path.stem),
+        experiment=experiment,
+        robot=robot,
+        files=(where.name, robot_where.name),
+        parameters=table.text("parameters"),
+        refinement=table.integer("refinement", LOG_REFINEMENT, minimum=1, maximum=64),
+        noise_in_loop=table.boolean("noise_in_loop", False),
+        other_motion={} if other is None else other.content,
+        scenarios=scenarios,
+        methods=methods,
+        seeds=seeds,
+        root=root,
+    )
+    table.done()
+    return made
+
+
+def _experiment(name: str, path: Path) -> tuple[dict[str, Any], Path]:
+    """Content and path of the experiment, a packaged one or a file beside the study."""
+    packaged = EXPERIMENTS / f"{name}.toml"
+    where = packaged if packaged.is_file() else path.parent / name
+    content = read_toml(where, ExperimentError)
+    kind = content.get("reference", {}).get("kind") if isinstance(content.get("reference"), dict) else None
+    if kind in (None, "recorded", "measured"):
+        raise StudyError(
+            f"{where.name}: a study simulates its logs, so the experiment needs a [reference] of its own, and not that of a "
+            "recording"
+        )
+    content.pop("recording", None)
+    return content, where
+
+
+def _robot(name: str, experiment: Path) -> tuple[dict[str, Any], Path]:
+    place = robot_place(name, experiment.parent)
+    where = ROBOTS / f"{place}.toml" if isinstance(place, str) else place
+    if where.suffix.lower() == ".urdf":
+        raise StudyError(
+            f"{where.name}: a study needs a robot file; write one with `didim robot {where.name} -o {where.stem}.toml`"
+        )
+    return read_toml(where, RobotError), where
+
+
+def _repeat(table: Table) -> tuple[int, int]:
+    repeat = table.table("repeat")
+    seeds = repeat.integer("seeds", minimum=1, maximum=MOST_SEEDS)
+    root = repeat.integer("root", 0, minimum=0)
+    repeat.done()
+    return seeds, root
+
+
+def _scenarios(table: Table) -> tuple[Scenario, ...]:
+    """Named scenarios times the grid."""
+    grid = table.table("grid", None)
+    axes = {} if grid is None else grid.content
+    for key, values in axes.items():
+        if not isinstance(values, list) or not values:
+            table.fail(f"[grid] {key} must be a list of values, got {values!r}")
+    count = 1
+    for values in axes.values():
+        count *= len(values)
+    named = []
+    for part in table.tables("scenario", []):
+        keys = part.content
+        name = keys.pop("name", None)
+        if not isinstance(name, str) or not name:
+            part.fail("a scenario needs a name")
+        named.append((name, keys))
+    if count * max(1, len(named)) > MOST_SCENARIOS:
+        table.fail(
+            f"[grid] makes {count * max(1, len(named))} scenarios; at most {MOST_SCENARIOS} are possible"
+        )
+    shown = [key for key, values in axes.items() if len(values) > 1]
+    found = []
+    for name, keys in named or [("", {})]:
+        both = sorted(set(keys) & set(axes))
+        if both:
+            table.fail(f"key {both[0]!r} stands in [grid] and in scenario {name!r}")
+        for values in itertools.product(*axes.values()):
+            chosen = dict(zip(axes, values, strict=True))
+            varied = ", ".join(f"{key} = {_short(chosen[key])}" for key in shown)
+            title = ", ".join(text for text in (name, varied) if text) or "as the files are"
+            found.append(Scenario(name=title, keys={**keys, **chosen}))
+    _distinct(table, "scenario", [item.name for item in found], [canonical(item.keys) for item in found])
+    return tuple(found)
+
+
+def _short(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _methods(table: Table) -> tuple[MethodSpec, ...]:
+    given = table.raw("method")
+    if isinstance(given, str | Mapping):
+        given = [given]
+    if not isinstance(given, Sequence) or not given:
+        table.fail("method must be a list of methods: names, or tables with a name and settings")
+    found = [_method(table, item) for item in given]
+    _distinct(
+        table,
+        "method",
+        [item.label for item in found],
+        [canonical([item.name, dict(item.settings), dict(item.keys)]) for item in found],
+    )
+    return tuple(found)
+
+
+def _method(table: Table, item: object) -> MethodSpec:
+    settings = {"name": item} if isinstance(item, str) else dict(item) if isinstance(item, Mapping) else {}
+    name = settings.pop("name", None)
+    if not isinstance(name, str):
+        table.fail(f"a method must be a name, or a table with a name, got {item!r}")
+    label, seeds = settings.pop("label", None), settings.pop("seeds", None)
+    keys = {key: settings.pop(key) for key in list(settings) if "." in key}
+    if label is None:
+        details = ", ".join(f"{key} = {_short(value)}" for key, value in {**settings, **keys}.items())
+        label = f"{name} ({details})" if details else name
+    if not isinstance(label, str) or not label:
+        table.fail(f"label of method {name!r} must be a text, got {label!r}")
+    if seeds is not None:
+        seeds = whole(f"seeds of method {label!r}", seeds, StudyError, least=1, most=MOST_SEEDS)
+    return MethodSpec(label=label, name=name, settings=settings, keys=keys, seeds=seeds)
+
+
+def _distinct(table: Table, what: str, names: Sequence[str], contents: Sequence[str]) -> None:
+    """Refuse two of one name, or two of one content."""
+    for values, how in ((names, "the same name"), (contents, "the same content")):
+        twice = sorted({name for name, value in zip(names, values, strict=True) if values.count(value) > 1})
+        if twice:
+            table.fail(f"two entries of {what!r} have {how}: {listing(twice)}")

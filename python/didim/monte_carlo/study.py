@@ -1,0 +1,170 @@
+"""`study`: run a Monte Carlo study, or go on with one. Tested in ``tests/test_study.py``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import DidimError
+from .engine import run_all
+from .executors import pool
+from .logs import model_of, truth_of
+from .methods import method_of
+from .results import StudyResults
+from .rows import RowFile, Rows, read_rows, rows_of, times_path
+from .spec import StudySpec, load_study, read_study
+from .tasks import Task, count, tasks
+from .worker import ERROR, FAILED, LOST, lost_row, run_task
+
+
+@dataclass
+class Progress:
+    """How far a study is.
+
+    Attributes
+    ----------
+    total, done : int
+        Tasks, and how many have a row.
+    found : int
+        Of these, from earlier runs.
+    failed, lost : int
+        Rows of errors, and of tasks whose workers died.
+    seconds : float
+        Since the start.
+    """
+
+    total: int
+    done: int = 0
+    found: int = 0
+    failed: int = 0
+    lost: int = 0
+    seconds: float = 0.0
+
+
+def study(
+    spec: str | Path | Mapping[str, Any] | StudySpec,
+    output: str | Path | None = None,
+    *,
+    executor: Executor | str = "process",
+    workers: int | None = None,
+    address: str | None = None,
+    window: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> StudyResults:
+    """Simulate many logs, identify each by several methods, and keep every result.
+
+    Parameters
+    ----------
+    spec : path, mapping or StudySpec
+        Study file, or its content (docs/studies.md).
+    output : path, optional
+        File of JSON lines that rows are appended to. Rows that it has already are not made again, so that the same call goes on
+        with a study that was interrupted.
+    executor : Executor or str
+        "process" (spawned), "thread", "serial", "loky", "dask", "ray" or "mpi", or any `concurrent.futures.Executor`.
+        A program that uses processes must guard its start by ``if __name__ == "__main__":``.
+    workers : int, optional
+        Processes or threads; all cores that this process may use by default.
+    address : str, optional
+        Scheduler of Dask, or head of Ray.
+    window : int, optional
+        Tasks that are submitted ahead; four for each worker by default.
+    progress : callable, optional
+        Called after each row.
+
+    Returns
+    -------
+    StudyResults
+        All rows, those of failures included. They are the same for any executor and number of workers.
+
+    Raises
+    ------
+    StudyError
+        For a wrong study, a file that another study writes to, or workers that do not work.
+    DidimError
+        For a wrong experiment, robot or method, before the work begins.
+    """
+    if not isinstance(spec, StudySpec):
+        spec = read_study(spec) if isinstance(spec, Mapping) else load_study(spec)
+    check_study(spec)
+    with ExitStack() as stack:
+        if output is None:
+            place, store, times = None, None, None
+            known = Rows()
+        else:
+            place = Path(output)
+            store = stack.enter_context(RowFile(place))
+            times = stack.enter_context(RowFile(times_path(place)))
+            known = read_rows(place)
+        lines: list[tuple[str, str | None]] = []
+        state = Progress(total=count(spec))
+        start = time.perf_counter()
+        for result in _run(spec, known, state, executor, workers, address, window):
+            if store is None or times is None:
+                lines.append((result["row"], result["times"]))
+            else:
+                store.append(result["row"])
+                if result["times"] is not None:
+                    times.append(result["times"])
+            state.done += 1
+            state.failed += result["status"] in (FAILED, ERROR)
+            state.lost += result["status"] == LOST
+            state.seconds = time.perf_counter() - start
+            if progress is not None:
+                progress(state)
+        rows = rows_of(lines) if place is None else read_rows(place)
+    return StudyResults.of(spec, rows)
+
+
+def _run(
+    spec: StudySpec,
+    known: Rows,
+    state: Progress,
+    executor: Executor | str,
+    workers: int | None,
+    address: str | None,
+    window: int | None,
+) -> Iterator[dict[str, Any]]:
+    """Results of the tasks that have no row yet."""
+    done = known.done
+
+    def missing() -> Iterator[Task]:
+        for task in tasks(spec):
+            if task["id"] not in done:
+                yield task
+
+    state.found = state.done = sum(task["id"] in done for task in tasks(spec))
+    if state.done == state.total:
+        return
+    with pool(executor, workers, address) as some:
+        for task, result, sentence in run_all(run_task, missing(), some, window=window):
+            yield lost_row(task, sentence or "") if result is None else result
+
+
+def check_study(spec: StudySpec) -> None:
+    """Refuse a study whose scenarios or methods cannot be, before any work.
+
+    Raises
+    ------
+    DidimError
+        The sentence names the scenario or the method.
+    """
+    shared = spec.shared()
+    for scenario in spec.scenarios:
+        try:
+            truth = truth_of(shared, scenario.keys)
+            models = {repr(method.keys): method.keys for method in spec.methods}
+            for own in models.values():
+                common = model_of(shared, scenario.keys, own, truth).method
+        except DidimError as error:
+            raise type(error)(f"scenario {scenario.name!r}: {error}") from None
+        for method in spec.methods:
+            try:
+                method_of(method.name, {**method.settings, **common})
+            except DidimError as error:
+                raise type(error)(f"scenario {scenario.name!r}, method {method.label!r}: {error}") from None

@@ -1,0 +1,87 @@
+"""Tasks of a study: plain data that any process can be sent, each with an id that says what its row is of.
+
+Tested in ``tests/test_study.py``.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from .._tools.version import __version__
+from .keys import Keys, parts_of
+from .spec import MethodSpec, Scenario, StudySpec, canonical, digest
+
+Task = dict[str, Any]
+"""Keys: ``id``, ``version``, ``scenario``, ``method``, ``seed``; ``shared`` is common to all tasks and has a ``digest``."""
+
+
+def tasks(spec: StudySpec) -> Iterator[Task]:
+    """Return the tasks of a study: one for the truth of each scenario, and one for each scenario, seed and method.
+
+    All methods of one seed follow each other, because they share its log.
+    """
+    text = canonical(spec.shared())
+    common = {"version": __version__, "digest": digest(text), "shared": zlib.compress(text.encode(), 9)}
+    for scenario in spec.scenarios:
+        place = {"name": scenario.name, "keys": dict(scenario.keys)}
+        yield {
+            **common,
+            "id": _id(common, scenario, None, None),
+            "scenario": place,
+            "method": None,
+            "seed": None,
+        }
+        for seed in range(spec.seeds):
+            for method in spec.methods:
+                if method.seeds is not None and seed >= method.seeds:
+                    continue
+                yield {
+                    **common,
+                    "id": _id(common, scenario, method, seed),
+                    "scenario": place,
+                    "method": {
+                        "label": method.label,
+                        "name": method.name,
+                        "settings": dict(method.settings),
+                        "keys": dict(method.keys),
+                    },
+                    "seed": seed,
+                }
+
+
+def count(spec: StudySpec) -> int:
+    """Count the tasks of a study."""
+    per_scenario = sum(min(spec.seeds, method.seeds or spec.seeds) for method in spec.methods)
+    return len(spec.scenarios) * (1 + per_scenario)
+
+
+def _id(common: Task, scenario: Scenario, method: MethodSpec | None, seed: int | None) -> str:
+    """Digest of everything that decides a row; names and labels do not."""
+    what = None if method is None else [method.name, dict(method.settings), dict(method.keys)]
+    return digest(canonical([common["version"], common["digest"], dict(scenario.keys), what, seed]))
+
+
+def random_numbers(root: int, keys: Keys, seed: int, purpose: int) -> np.random.SeedSequence:
+    """Return the random numbers of one log, or of another purpose.
+
+    They follow from the root, from the keys that change the simulated log, and from the number of the seed: methods, and
+    scenarios that only process the log in another way, share their logs, and a grid that grows leaves the others alone.
+
+    Parameters
+    ----------
+    root : int
+        Of the study.
+    keys : mapping
+        Of the scenario.
+    seed : int
+        Number of the log.
+    purpose : int
+        0 for the noise, 1 for starts.
+    """
+    parts = parts_of(keys)
+    text = canonical([parts.truth, parts.truth_robot])
+    return np.random.SeedSequence([root, int(digest(text), 16), seed, purpose])

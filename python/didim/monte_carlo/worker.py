@@ -1,0 +1,229 @@
+"""The work of one task, in whatever process it runs: simulate the log, identify it, and return the row.
+
+A row is the same for the same task, whoever makes it and when; times are beside it. Tested in ``tests/test_study.py``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import threading
+import time
+import zlib
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.threads import VARIABLE
+from .._tools.version import __version__
+from ..errors import DidimError, StudyError
+from ..experiment.experiment import Experiment
+from ..methods.identify import identify
+from ..result.identification import Identification
+from .logs import Model, Truth, model_of, truth_of
+from .methods import method_of
+from .tasks import Task
+
+DIGITS = 12
+"""Significant digits of the numbers in a row."""
+KEPT_SCENARIOS = 4
+"""Simulated logs that a worker keeps: tasks of one scenario follow each other."""
+FAILED, ERROR, LOST, TRUTH = "FAILED", "ERROR", "LOST", "TRUTH"
+"""Status of rows: an error of didim, an unexpected error, a task whose workers died, and the truth of a scenario."""
+
+_Made = TypeVar("_Made")
+
+
+class _Kept:
+    """The last few things that were made, by key; one thread makes each, and the others wait for it."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._made: OrderedDict[Hashable, Any] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, key: Hashable, make: Callable[[], _Made]) -> _Made:
+        with self._lock:
+            if key not in self._made:
+                self._made[key] = make()
+                while len(self._made) > self._most:
+                    self._made.popitem(last=False)
+            self._made.move_to_end(key)
+            found: _Made = self._made[key]
+            return found
+
+
+_STUDIES, _TRUTHS, _LOGS, _MODELS = _Kept(2), _Kept(KEPT_SCENARIOS), _Kept(2 * KEPT_SCENARIOS), _Kept(32)
+
+
+def run_task(task: Task) -> dict[str, Any]:
+    """Run a task.
+
+    Parameters
+    ----------
+    task : dict
+        From `didim.monte_carlo.tasks.tasks`.
+
+    Returns
+    -------
+    dict
+        ``id`` and ``status`` of the row, ``row`` as a line of JSON, ``times`` as another.
+
+    Raises
+    ------
+    StudyError
+        When the study was made by another version of didim. Everything else that goes wrong is a row.
+    """
+    if task["version"] != __version__:
+        raise StudyError(
+            f"the study was made by didim {task['version']}, and the worker on {platform.node()} has didim {__version__}: "
+            "install the same version everywhere"
+        )
+    # Workers share the cores already. A limit that was set on purpose stays.
+    os.environ.setdefault(VARIABLE, "1")
+    start, spent = time.perf_counter(), time.thread_time()
+    head = {
+        "id": task["id"],
+        "scenario": task["scenario"]["name"],
+        "method": None if task["method"] is None else task["method"]["label"],
+        "seed": task["seed"],
+    }
+    seconds: dict[str, float] = {}
+    try:
+        row = _truth_row(task) if task["method"] is None else _fit_row(task, seconds)
+    except DidimError as error:
+        row = {"status": FAILED, "sentence": f"{type(error).__name__}: {error}"}
+    except Exception as error:
+        row = {"status": ERROR, "sentence": f"{type(error).__name__}: {error}"}
+    times = {
+        "id": task["id"],
+        "seconds": round(seconds.get("fit", 0.0), 6),
+        "task_seconds": round(time.perf_counter() - start, 6),
+        "cpu_seconds": round(time.thread_time() - spent, 6),
+        "host": platform.node(),
+        "pid": os.getpid(),
+        "memory_mb": _memory_mb(),
+    }
+    return {"id": task["id"], "status": row["status"], "row": _line({**head, **row}), "times": _line(times)}
+
+
+def lost_row(task: Task, sentence: str) -> dict[str, Any]:
+    """Return the row of a task whose workers died."""
+    method = task["method"]
+    row = {
+        "id": task["id"],
+        "scenario": task["scenario"]["name"],
+        "method": None if method is None else method["label"],
+        "seed": task["seed"],
+        "status": LOST,
+        "sentence": sentence,
+    }
+    return {"id": task["id"], "status": LOST, "row": _line(row), "times": None}
+
+
+def _shared(task: Task) -> dict[str, Any]:
+    return _STUDIES.get(task["digest"], lambda: json.loads(zlib.decompress(task["shared"])))
+
+
+def _truth(task: Task, shared: dict[str, Any]) -> Truth:
+    keys = task["scenario"]["keys"]
+
+    def make() -> Truth:
+        found = truth_of(shared, keys)
+        found.clean  # noqa: B018 - now, so that one thread simulates it
+        return found
+
+    return _TRUTHS.get((task["digest"], _key(keys)), make)
+
+
+def _truth_row(task: Task) -> dict[str, Any]:
+    """Row of a scenario: the truth, and how large the noise is beside the signal."""
+    shared = _shared(task)
+    truth = _truth(task, shared)
+    model = model_of(shared, task["scenario"]["keys"], {}, truth)
+    clean, noisy = truth.clean.recordings[0], truth.noisy(0).recordings[0]
+    assert clean.tau is not None
+    assert noisy.tau is not None
+    return {
+        "status": TRUTH,
+        "keys": task["scenario"]["keys"],
+        "names": list(model.names),
+        "units": list(model.units),
+        "truth": _plain(model.beta),
+        "samples": len(clean.q),
+        "rate_hz": clean.rate_hz,
+        "torque_rms": _plain(np.sqrt(np.mean(clean.tau**2, axis=0))),
+        "torque_noise": _plain(np.sqrt(np.mean((noisy.tau - clean.tau) ** 2, axis=0))),
+        "position_noise": _plain(np.sqrt(np.mean((noisy.q - clean.q) ** 2, axis=0))),
+    }
+
+
+def _fit_row(task: Task, seconds: dict[str, float]) -> dict[str, Any]:
+    """Row of an identification."""
+    shared, keys, asked, seed = _shared(task), task["scenario"]["keys"], task["method"], task["seed"]
+    truth = _truth(task, shared)
+    place = (task["digest"], _key(keys), _key(asked["keys"]))
+    model = _MODELS.get(place, lambda: model_of(shared, keys, asked["keys"], truth))
+    noisy = _LOGS.get((task["digest"], truth.key, seed), lambda: truth.noisy(seed))
+    method = method_of(asked["name"], {**asked["settings"], **model.method}, truth.starts(seed, model))
+    log = replace(model.experiment, recordings=noisy.recordings)
+    start = time.perf_counter()
+    fit = identify(log, method)
+    seconds["fit"] = time.perf_counter() - start
+    return {
+        "status": fit.status.name,
+        "sentence": fit.conclusion,
+        "beta": _plain(fit.beta),
+        "std": _plain(fit.std),
+        "factor": _number(fit.interval_factor(0.95)),
+        **_judged(fit, model, log),
+        "iterations": fit.n_iterations,
+        "simulations": fit.n_simulations,
+        "rows": fit.n_rows,
+        "relative_error": _plain(fit.relative_error),
+    }
+
+
+def _judged(fit: Identification, model: Model, log: Experiment) -> dict[str, Any]:
+    """Errors beside the truth."""
+    off = fit.beta - model.beta
+    known = np.isfinite(off) & (fit.std > 0.0)
+    sigmas = np.abs(off[known]) / fit.std[known]
+    torque, joints = model.torque_errors(fit.parameters)
+    return {
+        "error_sigmas": _number(float(np.sqrt(np.mean(sigmas**2))) if known.any() else np.nan),
+        "coverage": _number(float(np.mean(sigmas <= fit.interval_factor(0.95))) if known.any() else np.nan),
+        "torque_error": _number(torque),
+        "torque_errors": _plain(joints),
+    }
+
+
+def _key(value: object) -> str:
+    return json.dumps(value, sort_keys=True)
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
+
+
+def _plain(values: Array) -> list[float | None]:
+    return [_number(value) for value in values.tolist()]
+
+
+def _line(row: dict[str, Any]) -> str:
+    return json.dumps(row, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+
+
+def _memory_mb() -> float | None:
+    """Largest memory that this process has held (MB); None where the system does not say."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    unit = 1e6 if platform.system() == "Darwin" else 1e3
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1)

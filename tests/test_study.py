@@ -1,0 +1,214 @@
+"""Studies: rows that do not depend on who makes them, failures that are rows, and studies that go on."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import didim
+from didim.cli.main import main
+from didim.errors import StudyError
+from didim.monte_carlo import worker
+from didim.monte_carlo.logs import truth_of
+from didim.monte_carlo.rows import RowFile, read_rows, times_path
+from didim.monte_carlo.spec import read_study
+from didim.monte_carlo.study import Progress, study
+from didim.monte_carlo.tasks import tasks
+from didim.monte_carlo.worker import run_task
+from small_study import PLACE, small_study
+
+SPEC = read_study(small_study(), PLACE)
+
+
+def sorted_lines(path: Path) -> list[str]:
+    return sorted(path.read_text().splitlines())
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Rows of the small study."""
+    path = tmp_path_factory.mktemp("study") / "rows.jsonl"
+    study(SPEC, path, executor="serial")
+    return path
+
+
+def test_every_task_has_one_row(finished: Path) -> None:
+    lines = [json.loads(line) for line in finished.read_text().splitlines()]
+    assert [row["id"] for row in lines] == [task["id"] for task in tasks(SPEC)]
+    assert {row["status"] for row in lines} == {"SOLVED", "TRUTH"}
+    times = [json.loads(line) for line in times_path(finished).read_text().splitlines()]
+    assert {row["id"] for row in times} == {row["id"] for row in lines}
+    assert all(0.0 < row["seconds"] <= row["task_seconds"] for row in times if row["seconds"])
+
+
+def test_a_row_is_what_identify_gives(finished: Path) -> None:
+    rows = read_rows(finished)
+    truth = next(iter(rows.truths.values()))
+    (row,) = (
+        item
+        for item in rows.fits.values()
+        if (item["scenario"], item["method"], item["seed"]) == (truth["scenario"], "filtered", 2)
+    )
+    robot = didim.load_robot("planar2")
+    np.testing.assert_allclose(truth["truth"], robot.set_base("reference"), rtol=1e-11)
+    assert truth["names"] == list(robot.base_parameters.names)
+    off = (np.array(row["beta"]) - truth["truth"]) / row["std"]
+    assert row["error_sigmas"] == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-9)
+    assert row["coverage"] == pytest.approx(np.mean(np.abs(off) <= row["factor"]), rel=1e-9)
+    assert row["rows"] == 2 * (401 - 3)
+    assert 0.0 < row["torque_error"] < 0.05
+    # The noise of the log has the size that the file says.
+    np.testing.assert_allclose(truth["torque_noise"], [0.1, 0.05], rtol=0.15)
+    assert truth["samples"] == 401
+
+
+def test_scenarios_that_only_process_a_log_share_it_and_seeds_differ(finished: Path) -> None:
+    keys = SPEC.scenarios[0].keys
+    logs = [
+        truth_of(SPEC.shared(), changes).noisy(seed).recordings[0].tau
+        for changes, seed in (
+            (keys, 0),
+            ({**keys, "signal.cutoff_hz": 5, "model.controller.kv": 1}, 0),
+            (keys, 1),
+        )
+    ]
+    np.testing.assert_array_equal(logs[0], logs[1])
+    assert np.all(logs[0] != logs[2])
+    found = [row["beta"] for row in read_rows(finished).fits.values() if row["method"] == "idim-ls"]
+    assert len({tuple(beta) for beta in found}) == len(found) == 6
+
+
+def test_rows_do_not_depend_on_the_executor(finished: Path, tmp_path: Path) -> None:
+    path = tmp_path / "rows.jsonl"
+    study(SPEC, path, executor="thread", workers=3)
+    assert sorted_lines(path) == sorted_lines(finished)
+
+
+def test_a_study_goes_on_where_it_was_interrupted(finished: Path, tmp_path: Path) -> None:
+    lines = finished.read_text().splitlines()
+    path = tmp_path / "rows.jsonl"
+    path.write_text("\n".join([*lines[:5], lines[6][:40]]))
+    seen: list[Progress] = []
+    study(SPEC, path, executor="serial", progress=lambda state: seen.append(Progress(**vars(state))))
+    assert sorted_lines(path) == sorted_lines(finished)
+    assert (seen[0].found, seen[0].done, seen[-1].done, seen[-1].total) == (5, 6, 14, 14)
+    before = path.read_bytes()
+    study(SPEC, path, executor="serial", progress=seen.clear)  # type: ignore[arg-type]
+    assert path.read_bytes() == before
+
+
+def test_a_larger_study_keeps_the_rows_that_it_has(finished: Path, tmp_path: Path) -> None:
+    path = tmp_path / "rows.jsonl"
+    path.write_text(finished.read_text())
+    larger = read_study(small_study(seeds=4), PLACE)
+    results = study(larger, path, executor="serial")
+    assert len(path.read_text().splitlines()) == 14 + 4
+    assert len(results.rows.fits) == 16
+
+
+def test_failures_are_rows_with_their_sentence(tmp_path: Path) -> None:
+    spec = read_study(
+        small_study(
+            seeds=1,
+            method=[
+                {"name": "idim-ls", "signal.trim_start": 100_000},
+                {"name": "didim", "simulation.divergence": 1e-9},
+            ],
+        ),
+        PLACE,
+    )
+    states: list[int] = []
+    results = study(spec, executor="serial", progress=lambda state: states.append(state.failed))
+    rows = [row for row in results.rows.fits.values() if row["method"].startswith("idim-ls")]
+    assert [row["status"] for row in rows] == ["FAILED", "FAILED"]
+    assert all("Error: " in row["sentence"] for row in rows)
+    assert states[-1] >= 2
+
+
+def test_an_unexpected_error_is_a_row_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: Any) -> None:
+        raise ZeroDivisionError("float division by zero")
+
+    monkeypatch.setattr(worker, "identify", broken)
+    task = list(tasks(SPEC))[1]
+    result = run_task(task)
+    assert json.loads(result["row"]) == {
+        "id": task["id"],
+        "scenario": task["scenario"]["name"],
+        "method": "idim-ls",
+        "seed": 0,
+        "status": "ERROR",
+        "sentence": "ZeroDivisionError: float division by zero",
+    }
+
+
+def test_a_worker_of_another_version_ends_the_study() -> None:
+    task = {**next(tasks(SPEC)), "version": "0.0.1"}
+    with pytest.raises(StudyError, match=r"the study was made by didim 0\.0\.1"):
+        run_task(task)
+
+
+def test_wrong_models_are_judged_beside_the_truth() -> None:
+    spec = read_study(
+        small_study(
+            seeds=2,
+            grid={
+                **small_study()["grid"],
+                "measurement.torque_noise_n_m": [[0.01, 0.01]],
+                "model.robot.joint.2.d_m": [0.5, 0.4],
+            },
+            method=["idim-ls"],
+        ),
+        PLACE,
+    )
+    results = study(spec, executor="serial")
+    right, wrong = (
+        [row["torque_error"] for row in results.of_pair(scenario, "idim-ls")]
+        for scenario in results.scenarios
+    )
+    assert 1.5 * max(right) < min(wrong)
+
+
+def test_starts_are_drawn_around_the_truth_and_settings_of_scenarios_reach_all_methods() -> None:
+    spec = read_study(
+        small_study(
+            seeds=2,
+            grid={**small_study()["grid"], "method.max_iterations": [1]},
+            method=[{"name": "didim", "start": {"spread": 0.15}}],
+        ),
+        PLACE,
+    )
+    rows = list(study(spec, executor="serial").rows.fits.values())
+    assert {(row["status"], row["iterations"]) for row in rows} == {("NOT_CONVERGED", 1)}
+    assert len({tuple(row["beta"]) for row in rows}) == 4
+
+
+def test_another_process_that_writes_is_noticed(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    path = tmp_path / "rows.jsonl"
+    with RowFile(path), pytest.raises(StudyError, match="another process"):
+        study(SPEC, path, executor="serial")
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = small_study(seeds=1)
+    lines = [f"{key} = {json.dumps(content[key])}" for key in ("experiment", "parameters", "refinement")]
+    grid = [f"{json.dumps(key)} = {json.dumps(values)}" for key, values in content["grid"].items()]
+    path = tmp_path / "arm.toml"
+    path.write_text("\n".join([*lines, 'method = "idim-ls"', "[repeat]", "seeds = 2", "[grid]", *grid]))
+    assert main(["study", str(path), "--executor", "serial"]) == 0
+    captured = capsys.readouterr()
+    assert "6 of 6 rows, 0 failed" in captured.err
+    rows = tmp_path / "arm.jsonl"
+    before = rows.read_bytes()
+    assert main(["study", str(path), "--executor", "serial", "--quiet"]) == 0
+    again = capsys.readouterr()
+    assert (again.out, again.err) == (captured.out, "")
+    assert rows.read_bytes() == before
+    assert main(["study", str(rows)]) == 0
+    assert main(["study", str(path), str(path)]) == 2
+    assert "give one study file" in capsys.readouterr().err
