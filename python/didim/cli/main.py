@@ -29,7 +29,7 @@ from .lists import add as add_lists
 from .options import CONVERGED, INTERRUPTED, Parser, refuse
 from .robot import add as add_robot
 from .simulate import add as add_simulate
-from .study import add as add_study
+from .studies.study import add as add_study
 from .validate import add as add_validate
 
 if TYPE_CHECKING:

@@ -9,14 +9,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .._tools.words import counted, printable
-from .options import CONVERGED, INTERRUPTED, NOT_CONVERGED, add_command
-from .outputs import Saved, check_outputs
+from ..._tools.words import counted, printable
+from ..options import CONVERGED, INTERRUPTED, NOT_CONVERGED, add_command
+from ..outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
-    from ..monte_carlo.results import StudyResults
-    from ..monte_carlo.study import Progress
-    from .options import Commands
+    from ...monte_carlo.results import StudyResults
+    from ...monte_carlo.study import Progress
+    from ..options import Commands
 
 PROGRESS_S = 2.0
 """Seconds between lines of progress."""
@@ -67,8 +67,8 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    from ..errors import StudyError
-    from ..monte_carlo.results import StudyResults
+    from ...errors import StudyError
+    from ...monte_carlo.results import StudyResults
 
     if all(path.suffix == ".jsonl" for path in options.study):
         results, code = StudyResults.read(*options.study), CONVERGED
@@ -85,9 +85,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
     """Run a study, and return what there is when it ends or is interrupted."""
-    from ..monte_carlo.results import StudyResults
-    from ..monte_carlo.spec import load_study
-    from ..monte_carlo.study import study
+    from ...monte_carlo.results import StudyResults
+    from ...monte_carlo.spec import load_study
+    from ...monte_carlo.study import study
 
     (path,) = options.study
     spec = load_study(path)

@@ -1,0 +1,1 @@
+"""Commands of studies: many identifications in one run."""
