@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.io
 from numpy.typing import NDArray
 
 import didim
@@ -66,7 +67,61 @@ def one_column_a_file(folder: Path) -> dict[str, Any]:
     return content
 
 
-CONTAINERS = [csv_with_header, csv_without_header, one_value_a_line, one_column_a_file]
+def npz(folder: Path) -> dict[str, Any]:
+    np.savez(folder / "a.npz", **log())  # type: ignore[arg-type]
+    return sources("a.npz", {"variable": "t"}, {"variable": "q"}, {"variable": "tau"})
+
+
+def mat_5(folder: Path) -> dict[str, Any]:
+    scipy.io.savemat(folder / "a.mat", log(), format="5")
+    return sources("a.mat", {"variable": "t"}, {"variable": "q"}, {"variable": "tau"})
+
+
+def mat_73(folder: Path) -> dict[str, Any]:
+    """What MATLAB writes: a block of its own before the HDF5 file, whose arrays stand column by column."""
+    h5py = pytest.importorskip("h5py", reason="needs the extra 'hdf5'")
+    with h5py.File(folder / "a.mat", "w", userblock_size=512) as file:
+        for name, values in log().items():
+            file[name] = np.atleast_2d(values.T)
+        file["#refs#/a"] = np.zeros(3)
+    with (folder / "a.mat").open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: ...".ljust(124) + b"\x00\x02IM")
+    return sources("a.mat", {"variable": "t"}, {"variable": "q"}, {"variable": "tau"})
+
+
+def hdf5(folder: Path) -> dict[str, Any]:
+    h5py = pytest.importorskip("h5py", reason="needs the extra 'hdf5'")
+    with h5py.File(folder / "a.h5", "w") as file:
+        for name, values in log().items():
+            file[f"run/{name}"] = values
+    return sources("a.h5", {"variable": "run/t"}, {"variable": "run/q"}, {"variable": "run/tau"})
+
+
+def ros_2_bag(folder: Path, **options: Any) -> dict[str, Any]:
+    pytest.importorskip("rosbags", reason="needs the extra 'ros'")
+    from bags import write_bag
+
+    parts = log()
+    write_bag(folder / "bag", JOINTS, parts["t"], parts["q"], parts["tau"], **options)
+    return sources("bag", {}, {}, {})
+
+
+def mcap(folder: Path) -> dict[str, Any]:
+    return ros_2_bag(folder, mcap=True)
+
+
+CONTAINERS = [
+    csv_with_header,
+    csv_without_header,
+    one_value_a_line,
+    one_column_a_file,
+    npz,
+    mat_5,
+    mat_73,
+    hdf5,
+    ros_2_bag,
+    mcap,
+]
 
 
 def sources(

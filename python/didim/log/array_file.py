@@ -171,8 +171,6 @@ class MatFile(ArrayFile):
 
     def variables(self) -> list[str]:
         """Names of the variables."""
-        if b"MATLAB 7.3" in self.raw[:128] or self.raw.startswith(b"\x89HDF"):
-            self.fail("this is a version 7.3 (HDF5) .mat file; save it in MATLAB with save(..., '-v7')")
         from scipy.io import whosmat
 
         # Any, because scipy-stubs know paths only; the file is not read a second time.

@@ -20,9 +20,15 @@ TEXT = (".csv", ".txt", ".tsv", ".dat")
 """Suffixes of text files with one sample a line."""
 READERS: dict[str, str | Reader] = {
     ".npz": "didim.log.array_file:NpzFile",
-    ".mat": "didim.log.array_file:MatFile",
+    ".mat": "didim.log.hdf5_file:mat_file",
+    ".h5": "didim.log.hdf5_file:Hdf5File",
+    ".hdf5": "didim.log.hdf5_file:Hdf5File",
 }
 """Readers of the other formats by suffix, or where they are, as "module:name": loaded when such a file is opened."""
+
+
+BAGS = (".mcap", ".db3", ".bag")
+"""Suffixes of ROS bags; a folder is one too. They are not read as a whole, so that they have no reader of bytes."""
 
 
 def open_data_file(
@@ -36,6 +42,8 @@ def open_data_file(
         The file.
     name
         Its name in messages and digests.
+    topic
+        Of a ROS bag. Not for the other formats.
     delimiter, header
         Of a CSV file: separator (a comma by default; a blank stands for any white space), and whether the
         first line holds names (found out by default). Not for the other formats.
@@ -45,6 +53,15 @@ def open_data_file(
     RecordingError
         When the file is missing, empty, or of an unknown format.
     """
+    bag = path.suffix.lower() in BAGS or (path / "metadata.yaml").is_file()
+    if topic is not None and not bag:
+        raise RecordingError(f"{name}: topic is for ROS bags only")
+    if bag and path.exists():
+        if delimiter is not None or header is not None:
+            raise RecordingError(f"{name}: delimiter and header are for CSV files only")
+        from .ros_bag import RosBag
+
+        return RosBag(path, name, topic)
     try:
         raw = path.read_bytes()
     except FileNotFoundError:
@@ -61,7 +78,7 @@ def open_data_file(
     if delimiter is not None or header is not None:
         raise RecordingError(f"{name}: delimiter and header are for CSV files only")
     if suffix not in READERS:
-        known = " ".join((*TEXT, *READERS))
+        known = " ".join((*TEXT, *READERS, *BAGS))
         raise RecordingError(f"{name}: the format {suffix!r} is unknown; known are {known}")
     reader = READERS[suffix]
     if isinstance(reader, str):

@@ -1,0 +1,62 @@
+"""HDF5: MATLAB's mat of version 7.3, and plain files. Needs the extra ``hdf5`` (h5py). Tested in ``tests/test_containers.py``."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+
+from ..errors import RecordingError
+from .array_file import ArrayFile, MatFile
+
+
+class Hdf5File(ArrayFile):
+    """Numeric datasets of an HDF5 file by their paths, such as ``run/q``."""
+
+    kind = "HDF5"
+
+    def variables(self) -> list[str]:
+        """Paths of the numeric datasets."""
+        h5py = self._library()
+        names: list[str] = []
+
+        def visit(name: str, item: Any) -> None:
+            # MATLAB keeps its own tables under names that begin with #.
+            if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and not name.startswith("#"):
+                names.append(name)
+
+        with h5py.File(io.BytesIO(self.raw), "r") as file:
+            file.visititems(visit)
+        return names
+
+    def array(self, name: str) -> Any:
+        """Dataset of a path."""
+        with self._library().File(io.BytesIO(self.raw), "r") as file:
+            return np.array(file[name])
+
+    def _library(self) -> Any:
+        try:
+            import h5py
+        except ImportError:
+            raise RecordingError(
+                f"{self.name}: HDF5 and MATLAB 7.3 files need the package h5py: pip install 'didim[hdf5]', or "
+                "save with '-v7' in MATLAB"
+            ) from None
+        return h5py
+
+
+class Mat73File(Hdf5File):
+    """MATLAB's mat of version 7.3: HDF5 whose arrays stand column by column."""
+
+    kind = "MATLAB version 7.3"
+
+    def array(self, name: str) -> Any:
+        """Variable of a name, with rows as in MATLAB."""
+        return super().array(name).T
+
+
+def mat_file(raw: bytes, name: str) -> ArrayFile:
+    """Open a .mat file of either version."""
+    newer = b"MATLAB 7.3" in raw[:128] or raw.startswith(b"\x89HDF")
+    return Mat73File(raw, name) if newer else MatFile(raw, name)

@@ -1,0 +1,221 @@
+"""ROS bags: joint states and controller states, joints by name, in whatever order and topic they were logged.
+
+Needs the extra ``ros`` (`rosbags`, which needs no ROS): folders of ROS 2 (SQLite and MCAP), single .mcap and .db3 files, and
+.bag files of ROS 1. Time is that of the header, not of the recorder. Tested in ``tests/test_ros_bag.py``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.words import counted, did_you_mean, listing
+from ..errors import RecordingError
+from .data_format import Column
+
+SIGNALS = {
+    "time": "stamp",
+    "position": "position",
+    "velocity": "velocity",
+    "torque": "effort",
+    "reference": "reference",
+}
+"""Signals of a bag that the tables of a recording mean where they have no `variable`."""
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
+
+CONTROLLER_DEFINITION = """std_msgs/Header header
+string[] joint_names
+trajectory_msgs/JointTrajectoryPoint desired
+trajectory_msgs/JointTrajectoryPoint actual
+trajectory_msgs/JointTrajectoryPoint error
+"""
+"""The controller's message as ROS 2 had it while bags did not carry definitions."""
+
+
+@dataclass(frozen=True)
+class _Message:
+    """One message: stamp of its header (ns), names of joints, and values by signal."""
+
+    stamp: int
+    names: tuple[str, ...]
+    values: Mapping[str, Any]
+
+
+class RosBag:
+    """A bag, of which one topic is read.
+
+    Parameters
+    ----------
+    path
+        Folder or file.
+    name
+        Its name in messages.
+    topic
+        Topic to read; without one, the only topic of a known type.
+
+    Raises
+    ------
+    RecordingError
+        Without `rosbags`, for a bag that cannot be read, and where `topic` is needed or unknown.
+    """
+
+    signals: Mapping[str, str] = SIGNALS
+
+    def __init__(self, path: Path, name: str, topic: str | None) -> None:
+        self.name = name
+        self.sha256 = _digest(path)
+        self._wanted: dict[str, None] = {}
+        self._messages = self._read(path, topic)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of all joints of the topic, in the order of their first message."""
+        return tuple(dict.fromkeys(name for message in self._messages for name in message.names))
+
+    def has(self, signal: str) -> bool:
+        """Whether messages of the wanted joints have a signal."""
+        return any(len(message.values.get(signal, ())) for message in self._messages)
+
+    def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
+        """Announce joints: messages that have not all of them, such as those of a gripper on the same topic, are left out."""
+        if variable not in SIGNALS.values():
+            self._fail(f"variable must be one of {listing(SIGNALS.values())}, got {variable!r}")
+        if variable == "stamp":
+            return
+        known = self.joints
+        for column in columns or ():
+            if not isinstance(column, str):
+                self._fail(f"joints of a bag go by name, got column {column}")
+            if column not in known:
+                self._fail(
+                    f"there is no joint {column!r} in topic {self.topic}; it has {listing(known)}{did_you_mean(column, known)}"
+                )
+            self._wanted[column] = None
+
+    def get(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> Array:
+        """Columns as (n_samples, count); the time in s from the first message."""
+        messages = [item for item in self._messages if self._wanted.keys() <= set(item.names)]
+        if not messages:
+            self._fail(f"no message of topic {self.topic} has all of {listing(self._wanted)}")
+        if variable == "stamp":
+            first = messages[0].stamp
+            if messages[-1].stamp == 0:
+                self._fail(
+                    f"the headers of topic {self.topic} have no time; leave [recording.time] out and give rate_hz"
+                )
+            # Whole nanoseconds are subtracted: seconds since 1970 keep only 0.2 us.
+            return np.array([(message.stamp - first) / 1e9 for message in messages])[:, None]
+        assert variable is not None
+        names = [str(column) for column in columns or ()]
+        return np.array([self._row(message, variable, names, k) for k, message in enumerate(messages)])
+
+    def _row(self, message: _Message, variable: str, names: Sequence[str], number: int) -> list[float]:
+        values = message.values.get(variable, ())
+        if len(values) != len(message.names):
+            what = f"no {variable}" if not len(values) else f"{counted(len(values), 'value')} of {variable}"
+            self._fail(
+                f"message {number + 1} of topic {self.topic} has {what} for {counted(len(message.names), 'joint')}"
+            )
+        row = [float(values[message.names.index(name)]) for name in names]
+        if not np.isfinite(row).all():
+            joint = names[int(np.argmin(np.isfinite(row)))]
+            self._fail(
+                f"message {number + 1} of topic {self.topic}: {variable} of joint {joint!r} is not a finite number"
+            )
+        return row
+
+    def _read(self, path: Path, topic: str | None) -> list[_Message]:
+        try:
+            from rosbags.highlevel import AnyReader
+            from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+        except ImportError:
+            raise RecordingError(
+                f"{self.name}: ROS bags need the package rosbags: pip install 'didim[ros]'"
+            ) from None
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        store.register(get_types_from_msg(CONTROLLER_DEFINITION, CONTROLLER_STATE))
+        # A .db3 file is one part of the folder that describes it.
+        inside = path.parent if path.suffix == ".db3" and (path.parent / "metadata.yaml").is_file() else path
+        try:
+            with AnyReader([inside], default_typestore=store) as reader:
+                self.topic = self._topic({c.topic: c.msgtype for c in reader.connections}, topic)
+                chosen = [c for c in reader.connections if c.topic == self.topic]
+                found = [
+                    _content(reader.deserialize(raw, connection.msgtype))
+                    for connection, _, raw in reader.messages(connections=chosen)
+                ]
+        except RecordingError:
+            raise
+        except Exception as reason:  # a foreign parser may raise anything on bytes of another kind
+            self._fail(
+                f"this is not a readable ROS bag ({' '.join(str(reason).split()) or type(reason).__name__})"
+            )
+        if not found:
+            self._fail(f"topic {self.topic} has no messages")
+        # The recorder stores messages as they arrive; the header knows when they were made.
+        return sorted(found, key=lambda message: message.stamp)
+
+    def _topic(self, types: Mapping[str, str], topic: str | None) -> str:
+        known = [name for name, kind in types.items() if kind in (JOINT_STATE, CONTROLLER_STATE)]
+        if topic is None:
+            if len(known) == 1:
+                return known[0]
+            if not known:
+                self._fail(
+                    f"no topic has joint states or states of a trajectory controller; topics are {listing(sorted(types))}"
+                )
+            self._fail(f"topic must say which is meant; there are {listing(sorted(known))}")
+        if topic not in types:
+            self._fail(
+                f"there is no topic {topic!r}; topics are {listing(sorted(types))}{did_you_mean(topic, types)}"
+            )
+        if topic not in known:
+            self._fail(
+                f"topic {topic} has messages of type {types[topic]}; read are {JOINT_STATE} and {CONTROLLER_STATE}"
+            )
+        return topic
+
+    def _fail(self, text: str) -> NoReturn:
+        raise RecordingError(f"{self.name}: {text}")
+
+
+def _content(message: Any) -> _Message:
+    stamp = message.header.stamp
+    time = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    if hasattr(message, "name"):
+        values = {key: getattr(message, key) for key in ("position", "velocity", "effort")}
+        return _Message(time, tuple(message.name), values)
+    # The fields were called desired and actual before ROS 2 Iron.
+    reference = getattr(message, "reference", None) or message.desired
+    feedback = getattr(message, "feedback", None) or message.actual
+    output = getattr(message, "output", None)
+    effort = feedback.effort if len(feedback.effort) or output is None else output.effort
+    values = {
+        "position": feedback.positions,
+        "velocity": feedback.velocities,
+        "effort": effort,
+        "reference": reference.positions,
+    }
+    return _Message(time, tuple(message.joint_names), values)
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file, or of the files of a folder with their names."""
+    digest = hashlib.sha256()
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+        if not file.is_file():
+            continue
+        if path.is_dir():
+            digest.update(file.name.encode() + b"\0")
+        with file.open("rb") as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
