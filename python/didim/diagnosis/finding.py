@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args, overload
 
 from .._tools.files import write_atomically
+from .._tools.notebook import page
 
 SCHEMA = 1
 """Version of the JSON of `Findings.save`."""
@@ -135,6 +136,13 @@ class Findings(Sequence[Finding]):
         if self.joint_names and joints:
             lines.append(f"joints: {', '.join(f'{joint} {self.joint_names[joint - 1]}' for joint in joints)}")
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        if not self.items:
+            return page(str(self))
+        title, *tail = (line for line in str(self).split("\n") if not line.startswith("- "))
+        rows = [(item.kind, item.sentence, item.advice) for item in self.items]
+        return page(title, [("kind", "finding", "what to do"), *rows], "\n".join(tail))
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``didim check --json`` writes."""

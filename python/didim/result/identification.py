@@ -24,6 +24,7 @@ from ..robot.parameter_file import Estimates, write_parameters
 from .consistent import MovedToRobot, table_of
 from .delay_lines import delay_lines
 from .iteration import HeldOut, Iteration
+from .notebook import InNotebook
 from .saved_fields import fields_of
 from .status import Status
 from .table import error_lines, error_rows, parameter_lines, parameter_rows, percent_text
@@ -31,7 +32,7 @@ from .uncertainty import Uncertainty, student_factor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Identification(MovedToRobot, Pickled):
+class Identification(InNotebook, MovedToRobot, Pickled):
     """Identified parameters of a robot, how certain they are, and how well they explain the log.
 
     All values are in SI units on the joint side.

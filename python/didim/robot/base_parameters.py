@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 import didim._core as _core
 
 from .._tools.arrays import Array, real_array
+from .._tools.notebook import page, pandas
 from .._tools.pickling import Pickled
 from ..errors import ShapeError
 
@@ -55,6 +57,28 @@ class BaseParameters(Pickled):
         if self.unidentifiable:
             lines += ["", f"Without effect on the torques: {', '.join(self.unidentifiable)}"]
         return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<BaseParameters: {len(self.names)} of {self.matrix.shape[1]} standard parameters>"
+
+    def _repr_html_(self) -> str:
+        rows = zip(self.names, self.units, self.groupings, strict=True)
+        silent = (
+            f"Without effect on the torques: {', '.join(self.unidentifiable)}" if self.unidentifiable else ""
+        )
+        title = f"{len(self.names)} base parameters of {self.matrix.shape[1]} standard parameters"
+        return page(title, [("name", "unit", "grouping"), *rows], silent)
+
+    def to_dataframe(self) -> Any:
+        """Return names, units and groupings as a pandas ``DataFrame`` with the names as its index.
+
+        Raises
+        ------
+        DidimError
+            Without pandas (``tests/test_notebook.py``).
+        """
+        columns = {"unit": self.units, "grouping": self.groupings}
+        return pandas().DataFrame(columns, index=pandas().Index(self.names, name="parameter"))
 
     def lift(self, beta: ArrayLike) -> Array:
         """Return standard parameters with the same torques: the kept take the base values, the others zero.

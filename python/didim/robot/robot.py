@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 import didim._core as _core
 
 from .._tools.arrays import Array, real_array
+from .._tools.notebook import page
 from .._tools.pickling import Pickled
 from .._tools.toml import Table
-from .._tools.words import did_you_mean
+from .._tools.words import counted, did_you_mean
 from ..errors import RobotError
 from .base_parameters import BaseParameters, base_parameters
 from .collision import Capsule
@@ -120,6 +121,33 @@ class Robot(Pickled):
     notes: tuple[str, ...] = ()
     _named: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
     _own: frozenset[str] = field(default_factory=frozenset, repr=False)
+
+    def __repr__(self) -> str:
+        joints = counted(self.n_dof, "joint")
+        return f"<Robot {self.name!r}: {joints}, {len(self.parameter_names)} standard parameters>"
+
+    def _repr_html_(self) -> str:
+        geometry = self.geometry
+        rows = zip(
+            (self.joint_label(j).removeprefix("joint ") for j in range(self.n_dof)),
+            geometry.kinds,
+            *(
+                [f"{scale * value:.6g}" for value in column]
+                for scale, column in (
+                    (np.degrees(1.0), geometry.alpha),
+                    (1.0, geometry.d),
+                    (np.degrees(1.0), geometry.theta),
+                    (1.0, geometry.r),
+                )
+            ),
+            strict=True,
+        )
+        head = ("joint", "kind", "alpha (deg)", "d (m)", "theta (deg)", "r (m)")
+        gravity = f"gravity in frame 0: {' '.join(f'{g:g}' for g in geometry.gravity)} m/s^2"
+        sets = f"parameter sets: {', '.join(self.sets)}" if self.sets else ""
+        return page(
+            f"{self.name}: {self.description}", [head, *rows], "\n".join(filter(None, (gravity, sets)))
+        )
 
     @cached_property
     def core(self) -> _core.Robot:

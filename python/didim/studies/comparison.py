@@ -15,6 +15,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.files import write_atomically
+from .._tools.notebook import page, pandas
 from .._tools.words import counted
 from ..experiment.experiment import Experiment
 from ..result.identification import Identification
@@ -93,6 +94,33 @@ class Comparison:
 
     def __str__(self) -> str:
         return _render(self)
+
+    def __repr__(self) -> str:
+        return f"<Comparison {self.experiment.name!r}: {', '.join(self.fits)}>"
+
+    def _repr_html_(self) -> str:
+        title, _, rest = str(self).partition("\n")
+        return page(title, rest)
+
+    def to_dataframe(self) -> Any:
+        """Return truth, estimates and standard deviations as a pandas ``DataFrame``.
+
+        Returns
+        -------
+        DataFrame
+            Base parameters by name; column ``truth``, then for each method ``(method, "value")`` and ``(method, "std")`` (SI units,
+            joint side).
+
+        Raises
+        ------
+        DidimError
+            Without pandas (``tests/test_notebook.py``).
+        """
+        columns = {("truth", "value"): self.truth}
+        for method, fit in self.fits.items():
+            columns |= {(method, "value"): fit.beta, (method, "std"): fit.std}
+        names = self.experiment.robot.base_parameters.names
+        return pandas().DataFrame(columns, index=pandas().Index(names, name="parameter"))
 
 
 def _render(comparison: Comparison) -> str:

@@ -1,0 +1,43 @@
+"""A result in a notebook and in pandas. Tested in ``tests/test_notebook.py``."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from .._tools.notebook import page, pandas
+from .table import error_lines
+
+
+class _Result(Protocol):
+    """What a result brings."""
+
+    def parameter_rows(self) -> list[tuple[str, ...]]: ...
+    def error_rows(self) -> list[tuple[str, ...]]: ...
+    def to_dict(self) -> dict[str, Any]: ...
+
+
+class InNotebook:
+    """Tables of a result as HTML and as a ``DataFrame``."""
+
+    def _repr_html_(self: _Result) -> str:
+        title, *rest = str(self).split("\n")
+        # What follows the table of errors, whatever it is.
+        tail = rest[rest.index(error_lines(self.error_rows())[-1]) + 1 :]
+        return page(title, self.parameter_rows(), self.error_rows(), "\n".join(tail).strip("\n"))
+
+    def to_dataframe(self: _Result) -> Any:
+        """Return the table of parameters as a pandas ``DataFrame`` with their names as its index.
+
+        Returns
+        -------
+        DataFrame
+            Columns ``unit``, ``value``, ``std``, ``relative_std_percent``, ``low``, ``high``, ``std_white`` and ``role``, as in the
+            JSON of a result (SI units, joint side).
+
+        Raises
+        ------
+        DidimError
+            Without pandas (``tests/test_notebook.py``).
+        """
+        rows = pandas().DataFrame(self.to_dict()["parameters"]).rename(columns={"name": "parameter"})
+        return rows.set_index("parameter")

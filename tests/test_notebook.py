@@ -1,0 +1,91 @@
+"""Results in notebooks: well-formed HTML with every cell, short reprs, and data frames."""
+
+from __future__ import annotations
+
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import didim
+from didim._tools.notebook import page
+from didim.diagnosis.finding import Finding, Findings
+from didim.errors import DidimError
+from didim.studies.comparison import Comparison
+from test_identification import example
+
+
+def cells(text: str, tag: str = "td") -> list[str]:
+    return ["".join(cell.itertext()) for cell in ET.fromstring(text).iter(tag)]
+
+
+def comparison() -> Comparison:
+    experiment = didim.packaged_experiment("tx40")
+    log = didim.simulated_log(experiment, experiment.robot.sets["didim"])
+    fit = didim.identify(log, didim.IDIMLS())
+    truth = experiment.robot.set_base("didim")
+    return Comparison(experiment=log, truth=truth, fits={"idim-ls": fit}, norms={})
+
+
+def test_a_result() -> None:
+    fit = example()
+    text = fit._repr_html_()
+    shown = cells(text)
+    for row in (*fit.parameter_rows()[1:], *fit.error_rows()[1:]):
+        assert set(row) <= set(shown)
+    (tail,) = ("".join(part.itertext()) for part in ET.fromstring(text).iter("pre"))
+    assert str(fit).endswith(tail)
+    assert "condition number" in tail
+    assert "relative error" not in tail
+    frame = fit.to_dataframe()
+    assert tuple(frame.index) == fit.names
+    np.testing.assert_array_equal(frame["value"], fit.beta)
+    np.testing.assert_array_equal(frame["std"], fit.std)
+    assert {"unit", "low", "high", "relative_std_percent", "role"} <= set(frame.columns)
+
+
+def test_a_comparison() -> None:
+    found = comparison()
+    text = found._repr_html_()
+    assert "".join(ET.fromstring(text).itertext()).replace("\n", "") == str(found).replace("\n", "")
+    frame = found.to_dataframe()
+    assert list(frame.columns) == [("truth", "value"), ("idim-ls", "value"), ("idim-ls", "std")]
+    assert frame.loc["ZZ1R", ("truth", "value")] == found.truth[0]
+    assert len(repr(found)) < 80
+
+
+def test_robots_and_base_parameters() -> None:
+    robot = didim.load_robot("tx40")
+    assert repr(robot) == "<Robot 'tx40': 6 joints, 86 standard parameters>"
+    assert repr(robot.base_parameters) == "<BaseParameters: 60 of 86 standard parameters>"
+    assert cells(robot._repr_html_())[:6] == ["1", "revolute", "0", "0", "0", "0"]
+    assert cells(robot._repr_html_(), "th")[2] == "alpha (deg)"
+    shown = cells(robot.base_parameters._repr_html_())
+    assert len(shown) == 180
+    frame = robot.base_parameters.to_dataframe()
+    assert frame.loc["ZZ1R", "grouping"] == robot.base_parameters.groupings[0]
+    named = replace(robot, description="a <b> & c")
+    assert "a &lt;b&gt; &amp; c" in named._repr_html_()
+
+
+def test_findings() -> None:
+    finding = Finding(kind="delay", sentence="torques are late", advice="Say so", joints=(1,))
+    found = Findings("log", (finding,), ("pan",))
+    assert cells(found._repr_html_()) == ["delay", "torques are late", "Say so"]
+    assert "joints: 1 pan" in found._repr_html_()
+    assert "nothing found" in Findings("log")._repr_html_()
+
+
+def test_numbers_stand_on_the_right() -> None:
+    root = ET.fromstring(page("t", [("name", "value"), ("a", "1.5"), ("b", "-")]))
+    styles = [cell.get("style") for cell in root.iter("td")]
+    assert styles == ["text-align: left", "text-align: right"] * 2
+    assert page("t", "", []) == "<div><strong>t</strong></div>"
+
+
+def test_without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(DidimError, match="pip install pandas"):
+        example().to_dataframe()
