@@ -52,7 +52,7 @@ trim_start = 25
 trim_end = 25
 decimation = [10]
 """
-LEAST_SQUARES = (IDIMLS(), DIDIM())
+LEAST_SQUARES = (IDIMLS(solver="least-squares"), DIDIM(solver="least-squares"))
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +127,13 @@ def test_the_table(tx40: Comparison) -> None:
 
 
 def test_the_table_of_all_methods(arm: Comparison) -> None:
-    assert list(arm.fits) == ["idim-ls", "didim", "cloe-nelder-mead", "cloe-levenberg-marquardt"]
+    assert list(arm.fits) == [
+        "idim-ls",
+        "didim",
+        "didim-consistent",
+        "cloe-nelder-mead",
+        "cloe-levenberg-marquardt",
+    ]
     text = str(arm)
     (title,) = [line for line in text.splitlines() if line.split()[:1] == ["truth"]]
     assert title.split(maxsplit=1)[1].split("  ")[0] == "IDIM-LS"
@@ -136,7 +142,7 @@ def test_the_table_of_all_methods(arm: Comparison) -> None:
     assert "; CLOE, Levenberg-Marquardt is at the optimum after " in text
     # A search without covariance has no sigma and no distance in it.
     (row,) = [line.split() for line in text.splitlines() if line.startswith("MX2 ")]
-    assert row[10:12] == ["-", "-"]
+    assert row[13:15] == ["-", "-"]
     assert np.isnan(arm.deviations("cloe-nelder-mead")).all()
     assert np.nanmax(np.abs(arm.deviations("didim"))) < 4.0
 
@@ -214,13 +220,14 @@ def test_standard_deviations_and_solver_are_those_of_all_methods_that_have_them(
     experiment: Experiment,
 ) -> None:
     methods = all_methods(experiment, simplex_iterations=0, uncertainty="white", solver="huber")
-    assert [method.uncertainty for method in methods] == ["white"] * 3  # type: ignore[attr-defined]
-    assert [getattr(method, "solver", None) for method in methods] == ["huber", "huber", None]
+    assert [method.uncertainty for method in methods] == ["white"] * 4  # type: ignore[attr-defined]
+    assert [getattr(method, "solver", None) for method in methods] == ["huber", "huber", None, None]
 
 
 def test_the_methods_start_where_the_robot_allows(experiment: Experiment) -> None:
-    idim_ls, didim_method, simplex, levenberg = all_methods(packaged_experiment("tx40"))
+    idim_ls, didim_method, consistent, simplex, levenberg = all_methods(packaged_experiment("tx40"))
     assert (idim_ls, didim_method) == LEAST_SQUARES
+    assert consistent == DIDIM()
     assert isinstance(simplex, CLOE)
     assert isinstance(levenberg, CLOE)
     assert (simplex.start, levenberg.start) == ("apriori", "apriori")
@@ -229,7 +236,7 @@ def test_the_methods_start_where_the_robot_allows(experiment: Experiment) -> Non
     assert isinstance(full, CLOE)
     assert (full.start, full.max_iterations, full.variant) == ("unit", None, "literal")
     names = [method.name for method in all_methods(experiment, simplex_iterations=0)]
-    assert names == ["idim-ls", "didim", "cloe-levenberg-marquardt"]
+    assert names == ["idim-ls", "didim", "didim", "cloe-levenberg-marquardt"]
 
 
 def test_a_method_that_cannot_start_costs_no_other_result(experiment: Experiment) -> None:
@@ -267,7 +274,7 @@ def test_command(path: Path, arm: Comparison, tmp_path: Path, capsys: pytest.Cap
     assert main([*command, "--json", str(tmp_path / "out.json")]) == 0
     out, err = capsys.readouterr()
     data = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
-    assert set(data["methods"]) == {"idim-ls", "didim", "cloe-levenberg-marquardt"}
+    assert set(data["methods"]) == {"idim-ls", "didim", "didim-consistent", "cloe-levenberg-marquardt"}
     values = [item["value"] for item in data["methods"]["didim"]["parameters"]]
     np.testing.assert_array_equal(values, arm.fits["didim"].beta)
     assert out.startswith("arm, simulated: 4 s at 500 Hz, 13 base parameters\n")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import didim
 from arm import arm_file, arm_log
-from didim import DIDIM, IDIMLS, Experiment, Identification, Status, identify
+from didim import IDIMLS, Experiment, Identification, Status, identify
 from didim.cli.main import main
 from didim.errors import ExperimentError, FitError, RobotError
 from didim.experiment.specs import ReferenceSpec
@@ -25,6 +25,7 @@ from didim.methods.didim.settings import GainUpdating
 from didim.methods.start import Start, unit_rotors
 from didim.result.iteration import Iteration
 from didim.studies.simulated_log import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
+from plain import plain_didim
 from scripts import script
 
 Array = NDArray[np.float64]
@@ -56,7 +57,7 @@ def truth(exact: Experiment) -> Array:
 
 @pytest.fixture(scope="module")
 def fit(log: Experiment) -> Identification:
-    return identify(log, DIDIM())
+    return identify(log, plain_didim())
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +91,7 @@ def test_four_iterations_from_the_regular_point_and_three_are_nearly_enough(
     well = fit.relative_std_percent < WELL_IDENTIFIED_PERCENT
     assert well.sum() >= 55
     assert np.max(np.abs(fit.beta - truth)[well] / fit.std[well]) < 3.5
-    three = identify(log, DIDIM(max_iterations=3))
+    three = identify(log, plain_didim(max_iterations=3))
     assert three.status is Status.NOT_CONVERGED
     assert distance(fit, three.beta) < 0.3
 
@@ -98,13 +99,13 @@ def test_four_iterations_from_the_regular_point_and_three_are_nearly_enough(
 def test_without_noise_the_truth_is_met() -> None:
     experiment = packaged_experiment("tx40")
     x = experiment.robot.parameter_set("didim")
-    found = identify(simulated_log(experiment, x, noise=False, refinement=1), DIDIM())
+    found = identify(simulated_log(experiment, x, noise=False, refinement=1), plain_didim())
     assert found.converged
     np.testing.assert_allclose(found.beta, experiment.robot.set_base("didim"), rtol=1e-6)
 
 
 def test_twenty_iterations_do_not_wander(log: Experiment, fit: Identification) -> None:
-    long = identify(log, DIDIM(max_iterations=20, stop=False))
+    long = identify(log, plain_didim(max_iterations=20, stop=False))
     assert long.n_iterations == 20
     assert long.status is Status.CONVERGED
     assert distance(fit, long.beta) < 0.05
@@ -115,7 +116,7 @@ def test_errors_are_as_large_as_sigma_says(exact: Experiment, truth: Array) -> N
     """Five seeds; benches/calibration.py does a hundred."""
     off = []
     for seed in range(1, 6):
-        found = identify(measured(exact, seed), DIDIM())
+        found = identify(measured(exact, seed), plain_didim())
         assert found.converged
         off.append((found.beta - truth) / found.std)
     assert 0.85 < np.sqrt(np.mean(np.square(off))) < 1.15
@@ -128,7 +129,7 @@ def test_errors_are_as_large_as_sigma_says(exact: Experiment, truth: Array) -> N
 
 @pytest.mark.parametrize("start", ["apriori", "idim-ls", "didim"])
 def test_every_start_ends_at_the_same_parameters(log: Experiment, fit: Identification, start: Start) -> None:
-    found = identify(log, DIDIM(start=start))
+    found = identify(log, plain_didim(start=start))
     assert found.converged
     assert distance(fit, found.beta) < 0.05
     assert found.settings["didim"]["start"] == start
@@ -139,7 +140,7 @@ def test_random_starts_end_there_too(project: Path, log: Experiment, fit: Identi
     starts = script(project / "benches" / "calibration.py").random_starts(log, "didim", 4, seed=5)
     for start in starts:
         assert np.max(np.abs(start / log.robot.set_base("didim") - 1.0)) > 0.5
-        found = identify(log, DIDIM(start=start))
+        found = identify(log, plain_didim(start=start))
         assert found.converged
         assert distance(fit, found.beta) < 0.05
 
@@ -148,7 +149,7 @@ def test_a_start_too_stiff_for_the_steps_takes_smaller_ones_and_ends_there_too(
     project: Path, log: Experiment, fit: Identification
 ) -> None:
     start = script(project / "benches" / "calibration.py").random_starts(log, "didim", 4, seed=0)[3]
-    found = identify(log, DIDIM(start=start))
+    found = identify(log, plain_didim(start=start))
     assert found.converged
     assert distance(fit, found.beta) < 0.05
     (remark,) = found.remarks
@@ -163,7 +164,7 @@ def test_kinds_of_starts(arm: Experiment, arm_truth: Array) -> None:
     values = dict(zip(robot.base_parameters.names, (2.0 * arm_truth).tolist(), strict=True))
     starts: list[Start] = ["unit", "reference", 2.0 * arm_truth, robot.base_parameters.lift(2.0 * arm_truth)]
     for start in (*starts, values, identify(arm, IDIMLS())):
-        found = identify(arm, DIDIM(start=start))
+        found = identify(arm, plain_didim(start=start))
         assert found.converged
         np.testing.assert_allclose(found.beta, arm_truth, atol=MET)
 
@@ -196,12 +197,12 @@ def test_unit_rotors_of_a_coupled_wrist() -> None:
 )
 def test_wrong_starts(arm: Experiment, start: Start, message: str) -> None:
     with pytest.raises((FitError, RobotError), match=message):
-        identify(arm, DIDIM(start=start))
+        identify(arm, plain_didim(start=start))
 
 
 def test_a_result_of_another_robot_is_no_start(arm: Experiment, fit: Identification) -> None:
     with pytest.raises(FitError, match="a result for robot 'tx40', and the robot is 'planar2'"):
-        identify(arm, DIDIM(start=fit))
+        identify(arm, plain_didim(start=fit))
 
 
 def test_a_start_that_the_controller_does_not_hold(arm: Experiment) -> None:
@@ -209,8 +210,8 @@ def test_a_start_that_the_controller_does_not_hold(arm: Experiment) -> None:
     with pytest.raises(
         FitError, match=r"DIDIM cannot start .*: the simulation diverged at .* s: joint \d has left"
     ):
-        identify(arm, DIDIM(start=light, gain_updating="never"))
-    assert identify(arm, DIDIM(start=light)).converged
+        identify(arm, plain_didim(start=light, gain_updating="never"))
+    assert identify(arm, plain_didim(start=light)).converged
 
 
 # The safe step, gain updating and endings.
@@ -241,7 +242,7 @@ def slack() -> Experiment:
 
 @pytest.fixture(scope="module")
 def slack_fit(slack: Experiment) -> Identification:
-    return identify(slack, DIDIM())
+    return identify(slack, plain_didim())
 
 
 def test_a_step_that_would_leave_the_robots_is_shortened(
@@ -254,14 +255,14 @@ def test_a_step_that_would_leave_the_robots_is_shortened(
     assert found.converged
     np.testing.assert_allclose(found.beta, slack.robot.set_base("didim"), rtol=1e-4)
     # What a full step would have meant.
-    bold = identify(slack, DIDIM(max_iterations=1, margin=1e-12))
+    bold = identify(slack, plain_didim(max_iterations=1, margin=1e-12))
     assert bold.history[0].more["largest_safe_step"] > first.more["largest_safe_step"]
     assert bold.history[0].more["largest_safe_step"] < 1.0
 
 
 def test_errors_are_those_of_the_parameters_reached(slack: Experiment) -> None:
     """After a shortened step they are not the parameters that least squares found, which explain more."""
-    short = identify(slack, DIDIM(max_iterations=1))
+    short = identify(slack, plain_didim(max_iterations=1))
     assert short.status is Status.NOT_CONVERGED
     assert short.overall_relative_error > 1.5 * short.history[0].relative_error
     assert short.output_error is not None
@@ -272,13 +273,13 @@ def test_errors_are_those_of_the_parameters_reached(slack: Experiment) -> None:
 def test_gain_updating_leaves_the_result_alone(
     log: Experiment, fit: Identification, gain_updating: GainUpdating
 ) -> None:
-    found = identify(log, DIDIM(gain_updating=gain_updating))
+    found = identify(log, plain_didim(gain_updating=gain_updating))
     assert found.converged
     assert distance(fit, found.beta) < 0.05
 
 
 def test_gain_updating_also_where_steps_are_shortened(slack: Experiment, slack_fit: Identification) -> None:
-    always = identify(slack, DIDIM(gain_updating="always"))
+    always = identify(slack, plain_didim(gain_updating="always"))
     assert always.converged
     np.testing.assert_allclose(always.beta, slack.robot.set_base("didim"), rtol=1e-4)
     once, each = slack_fit.history[0].more, always.history[0].more
@@ -330,7 +331,7 @@ def test_history_and_counts(log: Experiment, fit: Identification, truth: Array) 
 
 def test_the_residual_rule_alone_stops_too(log: Experiment, fit: Identification) -> None:
     """The paper's rule, with the absolute value of the change."""
-    by_residual = identify(log, DIDIM(sigma_fraction=0.0, tolerance=0.025))
+    by_residual = identify(log, plain_didim(sigma_fraction=0.0, tolerance=0.025))
     assert by_residual.converged
     assert by_residual.history[-1].more["residual_change"] <= 0.025
     assert all(item.more["residual_change"] > 0.025 for item in by_residual.history[1:-1])
@@ -344,15 +345,15 @@ def test_the_callback_hears_every_iteration_and_stops(arm: Experiment) -> None:
         heard.append(iteration)
         return iteration.iteration == 2
 
-    stopped = identify(arm, DIDIM(), callback=two)
+    stopped = identify(arm, plain_didim(), callback=two)
     assert stopped.status is Status.STOPPED
     assert tuple(heard) == stopped.history
     assert stopped.n_iterations == 2
-    np.testing.assert_array_equal(stopped.beta, identify(arm, DIDIM(max_iterations=2)).beta)
+    np.testing.assert_array_equal(stopped.beta, identify(arm, plain_didim(max_iterations=2)).beta)
 
 
 def test_verbose_tells_what_goes_on(arm: Experiment, capsys: pytest.CaptureFixture[str]) -> None:
-    identify(arm, DIDIM(), verbose=True)
+    identify(arm, plain_didim(), verbose=True)
     out, err = capsys.readouterr()
     assert out == ""
     assert "didim: iteration 2: relative error" in err
@@ -364,7 +365,7 @@ def test_no_step_is_a_status(arm: Experiment, tmp_path: Path) -> None:
     (recording,) = arm.recordings
     assert recording.tau is not None
     turned = replace(arm, recordings=(replace(recording, tau=-recording.tau),))
-    found = identify(turned, DIDIM())
+    found = identify(turned, plain_didim())
     assert found.status is Status.NO_STEP
     assert not found.converged
     assert found.history[-1].more["step_length"] == 0.0
@@ -378,7 +379,7 @@ def test_no_step_is_a_status(arm: Experiment, tmp_path: Path) -> None:
 
 def test_a_step_of_the_integration_that_is_too_large_is_told(log: Experiment) -> None:
     coarse = replace(log, simulation=replace(log.simulation, step_s=1e-3, fine_step_s=1e-3))
-    (remark,) = identify(coarse, DIDIM(max_iterations=2)).remarks
+    (remark,) = identify(coarse, plain_didim(max_iterations=2)).remarks
     assert remark.startswith("the integration step is too large: halving it changes the torque of joint ")
 
 
@@ -395,16 +396,16 @@ def test_windows_and_recordings_count_together(arm: Experiment, arm_truth: Array
     # A second window begins in motion, at the filtered measured state: the filter has only one side there, and the velocity is off
     # by some hundredths of a rad/s.
     for recordings, count in (((windows,), 2), ((recording, other), 2), ((windows, other), 3)):
-        found = identify(replace(measured_start, recordings=recordings), DIDIM())
+        found = identify(replace(measured_start, recordings=recordings), plain_didim())
         assert found.converged
         np.testing.assert_allclose(found.beta, arm_truth, atol=0.03)
         # The last one of the first window is made with half the steps too.
         assert found.n_simulations == count * (found.n_iterations + 1) + 1
-    both = identify(replace(arm, recordings=(recording, other)), DIDIM())
+    both = identify(replace(arm, recordings=(recording, other)), plain_didim())
     np.testing.assert_allclose(both.beta, arm_truth, atol=MET)
     # Both count: torques of which one is 10 % too large give parameters in between.
     larger = replace(other, tau=1.1 * other.tau)
-    mixed = identify(replace(arm, recordings=(recording, larger)), DIDIM())
+    mixed = identify(replace(arm, recordings=(recording, larger)), plain_didim())
     for name in ("ZZ1R", "MX2", "Fv2"):
         index = mixed.names.index(name)
         assert 1.01 < mixed.beta[index] / arm_truth[index] < 1.095, name
@@ -413,7 +414,9 @@ def test_windows_and_recordings_count_together(arm: Experiment, arm_truth: Array
 def test_held_out_recordings_are_predicted_and_not_fitted(arm: Experiment, arm_truth: Array) -> None:
     other = replace(arm_log(2).recordings[0], role="held-out")
     assert other.tau is not None
-    found = identify(replace(arm, recordings=(*arm.recordings, replace(other, tau=1.1 * other.tau))), DIDIM())
+    found = identify(
+        replace(arm, recordings=(*arm.recordings, replace(other, tau=1.1 * other.tau))), plain_didim()
+    )
     np.testing.assert_allclose(found.beta, arm_truth, atol=MET)
     assert found.held_out[0].overall_relative_error == pytest.approx(0.1 / 1.1, abs=0.01)
 
@@ -421,11 +424,11 @@ def test_held_out_recordings_are_predicted_and_not_fitted(arm: Experiment, arm_t
 def test_fixed_and_dropped_parameters(arm: Experiment, arm_truth: Array) -> None:
     names = arm.robot.base_parameters.names
     exact = float(arm_truth[names.index("Fc1")])
-    found = identify(arm, DIDIM(fixed={"Fc1": exact}))
+    found = identify(arm, plain_didim(fixed={"Fc1": exact}))
     assert found.roles[names.index("Fc1")] == "fixed"
     np.testing.assert_allclose(found.beta, arm_truth, atol=MET)
     assert found.beta[names.index("Fc1")] == exact
-    without = identify(arm, DIDIM(fixed={"Fc1": 0.8 * exact}, dropped=["Off2"], start="reference"))
+    without = identify(arm, plain_didim(fixed={"Fc1": 0.8 * exact}, dropped=["Off2"], start="reference"))
     assert without.converged
     assert without.beta[names.index("Fc1")] == 0.8 * exact
     assert without.beta[names.index("Off2")] == 0.0
@@ -438,9 +441,9 @@ def test_a_delay_of_the_torques_is_taken_back(arm: Experiment, arm_truth: Array)
     assert recording.tau is not None
     late = replace(recording, tau=np.vstack([np.repeat(recording.tau[:1], 3, axis=0), recording.tau[:-3]]))
     delayed = replace(arm, recordings=(late,))
-    found = identify(delayed, DIDIM(compensate_samples=3.0))
+    found = identify(delayed, plain_didim(compensate_samples=3.0))
     np.testing.assert_allclose(found.beta, arm_truth, atol=MET)
-    assert np.max(np.abs(identify(delayed, DIDIM()).beta - arm_truth)) > 0.01
+    assert np.max(np.abs(identify(delayed, plain_didim()).beta - arm_truth)) > 0.01
 
 
 # Messages.
@@ -449,18 +452,18 @@ def test_a_delay_of_the_torques_is_taken_back(arm: Experiment, arm_truth: Array)
 def test_what_didim_cannot_do_without(arm: Experiment) -> None:
     (recording,) = arm.recordings
     with pytest.raises(ExperimentError, match="arm: a simulation needs the table \\[controller\\]"):
-        identify(replace(arm, controller=None), DIDIM())
+        identify(replace(arm, controller=None), plain_didim())
     with pytest.raises(ExperimentError, match="arm: a simulation needs the table \\[reference\\]"):
-        identify(replace(arm, reference=None), DIDIM())
+        identify(replace(arm, reference=None), plain_didim())
     with pytest.raises(ExperimentError, match="recording 'log 1' has no reference positions: add"):
-        identify(replace(arm, recordings=(replace(recording, q_ref=None),)), DIDIM())
+        identify(replace(arm, recordings=(replace(recording, q_ref=None),)), plain_didim())
     with pytest.raises(FitError, match="recording 'log 1' has no torques, which this method needs"):
-        identify(replace(arm, recordings=(replace(recording, tau=None),)), DIDIM())
+        identify(replace(arm, recordings=(replace(recording, tau=None),)), plain_didim())
     with pytest.raises(FitError, match="experiment 'arm' has no recording with role 'fit'"):
-        identify(replace(arm, recordings=(replace(recording, role="held-out"),)), DIDIM())
+        identify(replace(arm, recordings=(replace(recording, role="held-out"),)), plain_didim())
     signal = replace(arm.signal, trim_start=2000, trim_end=2000)
     with pytest.raises(FitError, match="recording 'log 1': trimming 2000 and 2000 samples leaves nothing"):
-        identify(arm, DIDIM(signal=signal))
+        identify(arm, plain_didim(signal=signal))
 
 
 @pytest.mark.parametrize(
@@ -481,7 +484,7 @@ def test_what_didim_cannot_do_without(arm: Experiment) -> None:
 )
 def test_wrong_settings_are_told_when_they_are_made(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(FitError) as caught:
-        DIDIM(**settings)
+        plain_didim(**settings)
     assert str(caught.value) == message
 
 
@@ -489,7 +492,7 @@ def test_wrong_settings_are_told_when_they_are_made(settings: dict[str, Any], me
 
 
 def test_emps(emps: Experiment) -> None:
-    found = identify(emps, DIDIM())
+    found = identify(emps, plain_didim())
     assert found.status is Status.CONVERGED
     assert found.n_iterations <= 4
     np.testing.assert_allclose(found.beta, emps.robot.set_base("published"), rtol=0.01)
@@ -500,23 +503,23 @@ def test_emps(emps: Experiment) -> None:
 
 def test_emps_from_one_kilogram_needs_gain_updating(emps: Experiment) -> None:
     """Without it the light carriage saturates its drive: residuals come to rest at nonsense, which is no convergence."""
-    found = identify(emps, DIDIM(gain_updating="never", max_iterations=3, tolerance=0.025))
+    found = identify(emps, plain_didim(gain_updating="never", max_iterations=3, tolerance=0.025))
     assert found.status is Status.NOT_CONVERGED
     full = [item.more["residual_change"] for item in found.history if item.more["step_length"] == 1.0]
     assert np.nanmin(full) < 0.025
     told = "with these parameters the robot does not follow: its torques are off by 5"
     (remark,) = [remark for remark in found.remarks if remark.startswith(told)]
     assert remark.endswith("or let gain_updating be 'first'")
-    near = identify(emps, DIDIM(gain_updating="never", start="published"))
+    near = identify(emps, plain_didim(gain_updating="never", start="published"))
     assert near.converged
-    assert distance(near, identify(emps, DIDIM()).beta) < 0.05
+    assert distance(near, identify(emps, plain_didim()).beta) < 0.05
 
 
 def test_tx40_log_agrees_with_table_2(project: Path, shared: Path) -> None:
     experiment = didim.load_experiment(
         project / "examples" / "tx40_didim.toml", data=shared / "data" / "tx40"
     )
-    found = identify(experiment, DIDIM())
+    found = identify(experiment, plain_didim())
     assert found.status is Status.CONVERGED
     assert found.n_iterations <= 4
     assert found.remarks == (
@@ -547,7 +550,7 @@ def file(tmp_path: Path, arm: Experiment) -> Path:
 
 
 def test_command(file: Path, arm_truth: Array, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["identify", str(file), "--method", "didim"]
+    command = ["identify", str(file), "--method", "didim", "--plain"]
     assert main([*command, "--json", str(tmp_path / "fit.json")]) == 0
     out, err = capsys.readouterr()
     assert err == ""
@@ -575,7 +578,7 @@ def test_command_that_does_not_converge_is_exit_1(file: Path, capsys: pytest.Cap
     with np.load(file.with_name("log.npz")) as arrays:
         log = dict(arrays)
     np.savez(file.with_name("log.npz"), **{**log, "tau": -log["tau"]})
-    assert main(["identify", str(file), "--method", "didim"]) == 1
+    assert main(["identify", str(file), "--method", "didim", "--plain"]) == 1
     out, err = capsys.readouterr()
     assert err == ""
     assert (
@@ -591,7 +594,7 @@ def test_command_with_a_start_that_cannot_be_simulated_is_one_line_and_exit_2(
     text = file.read_text(encoding="utf-8").replace('kind = "recorded"', 'kind = "measured"')
     # Gains of the wrong sign hold no robot.
     file.write_text(text.replace("kp = [", "kp = [-"), encoding="utf-8")
-    assert main(["identify", str(file), "--method", "didim"]) == 2
+    assert main(["identify", str(file), "--method", "didim", "--plain"]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import didim
 from arm import arm_log, noisy
-from didim import CLOE, DIDIM, IDIMLS, Experiment, Identification, Status, identify
+from didim import CLOE, IDIMLS, Experiment, Identification, Status, identify
 from didim.errors import RankError
 from didim.experiment.specs import Measurement, SimulationSettings
 from didim.loop.closed_loop import ClosedLoop
@@ -21,6 +21,7 @@ from didim.loop.controller import Controller
 from didim.loop.reference import Reference
 from didim.methods.didim.convergence import contraction_of, rule_sentence
 from didim.studies.simulated_log import measured, packaged_experiment
+from plain import plain_didim
 from scripts import script
 
 Array = NDArray[np.float64]
@@ -90,7 +91,7 @@ def test_the_rule_that_fired_is_named(moved: float, change: float, told: str) ->
 
 
 def test_a_result_tells_its_rule_and_keeps_it(arm: Experiment, tmp_path: Path) -> None:
-    fit = identify(arm, DIDIM())
+    fit = identify(arm, plain_didim())
     assert fit.converged
     last = fit.history[-1].more
     by_parameters, by_residual = (
@@ -103,7 +104,7 @@ def test_a_result_tells_its_rule_and_keeps_it(arm: Experiment, tmp_path: Path) -
     assert str(fit).endswith(f"Converged: the stopping rule of the method is met. {fit.ending}")
     fit.save(tmp_path / "fit.json")
     assert Identification.load(tmp_path / "fit.json").ending == fit.ending
-    by_residual_alone = identify(arm, DIDIM(sigma_fraction=0.0, tolerance=0.025))
+    by_residual_alone = identify(arm, plain_didim(sigma_fraction=0.0, tolerance=0.025))
     assert by_residual_alone.ending.startswith("Stopped by the rule on the residual: ")
 
 
@@ -130,10 +131,10 @@ def test_the_remaining_distance_bounds_that_of_a_linear_iteration(rates: tuple[f
 
 def test_a_slack_loop_says_how_far_the_fixed_point_may_be(slack: Experiment) -> None:
     """The rule on the residual stops early; the distance that is left is reported, and is not exceeded."""
-    fit = identify(slack, DIDIM(sigma_fraction=0.0, tolerance=0.025))
+    fit = identify(slack, plain_didim(sigma_fraction=0.0, tolerance=0.025))
     assert fit.converged
     assert "on the residual" in fit.ending
-    end = identify(slack, DIDIM(start=fit.beta, tolerance=0.0, sigma_fraction=1e-4, max_iterations=60))
+    end = identify(slack, plain_didim(start=fit.beta, tolerance=0.0, sigma_fraction=1e-4, max_iterations=60))
     assert end.converged
     left = np.abs(fit.beta - end.beta) / end.std
     reported = fit.history[-1].more["remaining_sigma"]
@@ -143,7 +144,7 @@ def test_a_slack_loop_says_how_far_the_fixed_point_may_be(slack: Experiment) -> 
 
 
 def test_a_stiff_loop_says_nothing_of_contraction(arm: Experiment) -> None:
-    fit = identify(arm, DIDIM())
+    fit = identify(arm, plain_didim())
     assert fit.remarks == ()
     assert fit.history[-1].more["remaining_sigma"] < 0.3
 
@@ -155,7 +156,7 @@ def test_a_run_that_fails_returns_its_best_iterate_without_sigmas(arm: Experimen
     (recording,) = arm.recordings
     assert recording.tau is not None
     turned = replace(arm, recordings=(replace(recording, tau=-recording.tau),))
-    found = identify(turned, DIDIM())
+    found = identify(turned, plain_didim())
     assert not found.converged
     errors = [found.history[0].more["output_error_before"]]
     errors += [item.more["output_error_after"] for item in found.history]
@@ -174,7 +175,7 @@ def test_a_run_that_fails_returns_its_best_iterate_without_sigmas(arm: Experimen
 
 
 def test_iterations_used_up_leave_no_sigmas(arm: Experiment) -> None:
-    two = identify(arm, DIDIM(max_iterations=2))
+    two = identify(arm, plain_didim(max_iterations=2))
     assert two.status is Status.NOT_CONVERGED
     assert not two.covariance.any()
     assert "iteration 2, with simulated torques off by" in two.ending
@@ -208,9 +209,9 @@ def creeping(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
 
 def test_a_start_whose_joint_moves_one_way_only_does_not_blame_the_log(creeping: Experiment) -> None:
     start = creeping.robot.parameters_by_name({"Ia1": 2.0, "Fc1": 1.0, "Fv1": 400.0})
-    fit = identify(creeping, DIDIM(start=start, gain_updating="never"))
+    fit = identify(creeping, plain_didim(start=start, gain_updating="never"))
     assert fit.converged
-    other = identify(creeping, DIDIM(start="idim-ls"))
+    other = identify(creeping, plain_didim(start="idim-ls"))
     assert np.max(np.abs(fit.beta - other.beta) / other.std) < 0.3
     assert fit.remarks[0].startswith(
         "the motion simulated with the start does not identify 'Off1': a simulated joint "
@@ -222,7 +223,7 @@ def test_a_log_that_does_not_identify_a_parameter_is_still_refused(creeping: Exp
     start = creeping.robot.parameters_by_name({"Ia1": 2.0, "Fc1": 1.0, "Fv1": 400.0})
     poor = didim.simulated_log(replace(creeping, recordings=()), start, noise=False, refinement=1)
     with pytest.raises(RankError, match="the log cannot tell 1 of 4 parameters from the others"):
-        identify(poor, DIDIM(start=start, gain_updating="never"))
+        identify(poor, plain_didim(start=start, gain_updating="never"))
 
 
 # Counts, settings, callbacks.
@@ -240,7 +241,7 @@ def test_every_simulation_is_counted(arm: Experiment, monkeypatch: pytest.Monkey
     every: list[dict[str, Any]] = [{}, {"max_iterations": 1}, {"stop": False, "max_iterations": 6}]
     for settings in every:
         runs.clear()
-        fit = identify(arm, DIDIM(**settings))
+        fit = identify(arm, plain_didim(**settings))
         assert fit.n_simulations == len(runs)
 
 
@@ -260,7 +261,7 @@ def test_idim_ls_within_didim_has_all_its_settings(arm: Experiment, monkeypatch:
         "uncertainty": "decimated",
         "blocks": 10,
     }
-    identify(arm, DIDIM(start="idim-ls", **settings))
+    identify(arm, plain_didim(start="idim-ls", **settings))
     (method,) = asked
     assert {key: getattr(method, key) for key in settings} == settings
 
@@ -272,7 +273,9 @@ def test_the_callback_hears_each_iteration_once_though_steps_in_time_get_smaller
     log = measured(didim.simulated_log(experiment, x, noise=False, refinement=1))
     start = script(project / "benches" / "calibration.py").random_starts(log, "didim", 4, seed=0)[3]
     heard: list[int] = []
-    fit = identify(log, DIDIM(start=start), callback=lambda iteration: heard.append(iteration.iteration))
+    fit = identify(
+        log, plain_didim(start=start), callback=lambda iteration: heard.append(iteration.iteration)
+    )
     assert fit.remarks[0].startswith("from this start the simulation fails with the steps of the experiment")
     assert heard == list(range(1, fit.n_iterations + 1))
 
@@ -286,7 +289,7 @@ def test_compare_shows_remarks_and_one_kind_of_torque_errors(slack: Experiment) 
         parameters="reference",
         methods=[
             IDIMLS(),
-            DIDIM(sigma_fraction=0.0, tolerance=0.025),
+            plain_didim(sigma_fraction=0.0, tolerance=0.025),
             CLOE(start="reference", max_iterations=2),
         ],
     )

@@ -337,7 +337,7 @@ def test_simulation_steps(project: Path) -> None:
 def test_emps_by_didim(project: Path, shared: Path) -> None:
     page, data = project / "docs" / "emps.md", shared / "data" / "emps"
     experiment = load_experiment(project / "examples" / "emps.toml", data=data)
-    direct, found = identify(experiment), identify(experiment, DIDIM())
+    direct, found = identify(experiment), identify(experiment, DIDIM(physical=False))
     rows = tables(page)["parameter IDIM-LS DIDIM"]
     expected = []
     for index, (name, unit, places) in enumerate(zip(found.names, found.units, (3, 2, 3, 3), strict=True)):
@@ -370,7 +370,7 @@ def test_tx40_by_didim(
     table2: dict[str, dict[str, str]],
 ) -> None:
     experiment = load_experiment(project / "examples" / "tx40_didim.toml", data=shared / "data" / "tx40")
-    found, zone = identify(experiment, DIDIM()), fits["dead zone"]
+    found, zone = identify(experiment, DIDIM(physical=False)), fits["dead zone"]
     rows = tables(page)["name unit DIDIM, this log"]
     assert len(rows) == 13
     apart = {}
@@ -396,7 +396,7 @@ def test_tx40_by_didim(
 
 def test_didim_on_the_simulated_tx40(project: Path) -> None:
     page = project / "docs" / "didim.md"
-    comparison = compare(methods=[IDIMLS(), DIDIM()])
+    comparison = compare(methods=[IDIMLS(), DIDIM(physical=False)])
     readme = (project / "README.md").read_text(encoding="utf-8")
     for name in ("ZZ1R", "Fv1", "MX2R", "Ia3"):
         written, run = (

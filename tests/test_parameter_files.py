@@ -71,6 +71,20 @@ def test_the_toml_is_a_set_of_a_robot_file(fit: Identification, tmp_path: Path) 
         assert float(written) == pytest.approx(std, rel=6e-3)
 
 
+def test_a_consistent_result_keeps_all_its_standard_parameters(
+    experiment: didim.Experiment, tmp_path: Path
+) -> None:
+    log = simulated_log(experiment, experiment.robot.parameter_set("reference"))
+    fit = didim.identify(log, didim.IDIMLS(physical=True))
+    fit.save_parameters(tmp_path / "whole.toml")
+    assert np.count_nonzero(fit.parameters) > len(fit.names)
+    np.testing.assert_array_equal(load_parameters(experiment.robot, tmp_path / "whole.toml"), fit.parameters)
+    text = (tmp_path / "whole.toml").read_text(encoding="utf-8")
+    assert all(
+        f"# {name} = {float(value)!r} # " in text for name, value in zip(fit.names, fit.beta, strict=True)
+    )
+
+
 def test_the_arrays_of_the_npz(fit: Identification, tmp_path: Path) -> None:
     fit.save_parameters(tmp_path / "fit.npz")
     with np.load(tmp_path / "fit.npz", allow_pickle=False) as arrays:

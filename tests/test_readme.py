@@ -34,7 +34,7 @@ def test_the_example_runs(
     assert all(name in printed for name in fit.names)
     assert "ZZ1R = ZZ1 + " in printed
 
-    truth = didim.load_robot("tx40").set_base("didim")
+    truth = didim.load_robot("tx40").set_base("didim_physical")
     assert np.mean(np.abs(fit.beta - truth) <= 3.0 * fit.std) >= 0.97
     saved = didim.Identification.load("fit.json")
     np.testing.assert_array_equal(saved.beta, fit.beta)

@@ -119,7 +119,7 @@ def test_a_solver_that_must_know_the_robot(log: Experiment) -> None:
 def test_didim_takes_the_same_solvers(project: Path) -> None:
     experiment = load_experiment(project / "examples" / "planar2_simulation.toml")
     exact = simulated_log(experiment, experiment.robot.parameter_set("reference"), noise=False, refinement=1)
-    plain = identify(exact, DIDIM())
+    plain = identify(exact, DIDIM(physical=False))
     np.testing.assert_array_equal(identify(exact, DIDIM(solver=KnowsTheRobot())).beta, plain.beta)
     ridge = identify(exact, DIDIM(solver=Ridge(1e-3)))
     assert ridge.settings["solver"]["name"] == "ridge"

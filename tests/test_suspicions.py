@@ -18,6 +18,7 @@ from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem, linear_system
 from didim.regression.suspicions import suspicions
 from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
+from plain import plain_didim
 
 Array = NDArray[np.float64]
 
@@ -125,24 +126,28 @@ def named(log: Experiment, method: DIDIM, sentence: str) -> None:
 
 @pytest.mark.parametrize("joint", JOINTS)
 def test_didim_names_a_turned_joint(log: Experiment, joint: int) -> None:
-    named(with_torques(log, turned(torques(log), joint)), DIDIM(max_iterations=1), TURNED.format(joint + 1))
+    named(
+        with_torques(log, turned(torques(log), joint)),
+        plain_didim(max_iterations=1),
+        TURNED.format(joint + 1),
+    )
 
 
 @pytest.mark.parametrize(("i", "j"), [(0, 1), (1, 5), (2, 5), (4, 5)])
 def test_didim_names_exchanged_joints(log: Experiment, i: int, j: int) -> None:
     tau = exchanged(torques(log), i, j)
-    named(with_torques(log, tau), DIDIM(max_iterations=1), EXCHANGED.format(i + 1, j + 1))
+    named(with_torques(log, tau), plain_didim(max_iterations=1), EXCHANGED.format(i + 1, j + 1))
 
 
 def test_didim_on_exchanged_joints_names_them_before_all_else(log: Experiment) -> None:
     tau = exchanged(torques(log), 2, 5)
-    fit = identify(with_torques(log, tau), DIDIM())
+    fit = identify(with_torques(log, tau), plain_didim())
     assert fit.remarks[0].startswith(EXCHANGED.format(3, 6))
 
 
 def test_didim_without_gain_updating_names_them_too(log: Experiment) -> None:
     tau = turned(torques(log), 1)
-    named(with_torques(log, tau), DIDIM(max_iterations=1, gain_updating="never"), TURNED.format(2))
+    named(with_torques(log, tau), plain_didim(max_iterations=1, gain_updating="never"), TURNED.format(2))
 
 
 @pytest.mark.parametrize("start", ["unit", "idim-ls"])
@@ -150,13 +155,13 @@ def test_two_joints(start: str) -> None:
     """Turning one joint of two leaves as much as turning the other: friction tells which it was."""
     log = arm_log(1)
     tau = torques(log)
-    assert identify(log, DIDIM(start=start)).remarks == ()
+    assert identify(log, plain_didim(start=start)).remarks == ()
     for joint in range(2):
         assert identify(with_torques(log, turned(tau, joint))).remarks[0].startswith(TURNED.format(joint + 1))
-        named(with_torques(log, turned(tau, joint)), DIDIM(start=start), TURNED.format(joint + 1))
+        named(with_torques(log, turned(tau, joint)), plain_didim(start=start), TURNED.format(joint + 1))
     both = "the torques of joints 1 and 2 look as if their signs were wrong: friction would drive the robot (Fv1 = -1.2"
-    named(with_torques(log, -tau), DIDIM(start=start), both)
-    named(with_torques(log, exchanged(tau, 0, 1)), DIDIM(start=start), EXCHANGED.format(1, 2))
+    named(with_torques(log, -tau), plain_didim(start=start), both)
+    named(with_torques(log, exchanged(tau, 0, 1)), plain_didim(start=start), EXCHANGED.format(1, 2))
 
 
 def test_friction_that_is_known_or_absent_tells_nothing() -> None:

@@ -32,14 +32,22 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--start",
         metavar="NAME",
-        help="initial parameters of didim and cloe: unit, idim-ls, a set of the robot file, or a file of parameters",
+        help="initial parameters of didim, idim-iv and cloe: consistent, prior, unit, idim-ls, a set of the robot file, or a "
+        "file of parameters",
     )
     add_regression(parser)
-    parser.add_argument(
+    physical = parser.add_mutually_exclusive_group()
+    physical.add_argument(
         "--physical",
         action="store_true",
         default=None,
-        help="solve under the conditions of a robot: idim-ls and didim with physically consistent parameters",
+        help="solve under the conditions of a robot: physically consistent parameters (default of didim)",
+    )
+    physical.add_argument(
+        "--plain",
+        action="store_false",
+        dest="physical",
+        help="solve without these conditions, as in the paper (default of the other methods)",
     )
     parser.add_argument(
         "--optimizer",
@@ -113,6 +121,7 @@ def run(options: argparse.Namespace) -> int:
     method = make()
     for key in settings:
         if not hasattr(method, key):
+            key = "plain" if key == "physical" and not options.physical else key
             return refuse(f"--{key} is not for method '{options.method}'")
     fit = identify(experiment, make(**settings), verbose=options.verbose)
     # The files first: a reader of stdout that stops early must not cost the result.

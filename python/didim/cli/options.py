@@ -101,7 +101,8 @@ def add_regression(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--solver",
         metavar="NAME",
-        help="how idim-ls and didim solve the linear system: least-squares (default), huber, bisquare, total, ridge or consistent",
+        help="how idim-ls and didim solve the linear system: least-squares, huber, bisquare, total, ridge or consistent "
+        "(default: least-squares, of didim consistent)",
     )
 
 

@@ -229,8 +229,8 @@ class MadeUpRecipe:
             Always.
         """
         raise ExperimentError(
-            "[controller] kind = 'made-up' has no gains of its own: DIDIM with physical=True "
-            "(didim identify --method didim --physical) makes them from its estimate"
+            "[controller] kind = 'made-up' has no gains of its own: consistent DIDIM "
+            "(didim identify --method didim) makes them from its estimate"
         )
 
 

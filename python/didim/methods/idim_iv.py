@@ -62,7 +62,7 @@ class IDIMIV(DIDIMSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.physical or self.solver != "least-squares":
+        if self.physical or self.solver not in (None, "least-squares"):
             raise FitError("IDIM-IV solves the linear system with its instruments: it has no other solver")
 
     def run(

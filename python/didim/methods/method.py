@@ -140,29 +140,38 @@ class FitSettings(MethodSettings):
 
     Parameters
     ----------
-    solver : str or solver
-        How (7) is solved: a name of `didim.regression.solver.SOLVERS`, or a function ``solve(system, settings, progress)``.
-    physical : bool
-        Solve (7) under the conditions that a robot meets: the solver "consistent" with its default settings.
+    solver : str or solver, optional
+        How (7) is solved: a name of `didim.regression.solver.SOLVERS`, or a function ``solve(system, settings, progress)``; by
+        default what `physical` says.
+    physical : bool, optional
+        Solve (7) under the conditions that a robot meets: the solver "consistent" with its default settings. False for plain
+        least squares; by default what the method is best with, True for DIDIM and False for IDIM-LS and IDIM-IV.
     weights, reweightings : optional
         As in `LeastSquaresSettings`.
     """
 
-    solver: SolverChoice = "least-squares"
-    physical: bool = False
+    physical_by_default: ClassVar[bool] = False
+
+    solver: SolverChoice | None = None
+    physical: bool | None = None
     weights: Weights | None = None
     reweightings: int | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_solver(self.solver)
-        if not isinstance(self.physical, bool):
+        if self.solver is not None:
+            check_solver(self.solver)
+        if self.physical not in (None, True, False) or not isinstance(self.physical, bool | None):
             raise FitError(f"physical must be True or False, got {self.physical!r}")
-        if self.physical and self.solver not in ("least-squares", "consistent"):
+        if self.physical is not None and self.solver is not None:
             raise FitError(
-                "physical=True is the solver 'consistent'; leave solver out, or give a solver alone"
+                "physical=True is the solver 'consistent' and physical=False the solver 'least-squares': give physical or "
+                "solver, not both"
             )
 
     def chosen_solver(self) -> SolverChoice:
         """Return the solver of (7)."""
-        return "consistent" if self.physical else self.solver
+        if self.solver is not None:
+            return self.solver
+        physical = self.physical_by_default if self.physical is None else self.physical
+        return "consistent" if physical else "least-squares"

@@ -1,4 +1,4 @@
-"""Where DIDIM and CLOE start: regular points, (17) and (21), named sets, estimates, vectors.
+"""Where DIDIM and CLOE start: regular points, (17) and (21), robots made from the log, named sets, estimates, vectors.
 
 Tested in ``tests/test_didim.py``.
 """
@@ -13,11 +13,15 @@ from numpy.typing import ArrayLike
 from .._tools.arrays import Array, real_array
 from .._tools.words import did_you_mean
 from ..errors import FitError
+from ..regression.consistent.solver import CONSISTENT
 from ..result.identification import Identification
 from ..robot.parameter_file import is_file, load_parameters
 from ..robot.robot import Robot
+from .job import Delay, Job
 
 Start = str | ArrayLike | Mapping[str, float] | Identification
+FROM_LOG = ("consistent", "prior")
+"""Names of the starts that are robots made from the log, see `start_from_log`."""
 
 
 def unit_rotors(robot: Robot) -> Array:
@@ -32,6 +36,33 @@ def unit_rotors(robot: Robot) -> Array:
     for joint, inertia in enumerate((coupling**2).sum(axis=0)):
         x[robot.parameter_names.index(f"Ia{joint + 1}")] = inertia
     return x
+
+
+def start_from_log(job: Job, delay: Delay, name: str) -> Array:
+    """Return standard parameters of a robot made from a log, (n_parameters,).
+
+    Parameters
+    ----------
+    job : Job
+        Its recordings need positions.
+    delay : Delay
+        Delay of the torque.
+    name : str
+        "consistent" for the consistent solution along the measured motion, "prior" for the robot that it is drawn to.
+
+    Raises
+    ------
+    DidimError
+        One of its kinds, for a log that has no positions or no torques, and when no robot meets all conditions.
+    """
+    system = job.system(job.parts("fit", delay))
+    solver = CONSISTENT.for_robot(job.robot, job.selection).on(system)
+    assert solver.problem is not None
+    if name == "prior":
+        return solver.problem.start
+    standard = solver(system, job.settings).standard
+    assert standard is not None
+    return standard
 
 
 def standard_start(robot: Robot, start: Start) -> Array:

@@ -66,7 +66,9 @@ def all_methods(
     ]
     return [
         IDIMLS(uncertainty=uncertainty, solver=solver),
+        # The DIDIM of the paper first: its parameters are compared with Table II, which is not a robot.
         DIDIM(uncertainty=uncertainty, solver=solver),
+        DIDIM(uncertainty=uncertainty),
         *simplexes,
         CLOE(optimizer="levenberg-marquardt", start=start, uncertainty=uncertainty),
     ]
@@ -123,10 +125,10 @@ def compare(
     if methods is None:
         methods = all_methods(experiment)
     for method in methods:
-        # A second simplex is another variant of the first.
+        # A second simplex is another variant of the first, a second DIDIM the consistent one beside the plain one.
         key = method.name
-        if key in fits and isinstance(method, CLOE):
-            key = f"{method.name}-{method.variant}"
+        if key in fits:
+            key = f"{method.name}-{method.variant if isinstance(method, CLOE) else 'consistent'}"
 
         def told(iteration: Iteration, name: str = key) -> None:
             if callback is not None:

@@ -23,6 +23,7 @@ from ..result.identification import Identification
 TITLES = {
     "idim-ls": "IDIM-LS",
     "didim": "DIDIM",
+    "didim-consistent": "DIDIM, consistent",
     "cloe-nelder-mead": "CLOE, Nelder-Mead",
     "cloe-nelder-mead-literal": "CLOE, literal",
     "cloe-nelder-mead-scaled": "CLOE, scaled",

@@ -84,7 +84,7 @@ def contrasts_of(log: Experiment, *, verbose: bool = False) -> Contrasts:
     methods = (
         IDIMLS(uncertainty="jackknife"),
         IDIMIV(uncertainty="jackknife"),
-        DIDIM(uncertainty="jackknife"),
+        DIDIM(physical=False, uncertainty="jackknife"),
     )
     fits = {method.name: identify(log, method, verbose=verbose) for method in methods}
     pairs = [("idim-ls", "idim-iv"), ("idim-iv", "didim")]

@@ -58,8 +58,8 @@ ROUNDING = 1e-10
 """Share of the torques below which a residual is rounding."""
 SAME = 1e-9
 """Logarithm of a factor of the gains below which it is 1."""
-STARTS = ("unit", "consistent", "idim-ls")
-"""Names of the default start: the consistent solution along the measured motion."""
+STARTS = ("consistent", "idim-ls")
+"""Names of the consistent solution along the measured motion: the robot nearest to the estimate of IDIM-LS."""
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ class ConsistentRun:
 
     def _start(self) -> Array:
         """Return standard parameters to start from, those of a robot."""
-        start, problem = self.method.start, self.solver.problem
+        start, problem = self.method.chosen_start, self.solver.problem
         assert problem is not None
         assert self.direct.standard is not None
         if isinstance(start, str) and start in STARTS:
@@ -348,7 +348,7 @@ class ConsistentRun:
 
     def _settings(self) -> dict[str, Any]:
         method, window = self.method, self.windows[0]
-        start = method.start if isinstance(method.start, str) else "given"
+        start = method.chosen_start if isinstance(method.chosen_start, str) else "given"
         return {
             "didim": {
                 "physical": True,

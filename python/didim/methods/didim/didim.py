@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
 from ..job import Job, ratio
-from ..start import standard_start
+from ..start import FROM_LOG, standard_start, start_from_log
 from .consistent import ConsistentRun
 from .convergence import Path, best_sentence, rule_sentence, slow_sentence
 from .ending import result_at
@@ -44,7 +45,12 @@ MOST_HALVINGS = 20
 
 
 class DIDIM(DIDIMSettings):
-    """DIDIM with its settings, those of `DIDIMSettings` and `FitSettings`."""
+    """DIDIM with its settings, those of `DIDIMSettings` and `FitSettings`.
+
+    By default every iterate is a robot (`didim.methods.didim.consistent`); ``physical=False`` is the DIDIM of the paper.
+    """
+
+    physical_by_default: ClassVar[bool] = True
 
     def run(
         self,
@@ -210,10 +216,13 @@ class Iterations:
 
     def _start(self) -> Array:
         """Return the standard parameters to start from, with fixed and dropped ones at their values."""
-        if isinstance(self.method.start, str) and self.method.start == "idim-ls":
+        start = self.method.chosen_start
+        if isinstance(start, str) and start == "idim-ls":
             x = self.loops.direct().parameters
+        elif isinstance(start, str) and start in FROM_LOG:
+            x = start_from_log(self.job, self.loops.delay, start)
         else:
-            x = standard_start(self.robot, self.method.start)
+            x = standard_start(self.robot, start)
         beta = self.base.project(x)
         beta[[role != "estimated" for role in self.job.selection.roles]] = 0.0
         x = self.base.lift(beta + self.job.selection.values)

@@ -107,7 +107,7 @@ def _sentences(point: Point, loops: Loops, stuck: Mapping[int, str], *, suspecte
 
 def _record(method: DIDIMSettings, job: Job, loops: Loops) -> dict[str, Any]:
     """Return the settings of the method and of the closed loop, for the record of a result."""
-    start = method.start if isinstance(method.start, str) else "given"
+    start = method.chosen_start if isinstance(method.chosen_start, str) else "given"
     loop = loops.windows[0].loop
     return {
         method.name.replace("-", "_"): {"start": start, **{key: getattr(method, key) for key in RECORDED}},

@@ -127,7 +127,7 @@ class Loops:
         if self._direct is None:
             method = self.method
             idim = IDIMLS(
-                solver=method.solver,
+                solver=method.chosen_solver(),
                 weights=method.weights,
                 reweightings=method.reweightings,
                 variance=method.variance,

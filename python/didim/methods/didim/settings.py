@@ -7,6 +7,7 @@ from typing import ClassVar, Literal, get_args
 
 from ..._tools.settings import one_of, share, whole
 from ...errors import FitError
+from ...regression.consistent.solver import Consistent
 from ..method import FitSettings, Motion
 from ..start import Start
 
@@ -19,10 +20,11 @@ class DIDIMSettings(FitSettings):
 
     Parameters
     ----------
-    start : str, mapping, array or Identification
-        Initial parameters (`didim.methods.start.standard_start`): "unit" for (17), "idim-ls", a parameter set of the robot
-        file, ... With ``physical=True`` the default is "consistent", the consistent solution along the measured motion
-        (unit rotors alone are not a robot); "prior" starts without it, and any other start is moved to the nearest robot.
+    start : str, mapping, array or Identification, optional
+        Initial parameters (`didim.methods.start.standard_start`): "consistent" for the consistent solution along the measured
+        motion, "prior" for the robot that the estimate is drawn to, "unit" for (17), "idim-ls", a parameter set of the robot
+        file, ... The default is "consistent" for physically consistent estimates and "unit" for plain ones. A consistent run
+        begins with the robot nearest to the start.
     tolerance : float
         Stop when the norm of the residual changes by less than this share (absolute value of the change; the paper takes
         2.5 %).
@@ -53,13 +55,21 @@ class DIDIMSettings(FitSettings):
     )
     motion: ClassVar[Motion] = "simulated"
 
-    start: Start = "unit"
+    start: Start | None = None
     tolerance: float = 1e-3
     sigma_fraction: float = 0.3
     max_iterations: int = 20
     gain_updating: GainUpdating = "first"
     margin: float = 0.1
     stop: bool = True
+
+    @property
+    def chosen_start(self) -> Start:
+        """The start, or the default of the solver."""
+        if self.start is not None:
+            return self.start
+        choice = self.chosen_solver()
+        return "consistent" if choice == "consistent" or isinstance(choice, Consistent) else "unit"
 
     def __post_init__(self) -> None:
         super().__post_init__()
