@@ -84,8 +84,8 @@ def write_parameters(estimates: Estimates, path: str | Path) -> None:
         Numbers of any result.
     path : str or Path
         ``.toml``: a set that is named after the file, base parameters by name, standard deviations in comments; of a physically
-        consistent result all standard parameters. It may be pasted into the robot file. ``.npz``: ``names``, ``units``, ``roles``, ``beta`` (b,), ``std`` (b,), ``covariance`` (b, b),
-        and of the standard parameters ``parameter_names`` and ``parameters`` (p,). SI units, joint side.
+        consistent result all standard parameters. It may be pasted into the robot file. ``.npz``: ``names``, ``units``,
+        ``roles``, ``beta`` (b,), ``std`` (b,), ``covariance`` (b, b), and of the standard parameters ``parameter_names`` and ``parameters`` (p,). SI units, joint side.
 
     Raises
     ------
@@ -151,11 +151,12 @@ def _toml(fit: Estimates, name: str) -> str:
     percents = relative_percent(fit.std, fit.beta)
     values = zip(fit.names, fit.units, fit.roles, fit.beta, fit.std, percents, strict=True)
     # A consistent result has more than the base parameters: these are comments then, beside all standard parameters.
-    whole = np.count_nonzero(fit.parameters) > np.count_nonzero(fit.beta)
+    whole = bool(np.count_nonzero(fit.parameters) > np.count_nonzero(fit.beta))
+    mark = "# " if whole else ""
     for parameter, unit, role, value, std, percent in values:
         sigma = f"standard deviation {std:.3g} ({percent:.3g} %)" if known else "standard deviation unknown"
         lines.append(
-            f"{'# ' * whole}{_key(parameter)} = {float(value)!r} # {unit}, {sigma if role == 'estimated' else role}"
+            f"{mark}{_key(parameter)} = {float(value)!r} # {unit}, {sigma if role == 'estimated' else role}"
         )
     if whole:
         standard = zip(fit.parameter_names, fit.parameters, strict=True)
