@@ -85,7 +85,8 @@ def write_parameters(estimates: Estimates, path: str | Path) -> None:
     path : str or Path
         ``.toml``: a set that is named after the file, base parameters by name, standard deviations in comments; of a physically
         consistent result all standard parameters. It may be pasted into the robot file. ``.npz``: ``names``, ``units``,
-        ``roles``, ``beta`` (b,), ``std`` (b,), ``covariance`` (b, b), and of the standard parameters ``parameter_names`` and ``parameters`` (p,). SI units, joint side.
+        ``roles``, ``beta`` (b,), ``std`` (b,), ``covariance`` (b, b), and of the standard parameters ``parameter_names`` and
+        ``parameters`` (p,). SI units, joint side.
 
     Raises
     ------
