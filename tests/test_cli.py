@@ -229,7 +229,8 @@ def test_base_takes_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 def test_an_unknown_method(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert identify_arm(arm, "--method", "magic") == 2
     assert (
-        one_line(capsys) == "didim: there is no method 'magic'; available: idim-ls, idim-iv, didim, ekf, cloe"
+        one_line(capsys)
+        == "didim: there is no method 'magic'; available: idim-ls, idim-iv, didim, ekf, ml, cloe"
     )
 
 

@@ -66,6 +66,34 @@ def test_methods_that_simulate_recover_load_and_atan_friction(project: Path) -> 
         assert np.sqrt(np.mean(np.square(list(z.values())))) < 1.8, (method.name, z)
 
 
+def test_standard_deviations_include_those_of_the_velocities() -> None:
+    terms = [
+        FrictionTerm(law="atan", joint=0, velocity=0.3),
+        FrictionTerm(law="atan", joint=1, velocity=0.15),
+    ]
+    robot = planar(*terms, dead_zone=0.02)
+    x = parameters(robot, Fa1=2.0, Fa2=1.0)
+    truth = robot.base_parameters.project(x)
+    searched = robot.with_terms([replace(term, estimated=True, velocity=0.1) for term in terms])
+    errors, sigmas, known = [], [], []
+    for seed in range(20):
+        experiment = log(robot, x, noise=0.3, seed=seed)
+        fit = didim.identify(replace(experiment, robot=searched), uncertainty="white")
+        errors.append(fit.beta - truth)
+        sigmas.append(fit.std)
+        known.append(didim.identify(experiment, uncertainty="white").std)
+    places = [fit.names.index(name) for name in ("Fv1", "Fc1", "Fv2", "Fc2")]
+    ratio = np.array(errors) / np.array(sigmas)
+    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.12)
+    assert np.sqrt(np.mean(ratio[:, places] ** 2)) == pytest.approx(1.0, abs=0.25)
+    # Given the velocities, viscous and Coulomb friction would be known much better than they are.
+    without = np.array(errors) / np.array(known)
+    assert np.sqrt(np.mean(without[:, places] ** 2)) > 1.4
+    assert np.median(np.array(sigmas)[:, places] / np.array(known)[:, places], axis=0).min() > 1.2
+    others = [place for place, name in enumerate(fit.names) if not name.startswith("F")]
+    assert np.median(np.array(sigmas)[:, others] / np.array(known)[:, others]) == pytest.approx(1.0, abs=0.05)
+
+
 def test_another_setting_is_refused() -> None:
     with pytest.raises(FitError, match="friction must be 'auto' or None"):
         didim.IDIMLS(friction="all")  # type: ignore[arg-type]

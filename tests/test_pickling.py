@@ -119,6 +119,7 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
         "DIDIM": [DIDIM(fixed={"Fc1": 1.0}, dropped=["Off1"])],
         "EKF": [didim.EKF()],
         "IDIMIV": [didim.IDIMIV()],
+        "MaximumLikelihood": [didim.MaximumLikelihood(torque_noise=[1.0, 2.0])],
         "IDIMLS": [IDIMLS()],
         "BaseParameters": [robot.base_parameters],
         "Comparison": [comparison],

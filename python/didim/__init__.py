@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from .methods.identify import identify
     from .methods.idim_iv import IDIMIV
     from .methods.idim_ls import IDIMLS
+    from .methods.maximum_likelihood import MaximumLikelihood
     from .model.dynamics import direct_dynamics, inertia_matrix, inverse_dynamics, regressor
     from .monte_carlo.results import StudyResults
     from .monte_carlo.study import study
@@ -94,6 +95,7 @@ __all__ = [
     "Identification",
     "IndefiniteError",
     "LeastSquaresSettings",
+    "MaximumLikelihood",
     "RankError",
     "Recording",
     "RecordingError",
@@ -164,6 +166,7 @@ _LATER = {
     "FrictionTerm": "robot.friction",
     "Identification": "result.identification",
     "LeastSquaresSettings": "regression.settings",
+    "MaximumLikelihood": "methods.maximum_likelihood",
     "Recording": "log.recording",
     "Recursive": "regression.recursive",
     "RecursiveEstimate": "regression.recursive",

@@ -22,6 +22,7 @@ METHODS: dict[str, str | Callable[..., Method]] = {
     "idim-iv": "didim.methods.idim_iv:IDIMIV",
     "didim": "didim.methods.didim.didim:DIDIM",
     "ekf": "didim.methods.ekf:EKF",
+    "ml": "didim.methods.maximum_likelihood:MaximumLikelihood",
     "cloe": "didim.methods.cloe.cloe:CLOE",
 }
 """Settings class of each method by name, or where it is, as "module:class": loaded when the method is asked for."""

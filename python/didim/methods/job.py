@@ -16,7 +16,7 @@ from ..log.recording import Recording
 from ..model.dynamics import inverse_dynamics
 from ..regression.delay import DelayEstimate, Observed, estimate_delay
 from ..regression.fit import Fit, Progress
-from ..regression.friction.velocity import settled
+from ..regression.friction.velocity import settled, with_slopes
 from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem, check_size, linear_system
 from ..regression.selection import Selection, select
@@ -124,8 +124,11 @@ class Job:
                 fit = solve(system, self.settings)
                 return fit.solution, fit.weights
 
-            return settled(self.robot, parts, self.signal, (dict(self.fixed), self.dropped), solved).system
-        return linear_system(self.robot, parts, self.signal, self.selection, beta)
+            chosen = (dict(self.fixed), self.dropped)
+            system = settled(self.robot, parts, self.signal, chosen, solved).system
+        else:
+            system = linear_system(self.robot, parts, self.signal, self.selection, beta)
+        return with_slopes(system, self.robot, parts, self.signal)
 
     def solve(self, system: LinearSystem, progress: Progress | None = None) -> Fit:
         """Solve a system (7) with the solver of this run."""

@@ -6,13 +6,14 @@ Tested in ``tests/test_uncertainty.py``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.words import counted
 from ..regression.block import Block
+from ..regression.covariance import covariance
 from ..regression.fit import Fit
 from ..regression.jackknife import Factors, intervals, jackknife, rescaled
 from ..regression.linear_system import LinearSystem
@@ -61,13 +62,31 @@ def spread_of_fit(
     """
     if not fit.covariance.any():
         return Spread(fit.covariance, None)
-    factors = fit.factors
+    factors, noise = fit.factors, fit.covariance
     if factors is None:
-        factors = Factors.of(system.w * fit.weights[:, None], fit.residual * fit.weights)
+        w = system.w
+        if system.slopes:
+            w = np.column_stack([w, *velocity_columns(system, fit.solution)])
+        factors = Factors.of(w * fit.weights[:, None], fit.residual * fit.weights)
+        if system.slopes:
+            n = len(system.names)
+            wider = replace(system, w=w)
+            noise = covariance(wider, settings, fit.weights, fit.residual, factors.inverse)[:n, :n]
     known: Kind = "white" if settings.uncertainty == "white" else "decimated"
     if known == "decimated" and all(block.correlation is None for block in system.blocks):
         known = "white"
-    return spread_of_factors(factors, fit.covariance, known, system.blocks, settings, selection, system.names)
+    return spread_of_factors(factors, noise, known, system.blocks, settings, selection, system.names)
+
+
+def velocity_columns(system: LinearSystem, solution: Array) -> list[Array]:
+    """Return the columns of the velocities that friction laws were fitted with, (r,) each.
+
+    The velocities were estimated beside the parameters: with their columns in the system, the variances of the parameters include
+    what is not known of the velocities. A law whose parameter is zero has no column.
+    """
+    values = {name: float(solution[system.names.index(name)]) for name in system.slopes}
+    columns = [values[name] * slope for name, slope in system.slopes.items()]
+    return [column for column in columns if column.any()]
 
 
 def spread_of_factors(
@@ -84,7 +103,7 @@ def spread_of_factors(
     Parameters
     ----------
     factors : Factors
-        Weighted system that the deletions are made of.
+        Weighted system that the deletions are made of; columns beyond those of `names` are velocities.
     covariance : (n, n) array
         Covariance without the jackknife, whose correlations stay.
     known : {"decimated", "white", "correlated"}
@@ -100,7 +119,8 @@ def spread_of_factors(
     """
     rows, columns = factors.left.shape
     variance = float(factors.residual @ factors.residual) / max(1, settings.divisor(rows, columns))
-    white = np.sqrt(variance * np.sum(factors.inverse**2, axis=1))
+    n = len(names)
+    white = np.sqrt(variance * np.sum(factors.inverse[:n] ** 2, axis=1))
 
     def whole(values: Array) -> Array:
         full = np.zeros((*values.shape[:-1], len(selection.roles)))
@@ -120,6 +140,7 @@ def spread_of_factors(
         )
         return Spread(covariance, plain, remark)
     found = jackknife(factors, [part.rows for part in parts])
+    found = replace(found, deletions=found.deletions[:, :n], information=found.information[:, :n])
     decisive = found.decisive
     variances = np.where(decisive < 0, np.diag(found.covariance), np.diag(covariance))
     m = len(parts)

@@ -7,8 +7,8 @@ Y and every column of W go through the same decimation filter, which keeps the l
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -153,6 +153,8 @@ class LinearSystem:
         Names of the columns.
     known : ndarray, shape (r,), optional
         Torques of the parameters that are fixed, already taken out of ``y``.
+    slopes : mapping of str to ndarray, shape (r,)
+        By the name of a column of a friction law: the derivative of the column by the law's estimated velocity.
     """
 
     w: Array
@@ -160,6 +162,7 @@ class LinearSystem:
     blocks: tuple[Block, ...]
     names: tuple[str, ...]
     known: Array | None = None
+    slopes: Mapping[str, Array] = field(default_factory=dict)
 
     @cached_property
     def joint_blocks(self) -> tuple[tuple[Block, ...], ...]:
@@ -190,6 +193,7 @@ class LinearSystem:
             w=np.ascontiguousarray(self.w[rows]),
             y=self.y[rows],
             known=None if self.known is None else self.known[rows],
+            slopes={name: column[rows] for name, column in self.slopes.items()},
             blocks=tuple(
                 replace(block, rows=slice(start, stop))
                 for block, start, stop in zip(blocks, ends[:-1], ends[1:], strict=True)

@@ -53,6 +53,8 @@ class FrictionTerm:
         Of ``atan`` and ``stribeck`` (rad/s or m/s).
     estimated : bool
         The velocity is estimated from the log, and `velocity` is where the search starts.
+    fitted : bool
+        The velocity is the estimate from a log: its uncertainty counts in the standard deviations of the parameters.
     name : str
         Name of the parameter before the joint's number; by default that of the law.
     first, step : float
@@ -74,6 +76,7 @@ class FrictionTerm:
     joint: int
     velocity: float = 0.0
     estimated: bool = False
+    fitted: bool = False
     name: str = ""
     first: float = 0.0
     step: float = 0.0

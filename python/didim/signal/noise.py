@@ -118,6 +118,57 @@ def _correlation(factors: tuple[int, ...]) -> Array:
     return np.asarray(correlation)
 
 
+def row_noise(signal: SignalProcessing, rate_hz: float) -> tuple[float, float, float, float]:
+    """Return the standard deviations of the rows' ``tau, q, dq, ddq`` for white noise of size one in the log.
+
+    Parameters
+    ----------
+    signal : SignalProcessing
+        Filter of the positions and decimation.
+    rate_hz : float
+        Rate of the log.
+
+    Returns
+    -------
+    tau, q, dq, ddq : float
+        Factors (1, 1, 1/s, 1/s^2): positions are filtered, differentiated and decimated, torques decimated alone.
+
+    Raises
+    ------
+    SignalError
+        When all factors of the decimation together are beyond 10 000.
+
+    Notes
+    -----
+    The power of filtered white noise is the mean of the squared gain over the circle. ``test_signals.py`` filters noise.
+    """
+    total = math.prod(signal.decimation)
+    if total > LARGEST_DECIMATION:
+        raise SignalError(f"a decimation by {total} in all is too large, {LARGEST_DECIMATION} is possible")
+    size = _CIRCLE * total
+    power = np.ones(size)
+    before = 1
+    for factor in signal.decimation:
+        # A later stage sees the circle of its own rate, which repeats on that of the log.
+        power *= np.tile(_squared_gain(factor, size // before) ** 2, before)
+        before *= factor
+    angle = 2.0 * np.pi * np.arange(size) / size
+    motion = power.copy()
+    if signal.cutoff_hz is not None:
+        half = np.minimum(angle, 2.0 * np.pi - angle) / 2.0
+        with np.errstate(over="ignore"):  # towards half the rate, where the gain vanishes
+            warped = np.tan(half) / math.tan(np.pi * signal.cutoff_hz / rate_hz)
+            # Forward and backward: the squared gain of one pass is the gain of both.
+            motion /= (1.0 + warped ** (2 * signal.order)) ** 2
+    slope = (np.sin(angle) * rate_hz) ** 2
+    return (
+        math.sqrt(power.mean()),
+        math.sqrt(motion.mean()),
+        math.sqrt((motion * slope).mean()),
+        math.sqrt((motion * slope**2).mean()),
+    )
+
+
 def _squared_gain(factor: int, size: int) -> Array:
     """Squared gain of the filter before a decimation at ``size`` points of the circle, from DC on."""
     # Chebyshev I: 1 / (1 + e^2 T_8(x)^2), where x is the frequency over the cut-off as the bilinear transform warps both.

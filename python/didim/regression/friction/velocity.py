@@ -154,6 +154,31 @@ def settled(
             )
 
 
+def with_slopes(
+    system: LinearSystem, robot: Robot, parts: Sequence[Segment], signal: SignalProcessing
+) -> LinearSystem:
+    """Return a system with the derivatives of its columns by the velocities that were estimated from the log.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        Made of `parts`.
+    robot : Robot
+        Its terms say which velocities were estimated.
+    parts : sequence of Segment
+        Motion along which the columns are.
+    signal : SignalProcessing
+        Decimation.
+    """
+    fitted = [term for term in robot.friction.terms if term.fitted and term.parameter in system.names]
+    return replace(
+        system,
+        slopes={
+            term.parameter: _column(term, term.velocity, parts, signal, system, _slope) for term in fitted
+        },
+    )
+
+
 def _without_load(
     robot: Robot,
     parts: Sequence[Segment],
@@ -208,7 +233,7 @@ def _estimate_velocities(
             continue
         velocity, good = next(found)
         if good or term.law == "stribeck":
-            known.append(replace(term, velocity=float(velocity), estimated=False))
+            known.append(replace(term, velocity=float(velocity), estimated=False, fitted=True))
         else:
             known.append(FrictionTerm(law="root", joint=term.joint))
     return replace(robot, friction=replace(robot.friction, terms=tuple(known))), estimates
