@@ -171,11 +171,10 @@ def test_table() -> None:
         "torque recorded +1.50 samples (+1.500 ms) after the motion, by estimate",
         "torque moved back by 1.5 samples",
         "",
-        "Doubtful:",
+        "Not physical as it stands:",
         "  Fc2 = -1 N.m is negative, by 3.0 sigma",
         "",
-        Status.SOLVED.value,
-        "Verdict: doubtful, for 1 reason: Fc2 = -1 N.m is negative, by 3.0 sigma.",
+        f"{Status.SOLVED.value} But it is not physical as it stands: see the 1 finding above.",
     ]
 
 

@@ -134,6 +134,7 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
         "FrictionTerm": [didim.FrictionTerm(law="atan", joint=0, velocity=0.3)],
         "Identification": [fit, didim.identify(arm, IDIMLS())],
         "LeastSquaresSettings": [didim.LeastSquaresSettings(weights="per-joint")],
+        "Payload": [didim.Payload(name="disc", mass_kg=3.0)],
         "Recording": list(arm.recordings),
         "Recursive": [recursive],
         "RecursiveEstimate": [recursive.estimate()],

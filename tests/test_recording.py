@@ -609,7 +609,8 @@ def test_wrong_keys(
         ({"role": "test"}, "role must be one of 'fit', 'held-out', got 'test'"),
         (
             {"acceleration": {}},
-            "unknown key 'acceleration'; known here are 'name', 'role', 'rate_hz', 'windows_s', 'time', "
+            "unknown key 'acceleration'; known here are 'name', 'role', 'rate_hz', 'windows_s', "
+            "'payload', 'offsets', 'friction', 'time', "
             "'position', 'velocity', 'torque', 'external', 'reference'",
         ),
     ],

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from .robot.collision import Capsule
     from .robot.friction import Friction, FrictionTerm
     from .robot.parameter_file import load_parameters
+    from .robot.payload import Payload
     from .robot.robot import Robot
     from .robot.robot_file import load_robot
     from .signal.processing import SignalProcessing
@@ -96,6 +97,7 @@ __all__ = [
     "IndefiniteError",
     "LeastSquaresSettings",
     "MaximumLikelihood",
+    "Payload",
     "RankError",
     "Recording",
     "RecordingError",
@@ -167,6 +169,7 @@ _LATER = {
     "Identification": "result.identification",
     "LeastSquaresSettings": "regression.settings",
     "MaximumLikelihood": "methods.maximum_likelihood",
+    "Payload": "robot.payload",
     "Recording": "log.recording",
     "Recursive": "regression.recursive",
     "RecursiveEstimate": "regression.recursive",

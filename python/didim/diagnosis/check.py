@@ -174,7 +174,7 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
         ]
     beta = None
     if known is not None:
-        beta = robot.base_parameters.project(known)[job.selection.estimated]
+        beta = job.parameters.project(job.parameters.extended(known))[job.selection.estimated]
         probe = Probe(job, _stretches(parts, MOST_SAMPLES), beta)
     (recording, *_) = (item for item in experiment.recordings if item.role == "fit")
     timed = all("time" in item.origin for item in experiment.recordings)

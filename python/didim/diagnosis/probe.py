@@ -84,7 +84,7 @@ class Probe:
             self._yy = self._y @ self._y.T
         self.n_rows = self._y.shape[1]
         self.n_samples = sum(len(part.q) for part in parts)
-        self.names = [job.robot.base_parameters.names[k] for k in job.selection.estimated]
+        self.names = [job.parameters.names[k] for k in job.selection.estimated]
         self.viscous = [k for k, name in enumerate(self.names) if name.startswith("Fv")]
 
     def sizes(self, torque: Array) -> Array:
@@ -109,7 +109,9 @@ class Probe:
             for part in self._parts
         ]
         try:
-            system = linear_system(self._job.robot, moved, self._job.signal, self._job.selection)
+            system = linear_system(
+                self._job.robot, moved, self._job.signal, self._job.selection, logs=self._job.parameters
+            )
         except DidimError:  # too large for floating point: this is not how the log is meant
             return None
         n = len(system.joints)

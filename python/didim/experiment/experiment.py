@@ -12,6 +12,7 @@ from ..loop.controller import Controller
 from ..loop.reference import Reference
 from ..regression.selection import dropped_names
 from ..regression.settings import LeastSquaresSettings
+from ..robot.payload import Payload, Pose
 from ..robot.robot import Robot
 from ..signal.align import DelaySettings
 from ..signal.processing import SignalProcessing
@@ -45,6 +46,10 @@ class Experiment:
         What the robot followed, and what made it: as the file describes them, or as made in Python; None without.
     simulation
         How the closed loop is simulated.
+    payloads
+        What is known of the payloads that recordings name.
+    flange
+        Pose of the flange (3 x 4), as `didim.robot.payload.flange_in_last_frame` takes it; None for that of the last link.
     measurement
         What a simulated measurement adds to a simulation, or None.
 
@@ -68,6 +73,8 @@ class Experiment:
     controller: ControllerSpec | Controller | None = None
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
     measurement: Measurement | None = None
+    payloads: Mapping[str, Payload] = field(default_factory=dict)
+    flange: Pose | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -77,7 +84,7 @@ class Experiment:
     def __post_init__(self) -> None:
         object.__setattr__(self, "recordings", tuple(self.recordings))
         object.__setattr__(self, "dropped", dropped_names(self.dropped))
-        for key in ("fixed", "digests"):
+        for key in ("fixed", "digests", "payloads"):
             object.__setattr__(self, key, dict(getattr(self, key)))
         n_dof = self.robot.n_dof
         for recording in self.recordings:

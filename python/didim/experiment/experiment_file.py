@@ -18,6 +18,7 @@ from ..log.recording import Recording
 from ..log.recording_file import read_recording, read_reduction
 from ..log.sampling import TimeFault
 from ..regression.settings import LeastSquaresSettings
+from ..robot.payload import Payload, read_flange, read_payload
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
 from ..signal.align import DelaySettings
@@ -114,6 +115,8 @@ def read_experiment(
     controller = _optional(table, "controller", robot, read_controller)
     simulation = _optional(table, "simulation", robot, read_simulation) or SimulationSettings()
     measurement = _optional(table, "measurement", robot, read_measurement)
+    flange = None if (part := table.table("flange", None)) is None else read_flange(part)
+    payloads = _payloads(table.table("payload", None))
     if not recording_tables and reference is None:
         table.fail("there is neither a [[recording]] to read nor a [reference] to simulate")
     table.done()
@@ -151,7 +154,21 @@ def read_experiment(
         controller=controller,
         simulation=simulation,
         measurement=measurement,
+        payloads=payloads,
+        flange=flange,
     )
+
+
+def _payloads(table: Table | None) -> dict[str, Payload]:
+    """Read the tables ``[payload.NAME]``."""
+    if table is None:
+        return {}
+    found = {}
+    for name in table.content:
+        part = table.table(name)
+        found[name] = _told(part, lambda part=part, name=name: read_payload(part, name))  # type: ignore[misc]
+    table.done()
+    return found
 
 
 def _optional(

@@ -19,6 +19,8 @@ from .sampling import MINIMUM_SAMPLES, check_time
 
 Role = Literal["fit", "held-out"]
 ROLES: tuple[Role, ...] = ("fit", "held-out")
+OWN = ("offsets", "friction")
+"""Parameters that a recording may have for itself."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +55,13 @@ class Recording(Pickled):
         SHA-256 of each file read, by file name.
     notes
         Sentences on what reading changed, such as time stamps that were resampled.
+    payload
+        Name of the payload on the flange; "none" for none.
+    own
+        What this recording has for itself, unlike the others: "offsets", "friction".
+    drives
+        (n_dof, n_dof) reduction matrix R of a recording whose drive gains are unknown: `tau` then is ``R^T i`` of the motor
+        currents i in A, joint side; None where `tau` is a torque.
     origin
         How it was read, for the record of a result: the tables of the experiment file with the factors that
         took their values to SI, and the reduction matrix of a log on the motor side; empty for arrays.
@@ -77,9 +86,15 @@ class Recording(Pickled):
     digests: Mapping[str, str] = field(default_factory=dict)
     origin: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    payload: str = "none"
+    own: tuple[str, ...] = ()
+    drives: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
         one_of(f"{self.name}: role", self.role, ROLES, RecordingError)
+        object.__setattr__(self, "own", tuple(self.own))
+        for item in self.own:
+            one_of(f"{self.name}: own", item, OWN, RecordingError)
         object.__setattr__(self, "rate_hz", checked_rate(self.name, self.rate_hz))
         q = self._matrix("q", self.q)
         if (np.abs(q) > LARGEST_POSITION).any():
@@ -120,6 +135,16 @@ class Recording(Pickled):
                 )
             end = stop
         object.__setattr__(self, "windows", windows)
+        if self.drives is not None:
+            if self.external is not None:
+                raise RecordingError(
+                    f"{self.name}: torques from outside stand beside torques, and these are currents with unknown gains"
+                )
+            drives = tuple(tuple(float(value) for value in row) for row in self.drives)
+            n = q.shape[1]
+            if np.shape(drives) != (n, n) or not abs(np.linalg.det(drives)) > 0.0:
+                raise RecordingError(f"{self.name}: drives must be a regular matrix of {n} rows and columns")
+            object.__setattr__(self, "drives", drives)
         object.__setattr__(self, "digests", dict(self.digests))
         object.__setattr__(self, "origin", dict(self.origin))
 

@@ -19,10 +19,10 @@ from .._tools.words import counted
 from ..errors import RecordingError
 from ..robot.transmission import reduction_matrix
 from .data_folder import SOURCES, DataFolder, Source
-from .recording import ROLES, Recording, Role, clock
+from .recording import OWN, ROLES, Recording, Role, clock
 from .resampling import Resampling, resampling, step_range
 from .sampling import MINIMUM_SAMPLES, TimeFault, check_time, slices, stretches, time_faults
-from .units import TIME, effort_factors, position_factors, velocity_factors
+from .units import ESTIMATE, TIME, current_factors, effort_factors, position_factors, velocity_factors
 
 
 class _Robot(Protocol):
@@ -91,6 +91,8 @@ def read_recording(
     role = cast("Role", table.text("role", "fit", choices=ROLES))
     rate = table.number("rate_hz", None, above=0.0)
     windows_s = table.raw("windows_s", [])
+    payload = table.text("payload", "none")
+    own = [key for key in OWN if table.text(key, "shared", choices=["shared", "own"]) == "own"]
     tables = {key: table.table(key, None) for key in SOURCES}
     table.done()
     if tables["position"] is None:
@@ -169,6 +171,9 @@ def read_recording(
         digests=digests,
         origin=origin,
         notes=notes,
+        payload=payload,
+        own=tuple(own),
+        drives=channels["torque"].drives if "torque" in channels else None,
     )
 
 
@@ -225,6 +230,8 @@ class _Channel:
     factors: Array
     to_joint: Array | None
     reduction: Array | None
+    drives: tuple[tuple[float, ...], ...] | None = None
+    """Reduction matrix of currents whose drive gains are to be estimated."""
 
     @classmethod
     def motion(cls, source: Source, robot: _Robot, reduction: Array | None) -> _Channel:
@@ -248,6 +255,11 @@ class _Channel:
     @classmethod
     def effort(cls, source: Source, robot: _Robot, reduction: Array | None) -> _Channel:
         side, matrix = _side(source.table, reduction)
+        if source.table.raw("gain", None) == ESTIMATE:
+            factors = current_factors(source.table, len(robot.joint_kinds))
+            drives = np.eye(len(robot.joint_kinds)) if matrix is None else matrix
+            source.table.done()
+            return cls(source, np.array(factors), matrix, matrix, tuple(map(tuple, drives.tolist())))
         # A robot file has the gains of the motors: they hold at the joints only when nothing is in between.
         gains = robot.gains if side == "motor" or reduction is None else None
         factors = effort_factors(source.table, side, robot.joint_kinds, gains)

@@ -23,6 +23,9 @@ VELOCITY = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "m/s": 1.0, "mm/s": 1e-3}
 EFFORT = ("N.m", "N", "A", "V")
 """Units of torque and force; amperes and volts need a drive gain."""
 
+ESTIMATE = "estimate"
+"""Gain of currents whose drive gains the log is to tell."""
+
 _LINEAR = ("m", "mm", "N", "m/s", "mm/s")
 _ANGULAR = ("rad", "deg", "count", "N.m", "rad/s", "deg/s")
 
@@ -96,6 +99,14 @@ def position_factors(table: Table, side: str, joint_kinds: Sequence[str]) -> lis
         for unit, count in zip(units, counts, strict=True)
     ]
     return _product(factors, scales)
+
+
+def current_factors(table: Table, n: int) -> list[float]:
+    """Factor of each column of currents (A) with unknown drive gains, ``gain = "estimate"``; another unit is refused."""
+    for unit in _units(table, EFFORT, n):
+        if unit != "A":
+            table.fail(f"gain 'estimate' is for currents in A, and the unit is {unit!r}")
+    return _scales(table, n)
 
 
 def effort_factors(

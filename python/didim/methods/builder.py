@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,17 +18,16 @@ from ..experiment.experiment import Experiment
 from ..model.physics import physical_flags
 from ..regression.fit import Fit
 from ..regression.linear_system import LinearSystem
+from ..regression.logs.drift import Difference, differences, drift_sentences
 from ..regression.solver import solver_record
+from ..result.further import Further
 from ..result.identification import Identification
 from ..result.iteration import Iteration
 from ..result.status import Status
 from ..result.uncertainty import Uncertainty
-from ..result.verdict import Reason
 from .job import Delay, Job, ratio, ratios
 from .method import Described
 from .uncertainty import spread_of_fit
-from .verdict.physics import physical_reasons
-from .verdict.whiteness import whiteness, whiteness_reasons
 
 LARGEST_CONDITION_NUMBER = 1e10
 """Condition number beyond which fewer than about six of the sixteen digits of the estimate are left."""
@@ -88,7 +87,6 @@ def identification(
     output_error: tuple[float, float] | None = None,
     settings: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
-    evidence: Sequence[Reason] = (),
     standard: Array | None = None,
 ) -> Identification:
     """Put together the result of a method.
@@ -99,10 +97,10 @@ def identification(
         Experiment and settings of the run.
     method : Described
         Its name, and along which motion it predicts.
-    status, history, condition_number, delay, n_simulations, output_error, remarks, evidence
+    status, history, condition_number, delay, n_simulations, output_error, remarks
         As in `Identification`.
     beta : (b,) array
-        All base parameters, fixed ones included.
+        All base parameters, fixed ones included, then the further parameters of the logs.
     covariance : (n_estimated, n_estimated) array
         Covariance of the estimated ones.
     errors : TorqueErrors
@@ -120,11 +118,14 @@ def identification(
     """
     robot = job.robot
     full = job.selection.expand_covariance(covariance)
+    b = job.parameters.n_base
+    further = None
+    if not job.parameters.simple:
+        uncertainty, further = _split(job, beta, full, uncertainty)
     freedom = max(1, job.settings.divisor(errors.n_rows, len(job.selection.estimated)))
     if uncertainty is not None:
         per_joint = freedom / max(1, len(errors.norms))
         uncertainty = replace(uncertainty, joint_std=errors.norms / np.sqrt(per_joint))
-    flags = physical_flags(robot, beta, full, q)
     return Identification(
         name=job.experiment.name,
         robot=robot.name,
@@ -132,11 +133,11 @@ def identification(
         status=status,
         names=robot.base_parameters.names,
         units=robot.base_parameters.units,
-        roles=job.selection.roles,
-        beta=beta,
-        covariance=full,
+        roles=job.selection.roles[:b],
+        beta=beta[:b],
+        covariance=full[:b, :b],
         parameter_names=robot.parameter_names,
-        parameters=robot.base_parameters.lift(beta) if standard is None else standard,
+        parameters=robot.base_parameters.lift(beta[:b]) if standard is None else standard,
         relative_error=ratios(errors.norms, errors.torques),
         overall_relative_error=ratio(errors.norm, errors.torque),
         error_norm=errors.norm,
@@ -144,16 +145,41 @@ def identification(
         condition_number=condition_number,
         n_rows=errors.n_rows,
         uncertainty=uncertainty,
+        further=further,
         n_simulations=n_simulations,
         output_error=output_error,
         history=tuple(history),
         held_out=tuple(job.held_out(beta, delay)) if held_out else (),
-        warnings=tuple(flag.sentence for flag in flags),
+        warnings=physical_flags(robot, beta[:b], np.sqrt(np.diag(full))[:b], q),
         remarks=tuple(remarks),
-        evidence=(*evidence, *physical_reasons(flags)),
         delay=delay.record(),
         settings=record(job, prediction={"motion": method.motion, "raw": method.raw}, **(settings or {})),
         digests=digests(job.experiment),
+    )
+
+
+def _split(
+    job: Job, beta: Array, covariance: Array, uncertainty: Uncertainty | None
+) -> tuple[Uncertainty | None, Further]:
+    """Return the uncertainty of the robot's parameters alone, and the further parameters of the logs."""
+    b, names = job.parameters.n_base, job.robot.base_parameters.names
+    white = np.full(job.parameters.n_further, np.nan)
+    if uncertainty is not None:
+        white = uncertainty.std_white[b:]
+        uncertainty = replace(
+            uncertainty,
+            std_white=uncertainty.std_white[:b],
+            deletions=uncertainty.deletions[:, :b],
+            single_block={key: value for key, value in uncertainty.single_block.items() if key in names},
+        )
+    used = {item.payload for item in job.experiment.recordings}
+    return uncertainty, Further(
+        blocks=job.parameters.blocks,
+        values=beta[b:],
+        covariance=covariance,
+        std_white=white,
+        payloads={name: item for name, item in job.experiment.payloads.items() if name in used},
+        reference=job.parameters.reference,
     )
 
 
@@ -172,20 +198,13 @@ def fitted(
     output_error: tuple[float, float] | None = None,
     settings: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
-    evidence: Sequence[Reason] = (),
 ) -> Identification:
     """Put together the result of a method that ends with the solution of a system (7); see `identification`.
 
     `beta` are the parameters reached, (b,), where they are not those of the last solution.
     """
     spread = spread_of_fit(system, fit, job.settings, job.selection)
-    errors = TorqueErrors.of(system, fit.residual)
-    lasting = whiteness_reasons(
-        whiteness(fit.residual, system.blocks, len(system.joints)),
-        ratios(errors.norms, errors.torques),
-        spread.uncertainty,
-        np.sqrt(np.diag(job.selection.expand_covariance(spread.covariance))),
-    )
+    drifts = _drift(job, system, fit) if status.converged else []
     return identification(
         job,
         method,
@@ -194,17 +213,40 @@ def fitted(
         beta=job.selection.expand(fit.solution) if beta is None else beta,
         covariance=spread.covariance,
         uncertainty=spread.uncertainty,
-        errors=errors,
+        errors=TorqueErrors.of(system, fit.residual),
         condition_number=fit.condition_number,
         delay=delay,
         q=q,
         n_simulations=n_simulations,
         output_error=output_error,
-        settings={"solver": solver_record(job.solver_choice, fit), **(settings or {})},
-        remarks=(*fit.remarks, *remarks, *spread.remarks),
-        evidence=(*evidence, *lasting),
+        settings={
+            "solver": solver_record(job.solver_choice, fit),
+            **({"drift": [asdict(item) for item in drifts]} if drifts else {}),
+            **(settings or {}),
+        },
+        remarks=(
+            *fit.remarks,
+            *remarks,
+            *spread.remarks,
+            *drift_sentences(drifts, [item.name for item in job.experiment.recordings]),
+        ),
         standard=fit.standard,
     )
+
+
+def _drift(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
+    """Return how recordings that share offsets or friction differ in them."""
+    own = {key for item in job.experiment.recordings if item.role == "fit" for key in item.own}
+    kinds: tuple[tuple[Literal["offset", "friction"], str], ...] = (
+        ("offset", "offsets"),
+        ("friction", "friction"),
+    )
+    return [
+        item
+        for kind, key in kinds
+        if key not in own
+        for item in differences(system, fit, kind, job.settings.blocks)
+    ]
 
 
 def record(job: Job, **more: Any) -> dict[str, Any]:

@@ -83,6 +83,10 @@ class EKF(MethodSettings):
             One of its kinds, for a log or settings that allow no estimate.
         """
         job = self.job(experiment, experiment.simulation.robot(experiment.robot))
+        if not job.parameters.simple:
+            raise FitError(
+                "the Kalman filter estimates one robot along one motion: it takes no payloads, own offsets or own friction"
+            )
         if job.delay_setting not in (0.0, "hold"):
             raise FitError(
                 f"the Kalman filter takes no delay of the torque back, and compensate_samples is {job.delay_setting!r}"

@@ -15,8 +15,7 @@ from ..result.identification import Identification
 from ..result.iteration import Iteration
 from .friction import with_known_friction
 from .idim_ls import IDIMLS
-from .method import Method, MethodSettings
-from .verdict.judge import judged
+from .method import FitSettings, Method, MethodSettings
 
 METHODS: dict[str, str | Callable[..., Method]] = {
     "idim-ls": "didim.methods.idim_ls:IDIMLS",
@@ -91,6 +90,8 @@ def identify(
             raise FitError(f"method '{method.name}' has no setting for uncertainty")
         method = replace(method, uncertainty=uncertainty)
 
+    method = method.for_logs(experiment) if isinstance(method, FitSettings) else method
+
     def say(text: str) -> None:
         if verbose:
             print(f"{method.name}: {text}", file=sys.stderr, flush=True)
@@ -111,7 +112,6 @@ def identify(
             settings={**fit.settings, "friction": friction.record()},
             remarks=(*fit.remarks, *friction.remarks()),
         )
-    fit = judged(fit, experiment, method, say)
     fit = replace(fit, elapsed=time.perf_counter() - start)
     say(f"{fit.elapsed:.3f} s; {fit.conclusion}")
     return fit

@@ -17,7 +17,6 @@ from ..result.iteration import Iteration
 from .builder import fitted, solved_status
 from .job import ratio
 from .method import FitSettings
-from .verdict.torques import torque_reasons
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +87,6 @@ class IDIMLS(FitSettings):
         fit = job.solve(system, record)
         if not history:  # the solver reported no solution of its own
             record(1, fit.solution, fit.residual)
-        found = suspicions(system, fit)
         return fitted(
             job,
             self,
@@ -98,6 +96,5 @@ class IDIMLS(FitSettings):
             history=history,
             delay=delay,
             q=np.concatenate([part.q for part in parts]),
-            remarks=found,
-            evidence=torque_reasons(found),
+            remarks=suspicions(system, fit),
         )

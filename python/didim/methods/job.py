@@ -19,6 +19,7 @@ from ..regression.fit import Fit, Progress
 from ..regression.friction.velocity import settled, with_slopes
 from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem, check_size, linear_system
+from ..regression.logs.parameters import LogParameters
 from ..regression.selection import Selection, select
 from ..regression.settings import LeastSquaresSettings
 from ..regression.solver import Solver, SolverChoice
@@ -98,6 +99,7 @@ class Job:
     delay_setting: float | Sequence[float] | Literal["hold", "estimate"] | Delay
     solver_choice: SolverChoice
     solver: Solver
+    parameters: LogParameters
 
     def parts(self, role: str, delay: Delay | Shift = 0.0) -> list[Segment]:
         """Return the filtered windows of the recordings of a role, the torque taken back by a delay, or by so many samples."""
@@ -127,7 +129,7 @@ class Job:
             chosen = (dict(self.fixed), self.dropped)
             system = settled(self.robot, parts, self.signal, chosen, solved).system
         else:
-            system = linear_system(self.robot, parts, self.signal, self.selection, beta)
+            system = linear_system(self.robot, parts, self.signal, self.selection, beta, self.parameters)
         return with_slopes(system, self.robot, parts, self.signal)
 
     def solve(self, system: LinearSystem, progress: Progress | None = None) -> Fit:
@@ -178,7 +180,7 @@ class Job:
         return min(found, key=lambda item: item[0])[1]
 
     def _estimated_delay(self) -> tuple[DelayEstimate, float]:
-        base = self.robot.base_parameters
+        parameters = self.parameters
 
         def observe(parts: Sequence[Segment]) -> Observed:
             system = self.system(parts)
@@ -186,7 +188,7 @@ class Job:
             return Observed(system, fit.weights, fit.solution)
 
         def torque(part: Segment, solution: Array) -> Array:
-            x = base.lift(self.selection.expand(solution))
+            x = parameters.standard(parameters.lift(self.selection.expand(solution)), part.recording)
             return inverse_dynamics(self.robot, part.q, part.dq, part.ddq, x)
 
         declared = self.declared_delay
@@ -200,8 +202,9 @@ class Job:
         )
 
     def predicted(self, recording: Recording, beta: Array, delay: Delay | Shift) -> tuple[Array, Array]:
-        """Norms of the errors and of the torques of each joint, predicted with `beta` along a recording, all windows together.
+        """Norms of the errors and of the torques of each joint, predicted along a recording, all windows together.
 
+        `beta` are the base parameters (b,) that the robot has in this recording.
         The friction is that of the experiment, not that of its simulation, as in `didim.studies.prediction.predict`.
         """
         robot = self.experiment.robot
@@ -212,12 +215,12 @@ class Job:
         return system.norms(prediction_error(system, beta)), system.norms(system.y)
 
     def held_out(self, beta: Array, delay: Delay | Shift) -> list[HeldOut]:
-        """Errors of the torques predicted for the recordings kept out."""
+        """Errors of the torques predicted for the recordings kept out, with all parameters of the run, (b + e,)."""
         found = []
-        for recording in self.experiment.recordings:
+        for number, recording in enumerate(self.experiment.recordings):
             if recording.role != "held-out":
                 continue
-            errors, torques = self.predicted(recording, beta, delay)
+            errors, torques = self.predicted(recording, self.parameters.base(beta, number), delay)
             found.append(
                 HeldOut(
                     name=recording.name,

@@ -94,6 +94,11 @@ class MaximumLikelihood(MethodSettings):
             One of its kinds, for a log or settings that allow no estimate.
         """
         job = self.job(experiment)
+        if not job.parameters.simple:
+            raise FitError(
+                "maximum likelihood with noisy positions is for logs that share all parameters: it takes no payloads, own offsets "
+                "or own friction"
+            )
         delay = job.delay()
         parts = job.parts("fit", delay)
         system = job.system(parts)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Protocol
+from typing import ClassVar, Literal, Protocol, Self
 
 from ..errors import FitError
 from ..experiment.experiment import Experiment
-from ..regression.selection import dropped_names, select
+from ..regression.logs.parameters import LogParameters
+from ..regression.selection import dropped_names
 from ..regression.settings import LeastSquaresSettings, UncertaintyKind, Variance, Weights
-from ..regression.solver import SolverChoice, check_solver, solver_of
+from ..regression.solver import RobotSolver, SolverChoice, check_solver, solver_of
 from ..result.identification import Identification
 from ..result.iteration import Iteration
+from ..robot.payload import NOTHING
 from ..robot.robot import Robot
 from ..signal.align import DelaySettings
 from ..signal.processing import SignalProcessing
@@ -78,6 +80,7 @@ class MethodSettings:
 
     motion: ClassVar[Motion] = "measured"
     raw: ClassVar[bool] = False
+    estimates_gains: ClassVar[bool] = False
 
     variance: Variance | None = None
     uncertainty: UncertaintyKind | None = None
@@ -119,7 +122,8 @@ class MethodSettings:
         silent = [term.parameter for term in resting if robot.friction.dead_zone[term.joint] == 0.0]
         dropped = (*dropped, *(name for name in silent if name not in dropped and name not in fixed))
         delay = experiment.delay.compensate_samples
-        selection = select(robot, fixed, dropped)
+        parameters = self.log_parameters(experiment, robot)
+        selection = parameters.select(fixed, dropped)
         return Job(
             experiment=experiment,
             robot=robot,
@@ -131,7 +135,37 @@ class MethodSettings:
             delay_setting=delay if self.compensate_samples is None else self.compensate_samples,
             solver_choice=self.chosen_solver(),
             solver=solver_of(self.chosen_solver(), robot, selection),
+            parameters=parameters,
         )
+
+    def log_parameters(self, experiment: Experiment, robot: Robot) -> LogParameters:
+        """Return the parameters of the robot and of the logs of an experiment.
+
+        Raises
+        ------
+        FitError
+            For logs that the method, its solver or the friction cannot have.
+        """
+        parameters = LogParameters.of(robot, experiment.recordings, experiment.payloads, experiment.flange)
+        if parameters.n_gains and not self.estimates_gains:
+            raise FitError(
+                f"experiment '{experiment.name}' has currents whose drive gains are unknown: identify them by idim-ls, and write "
+                "them into the file as gain = [...]"
+            )
+        if parameters.simple:
+            return parameters
+        if isinstance(self.chosen_solver(), RobotSolver) or self.chosen_solver() == "consistent":
+            raise FitError(
+                "a physically consistent solution knows the robot alone, and recordings have payloads, own offsets or own "
+                "friction: identify without it, then take fit.consistent()"
+            )
+        friction = robot.friction
+        if friction.has_load or friction.open or self.friction == "auto":
+            raise FitError(
+                "load friction, velocities of friction laws and the choice of terms are for logs that share all parameters: "
+                "find them on recordings without a payload, and write them into [friction]"
+            )
+        return parameters
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,3 +209,10 @@ class FitSettings(MethodSettings):
             return self.solver
         physical = self.physical_by_default if self.physical is None else self.physical
         return "consistent" if physical else "least-squares"
+
+    def for_logs(self, experiment: Experiment) -> Self:
+        """Return the settings with plain least squares where the default is physical and the logs do not share all parameters."""
+        if self.solver is not None or self.physical is not None or not self.physical_by_default:
+            return self
+        shared = all(item.payload == NOTHING and not item.own for item in experiment.recordings)
+        return self if shared else replace(self, physical=False)

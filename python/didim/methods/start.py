@@ -55,6 +55,11 @@ def start_from_log(job: Job, delay: Delay, name: str) -> Array:
     DidimError
         One of its kinds, for a log that has no positions or no torques, and when no robot meets all conditions.
     """
+    if not job.parameters.simple:
+        raise FitError(
+            f"the start {name!r} is made for the robot alone, and recordings have payloads, own offsets or own friction: begin at "
+            "'idim-ls' or 'unit'"
+        )
     system = job.system(job.parts("fit", delay))
     solver = CONSISTENT.for_robot(job.robot, job.selection).on(system)
     assert solver.problem is not None
@@ -112,6 +117,13 @@ def standard_start(robot: Robot, start: Start) -> Array:
         f"the start needs {len(robot.parameter_names)} standard or {len(base.names)} base parameters, got "
         f"{vector.shape}"
     )
+
+
+def further_of(start: Start) -> dict[str, float]:
+    """Return the further parameters of logs that a start has: those of a result, none of others."""
+    if isinstance(start, Identification) and start.further is not None:
+        return start.further.by_name
+    return {}
 
 
 def _finite(values: ArrayLike) -> Array:

@@ -26,6 +26,7 @@ from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, at_place
 from .block import Block, by_joint, stacked
+from .logs.parameters import LogParameters
 from .selection import Selection
 
 
@@ -35,6 +36,7 @@ def linear_system(
     signal: SignalProcessing,
     selection: Selection,
     beta: Array | None = None,
+    logs: LogParameters | None = None,
 ) -> LinearSystem:
     """Build (7) of several segments, with the fixed parameters moved to the left side.
 
@@ -50,6 +52,9 @@ def linear_system(
         Fixed and dropped parameters.
     beta : ndarray, shape (n_base,), optional
         Base parameters that give the torque of links and rotors, which the columns of load friction need: zero without them.
+    logs : LogParameters, optional
+        Further parameters of some of the recordings, whose columns stand behind the base columns; `selection` then is that of
+        all of them.
 
     Returns
     -------
@@ -69,7 +74,7 @@ def linear_system(
     """
     columns = list(robot.base_parameters.indices)
     n_dof = robot.n_dof
-    w_parts, y_parts = [], []
+    w_parts, y_parts, payload_parts = [], [], []
     for part in parts:
         with at_place(part.place):
             stages = decimation_stages(part.q.shape[0], signal)
@@ -78,15 +83,23 @@ def linear_system(
         if y.shape[1] == 0:
             raise FitError(f"{part.place}: decimation leaves nothing of {counted(part.q.shape[0], 'sample')}")
         y_parts.append(y)
-        w_parts.append(w.reshape(n_dof, -1, len(columns))[:, signal.kept_rows])
+        w = w.reshape(n_dof, -1, len(columns))[:, signal.kept_rows]
+        if logs is not None and not logs.simple:
+            known_payload = logs.base_known(part.recording)
+            payload_parts.append(np.zeros(w.shape[:2]) if known_payload is None else w @ known_payload)
+            w = np.concatenate([w, w @ logs.base_columns(part.recording)], axis=2)
+        w_parts.append(w)
     rows = sum(y.shape[1] for y in y_parts)
-    w_all = np.concatenate(w_parts, axis=1).reshape(n_dof * rows, len(columns))
+    names = robot.base_parameters.names if logs is None else logs.names
+    w_all = np.concatenate(w_parts, axis=1).reshape(n_dof * rows, len(names))
     y_all = np.concatenate(y_parts, axis=1).reshape(n_dof * rows)
     estimated = selection.estimated
     known = None
-    if len(estimated) < len(columns):
+    if len(estimated) < len(names) or payload_parts:
         with np.errstate(over="ignore", invalid="ignore"):  # reported below
             known = w_all @ selection.values
+            if payload_parts:
+                known = known + np.concatenate(payload_parts, axis=1).reshape(-1)
             y_all = y_all - known
         if not np.isfinite(y_all).all():
             raise FitError(
@@ -103,7 +116,7 @@ def linear_system(
             rates_hz=[part.rate_hz / math.prod(signal.decimation) for part in parts],
             correlation=noise_correlation(signal),
         ),
-        names=tuple(robot.base_parameters.names[index] for index in estimated),
+        names=tuple(names[index] for index in estimated),
         known=known,
     )
 

@@ -23,13 +23,13 @@ from ..regression.selection import Role
 from ..robot.parameter_file import Estimates, write_parameters
 from .consistent import MovedToRobot, table_of
 from .delay_lines import delay_lines
+from .further import Further
 from .iteration import HeldOut, Iteration
 from .notebook import InNotebook
 from .saved_fields import fields_of
 from .status import Status
 from .table import error_lines, error_rows, parameter_lines, parameter_rows, percent_text
 from .uncertainty import Uncertainty, student_factor
-from .verdict import Reason, Verdict, derived
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,6 +69,8 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         Rows of W.
     uncertainty : Uncertainty or None
         How the standard deviations were found; None where there are none, and for results of older versions.
+    further : Further or None
+        Parameters of the logs beside those of the robot: payloads, own offsets and friction, drive gains.
     output_error : (float, float) or None
         Norm of measured less simulated torque over that of measured torque, (12): with the initial parameters and with
         these; None for IDIM-LS, which simulates nothing.
@@ -92,8 +94,6 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         What was asked for; SHA-256 of every file read.
     ending : str
         Sentence on the stopping rule that fired, or on what the result is when none did; empty where the status says it all.
-    evidence : tuple of Reason
-        What was found for or against the result, beside status, warnings and remarks: see `verdict`.
 
     Notes
     -----
@@ -118,6 +118,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     condition_number: float
     n_rows: int
     uncertainty: Uncertainty | None = None
+    further: Further | None = None
     output_error: tuple[float, float] | None = None
     n_simulations: int = 0
     elapsed: float = 0.0
@@ -129,7 +130,6 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     settings: Mapping[str, Any] = field(default_factory=dict)
     digests: Mapping[str, str] = field(default_factory=dict)
     ending: str = ""
-    evidence: tuple[Reason, ...] = ()
 
     def __post_init__(self) -> None:
         n_base = len(self.names)
@@ -214,11 +214,6 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         return self.status.converged
 
     @property
-    def verdict(self) -> Verdict:
-        """Whether the result is sound, doubtful or wrong, and why: evidence, status, warnings and remarks (docs/verdict.md)."""
-        return Verdict.of([*self.evidence, *derived(self.status, self.warnings, self.remarks)])
-
-    @property
     def conclusion(self) -> str:
         """How it ended, and by which rule."""
         return f"{self.status.value} {self.ending}".rstrip()
@@ -260,6 +255,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         count = counted(len(self.names), "base parameter")
         lines = [f"{self.name}: {count} of robot {self.robot} by {self.method}", ""]
         lines += parameter_lines(self.parameter_rows())
+        lines += [] if self.further is None else self.further.lines(self.interval_factor())
         lines += ["", *error_lines(self.error_rows())]
         names = self.joint_names
         lines += [f"joints: {', '.join(f'{j + 1} {name}' for j, name in enumerate(names))}"] if names else []
@@ -279,9 +275,14 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             )
         if "consistent" in self.settings:
             lines += ["", *table_of(self.settings["consistent"])]
-        # The last line is what is read: it must not sound better than the result is.
-        verdict = self.verdict
-        return "\n".join([*lines, *verdict.lines(), "", self.conclusion, verdict.sentence])
+        if self.remarks:
+            lines += ["", "To know:", *(f"  {text}" for text in self.remarks)]
+        verdict = self.conclusion
+        if self.warnings:
+            lines += ["", "Not physical as it stands:", *(f"  {text}" for text in self.warnings)]
+            # The last line is what is read: it must not sound like plain success.
+            verdict += f" But it is not physical as it stands: see the {counted(len(self.warnings), 'finding')} above."
+        return "\n".join([*lines, "", verdict])
 
     def __repr__(self) -> str:
         return (
@@ -309,7 +310,6 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             "status": self.status.value,
             "status_name": self.status.name,
             "converged": self.converged,
-            "verdict": self.verdict.to_dict(),
             "ending": self.ending,
             "n_iterations": self.n_iterations,
             "n_simulations": self.n_simulations,
@@ -336,6 +336,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
                 for name, unit, value, std, percent, low, high, white, role in values
             ],
             "uncertainty": None if self.uncertainty is None else self.uncertainty.to_dict(),
+            **({} if self.further is None else {"further": self.further.to_dict()}),
             "warnings": list(self.warnings),
             "remarks": list(self.remarks),
             "held_out": [

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from .further import Further
 from .iteration import HeldOut, Iteration
 from .status import Status
 from .uncertainty import Uncertainty
-from .verdict import DERIVED, Reason
 
 
 def fields_of(data: dict[str, Any]) -> dict[str, Any]:
@@ -63,16 +63,12 @@ def fields_of(data: dict[str, Any]) -> dict[str, Any]:
         "warnings": tuple(data["warnings"]),
         "remarks": tuple(data.get("remarks", ())),
         "ending": str(data.get("ending", "")),
-        "evidence": tuple(
-            Reason.from_dict(item)
-            for item in data.get("verdict", {}).get("reasons", ())
-            if item["code"] not in DERIVED
-        ),
         "uncertainty": None
         if data.get("uncertainty") is None
         else Uncertainty.from_dict(
             data["uncertainty"], np.array([_number(item["std_white"]) for item in parameters])
         ),
+        "further": None if data.get("further") is None else Further.from_dict(data["further"]),
         "output_error": _pair(data.get("output_error")),
         "delay": data["delay"],
         "settings": data["settings"],

@@ -63,11 +63,9 @@ class Comparison:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Reasons of the verdicts of all methods, each with the name of its method."""
+        """Remarks of all methods, each with the name of its method."""
         return tuple(
-            f"{TITLES.get(name, name)}: {reason}"
-            for name, fit in self.fits.items()
-            for reason in fit.verdict.reasons
+            f"{TITLES.get(name, name)}: {text}" for name, fit in self.fits.items() for text in fit.remarks
         )
 
     def deviations(self, method: str) -> Array:

@@ -32,6 +32,7 @@ from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, segments, trimmed
 from ..signal.spikes import without_spikes
+from .loaded import standard_in, with_gains_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,13 +143,13 @@ def predict(
     The errors of IDIM-LS and CLOE are those of the result. DIDIM's are those of its last solution, made along the
     motion one step before its parameters; here the motion is that of the parameters, and the errors agree as far as it converged.
     """
-    experiment = with_friction_of(fit, experiment)
+    experiment = with_gains_of(fit, with_friction_of(fit, experiment))
     robot = experiment.simulation.robot(experiment.robot)
     if fit.parameter_names != robot.parameter_names:
         raise FitError(
             f"the result is for robot {fit.robot!r} and the experiment for {robot.name!r}: their parameters differ"
         )
-    recordings = [item for item in experiment.recordings if role in ("all", item.role)]
+    recordings = [(k, item) for k, item in enumerate(experiment.recordings) if role in ("all", item.role)]
     if not recordings:
         what = "recording" if role == "all" else f"recording with role {role!r}"
         raise FitError(f"experiment '{experiment.name}' has no {what}")
@@ -162,7 +163,8 @@ def predict(
     # CLOE compares what is simulated, sample by sample.
     raw = motion == "simulated" and compares_raw
     found = []
-    for recording in recordings:
+    loaded = standard_in(fit, experiment, robot)
+    for number, recording in recordings:
         if recording.tau is None:
             raise FitError(f"recording '{recording.name}' has no torques to compare with")
         if motion == "measured":
@@ -172,13 +174,23 @@ def predict(
             # Accelerations of a simulation belong to the torque that acts from the sample on: no hold.
             shift = delay.samples
             parts = [
-                _simulated(fit.parameters, experiment, recording, window, shift)
+                _simulated(loaded[number], experiment, recording, window, shift)
                 for window in recording.windows
             ]
         model = experiment.robot if motion == "measured" else robot
         for part, window in zip(parts, recording.windows, strict=True):
             found.append(
-                _prediction(fit, part, recording, window, model, _raw(experiment.signal, raw), shift, motion)
+                _prediction(
+                    fit,
+                    loaded[number],
+                    part,
+                    recording,
+                    window,
+                    model,
+                    _raw(experiment.signal, raw),
+                    shift,
+                    motion,
+                )
             )
     return found
 
@@ -266,6 +278,7 @@ def _torque(recording: Recording) -> Array:
 
 def _prediction(
     fit: Identification,
+    x: Array,
     part: Segment,
     recording: Recording,
     window: tuple[int, int],
@@ -275,7 +288,7 @@ def _prediction(
     motion: Motion,
 ) -> Prediction:
     n = robot.n_dof
-    beta = robot.base_parameters.project(fit.parameters)
+    beta = robot.base_parameters.project(x)
     system = linear_system(robot, [part], signal, select(robot, {}, ()), beta)
     return Prediction(
         recording=recording.name,

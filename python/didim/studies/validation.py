@@ -6,7 +6,7 @@ Tested in ``tests/test_validate.py``.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..loop.closed_loop import Outcome
 from ..result.identification import Identification
+from ..robot.payload import NOTHING
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,10 +155,11 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     from ..experiment.loop import closed_loop
     from ..methods.job import ratio, ratios
     from ..methods.method import FitSettings
+    from .loaded import standard_in, with_gains_of
     from .prediction import with_friction_of
     from .run import recording_errors
 
-    experiment = with_friction_of(fit, experiment)
+    experiment = with_gains_of(fit, with_friction_of(fit, experiment))
     robot = experiment.simulation.robot(experiment.robot)
     if fit.parameter_names != robot.parameter_names:
         raise FitError(
@@ -166,21 +168,23 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     _same_robot(fit, experiment)
     if not experiment.recordings:
         raise FitError(f"experiment '{experiment.name}' has no recording to validate on")
-    job = FitSettings().job(experiment)
+    loaded = standard_in(fit, experiment, experiment.robot)
+    # The parameters are known: nothing is told apart by these recordings.
+    plain = [replace(item, payload=NOTHING, own=()) for item in experiment.recordings]
+    job = FitSettings().job(replace(experiment, recordings=tuple(plain)))
     delay = job.delay()
-    beta = experiment.robot.base_parameters.project(fit.parameters)
     closed = experiment.reference is not None and experiment.controller is not None
     found = []
-    for recording in experiment.recordings:
+    for recording, x in zip(experiment.recordings, loaded, strict=True):
         direct, overall = None, float("nan")
         if recording.tau is not None:
-            errors, torques = job.predicted(recording, beta, delay)
+            errors, torques = job.predicted(recording, experiment.robot.base_parameters.project(x), delay)
             direct, overall = ratios(errors, torques), ratio(np.linalg.norm(errors), np.linalg.norm(torques))
         outcome, simulated = None, {}
         if closed:
             window = recording.windows[0]
             loop = closed_loop(experiment, recording, window)
-            arrays, outcomes = loop.run(fit.parameters[None])
+            arrays, outcomes = loop.run(x[None])
             outcome = outcomes[0]
             if outcome.completed:
                 q, dq, ddq, tau = (values[0] for values in arrays)

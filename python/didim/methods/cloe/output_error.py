@@ -34,7 +34,7 @@ from ...signal.spikes import without_spikes
 from ..builder import TorqueErrors, identification, record
 from ..idim_ls import IDIMLS
 from ..job import Delay, Job
-from ..start import standard_start
+from ..start import further_of, standard_start
 from .checkpoint import Checkpoint
 from .settings import CLOESettings, Output
 
@@ -75,7 +75,7 @@ class OutputError:
 
     def __init__(self, method: CLOESettings, job: Job, say: Callable[[str], None]) -> None:
         self.method, self.job, self.say = method, job, say
-        self.robot, self.base = job.robot, job.robot.base_parameters
+        self.robot, self.base = job.robot, job.parameters
         self.estimated = job.selection.estimated
         self.windows = _windows(job, method.output)
         self.checked = thinned(np.concatenate([window.q for window in self.windows]), CHECKED_POSITIONS)
@@ -88,7 +88,7 @@ class OutputError:
         self.weight_tau = np.full(n, 1.0 if method.output in ("torque", "both") else 0.0)
 
     def standard(self, points: Array) -> Array:
-        """Return standard parameters of (m, n) points, (m, n_parameters)."""
+        """Return standard parameters of (m, n) points, (m, n_parameters), with the further ones of the logs behind them."""
         beta = np.tile(self.job.selection.values, (len(points), 1))
         beta[:, self.estimated] = points
         return np.ascontiguousarray([self.base.lift(row) for row in beta])
@@ -102,7 +102,7 @@ class OutputError:
             x = self.standard(points[good])
             for window in self.windows:
                 found, _ = window.loop.costs(
-                    x,
+                    self.base.standard(x, window.recording),
                     window.q,
                     window.tau,
                     weight_q=self.weight_q,
@@ -124,7 +124,8 @@ class OutputError:
         rows, completed = [], np.ones(len(points), dtype=bool)
         root_q, root_tau = np.sqrt(self.weight_q), np.sqrt(self.weight_tau)
         for window in self.windows:
-            (q, _, _, tau), outcomes = window.loop.run(x, threads=self.method.threads)
+            own = self.base.standard(x, window.recording)
+            (q, _, _, tau), outcomes = window.loop.run(own, threads=self.method.threads)
             completed &= np.array([outcome.completed for outcome in outcomes])
             if root_q.any():
                 rows.append(((q - window.q) * root_q).reshape(len(points), -1))
@@ -172,7 +173,11 @@ class OutputError:
     def safe_share(self, point: Array, target: Array) -> float:
         """Return the share of the way to a target that keeps M(q) positive definite."""
         x, y = self.standard(np.stack([point, target]))
-        return safe_step(self.robot, self.checked, x, y)
+        recordings = sorted({window.recording for window in self.windows})
+        return min(
+            safe_step(self.robot, self.checked, self.base.standard(x, number), self.base.standard(y, number))
+            for number in (recordings[:1] if self.base.simple else recordings)
+        )
 
     def begun_at(self, point: Array) -> OutputError:
         """Return the same problem with another start, and no simulations yet."""
@@ -183,7 +188,7 @@ class OutputError:
     def no_start(self) -> FitError:
         """Return the error for a start that cannot be simulated, with what becomes of its run."""
         x = self.standard(self.start[None])
-        outcomes = [window.loop.run(x)[1][0] for window in self.windows]
+        outcomes = [window.loop.run(self.base.standard(x, window.recording))[1][0] for window in self.windows]
         ended = next((outcome for outcome in outcomes if not outcome.completed), "gives no number")
         return FitError(
             f"{self.job.experiment.name}: CLOE cannot start from these parameters: the robot cannot be simulated with "
@@ -229,18 +234,24 @@ class OutputError:
                 fixed=method.fixed,
                 dropped=method.dropped,
             )
-            x = idim.run(self.job.experiment, lambda iteration: False, self.say).parameters
+            direct = idim.run(self.job.experiment, lambda iteration: False, self.say)
+            x = self.base.extended(direct.parameters, further_of(direct))
         else:
-            x = standard_start(self.robot, start)
+            x = self.base.extended(standard_start(self.robot, start), further_of(start))
         return np.asarray(self.base.project(x)[self.estimated])
 
     def _scale(self) -> Array:
-        columns = [self.base.indices[index] for index in self.estimated]
-        squares, sizes = np.zeros((self.robot.n_dof, len(columns))), np.zeros(self.robot.n_dof)
+        base = list(self.robot.base_parameters.indices)
+        squares = np.zeros((self.robot.n_dof, len(self.estimated)))
+        sizes = np.zeros(self.robot.n_dof)
         for window in self.windows:
             t = window.loop.t[:: max(1, window.loop.n_records // 2000)]
             x = self.standard(self.start[None])[0]  # load friction depends on them
-            w = regressor(self.robot, *window.loop.reference.at(t), x=x)[:, :, columns]
+            own = self.base.standard(x, window.recording)
+            w = regressor(self.robot, *window.loop.reference.at(t), x=own)[:, :, base]
+            w = np.concatenate([w, w @ self.base.base_columns(window.recording)], axis=2)[
+                :, :, self.estimated
+            ]
             squares += np.mean(w**2, axis=0)
             sizes += np.mean(window.tau**2, axis=0)
         share = np.sqrt(np.sum(squares / np.where(sizes > 0.0, sizes, 1.0)[:, None], axis=0))
@@ -265,7 +276,8 @@ class OutputError:
         torques = all(recording.tau is not None for recording in self.job.experiment.recordings)
         delay = self.job.delay() if torques else Delay()
         for window in self.windows:
-            (q, _, _, tau), _ = window.loop.run(x[None], threads=self.method.threads)
+            own = self.base.standard(x, window.recording)
+            (q, _, _, tau), _ = window.loop.run(own[None], threads=self.method.threads)
             # The measured torque is moved back against the motion and trimmed, as by the other methods.
             (simulated,), torque = align([np.ascontiguousarray(tau[0])], window.tau, delay.samples)
             kept = kept_samples(len(torque), window.place, self.job.signal)

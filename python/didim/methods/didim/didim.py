@@ -28,7 +28,7 @@ from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
 from ..job import Job, ratio
-from ..start import FROM_LOG, standard_start, start_from_log
+from ..start import FROM_LOG, further_of, standard_start, start_from_log
 from .consistent import ConsistentRun
 from .convergence import Path, best_sentence, rule_sentence, slow_sentence
 from .ending import result_at
@@ -100,7 +100,7 @@ class Iterations:
         say: Callable[[str], None],
     ) -> None:
         self.method, self.job, self.progress, self.say = method, job, progress, say
-        self.robot, self.base = job.robot, job.robot.base_parameters
+        self.robot, self.base = job.robot, job.parameters
         self.loops = Loops(method, job, job.delay(), say)
         self.history: list[Iteration] = []
         self.status, self.over = Status.NOT_CONVERGED, False
@@ -151,8 +151,7 @@ class Iterations:
 
     def step(self, point: Point, solved: Solved) -> Step:
         """Go towards the solution as far as M(q) > 0 and the simulation there allow."""
-        q = checked_positions(np.concatenate([motion[0] for motion in point.simulated.motions]))
-        largest = safe_step(self.robot, q, point.x, solved.target, self.method.margin)
+        largest = self._largest_step(point, solved.target)
         moved = self._in_sigma(solved, solved.target - point.x)
         # The simulation that may be the last one has its check of the steps in time beside it.
         length, after = self._advance(point, solved.target, largest, moved <= self.method.sigma_fraction)
@@ -162,6 +161,23 @@ class Iterations:
             if isinstance(again, Simulated):
                 return Step(length, largest, moved, replace(point, simulated=again), repeated=True)
         return Step(length, largest, moved, after)
+
+    def _largest_step(self, point: Point, target: Array) -> float:
+        """Largest share of the way that keeps M(q) > 0 of the robot with every payload."""
+        parameters = self.base
+        groups: dict[int, list[Array]] = {}
+        for window, motion in zip(self.loops.windows, point.simulated.motions, strict=True):
+            groups.setdefault(-1 if parameters.simple else window.recording, []).append(motion[0])
+        return min(
+            safe_step(
+                self.robot,
+                checked_positions(np.concatenate(q)),
+                parameters.standard(point.x, recording),
+                parameters.standard(target, recording),
+                self.method.margin,
+            )
+            for recording, q in groups.items()
+        )
 
     def stop(self, point: Point, solved: Solved, step: Step) -> Point:
         """Record the iteration, and end the run where the rule or the callback says so; return the point reached."""
@@ -217,16 +233,20 @@ class Iterations:
     def _start(self) -> Array:
         """Return the standard parameters to start from, with fixed and dropped ones at their values."""
         start = self.method.chosen_start
+        further: dict[str, float] = {}
         if isinstance(start, str) and start == "idim-ls":
-            x = self.loops.direct().parameters
+            direct = self.loops.direct()
+            x, further = direct.parameters, further_of(direct)
         elif isinstance(start, str) and start in FROM_LOG:
             x = start_from_log(self.job, self.loops.delay, start)
         else:
-            x = standard_start(self.robot, start)
+            x, further = standard_start(self.robot, start), further_of(start)
+        x = self.base.extended(x, further)
         beta = self.base.project(x)
         beta[[role != "estimated" for role in self.job.selection.roles]] = 0.0
         x = self.base.lift(beta + self.job.selection.values)
-        smallest = _core.smallest_eigenvalue(self.robot.core, self.loops.reference_positions(), x)
+        unloaded = x[: len(self.robot.parameter_names)]
+        smallest = _core.smallest_eigenvalue(self.robot.core, self.loops.reference_positions(), unloaded)
         if smallest is not None and not smallest[1] > 0.0:
             raise self._no_start(
                 f"M(q) is not positive definite on the reference (smallest eigenvalue {smallest[1]:.3g})"

@@ -77,7 +77,9 @@ class Loops:
 
     def _with_half_steps(self, x: Array, scale: Array | None) -> Array:
         window = self.windows[0]
-        arrays, _ = window.loop.divided(2).run(x[None], gain_scale=None if scale is None else scale[None])
+        arrays, _ = window.loop.divided(2).run(
+            window.standard(x)[None], gain_scale=None if scale is None else scale[None]
+        )
         return np.asarray(arrays[3][0][window.kept])
 
     def take_small_steps(self) -> bool:
@@ -118,7 +120,7 @@ class Loops:
         q = self.reference_positions()
         here, real = (
             np.diagonal(inertia_matrix(self.job.robot, q, parameters), axis1=1, axis2=2).mean(axis=0)
-            for parameters in (x, self.direct().parameters)
+            for parameters in (x[: len(self.job.robot.parameter_names)], self.direct().parameters)
         )
         return np.where((real > 0.0) & (here > 0.0), here / np.where(real > 0.0, real, 1.0), 1.0)
 

@@ -14,6 +14,7 @@ from ...loop.closed_loop import ClosedLoop, Outcome
 from ...model.safe_step import thinned
 from ...regression.fit import Fit
 from ...regression.linear_system import LinearSystem
+from ...regression.logs.parameters import LogParameters
 from ...signal.align import align
 from ...signal.segments import Segment, kept_samples, place_of
 from ...signal.spikes import without_spikes
@@ -36,6 +37,11 @@ class Window:
     """Measured torques, aligned and trimmed, (n_kept, n_dof)."""
     kept: slice
     """Samples of the window that the torques stand beside."""
+    parameters: LogParameters
+
+    def standard(self, x: Array) -> Array:
+        """Return the standard parameters (p,) of the robot with the payload of this window."""
+        return self.parameters.standard(x, self.recording)
 
 
 @dataclass(frozen=True)
@@ -127,6 +133,7 @@ def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
                     window=window,
                     tau=np.ascontiguousarray(tau[kept]),
                     kept=slice(first + kept.start, first + kept.stop),
+                    parameters=job.parameters,
                 )
             )
     if not found:
@@ -138,7 +145,9 @@ def simulated(windows: Sequence[Window], x: Array, scale: Array | None) -> tuple
     """Simulate every window with standard parameters, (n_parameters,), gains scaled by joint; also the number of simulations."""
     motions, squares, size = [], 0.0, 0.0
     for count, window in enumerate(windows, start=1):
-        arrays, outcomes = window.loop.run(x[None], gain_scale=None if scale is None else scale[None])
+        arrays, outcomes = window.loop.run(
+            window.standard(x)[None], gain_scale=None if scale is None else scale[None]
+        )
         if not outcomes[0].completed:
             return outcomes[0], count
         q, dq, ddq, tau = (values[0][window.kept] for values in arrays)

@@ -1,0 +1,159 @@
+"""Contrasts between logs that share their parameters: what offsets and friction of their own would be.
+
+The columns C of own offsets (friction) of every log but the first are added to the weighted system A after the fit, all at once:
+
+    d = (C~^T C~)^-1 C~^T rho,    C~ = C - Q Q^T C,    A = Q R
+    V = (C~^T C~)^-1 m/(m - 1) sum_i s_i s_i^T (C~^T C~)^-1,    s_i = C~_i^T (rho - C~ d)_i
+
+over the m intervals of time of the jackknife, so errors of the model that are correlated in time count as what they are.
+Tested in ``tests/test_logs.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..fit import Fit
+from ..jackknife import Factors, intervals
+from ..linear_system import LinearSystem
+
+Kind = Literal["offset", "friction"]
+
+FALSE_ALARMS = 1e-3
+"""Probability that logs without drift are reported, all columns together."""
+NEGLIGIBLE = 0.05
+"""Share of a joint's residual below which a difference is not worth parameters of its own."""
+DEPENDENT = 1e-9
+"""Share of the largest eigenvalue of ``C~^T C~`` below which a combination of the columns is one of the shared parameters."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A parameter of one log, less that of the first.
+
+    Attributes
+    ----------
+    kind : {"offset", "friction"}
+        What differs.
+    parameter : str
+        Name, such as ``Off3``.
+    joint, recording : int
+        Joint and recording, from 0.
+    value, std : float
+        Difference and its standard deviation (SI units).
+    torque : float
+        Root mean square of the torque it stands for, on the rows of the joint in this log (N.m or N).
+    clear : bool
+        Whether it is beyond noise and worth a parameter.
+    """
+
+    kind: Kind
+    parameter: str
+    joint: int
+    recording: int
+    value: float
+    std: float
+    torque: float
+    clear: bool
+
+
+def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) -> list[Difference]:
+    """Return what offsets or friction of their own would be, for every log but the first; nothing for a single log.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        Of several recordings.
+    fit : Fit
+        Its solution.
+    kind : {"offset", "friction"}
+        Columns that are added.
+    blocks : int
+        Intervals of time.
+    """
+    numbers = sorted({block.recording for block in system.blocks})
+    parts = [part.rows for part in intervals(system.blocks, blocks)]
+    if len(numbers) < 2 or len(parts) < 3:
+        return []
+    columns, places = _columns(system, numbers[1:], kind)
+    if not places:
+        return []
+    factors = Factors.of(system.w * fit.weights[:, None], fit.residual * fit.weights)
+    weighted = columns * fit.weights[:, None]
+    beside = weighted - factors.left @ (factors.left.T @ weighted)
+    gram = beside.T @ beside
+    inverse = np.linalg.pinv(gram, rcond=DEPENDENT, hermitian=True)
+    found = inverse @ (beside.T @ factors.residual)
+    rest = factors.residual - beside @ found
+    scores = np.array([beside[rows].T @ rest[rows] for rows in parts])
+    m = len(parts)
+    covariance = m / (m - 1) * inverse @ (scores.T @ scores) @ inverse
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    from scipy.special import stdtrit  # not scipy.stats, which takes half a second to load
+
+    limit = float(stdtrit(m - 1, 1.0 - 0.5 * FALSE_ALARMS / len(places)))
+    sizes = system.norms(fit.residual) / np.sqrt([rows.stop - rows.start for rows in system.joints])
+    told = []
+    for index, (name, joint, number) in enumerate(places):
+        rows = np.flatnonzero(columns[:, index])
+        value = float(found[index])
+        torque = abs(value) * float(np.sqrt(np.mean(columns[rows, index] ** 2)))
+        clear = bool(abs(value) > limit * std[index] > 0.0 and torque > NEGLIGIBLE * sizes[joint])
+        told.append(Difference(kind, name, joint, number, value, float(std[index]), torque, clear))
+    return told
+
+
+def _columns(
+    system: LinearSystem, numbers: Sequence[int], kind: Kind
+) -> tuple[Array, list[tuple[str, int, int]]]:
+    """Return the columns of own parameters of some recordings, and the name, joint and recording of each."""
+    columns, places = [], []
+    for number in numbers:
+        for joint, blocks in enumerate(system.joint_blocks):
+            own = [block.rows for block in blocks if block.recording == number]
+            if kind == "offset":
+                parts = {f"Off{joint + 1}": np.ones(system.y.size)}
+            else:
+                parts = {
+                    name: system.w[:, index]
+                    for index, name in enumerate(system.names)
+                    if name.rstrip("+-") in (f"Fv{joint + 1}", f"Fc{joint + 1}")
+                }
+            for name, values in parts.items():
+                column = np.zeros(system.y.size)
+                for rows in own:
+                    column[rows] = values[rows]
+                if column.any():
+                    columns.append(column)
+                    places.append((name, joint, number))
+    return (np.stack(columns, axis=1) if columns else np.zeros((system.y.size, 0))), places
+
+
+def drift_sentences(found: Sequence[Difference], names: Sequence[str]) -> list[str]:
+    """Return a sentence on each kind of parameter that differs between logs.
+
+    Parameters
+    ----------
+    found : sequence of Difference
+        From `differences`.
+    names : sequence of str
+        Names of the recordings of the experiment.
+    """
+    sentences = []
+    for kind, key in (("offset", "offsets"), ("friction", "friction")):
+        clear = [item for item in found if item.kind == kind and item.clear]
+        if not clear:
+            continue
+        worst = max(clear, key=lambda item: item.torque)
+        joints = sorted({item.joint + 1 for item in clear})
+        sentences.append(
+            f"{'the offsets' if kind == 'offset' else 'friction'} of joint {', '.join(map(str, joints))} "
+            f"{'differ' if kind == 'offset' else 'differs'} between recordings, most by {worst.value:.3g} +- {worst.std:.2g} in "
+            f"{worst.parameter} of '{names[worst.recording]}': give the recordings {key} = \"own\""
+        )
+    return sentences

@@ -1,0 +1,356 @@
+"""Parameters of several logs: blocks of columns beside the base parameters of the robot.
+
+    beta_l = beta + B (v_l + V_l theta)          base parameters of log l
+    Y_l = W_l beta_l + rho_l
+
+``V_l`` has a column for each unknown of the payload that log l has, and for each offset and friction coefficient that log l
+has for itself; ``v_l`` is the known part of its payload; ``B`` is the matrix of the base parameters. The columns of all
+blocks are thus combinations of the columns of W, along measured motion and along simulated motion alike. An extended vector has
+the parameters of the robot first, base (b) or standard (p), and then the e further ones. Tested in ``tests/test_logs.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..._tools.words import did_you_mean, listing
+from ...errors import ExperimentError, FitError
+from ...log.recording import Recording
+from ...robot.payload import NOTHING, UNITS, Payload, flange_in_last_frame, last_link
+from ...robot.payload import Pose as FlangePose
+from ...robot.robot import Robot
+from ..selection import Role, Selection, select
+
+Kind = Literal["payload", "offset", "friction", "gain"]
+
+ESTIMATED: Role = "estimated"
+DEPENDENT = 1e-9
+"""Share of a column, of unit length, that is left beside others when it depends on them: rounding."""
+
+
+@dataclass(frozen=True)
+class ColumnBlock:
+    """Further parameters that belong together.
+
+    Attributes
+    ----------
+    kind : {"payload", "offset", "friction", "gain"}
+        What they are.
+    owner : str
+        Payload or recording that they belong to; empty for gains.
+    names, units : tuple of str
+        Of the parameters, without their owner: ``MX``, ``Off3``, ``K1``.
+    """
+
+    kind: Kind
+    owner: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    @property
+    def full_names(self) -> tuple[str, ...]:
+        """Names with the owner in front, as the columns have them: ``disc.MX``."""
+        return tuple(f"{self.owner}.{name}" if self.owner else name for name in self.names)
+
+
+@dataclass(frozen=True, eq=False)
+class LogParameters:
+    """Parameters of the robot and of its logs.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot.
+    blocks : tuple of ColumnBlock
+        Further parameters, in the order of their columns.
+    columns : mapping of int to (p, e) array
+        What the further parameters add to the standard parameters, by recording; recordings without any are not in it.
+    known : mapping of int to (p,) array
+        Known part of the payloads, by recording.
+    reference : mapping of str to str
+        Recording whose offsets (friction) are those of the robot, by kind; the blocks of others are differences from it.
+    """
+
+    robot: Robot
+    blocks: tuple[ColumnBlock, ...]
+    columns: Mapping[int, Array]
+    known: Mapping[int, Array]
+    reference: Mapping[str, str]
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        recordings: Sequence[Recording] = (),
+        payloads: Mapping[str, Payload] | None = None,
+        flange: FlangePose | None = None,
+        *,
+        checked: bool = True,
+    ) -> LogParameters:
+        """Find the blocks of an experiment.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot.
+        recordings : sequence of Recording
+            Those of the experiment: each names its payload, and what it has for itself.
+        payloads : mapping of str to Payload, optional
+            What is known of them.
+        flange : 3 x 4 tuple of float, optional
+            Pose of the flange (`didim.robot.payload.flange_in_last_frame`).
+        checked : bool
+            Refuse further parameters that cannot be told from those of the robot; False where all are known.
+
+        Raises
+        ------
+        ExperimentError
+            For a payload that is not described.
+        FitError
+            Where the recordings to fit cannot tell a further parameter from those of the robot.
+        """
+        payloads = payloads or {}
+        if not any(item.payload != NOTHING or item.own or item.drives is not None for item in recordings):
+            return cls(robot, (), {}, {}, {})
+        builder = _Builder(robot, recordings)
+        builder.payloads(payloads, last_link(robot, flange_in_last_frame(robot, flange)))
+        for kind in ("offset", "friction"):
+            builder.own(kind)
+        if checked:
+            builder.check()
+        if any(item.drives is not None for item in recordings if item.role == "fit"):
+            builder.gains()
+        return builder.built()
+
+    @property
+    def n_base(self) -> int:
+        """Number of base parameters."""
+        return len(self.robot.base_parameters.names)
+
+    @property
+    def n_further(self) -> int:
+        """Number of further parameters."""
+        return sum(len(block.names) for block in self.blocks)
+
+    @property
+    def simple(self) -> bool:
+        """Whether every log has the parameters of the robot and no others."""
+        return not self.blocks and not self.known
+
+    @property
+    def n_gains(self) -> int:
+        """Number of drive gains among the further parameters; they are the last."""
+        return sum(len(block.names) for block in self.blocks if block.kind == "gain")
+
+    @property
+    def further_names(self) -> tuple[str, ...]:
+        """Names of the further parameters."""
+        return tuple(name for block in self.blocks for name in block.full_names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the base parameters and the further ones."""
+        return (*self.robot.base_parameters.names, *self.further_names)
+
+    def slices(self) -> list[tuple[ColumnBlock, slice]]:
+        """Return each block with its places among the further parameters."""
+        found, start = [], 0
+        for block in self.blocks:
+            found.append((block, slice(start, start + len(block.names))))
+            start += len(block.names)
+        return found
+
+    def select(self, fixed: Mapping[str, float], dropped: Sequence[str]) -> Selection:
+        """Return the roles of all parameters: further ones are estimated, what is known of them stands in ``[payload]``."""
+        chosen = select(self.robot, fixed, dropped)
+        return Selection(
+            roles=chosen.roles + (ESTIMATED,) * self.n_further,
+            values=np.concatenate([chosen.values, np.zeros(self.n_further)]),
+        )
+
+    def lift(self, beta: Array) -> Array:
+        """Return extended standard parameters, (p + e,), of extended base parameters, (b + e,)."""
+        standard = self.robot.base_parameters.lift(beta[: self.n_base])
+        return np.concatenate([standard, beta[self.n_base :]])
+
+    def project(self, x: Array) -> Array:
+        """Return extended base parameters, (b + e,), of extended standard ones, (p + e,)."""
+        p = len(self.robot.parameter_names)
+        return np.concatenate([self.robot.base_parameters.project(x[:p]), x[p:]])
+
+    def standard(self, x: Array, recording: int) -> Array:
+        """Return the standard parameters (..., p) of the robot in a recording, of extended ones, (..., p + e)."""
+        p = len(self.robot.parameter_names)
+        own = x[..., :p]
+        if recording in self.columns:
+            own = own + x[..., p:] @ self.columns[recording].T
+        if recording in self.known:
+            own = own + self.known[recording]
+        return np.ascontiguousarray(own)
+
+    def base(self, beta: Array, recording: int) -> Array:
+        """Return the base parameters (b,) of the robot in a recording, of extended ones, (b + e,)."""
+        return np.asarray(self.robot.base_parameters.matrix @ self.standard(self.lift(beta), recording))
+
+    def base_columns(self, recording: int) -> Array:
+        """Return what the further parameters add to the base parameters in a recording, (b, e)."""
+        if recording not in self.columns:
+            return np.zeros((self.n_base, self.n_further))
+        return np.asarray(self.robot.base_parameters.matrix @ self.columns[recording])
+
+    def base_known(self, recording: int) -> Array | None:
+        """Return what the known part of its payload adds to the base parameters, (b,), or None."""
+        known = self.known.get(recording)
+        return None if known is None else np.asarray(self.robot.base_parameters.matrix @ known)
+
+    def extended(self, x: Array, further: Mapping[str, float] | None = None) -> Array:
+        """Return standard parameters, (p,) or extended already, with further ones by name; those without a value are zero."""
+        p = len(self.robot.parameter_names)
+        if len(x) == p + self.n_further:
+            return x
+        values = further or {}
+        return np.concatenate([x[:p], [values.get(name, 0.0) for name in self.further_names]])
+
+
+class _Builder:
+    """Collects the blocks of an experiment."""
+
+    def __init__(self, robot: Robot, recordings: Sequence[Recording]) -> None:
+        self.robot, self.recordings = robot, recordings
+        self.blocks: list[ColumnBlock] = []
+        self.directions: list[tuple[Array, tuple[int, ...]]] = []
+        self.known: dict[int, Array] = {}
+        self.reference: dict[str, str] = {}
+
+    def payloads(self, payloads: Mapping[str, Payload], place: Array) -> None:
+        """Add the payloads that recordings have, by the places of the last link, (p, 10)."""
+        used: dict[str, list[int]] = {}
+        for number, recording in enumerate(self.recordings):
+            if recording.payload == NOTHING:
+                continue
+            if recording.payload not in payloads:
+                raise ExperimentError(
+                    f"{recording.name}: payload {recording.payload!r} is not described; add a table "
+                    f"[payload.{recording.payload}]{did_you_mean(recording.payload, payloads)}"
+                )
+            used.setdefault(recording.payload, []).append(number)
+        for name, numbers in used.items():
+            known, columns, names = payloads[name].split
+            if known.any():
+                self.known |= dict.fromkeys(numbers, place @ known)
+            found = [place @ column for column in columns.T]
+            effects = [self.robot.base_parameters.matrix @ column for column in found]
+            # Of a planar arm no motion shows some of the ten, or tells them apart.
+            kept = independent(effects)
+            if kept:
+                block = tuple(names[index] for index in kept)
+                self.blocks.append(ColumnBlock("payload", name, block, tuple(UNITS[item] for item in block)))
+                self.directions += [(found[index], tuple(numbers)) for index in kept]
+
+    def own(self, kind: Literal["offset", "friction"]) -> None:
+        """Add the offsets or the friction that recordings have for themselves."""
+        fitted = [(number, item) for number, item in enumerate(self.recordings) if item.role == "fit"]
+        key = {"offset": "offsets", "friction": "friction"}[kind]
+        owners = [(number, item) for number, item in fitted if key in item.own]
+        if not owners:
+            return
+        prefixes = ("Off",) if kind == "offset" else ("Fv", "Fc")
+        names = [
+            (name, unit)
+            for name, unit in zip(self.robot.parameter_names, self.robot.parameter_units, strict=True)
+            if name.rstrip("0123456789+-") in prefixes
+        ]
+        if not names:
+            raise ExperimentError(
+                f"{owners[0][1].name}: own {key} need friction with such parameters, which robot {self.robot.name!r} has not"
+            )
+        if len(owners) == len(fitted):
+            self.reference[kind] = owners[0][1].name
+            owners = owners[1:]
+        for number, item in owners:
+            self.blocks.append(
+                ColumnBlock(
+                    kind, item.name, tuple(name for name, _ in names), tuple(unit for _, unit in names)
+                )
+            )
+            for name, _ in names:
+                direction = np.zeros(len(self.robot.parameter_names))
+                direction[self.robot.parameter_names.index(name)] = 1.0
+                self.directions.append((direction, (number,)))
+
+    def check(self) -> None:
+        """Refuse further parameters that no motion tells from those of the robot.
+
+        Raises
+        ------
+        FitError
+            Naming the payload or the recording.
+        """
+        if not self.directions:
+            return
+        fitted = [number for number, item in enumerate(self.recordings) if item.role == "fit"]
+        matrix = self.robot.base_parameters.matrix
+        zero = np.zeros(len(matrix))
+        shared = [np.concatenate([column] * len(fitted)) for column in np.eye(len(matrix))]
+        own = [
+            np.concatenate([matrix @ direction if number in numbers else zero for number in fitted])
+            for direction, numbers in self.directions
+        ]
+        kept = set(independent([*shared, *own]))
+        names = [(block, name) for block in self.blocks for name in block.names]
+        lost = [names[k] for k in range(len(own)) if k + len(shared) not in kept]
+        if not lost:
+            return
+        owner = lost[0][0].owner
+        which = listing([name for block, name in lost if block.owner == owner])
+        if lost[0][0].kind == "payload":
+            raise FitError(
+                f"{which} of payload '{owner}' cannot be told from the last link: no recording to fit is without it; add one "
+                "without a payload or with a known one, or take `didim payload` with the result of such a log"
+            )
+        raise FitError(f"{which} of recording '{owner}' cannot be told from those of the other recordings")
+
+    def gains(self) -> None:
+        """Add a drive gain for each motor."""
+        n = self.robot.n_dof
+        units = ["N.m/A" if kind == "revolute" else "N/A" for kind in self.robot.joint_kinds]
+        self.blocks.append(ColumnBlock("gain", "", tuple(f"K{j + 1}" for j in range(n)), tuple(units)))
+        self.directions += [(np.zeros(len(self.robot.parameter_names)), ())] * n
+
+    def built(self) -> LogParameters:
+        """Put the blocks together."""
+        columns: dict[int, Array] = {}
+        for number in range(len(self.recordings)):
+            if any(number in numbers for _, numbers in self.directions):
+                columns[number] = np.stack(
+                    [
+                        direction if number in numbers else 0.0 * direction
+                        for direction, numbers in self.directions
+                    ],
+                    axis=1,
+                )
+        return LogParameters(self.robot, tuple(self.blocks), columns, self.known, self.reference)
+
+
+def independent(vectors: Sequence[Array]) -> list[int]:
+    """Return the vectors that do not depend on those before them."""
+    basis: list[Array] = []
+    kept = []
+    for index, vector in enumerate(vectors):
+        size = np.linalg.norm(vector)
+        if not size > 0.0:
+            continue
+        rest = vector / size
+        for _ in range(2):  # once more for what rounding left
+            for other in basis:
+                rest = rest - other * (other @ rest)
+        left = np.linalg.norm(rest)
+        if left > DEPENDENT:
+            basis.append(rest / left)
+            kept.append(index)
+    return kept

@@ -1,0 +1,221 @@
+"""Parameters beside those of the robot in a result: payloads, own offsets and friction of recordings, drive gains.
+
+Tested in ``tests/test_logs.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from .._tools.arrays import Array, relative_percent
+from .._tools.pickling import Pickled
+from ..regression.logs.parameters import ColumnBlock
+from ..robot.payload import Payload
+from .table import parameter_lines, parameter_rows
+
+TITLES = {
+    "payload": "payload '{owner}', on the flange",
+    "offset": "offsets of recording '{owner}'",
+    "friction": "friction of recording '{owner}'",
+    "gain": "drive gains",
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Further(Pickled):
+    """Estimates of the further parameters of several logs.
+
+    Attributes
+    ----------
+    blocks : tuple of ColumnBlock
+        What they are, in the order of `values`.
+    values : (e,) array
+        Estimates: inertial parameters of payloads about the flange, differences of offsets and friction from those of the robot,
+        and drive gains.
+    covariance : (b + e, b + e) array
+        Covariance of the robot's base parameters and of these together; zero where no standard deviations are known.
+    std_white : (e,) array
+        Standard deviations as if the errors of all rows were independent.
+    payloads : mapping of str to Payload
+        What was known of each payload.
+    reference : mapping of str to str
+        Recording whose offsets (friction) are those of the robot, by kind.
+    """
+
+    blocks: tuple[ColumnBlock, ...]
+    values: Array
+    covariance: Array
+    std_white: Array
+    payloads: Mapping[str, Payload] = field(default_factory=dict)
+    reference: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for key in ("values", "covariance", "std_white"):
+            values = np.array(getattr(self, key), dtype=np.float64)
+            values.flags.writeable = False
+            object.__setattr__(self, key, values)
+        for key in ("payloads", "reference"):
+            object.__setattr__(self, key, MappingProxyType(dict(getattr(self, key))))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names with their owners: ``disc.MX``."""
+        return tuple(name for block in self.blocks for name in block.full_names)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units, SI, joint side; drive gains are those of the side that the log has."""
+        return tuple(unit for block in self.blocks for unit in block.units)
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations, (e,)."""
+        variances = np.diag(self.covariance)
+        return np.asarray(np.sqrt(variances[len(variances) - len(self.values) :]))
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """Estimates by name."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))
+
+    def part(self, kind: str, owner: str = "") -> slice:
+        """Return the places of a block among the values; empty for one that is not there."""
+        start = 0
+        for block in self.blocks:
+            stop = start + len(block.names)
+            if (block.kind, block.owner) == (kind, owner):
+                return slice(start, stop)
+            start = stop
+        return slice(0, 0)
+
+    @property
+    def gains(self) -> Array | None:
+        """Drive gains (n_dof,), or None."""
+        part = self.part("gain")
+        return self.values[part] if part.stop else None
+
+    def covariance_of(self, part: slice) -> Array:
+        """Return the covariance of some of the values."""
+        b = len(self.covariance) - len(self.values)
+        rows = slice(b + part.start, b + part.stop)
+        return self.covariance[rows, rows]
+
+    def ten(self, name: str) -> tuple[Array, Array]:
+        """Return the ten inertial parameters of a payload about the flange, (10,), and their covariance, (10, 10).
+
+        Parameters that no motion of the robot shows are zero.
+
+        Raises
+        ------
+        KeyError
+            For a payload that the result does not have.
+        """
+        known, columns, names = self.payloads[name].split
+        part = self.part("payload", name)
+        kept = [block for block in self.blocks if (block.kind, block.owner) == ("payload", name)]
+        chosen = columns[:, [names.index(item) for item in kept[0].names]] if kept else columns[:, :0]
+        return known + chosen @ self.values[part], chosen @ self.covariance_of(part) @ chosen.T
+
+    def lines(self, factor: float) -> list[str]:
+        """Return the lines of a printed result, intervals half as wide as `factor` standard deviations."""
+        found = []
+        for block in self.blocks:
+            part = self.part(block.kind, block.owner)
+            found += ["", *self._titles(block)]
+            values, std, white = self.values[part], self.std[part], self.std_white[part]
+            ratio = np.divide(std, white, out=np.full_like(std, np.nan), where=white > 0.0)
+            rows = parameter_rows(
+                block.names,
+                block.units,
+                ("estimated",) * len(values),
+                values,
+                std,
+                relative_percent(std, values),
+                factor,
+                ratio,
+                {},
+            )
+            found += parameter_lines(rows)
+        return found
+
+    def _titles(self, block: ColumnBlock) -> list[str]:
+        title = TITLES[block.kind].format(owner=block.owner)
+        if block.kind in ("offset", "friction"):
+            reference = self.reference.get(block.kind)
+            title += f", less those of {'the other recordings' if reference is None else repr(reference)}"
+        lines = [title]
+        if block.kind == "payload" and self.payloads[block.owner].mass_kg is not None:
+            lines = [f"{title}, of known mass {self.payloads[block.owner].mass_kg:g} kg"]
+        if block.kind == "payload":
+            ten, covariance = self.ten(block.owner)
+            if ten[9] > 0.0 and "MX" in block.names:
+                centre = ten[6:9] / ten[9]
+                # c = l / m: the mass is known, or counts with its own error.
+                derivative = np.hstack([np.eye(3), -centre[:, None]]) / ten[9]
+                std = np.sqrt(np.maximum(np.diag(derivative @ covariance[6:, 6:] @ derivative.T), 0.0))
+                place = ", ".join(
+                    f"{1e3 * value:.1f} +- {1e3 * sigma:.1f}"
+                    for value, sigma in zip(centre, std, strict=True)
+                )
+                lines.append(f"centre of mass: {place} mm")
+        return lines
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON has."""
+        rows = zip(self.names, self.units, self.values, self.std, self.std_white, strict=True)
+        return {
+            "blocks": [
+                {
+                    "kind": block.kind,
+                    "owner": block.owner,
+                    "names": list(block.names),
+                    "units": list(block.units),
+                }
+                for block in self.blocks
+            ],
+            "parameters": [
+                {
+                    "name": name,
+                    "unit": unit,
+                    "value": float(value),
+                    "std": float(std),
+                    "std_white": float(white) if math.isfinite(white) else None,
+                }
+                for name, unit, value, std, white in rows
+            ],
+            "payloads": {name: asdict(payload) for name, payload in self.payloads.items()},
+            "reference": dict(self.reference),
+            "covariance": self.covariance.tolist(),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Further:
+        """Restore what `to_dict` made."""
+        rows = data["parameters"]
+        return cls(
+            blocks=tuple(
+                ColumnBlock(item["kind"], item["owner"], tuple(item["names"]), tuple(item["units"]))
+                for item in data["blocks"]
+            ),
+            values=np.array([item["value"] for item in rows]),
+            covariance=np.array(data["covariance"]),
+            std_white=np.array(
+                [math.nan if item["std_white"] is None else item["std_white"] for item in rows]
+            ),
+            payloads={
+                name: Payload(
+                    name=item["name"],
+                    mass_kg=item["mass_kg"],
+                    com_m=None if item["com_m"] is None else tuple(item["com_m"]),
+                    inertia_kg_m2=None if item["inertia_kg_m2"] is None else tuple(item["inertia_kg_m2"]),
+                )
+                for name, item in data["payloads"].items()
+            },
+            reference=data["reference"],
+        )

@@ -1,0 +1,180 @@
+"""Payloads: a rigid body fixed to the flange, and what is known of it. Tested in ``tests/test_payload_parameters.py``.
+
+A payload adds to the ten inertial parameters of the last link. What is known of it splits the ten into a known part and
+columns of the unknown ones:
+
+    chi = chi_0 + V theta                    in the frame of the flange
+    x = x_robot + E T(chi)                   T: flange to frame n, E: places of the last link
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.toml import Table
+from ..errors import ExperimentError
+from .rigid_body import (
+    INERTIAL,
+    body_pseudo_inertia,
+    inverse,
+    pose,
+    pseudo_inertia,
+    rotation_of,
+    ten_parameters,
+    why_no_body,
+)
+from .robot import Robot
+
+NOTHING = "none"
+"""Name of the payload that is not there."""
+UNITS = dict(zip(INERTIAL, ["kg.m^2"] * 6 + ["kg.m"] * 3 + ["kg"], strict=True))
+"""Unit of each of the ten inertial parameters."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Payload:
+    """What is known of a payload; None for what is to be estimated.
+
+    Parameters
+    ----------
+    name : str
+        Name that recordings give it.
+    mass_kg : float, optional
+        Mass.
+    com_m : (float, float, float), optional
+        Centre of mass in the frame of the flange (m).
+    inertia_kg_m2 : tuple of 6 float, optional
+        ``XX XY XZ YY YZ ZZ`` about the centre of mass, axes of the flange; it needs `com_m`.
+
+    Raises
+    ------
+    ExperimentError
+        For values that belong to no body.
+    """
+
+    name: str
+    mass_kg: float | None = None
+    com_m: tuple[float, ...] | None = None
+    inertia_kg_m2: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        where = f"payload '{self.name}':"
+        if self.name == NOTHING and (self.mass_kg, self.com_m, self.inertia_kg_m2) != (None, None, None):
+            raise ExperimentError(f"{where} the name is that of an empty flange, which has no mass")
+        for key, length in (("com_m", 3), ("inertia_kg_m2", 6)):
+            values = getattr(self, key)
+            if values is None:
+                continue
+            values = tuple(float(value) for value in values)
+            if len(values) != length or not all(map(math.isfinite, values)):
+                raise ExperimentError(f"{where} {key} needs {length} finite numbers, got {list(values)}")
+            object.__setattr__(self, key, values)
+        mass = self.mass_kg
+        if mass is not None and not (math.isfinite(mass) and mass > 0.0):
+            raise ExperimentError(f"{where} mass_kg must be a positive number, got {mass!r}")
+        if self.inertia_kg_m2 is not None:
+            if self.com_m is None:
+                raise ExperimentError(
+                    f"{where} an inertia about the centre of mass needs the centre: com_m = [x, y, z]"
+                )
+            reason = why_no_body(self._body(1.0 if mass is None else mass))
+            if reason is not None:
+                raise ExperimentError(f"{where} inertia_kg_m2 belongs to no body: {reason}")
+
+    def _body(self, mass: float) -> Array:
+        assert self.com_m is not None
+        xx, xy, xz, yy, yz, zz = self.inertia_kg_m2 or (0.0,) * 6
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return body_pseudo_inertia(mass, inertia, pose(np.eye(3), self.com_m))
+
+    @property
+    def split(self) -> tuple[Array, Array, tuple[str, ...]]:
+        """Known part of the ten parameters, (10,), columns of the unknown ones, (10, k), and their names.
+
+        With a known centre and an unknown mass one column is the mass with its first moments.
+        """
+        known, columns = np.zeros(10), {name: np.eye(10)[k] for k, name in enumerate(INERTIAL)}
+        if self.name == NOTHING:
+            return known, np.zeros((10, 0)), ()
+        if self.com_m is not None:
+            for name in ("MX", "MY", "MZ"):
+                del columns[name]
+            # The mass has its first moments with it; second moments about the flange are unknown as a whole.
+            columns["M"] = np.array([0.0] * 6 + [*self.com_m, 1.0])
+            if self.inertia_kg_m2 is not None:
+                known = ten_parameters(self._body(0.0))
+                columns = {"M": ten_parameters(self._body(1.0)) - known}
+        if self.mass_kg is not None:
+            known = known + self.mass_kg * columns.pop("M")
+        names = tuple(columns)
+        matrix = np.stack([columns[name] for name in names], axis=1) if names else np.zeros((10, 0))
+        return known, matrix, names
+
+    @property
+    def known(self) -> bool:
+        """Whether nothing is left to estimate."""
+        return not self.split[2]
+
+
+def read_payload(table: Table, name: str) -> Payload:
+    """Read a table ``[payload.NAME]``."""
+    mass = table.number("mass_kg", None, above=0.0)
+    com = table.numbers("com_m", 3) if table.has("com_m") else None
+    inertia = table.numbers("inertia_kg_m2", 6) if table.has("inertia_kg_m2") else None
+    table.done()
+    return Payload(
+        name=name,
+        mass_kg=mass,
+        com_m=None if com is None else tuple(com),
+        inertia_kg_m2=None if inertia is None else tuple(inertia),
+    )
+
+
+Pose = tuple[tuple[float, ...], ...]
+
+
+def read_flange(table: Table) -> Pose:
+    """Read the table ``[flange]``: its pose in the last link's frame; rows of a homogeneous matrix (3 x 4)."""
+    place = table.numbers("xyz_m", 3) if table.has("xyz_m") else (0.0, 0.0, 0.0)
+    if table.has("rpy_deg"):
+        angles = tuple(math.radians(value) for value in table.numbers("rpy_deg", 3))
+    else:
+        angles = tuple(table.numbers("rpy_rad", 3)) if table.has("rpy_rad") else (0.0, 0.0, 0.0)
+    table.done()
+    return tuple(tuple(row) for row in pose(rotation_of(angles), place)[:3].tolist())
+
+
+def flange_in_last_frame(robot: Robot, flange: Pose | None = None) -> Array:
+    """Return the pose of the flange in frame n of the robot, (4, 4).
+
+    Parameters
+    ----------
+    robot : Robot
+        The flange is its last own frame: that of the last link of a URDF or of the maker's table, or frame n.
+    flange : 3 x 4 tuple of float, optional
+        Pose of the flange in that frame, from `read_flange`.
+    """
+    link = robot.own_frames[-1]
+    return link if flange is None else np.asarray(link @ np.vstack([np.array(flange), [0.0, 0.0, 0.0, 1.0]]))
+
+
+def moved(ten: Array, frame: Array) -> Array:
+    """Return ten inertial parameters about another frame, in which their own frame has the pose `frame`, (4, 4)."""
+    return ten_parameters(frame @ pseudo_inertia(ten) @ frame.T)
+
+
+def last_link(robot: Robot, frame: Array) -> Array:
+    """Return what a payload adds to the standard parameters: (p, 10), for ten parameters in a frame with a pose in frame n."""
+    first = robot.parameter_names.index(f"{INERTIAL[0]}{robot.n_dof}")
+    columns = np.zeros((len(robot.parameter_names), 10))
+    columns[first : first + 10] = np.stack([moved(unit, frame) for unit in np.eye(10)], axis=1)
+    return columns
+
+
+def to_flange(ten: Array, frame: Array) -> Array:
+    """Return ten inertial parameters of frame n about the flange, whose pose in frame n is `frame`."""
+    return moved(ten, inverse(frame))

@@ -1,0 +1,202 @@
+"""One estimator over several logs: blocks of columns for payloads, own offsets and own friction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import didim
+from arm import arm_file, arm_log
+from didim import Experiment, ExperimentError, FitError
+from didim.methods.method import Method
+from didim.robot.payload import Payload
+from didim.studies.prediction import predict, relative_errors
+from several import DISC, arm_logs, further
+
+TRUTH = {"disc.ZZ": DISC[5], "disc.MX": DISC[6], "disc.MY": DISC[7], "disc.M": DISC[9]}
+
+
+@pytest.fixture(scope="module")
+def exact() -> Experiment:
+    """Three logs without noise; the second and third with a payload, the third with offsets of its own."""
+    return arm_logs([False, True, True], offsets={2: (0.3, -0.2)}, own=("offsets",))
+
+
+def beta_of(experiment: Experiment) -> np.ndarray:
+    return experiment.robot.base_parameters.project(experiment.robot.parameter_set("reference"))
+
+
+@pytest.mark.parametrize(
+    ("method", "tolerance"),
+    [
+        (didim.IDIMLS(), 6e-3),  # the filter of the positions
+        (didim.IDIMIV(), 6e-3),
+        (didim.DIDIM(), 1e-5),
+        (didim.CLOE(start="idim-ls", output="torque"), 1e-5),
+    ],
+    ids=lambda item: getattr(item, "name", ""),
+)
+def test_every_method_finds_robot_payload_and_offsets(
+    exact: Experiment, method: Method, tolerance: float
+) -> None:
+    fit = didim.identify(exact, method)
+    found = further(fit)
+    assert fit.converged
+    np.testing.assert_allclose(fit.beta, beta_of(exact), atol=tolerance)
+    for name, value in TRUTH.items():
+        assert abs(found[name] - value) < tolerance
+    assert abs(found["log 3.Off1"] - 0.3) < tolerance
+    assert abs(found["log 3.Off2"] + 0.2) < tolerance
+    assert abs(found["log 2.Off1"]) < tolerance
+
+
+def test_a_result_with_further_parameters_is_saved_printed_and_predicts(
+    exact: Experiment, tmp_path: Path
+) -> None:
+    fit = didim.identify(exact, didim.DIDIM())
+    fit.save(tmp_path / "fit.json")
+    again = didim.Identification.load(tmp_path / "fit.json")
+    assert again.further is not None
+    assert fit.further is not None
+    assert again.further.by_name == fit.further.by_name
+    np.testing.assert_array_equal(again.further.covariance, fit.further.covariance)
+    text = str(again)
+    assert "payload 'disc', on the flange" in text
+    assert "centre of mass: 250.0 +- " in text
+    assert "offsets of recording 'log 3', less those of 'log 1'" in text
+    assert (relative_errors(predict(again, exact)) < 1e-6).all()
+    validation = didim.validate(again, exact)
+    assert all((item.simulated["torque"] < 1e-4).all() for item in validation.recordings)
+    # Without its payload the second log is another robot's.
+    bare = replace(exact, recordings=tuple(replace(item, payload="none") for item in exact.recordings))
+    assert (relative_errors(predict(again, bare)) > 0.01).all()
+
+
+def test_known_parts_of_a_payload_are_kept(exact: Experiment) -> None:
+    mass, centre = float(DISC[9]), tuple((DISC[6:9] / DISC[9]).tolist())
+    for payload, left in (
+        (Payload(name="disc", mass_kg=mass), {"disc.ZZ", "disc.MX", "disc.MY"}),
+        (Payload(name="disc", com_m=centre), {"disc.ZZ", "disc.M"}),
+        (Payload(name="disc", mass_kg=mass, com_m=centre), {"disc.ZZ"}),
+    ):
+        fit = didim.identify(replace(exact, payloads={"disc": payload}), didim.DIDIM())
+        found = further(fit)
+        assert {name for name in found if name.startswith("disc")} == left
+        for name in left:
+            assert abs(found[name] - TRUTH[name]) < 1e-5
+        np.testing.assert_allclose(fit.beta, beta_of(exact), atol=1e-5)
+        assert fit.further is not None
+        ten, covariance = fit.further.ten("disc")
+        np.testing.assert_allclose(ten[[5, 6, 7, 9]], DISC[[5, 6, 7, 9]], atol=1e-5)
+        assert covariance.shape == (10, 10)
+
+
+def test_parameters_that_no_recording_tells_are_refused_by_name() -> None:
+    with pytest.raises(FitError, match="of payload 'disc' cannot be told from the last link"):
+        didim.identify(arm_logs([True]), didim.IDIMLS())
+    with pytest.raises(
+        ExperimentError, match=r"log 2: payload 'disc' is not described; add a table \[payload.disc\]"
+    ):
+        didim.identify(arm_logs([False, True], payloads={"disk": Payload(name="disk")}), didim.IDIMLS())
+    with pytest.raises(FitError, match="knows the robot alone"):
+        didim.identify(arm_logs([False, True]), didim.IDIMLS(physical=True))
+    with pytest.raises(FitError, match="Kalman"):
+        didim.identify(arm_logs([False, True]), didim.EKF())
+
+
+def test_a_sentence_says_that_own_offsets_were_left_out() -> None:
+    drifting = arm_logs([False, True, False], offsets={1: (0.3, 0.0)}, noise=(0.5, 0.3))
+    (sentence,) = didim.identify(drifting, didim.IDIMLS()).remarks
+    assert sentence.startswith("the offsets of joint 1 differ between recordings, most by 0.")
+    assert sentence.endswith("in Off1 of 'log 2': give the recordings offsets = \"own\"")
+    for steady in (
+        arm_logs([False, True, False], noise=(0.5, 0.3)),
+        replace(drifting, recordings=tuple(replace(item, own=("offsets",)) for item in drifting.recordings)),
+    ):
+        assert not didim.identify(steady, didim.IDIMLS()).remarks
+
+
+def test_offsets_of_their_own_are_as_uncertain_as_they_say() -> None:
+    """Four logs with offsets of their own and one payload: error/sigma near 1 over seeds (benches/payloads.py has 40)."""
+    offsets = {1: (0.3, -0.2), 2: (-0.1, 0.1), 3: (0.2, 0.05)}
+    clean = arm_logs([False, True, True, False], offsets=offsets, own=("offsets",))
+    scores = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        noisy = tuple(
+            replace(item, tau=item.tau + rng.standard_normal(item.q.shape) * (0.5, 0.3))
+            for item in clean.recordings
+            if item.tau is not None
+        )
+        fit = didim.identify(
+            replace(clean, recordings=noisy), didim.IDIMLS(uncertainty="decimated", weights="per-joint")
+        )
+        assert fit.further is not None
+        truth = dict(TRUTH)
+        for number, values in offsets.items():
+            truth |= {f"log {number + 1}.Off{joint + 1}": value for joint, value in enumerate(values)}
+        scores.append(
+            [
+                (value - truth[name]) / std
+                for name, value, std in zip(
+                    fit.further.names, fit.further.values, fit.further.std, strict=True
+                )
+            ]
+        )
+    assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.2
+
+
+FILE = """schema = 1
+name = "two"
+robot = "planar2"
+[payload.none]
+[payload.disc]
+mass_kg = 0.8
+[flange]
+xyz_m = [0.1, 0.0, 0.0]
+rpy_deg = [0.0, 0.0, 90.0]
+[[recording]]
+name = "free"
+rate_hz = 500
+position = { file = "log.npz", variable = "q", unit = "rad", side = "joint" }
+torque = { file = "log.npz", variable = "tau", unit = "N.m", side = "joint" }
+[[recording]]
+name = "loaded"
+payload = "disc"
+offsets = "own"
+friction = "own"
+rate_hz = 500
+position = { file = "log.npz", variable = "q", unit = "rad", side = "joint" }
+torque = { file = "log.npz", variable = "tau", unit = "N.m", side = "joint" }
+"""
+
+
+def test_an_experiment_file_names_payloads_and_what_a_recording_has_for_itself(tmp_path: Path) -> None:
+    arm_file(arm_log(1), tmp_path, tmp_path / "one.toml")
+    path = tmp_path / "two.toml"
+    path.write_text(FILE)
+    experiment = didim.load_experiment(path)
+    free, loaded = experiment.recordings
+    assert (free.payload, free.own, loaded.payload, loaded.own) == (
+        "none", (), "disc", ("offsets", "friction")
+    )  # fmt: skip
+    assert experiment.payloads["disc"].mass_kg == 0.8
+    assert experiment.flange is not None
+    np.testing.assert_allclose(
+        np.array(experiment.flange), np.array([[0, -1, 0, 0.1], [1, 0, 0, 0], [0, 0, 1, 0]]), atol=1e-12
+    )
+    for wrong, message in (
+        ('payload = "disk"', "payload 'disk' is not described"),
+        ('offsets = "mine"', "offsets must be one of"),
+    ):
+        key = wrong.split(" = ")[0]
+        old = next(line for line in FILE.splitlines() if line.startswith(key))
+        path.write_text(FILE.replace(old, wrong))
+        with pytest.raises(ExperimentError, match=message):
+            didim.identify(didim.load_experiment(path), didim.IDIMLS())
+    path.write_text(FILE.replace("mass_kg = 0.8", "mass_kg = -1"))
+    with pytest.raises(ExperimentError, match="mass_kg"):
+        didim.load_experiment(path)

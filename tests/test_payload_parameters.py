@@ -1,0 +1,79 @@
+"""Payloads as ten inertial parameters: what is known of them, and their way to the last link."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import didim
+from didim import ExperimentError
+from didim.robot.payload import Payload, last_link, moved, to_flange
+from didim.robot.rigid_body import body_pseudo_inertia, pose, rotation_of, ten_parameters
+
+MASS, CENTRE = 2.5, (0.03, -0.02, 0.11)
+INERTIA = (0.02, 0.001, -0.002, 0.025, 0.0005, 0.015)
+
+
+def ten_of(mass: float, centre: tuple[float, ...], inertia: tuple[float, ...]) -> np.ndarray:
+    xx, xy, xz, yy, yz, zz = inertia
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return ten_parameters(body_pseudo_inertia(mass, matrix, pose(np.eye(3), centre)))
+
+
+@pytest.mark.parametrize(
+    ("known", "unknown"),
+    [
+        ({}, 10),
+        ({"mass_kg": MASS}, 9),
+        ({"com_m": CENTRE}, 7),
+        ({"mass_kg": MASS, "com_m": CENTRE}, 6),
+        ({"com_m": CENTRE, "inertia_kg_m2": INERTIA}, 1),
+        ({"mass_kg": MASS, "com_m": CENTRE, "inertia_kg_m2": INERTIA}, 0),
+    ],
+)
+def test_what_is_known_and_what_is_not_make_the_body(known: dict[str, object], unknown: int) -> None:
+    payload = Payload(name="body", **known)  # type: ignore[arg-type]
+    ten = ten_of(MASS, CENTRE, INERTIA)
+    constant, columns, names = payload.split
+    assert columns.shape == (10, unknown) == (10, len(names))
+    assert payload.known == (unknown == 0)
+    # The body is one of those that the unknown parameters describe.
+    values = np.linalg.lstsq(columns, ten - constant, rcond=None)[0] if unknown else np.zeros(0)
+    np.testing.assert_allclose(constant + columns @ values, ten, atol=1e-12)
+
+
+@given(st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6))
+def test_a_payload_is_the_same_body_in_every_frame(numbers: list[float]) -> None:
+    frame = pose(rotation_of(numbers[:3]), numbers[3:])
+    ten = ten_of(MASS, CENTRE, INERTIA)
+    there = moved(ten, frame)
+    assert there[9] == pytest.approx(MASS)
+    np.testing.assert_allclose(there[6:9] / MASS, frame[:3, :3] @ CENTRE + frame[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(to_flange(there, frame), ten, atol=1e-9)
+
+
+def test_a_payload_adds_to_the_last_link() -> None:
+    robot = didim.load_robot("tx40")
+    ten = ten_of(MASS, CENTRE, INERTIA)
+    x = last_link(robot, np.eye(4)) @ ten
+    at = robot.parameter_names.index
+    assert x[at("M6")] == MASS
+    assert x[at("XX6")] == ten[0]
+    assert np.count_nonzero(x) == 10
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"mass_kg": 0.0}, "mass_kg must be a positive number"),
+        ({"com_m": (0.0, 1.0)}, "com_m needs 3 finite numbers"),
+        ({"inertia_kg_m2": INERTIA}, "needs the centre"),
+        ({"com_m": CENTRE, "inertia_kg_m2": (1.0, 0.0, 0.0, 1.0, 0.0, 9.0)}, "belongs to no body"),
+        ({"name": "none", "mass_kg": 1.0}, "empty flange"),
+    ],
+)
+def test_wrong_payloads_are_refused(options: dict[str, object], message: str) -> None:
+    with pytest.raises(ExperimentError, match=message):
+        Payload(**({"name": "body"} | options))  # type: ignore[arg-type]
