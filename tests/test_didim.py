@@ -508,8 +508,8 @@ def test_emps_from_one_kilogram_needs_gain_updating(emps: Experiment) -> None:
     full = [item.more["residual_change"] for item in found.history if item.more["step_length"] == 1.0]
     assert np.nanmin(full) < 0.025
     told = "with these parameters the robot does not follow: its torques are off by 5"
-    (remark,) = [remark for remark in found.remarks if remark.startswith(told)]
-    assert remark.endswith("or let gain_updating be 'first'")
+    (reason,) = [reason for reason in found.verdict.grave if reason.sentence.startswith(told)]
+    assert reason.advice.endswith("or let gain_updating be 'first'")
     near = identify(emps, plain_didim(gain_updating="never", start="published"))
     assert near.converged
     assert distance(near, identify(emps, plain_didim()).beta) < 0.05
@@ -581,11 +581,9 @@ def test_command_that_does_not_converge_is_exit_1(file: Path, capsys: pytest.Cap
     assert main(["identify", str(file), "--method", "didim", "--plain"]) == 1
     out, err = capsys.readouterr()
     assert err == ""
-    assert (
-        "\nTo know:\n  the torques of joints 1 and 2 look as if their signs were wrong: friction would drive"
-        in out
-    )
-    assert out.splitlines()[-1].startswith(Status.NO_STEP.value)
+    assert "\n  the torques of joints 1 and 2 look as if their signs were wrong: friction would drive" in out
+    assert Status.NO_STEP.value in out
+    assert out.splitlines()[-1].startswith("Verdict: wrong, for ")
 
 
 def test_command_with_a_start_that_cannot_be_simulated_is_one_line_and_exit_2(

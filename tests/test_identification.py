@@ -171,10 +171,11 @@ def test_table() -> None:
         "torque recorded +1.50 samples (+1.500 ms) after the motion, by estimate",
         "torque moved back by 1.5 samples",
         "",
-        "Not physical as it stands:",
+        "Doubtful:",
         "  Fc2 = -1 N.m is negative, by 3.0 sigma",
         "",
-        f"{Status.SOLVED.value} But it is not physical as it stands: see the 1 finding above.",
+        Status.SOLVED.value,
+        "Verdict: doubtful, for 1 reason: Fc2 = -1 N.m is negative, by 3.0 sigma.",
     ]
 
 

@@ -110,7 +110,7 @@ def _identification(fit: Identification, form: str) -> str:
     grid = Grid((*head[:-1], "remark"), body, "llrrrrrrl")
     errors_head, *errors = fit.error_rows()
     title = f"{fit.name}: robot {fit.robot} by {fit.method}"
-    notes = [*fit.warnings, *fit.remarks, fit.conclusion]
+    notes = [*map(str, fit.verdict.reasons), fit.conclusion, fit.verdict.sentence]
     if form == "latex":
         lines = [" ".join(row) for row in (errors_head, *errors)]
         return _latex(grid, [title, *lines, *notes])

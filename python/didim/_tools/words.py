@@ -30,6 +30,12 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def joints_text(joints: Iterable[int]) -> str:
+    """Joints, numbered from 0, as text: ``joint 3``, ``joints 1, 2 and 6``."""
+    names = [str(int(joint) + 1) for joint in joints]
+    return f"joint {names[0]}" if len(names) == 1 else f"joints {', '.join(names[:-1])} and {names[-1]}"
+
+
 def printable(text: str) -> str:
     """Text without control characters, which a terminal would obey; line breaks and tabs stay."""
     return "".join(

@@ -120,7 +120,7 @@ def run(options: argparse.Namespace) -> int:
     saved.show(formatted(comparison, options.format))
     if any(fit.status.name == "INTERRUPTED" for fit in comparison.fits.values()):
         return INTERRUPTED
-    code = exit_code(comparison.fits["didim"].status) if "didim" in comparison.fits else NOT_CONVERGED
+    code = exit_code(comparison.fits["didim"]) if "didim" in comparison.fits else NOT_CONVERGED
     return saved.code(code)
 
 
@@ -136,4 +136,4 @@ def _contrast(options: argparse.Namespace, experiment: Experiment) -> int:
     saved = Saved()
     saved.save(options.json, found.save)
     saved.show(str(found))
-    return saved.code(exit_code(found.fits["didim"].status))
+    return saved.code(exit_code(found.fits["didim"]))

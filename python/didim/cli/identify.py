@@ -12,6 +12,7 @@ from .options import (
     add_format,
     add_regression,
     add_report,
+    add_strict,
     check_report,
     exit_code,
     formatted,
@@ -83,6 +84,7 @@ def add(commands: Commands) -> None:
     )
     add_format(parser)
     add_report(parser)
+    add_strict(parser)
     loudness = parser.add_mutually_exclusive_group()
     loudness.add_argument("--quiet", action="store_true", help="print no table")
     loudness.add_argument("--verbose", action="store_true", help="print progress on stderr")
@@ -133,5 +135,6 @@ def run(options: argparse.Namespace) -> int:
 
         saved.save(options.report, lambda path: write(path, fit, experiment))
     if not options.quiet or saved.failed:
-        saved.show(formatted(fit, options.format))
-    return saved.code(exit_code(fit.status))
+        verdict = fit.verdict if options.format == "text" else None
+        saved.show(formatted(fit, options.format), verdict)
+    return saved.code(exit_code(fit, strict=options.strict))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -12,7 +13,8 @@ from .._tools.words import printable
 
 if TYPE_CHECKING:
     from ..formats import Result
-    from ..result.status import Status
+    from ..result.identification import Identification
+    from ..result.verdict import Verdict
 
     # The type of what add_subparsers() returns has no public name.
     Commands = argparse._SubParsersAction["Parser"]
@@ -125,10 +127,33 @@ def formatted(result: Result, form: str) -> str:
     return render(result, form)
 
 
-def exit_code(status: Status) -> int:
-    """Exit code of an identification."""
-    from ..result.status import Status
+def add_strict(parser: argparse.ArgumentParser) -> None:
+    """Add ``--strict``."""
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="exit code 1 for a doubtful verdict too, not only for a wrong one",
+    )
 
-    if status is Status.INTERRUPTED:
+
+def exit_code(fit: Identification, *, strict: bool = False) -> int:
+    """Exit code of an identification, by its status and its verdict."""
+    from ..result.status import Status
+    from ..result.verdict import State
+
+    if fit.status is Status.INTERRUPTED:
         return INTERRUPTED
-    return CONVERGED if status.converged else NOT_CONVERGED
+    refused = (State.WRONG, State.DOUBTFUL) if strict else (State.WRONG,)
+    return CONVERGED if fit.status.converged and fit.verdict.state not in refused else NOT_CONVERGED
+
+
+COLORS = {"sound": "32", "doubtful": "33", "wrong": "31"}
+"""Colours of a terminal by verdict: green, yellow and red."""
+
+
+def colored(text: str, verdict: Verdict) -> str:
+    """Return a text whose last line, the verdict, has its colour on a terminal; as it is elsewhere, or with NO_COLOR set."""
+    if not sys.stdout.isatty() or os.environ.get("NO_COLOR"):
+        return text
+    body, line, last = text.rpartition("\n")
+    return f"{body}{line}\033[1;{COLORS[verdict.state.value]}m{last}\033[0m"

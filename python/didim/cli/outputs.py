@@ -6,10 +6,14 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .._tools.files import check_output, write_atomically, write_elsewhere
 from .._tools.words import printable
-from .options import NOT_CONVERGED
+from .options import NOT_CONVERGED, colored
+
+if TYPE_CHECKING:
+    from ..result.verdict import Verdict
 
 RESULT = Path("didim-result.txt")
 """Name of the file that takes a result which could not be printed."""
@@ -56,10 +60,11 @@ class Saved:
         except OSError as error:
             self._elsewhere(path, write, error)
 
-    def show(self, text: str) -> None:
-        """Print the result on stdout."""
+    def show(self, text: str, verdict: Verdict | None = None) -> None:
+        """Print the result on stdout; on a terminal the last line has the colour of a verdict."""
         try:
-            print(printable(text))
+            shown = printable(text)
+            print(shown if verdict is None else colored(shown, verdict))
             sys.stdout.flush()
         except BrokenPipeError:
             raise

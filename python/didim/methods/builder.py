@@ -25,9 +25,12 @@ from ..result.identification import Identification
 from ..result.iteration import Iteration
 from ..result.status import Status
 from ..result.uncertainty import Uncertainty
+from ..result.verdict import Reason
 from .job import Delay, Job, ratio, ratios
 from .method import Described
 from .uncertainty import spread_of_fit
+from .verdict.physics import physical_reasons
+from .verdict.whiteness import whiteness, whiteness_reasons
 
 LARGEST_CONDITION_NUMBER = 1e10
 """Condition number beyond which fewer than about six of the sixteen digits of the estimate are left."""
@@ -87,6 +90,7 @@ def identification(
     output_error: tuple[float, float] | None = None,
     settings: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
+    evidence: Sequence[Reason] = (),
     standard: Array | None = None,
 ) -> Identification:
     """Put together the result of a method.
@@ -97,7 +101,7 @@ def identification(
         Experiment and settings of the run.
     method : Described
         Its name, and along which motion it predicts.
-    status, history, condition_number, delay, n_simulations, output_error, remarks
+    status, history, condition_number, delay, n_simulations, output_error, remarks, evidence
         As in `Identification`.
     beta : (b,) array
         All base parameters, fixed ones included, then the further parameters of the logs.
@@ -126,6 +130,7 @@ def identification(
     if uncertainty is not None:
         per_joint = freedom / max(1, len(errors.norms))
         uncertainty = replace(uncertainty, joint_std=errors.norms / np.sqrt(per_joint))
+    flags = physical_flags(robot, beta[:b], full[:b, :b], q)
     return Identification(
         name=job.experiment.name,
         robot=robot.name,
@@ -150,8 +155,9 @@ def identification(
         output_error=output_error,
         history=tuple(history),
         held_out=tuple(job.held_out(beta, delay)) if held_out else (),
-        warnings=physical_flags(robot, beta[:b], np.sqrt(np.diag(full))[:b], q),
+        warnings=tuple(flag.sentence for flag in flags),
         remarks=tuple(remarks),
+        evidence=(*evidence, *physical_reasons(flags)),
         delay=delay.record(),
         settings=record(job, prediction={"motion": method.motion, "raw": method.raw}, **(settings or {})),
         digests=digests(job.experiment),
@@ -198,12 +204,20 @@ def fitted(
     output_error: tuple[float, float] | None = None,
     settings: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
+    evidence: Sequence[Reason] = (),
 ) -> Identification:
     """Put together the result of a method that ends with the solution of a system (7); see `identification`.
 
     `beta` are the parameters reached, (b,), where they are not those of the last solution.
     """
     spread = spread_of_fit(system, fit, job.settings, job.selection)
+    errors = TorqueErrors.of(system, fit.residual)
+    lasting = whiteness_reasons(
+        whiteness(fit.residual, system.blocks, len(system.joints)),
+        ratios(errors.norms, errors.torques),
+        spread.uncertainty,
+        np.sqrt(np.diag(job.selection.expand_covariance(spread.covariance))),
+    )
     drifts = _drift(job, system, fit) if status.converged else []
     return identification(
         job,
@@ -213,7 +227,7 @@ def fitted(
         beta=job.selection.expand(fit.solution) if beta is None else beta,
         covariance=spread.covariance,
         uncertainty=spread.uncertainty,
-        errors=TorqueErrors.of(system, fit.residual),
+        errors=errors,
         condition_number=fit.condition_number,
         delay=delay,
         q=q,
@@ -230,6 +244,7 @@ def fitted(
             *spread.remarks,
             *drift_sentences(drifts, [item.name for item in job.experiment.recordings]),
         ),
+        evidence=(*evidence, *lasting),
         standard=fit.standard,
     )
 

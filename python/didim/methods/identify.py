@@ -16,6 +16,7 @@ from ..result.iteration import Iteration
 from .friction import with_known_friction
 from .idim_ls import IDIMLS
 from .method import FitSettings, Method, MethodSettings
+from .verdict.judge import judged
 
 METHODS: dict[str, str | Callable[..., Method]] = {
     "idim-ls": "didim.methods.idim_ls:IDIMLS",
@@ -112,6 +113,7 @@ def identify(
             settings={**fit.settings, "friction": friction.record()},
             remarks=(*fit.remarks, *friction.remarks()),
         )
+    fit = judged(fit, experiment, method, say)
     fit = replace(fit, elapsed=time.perf_counter() - start)
     say(f"{fit.elapsed:.3f} s; {fit.conclusion}")
     return fit

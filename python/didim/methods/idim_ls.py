@@ -17,6 +17,7 @@ from ..result.iteration import Iteration
 from .builder import fitted, solved_status
 from .job import ratio
 from .method import FitSettings
+from .verdict.torques import torque_reasons
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +88,7 @@ class IDIMLS(FitSettings):
         fit = job.solve(system, record)
         if not history:  # the solver reported no solution of its own
             record(1, fit.solution, fit.residual)
+        found = suspicions(system, fit)
         return fitted(
             job,
             self,
@@ -96,5 +98,6 @@ class IDIMLS(FitSettings):
             history=history,
             delay=delay,
             q=np.concatenate([part.q for part in parts]),
-            remarks=suspicions(system, fit),
+            remarks=found,
+            evidence=torque_reasons(found),
         )

@@ -8,12 +8,13 @@ sum. And the inertia matrix must be positive definite at every configuration, th
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
 import numpy as np
 
 from .._tools.arrays import Array
 from ..robot.robot import Robot
-from .dynamics import inertia_matrix
+from .dynamics import inertia_matrix, regressor
 
 # Names of the standard parameters that cannot be negative: letters, then joint number and perhaps a
 # direction.
@@ -23,21 +24,46 @@ NOT_NEGATIVE = re.compile(r"(XX|YY|ZZ|M|Ia|Fv|Fc|Fvm|Fcm)\d+[+-]?")
 MOST_CONFIGURATIONS = 1000
 
 
-def physical_flags(robot: Robot, beta: Array, std: Array, q: Array) -> tuple[str, ...]:
-    """Sentences on what the estimate has that no robot can have.
+# Below so many standard deviations the sign of an estimate is not significant: one negative estimate of forty is expected at 2.
+NOISE_SIGMAS = 2.0
+
+
+@dataclass(frozen=True)
+class Flag:
+    """Something in an estimate that no robot has.
+
+    Attributes
+    ----------
+    sentence : str
+        What it is.
+    parameters : tuple of str
+        Base parameters concerned; empty for M(q).
+    sigmas : float
+        By how many standard deviations it is beyond zero; infinite where none are known.
+    """
+
+    sentence: str
+    parameters: tuple[str, ...]
+    sigmas: float
+
+
+def physical_flags(robot: Robot, beta: Array, covariance: Array, q: Array) -> tuple[Flag, ...]:
+    """Return what the estimate has that no robot can have.
 
     Parameters
     ----------
     robot : Robot
         Gives names and groupings.
-    beta, std : ndarray, shape (b,)
-        Base parameters and their standard deviations.
+    beta : ndarray, shape (b,)
+        Base parameters.
+    covariance : ndarray, shape (b, b)
+        Their covariance.
     q : ndarray, shape (n_samples, n_dof)
         Joint positions of the log.
 
     Returns
     -------
-    tuple of str
+    tuple of Flag
         Empty when nothing is forbidden.
 
     Notes
@@ -45,17 +71,19 @@ def physical_flags(robot: Robot, beta: Array, std: Array, q: Array) -> tuple[str
     ``test_physics.py`` flags spoiled parameters and leaves true ones alone.
     """
     base = robot.base_parameters
+    std = np.sqrt(np.diag(covariance))
     flags = []
     for index, (name, unit) in enumerate(zip(base.names, base.units, strict=True)):
         if beta[index] < 0.0 and _cannot_be_negative(robot, index):
-            times = -beta[index] / std[index] if std[index] > 0.0 else np.inf
-            flags.append(
+            times = float(-beta[index] / std[index]) if std[index] > 0.0 else np.inf
+            sentence = (
                 f"{name} = {beta[index]:.4g} {unit} is negative"
                 + (f", by {times:.1f} sigma" if np.isfinite(times) else ", as fixed")
-                + (" (noise can explain it)" if times < 2.0 else "")
+                + (" (noise can explain it)" if times < NOISE_SIGMAS else "")
             )
+            flags.append(Flag(sentence, (name,), times))
     if q.shape[0]:
-        flags += _indefinite(robot, base.lift(beta), q)
+        flags += _indefinite(robot, beta, covariance, q)
     return tuple(flags)
 
 
@@ -67,12 +95,12 @@ def _cannot_be_negative(robot: Robot, index: int) -> bool:
     )
 
 
-def _indefinite(robot: Robot, x: Array, q: Array) -> list[str]:
+def _indefinite(robot: Robot, beta: Array, covariance: Array, q: Array) -> list[Flag]:
     """Flag on M(q), or nothing."""
     chosen = np.unique(
         np.linspace(0, q.shape[0] - 1, min(q.shape[0], MOST_CONFIGURATIONS)).round().astype(int)
     )
-    matrices = inertia_matrix(robot, q[chosen], x)
+    matrices = inertia_matrix(robot, q[chosen], robot.base_parameters.lift(beta))
     try:
         np.linalg.cholesky(matrices)  # far less work than the eigenvalues, which say how bad it is
     except np.linalg.LinAlgError:
@@ -83,10 +111,20 @@ def _indefinite(robot: Robot, x: Array, q: Array) -> list[str]:
     if not bad.any():
         return []
     worst = int(np.argmin(smallest))
-    angles = ", ".join(f"{value:.3f}" for value in q[chosen[worst]])
-    return [
+    # v' M(q) v is linear in the parameters: its derivatives are those of the torques at the acceleration v.
+    vector = np.linalg.eigh(matrices[worst])[1][:, 0]
+    place = q[chosen[worst]][None]
+    rest = np.zeros_like(place)
+    columns = regressor(robot, place, rest, vector[None]) - regressor(robot, place, rest, rest)
+    slopes = vector @ columns[0][:, list(robot.base_parameters.indices)]
+    sigma = float(np.sqrt(max(0.0, slopes @ covariance @ slopes)))
+    times = float(-smallest[worst]) / sigma if sigma > 0.0 else np.inf
+    angles = ", ".join(f"{value:.3f}" for value in place[0])
+    sentence = (
         f"M(q) is not positive definite in {100.0 * bad.mean():.3g} % of {len(chosen)} configurations of the "
-        f"log (smallest eigenvalue {smallest[worst]:.3g} at q = {angles}): this estimate cannot be simulated"
-        # A bad estimate is indefinite here and there; one with the signs turned round, everywhere.
-        + ("; is the sign of the torques wrong?" if bad.all() else "")
-    ]
+        f"log (smallest eigenvalue {smallest[worst]:.3g} at q = {angles}"
+        + (f", {times:.1f} sigma below zero" if np.isfinite(times) else "")
+        + "): this estimate cannot be simulated"
+        + (" (noise can explain it)" if times < NOISE_SIGMAS else "")
+    )
+    return [Flag(sentence, (), times)]

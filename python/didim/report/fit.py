@@ -18,25 +18,24 @@ from ..plot.style import percent
 from ..result.delay_lines import delay_lines
 from ..result.identification import Identification
 from ..result.table import WELL_IDENTIFIED_PERCENT, aligned
+from ..result.verdict import State
 from ..studies.comparison import TITLES, duration
-from ..studies.prediction import Prediction, autocorrelation, predict, relative_errors
+from ..studies.prediction import Prediction, predict, relative_errors
 from .page import Html, Level, Text, beside, code, details, page, paragraph, picture, section, table, verdict
 
 STRONG_CORRELATION = 0.8
 MOST_PAIRS = 10
 MOST_HISTORY_ROWS = 40
 LONG_LIST = 24
-NOT_WHITE = 0.25
-"""Share of the lags outside of the band of 95 % that makes a residual no white noise: five times as many as expected."""
-LAGS = 20
+LEVELS: dict[State, Level] = {State.SOUND: "good", State.DOUBTFUL: "caution", State.WRONG: "bad"}
+"""Colour of a verdict."""
 
 
 def fit_page(fit: Identification, experiment: Experiment) -> str:
     """Return the report of an identification as HTML."""
     predictions, doubt = _predictions(fit, experiment)
     level, badge, sentence = judged(fit)
-    colored = correlated_joints(predictions)
-    findings = [*fit.warnings, *fit.remarks, *doubt, *_residual_finding(colored, experiment)]
+    findings = [*(str(reason) for reason in fit.verdict.reasons), *doubt]
     sections = [
         verdict(level, badge, sentence, tiles(fit), findings),
         torque_section(fit, experiment, predictions),
@@ -82,17 +81,11 @@ def judged(fit: Identification) -> tuple[Level, str, str]:
     for item in fit.held_out:
         text += f"; on '{item.name}', which was kept out of the fit, {percent(item.overall_relative_error)}"
     text += "."
+    verdict = fit.verdict
+    badge = f"{verdict.state.value.capitalize()}. {fit.status.value.partition(':')[0]}"
     if not fit.converged:
-        return "bad", fit.status.value.partition(":")[0], f"{fit.conclusion} {text}"
-    if fit.warnings:
-        return (
-            "caution",
-            f"{fit.status.value.partition(':')[0]}, but not physical as it stands",
-            f"{text} Read what is found below before you use them in a simulation or a controller.",
-        )
-    if fit.remarks:
-        return "caution", f"{fit.status.value.partition(':')[0]}, with something to know", text
-    return "good", fit.status.value.partition(":")[0], text
+        text = f"{fit.conclusion} {text}"
+    return LEVELS[verdict.state], badge, f"{text} {verdict.sentence}"
 
 
 def well_identified(fit: Identification) -> NDArray[np.bool_]:
@@ -226,39 +219,6 @@ def parameter_section(fit: Identification, experiment: Experiment) -> Html:
             details("What the base parameters are made of", table(["parameter", "sum"], lines, classes=wide))
         )
     return section("Parameters", *content)
-
-
-def correlated_joints(predictions: Sequence[Prediction]) -> list[tuple[int, float]]:
-    """Find the joints whose residual is clearly no white noise, and its autocorrelation at lag 1."""
-    if not predictions:
-        return []
-    n_rows = sum(len(item.t) for item in predictions)
-    n_lags = min(LAGS, min(len(item.t) for item in predictions) - 1)
-    expected = predictions[0].noise_correlation
-    known = np.zeros(n_lags + 1) if expected is None else np.pad(expected, (0, n_lags + 1))[: n_lags + 1]
-    found = []
-    for joint in range(predictions[0].measured.shape[1]):
-        parts = [item.residual[:, joint] for item in predictions]
-        values = autocorrelation(parts, n_lags)
-        outside = np.abs(values - known)[1:] > 1.96 / np.sqrt(n_rows)
-        if n_lags and outside.mean() > NOT_WHITE:
-            found.append((joint, float(values[1])))
-    return found
-
-
-def _residual_finding(colored: Sequence[tuple[int, float]], experiment: Experiment) -> list[str]:
-    if not colored:
-        return []
-    n = experiment.robot.n_dof
-    which = (
-        "every joint" if len(colored) == n and n > 1 else "joint " + ", ".join(str(j + 1) for j, _ in colored)
-    )
-    low, high = min(value for _, value in colored), max(value for _, value in colored)
-    size = f"{low:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f} to {high:.2f}"
-    return [
-        f"What the model leaves of the torque is not white noise at {which} (autocorrelation {size} at lag 1): there is something "
-        "that the model does not have, and the real errors of the parameters are likely larger than sigma says."
-    ]
 
 
 def _residual_section(fit: Identification, experiment: Experiment, predictions: Sequence[Prediction]) -> Html:

@@ -30,6 +30,7 @@ from .saved_fields import fields_of
 from .status import Status
 from .table import error_lines, error_rows, parameter_lines, parameter_rows, percent_text
 from .uncertainty import Uncertainty, student_factor
+from .verdict import Reason, Verdict, derived
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,6 +95,8 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         What was asked for; SHA-256 of every file read.
     ending : str
         Sentence on the stopping rule that fired, or on what the result is when none did; empty where the status says it all.
+    evidence : tuple of Reason
+        What was found for or against the result, beside status, warnings and remarks: see `verdict`.
 
     Notes
     -----
@@ -130,6 +133,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     settings: Mapping[str, Any] = field(default_factory=dict)
     digests: Mapping[str, str] = field(default_factory=dict)
     ending: str = ""
+    evidence: tuple[Reason, ...] = ()
 
     def __post_init__(self) -> None:
         n_base = len(self.names)
@@ -214,6 +218,11 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         return self.status.converged
 
     @property
+    def verdict(self) -> Verdict:
+        """Whether the result is sound, doubtful or wrong, and why: evidence, status, warnings and remarks (docs/verdict.md)."""
+        return Verdict.of([*self.evidence, *derived(self.status, self.warnings, self.remarks)])
+
+    @property
     def conclusion(self) -> str:
         """How it ended, and by which rule."""
         return f"{self.status.value} {self.ending}".rstrip()
@@ -275,14 +284,9 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             )
         if "consistent" in self.settings:
             lines += ["", *table_of(self.settings["consistent"])]
-        if self.remarks:
-            lines += ["", "To know:", *(f"  {text}" for text in self.remarks)]
-        verdict = self.conclusion
-        if self.warnings:
-            lines += ["", "Not physical as it stands:", *(f"  {text}" for text in self.warnings)]
-            # The last line is what is read: it must not sound like plain success.
-            verdict += f" But it is not physical as it stands: see the {counted(len(self.warnings), 'finding')} above."
-        return "\n".join([*lines, "", verdict])
+        # The last line is what is read: it must not sound better than the result is.
+        verdict = self.verdict
+        return "\n".join([*lines, *verdict.lines(), "", self.conclusion, verdict.sentence])
 
     def __repr__(self) -> str:
         return (
@@ -310,6 +314,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             "status": self.status.value,
             "status_name": self.status.name,
             "converged": self.converged,
+            "verdict": self.verdict.to_dict(),
             "ending": self.ending,
             "n_iterations": self.n_iterations,
             "n_simulations": self.n_simulations,

@@ -11,6 +11,7 @@ from .further import Further
 from .iteration import HeldOut, Iteration
 from .status import Status
 from .uncertainty import Uncertainty
+from .verdict import DERIVED, Reason
 
 
 def fields_of(data: dict[str, Any]) -> dict[str, Any]:
@@ -63,6 +64,11 @@ def fields_of(data: dict[str, Any]) -> dict[str, Any]:
         "warnings": tuple(data["warnings"]),
         "remarks": tuple(data.get("remarks", ())),
         "ending": str(data.get("ending", "")),
+        "evidence": tuple(
+            Reason.from_dict(item)
+            for item in data.get("verdict", {}).get("reasons", ())
+            if item["code"] not in DERIVED
+        ),
         "uncertainty": None
         if data.get("uncertainty") is None
         else Uncertainty.from_dict(

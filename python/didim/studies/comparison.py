@@ -63,9 +63,11 @@ class Comparison:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks of all methods, each with the name of its method."""
+        """Reasons of the verdicts of all methods, each with the name of its method."""
         return tuple(
-            f"{TITLES.get(name, name)}: {text}" for name, fit in self.fits.items() for text in fit.remarks
+            f"{TITLES.get(name, name)}: {reason}"
+            for name, fit in self.fits.items()
+            for reason in fit.verdict.reasons
         )
 
     def deviations(self, method: str) -> Array:

@@ -39,6 +39,7 @@ from ...signal.segments import Segment
 from ..builder import fitted
 from ..job import Job, ratio
 from ..start import standard_start
+from ..verdict.torques import contradiction_reasons, following_reasons, torque_reasons
 from .convergence import best_sentence, rule_sentence
 from .settings import DIDIMSettings
 from .simulability import chosen_steps, damping_of, rates, simulable
@@ -125,6 +126,7 @@ class ConsistentRun:
         self.damping = damping_of(self._prepared(self.experiment)[0].loop.controller)
         self.solver, self.direct, self.step_s = simulable(solver, self.measured, job.settings, self.damping)
         self.remarks = diagnosis(self.measured, direct, first.problem)
+        self.contradictions = tuple(self.remarks)
 
     def _references(self) -> list[Segment]:
         windows = self._prepared(self.experiment)
@@ -323,22 +325,23 @@ class ConsistentRun:
             q=thinned(q, 2000),
             beta=beta,
             settings=self._settings(),
-            remarks=self._findings(system, fit, point, status),
+            remarks=self._findings(system, fit, status),
+            evidence=[
+                *torque_reasons(self._suspicions(system, fit, status)),
+                *contradiction_reasons(self.contradictions),
+                *following_reasons(point.simulated.error),
+            ],
             n_simulations=self.n_simulations,
         )
         if not status.converged:
             result = replace(result, covariance=np.zeros_like(result.covariance))
         return replace(result, ending=ending, output_error=(first_error, point.simulated.error))
 
-    def _findings(self, system: LinearSystem, fit: Fit, point: Candidate, status: Status) -> list[str]:
-        found = [*self.remarks]
-        if not found and status.converged:
-            found += suspicions(system, fit)
-        if point.simulated.error >= 1.0:
-            found.append(
-                f"with these parameters the robot does not follow: its torques are off by {100.0 * point.simulated.error:.3g} %; "
-                "check the controller"
-            )
+    def _suspicions(self, system: LinearSystem, fit: Fit, status: Status) -> list[str]:
+        return suspicions(system, fit) if not self.remarks and status.converged else []
+
+    def _findings(self, system: LinearSystem, fit: Fit, status: Status) -> list[str]:
+        found = [*self.remarks, *self._suspicions(system, fit, status)]
         if getattr(self.experiment.reference, "kind", "") == "measured":
             found.append(
                 "the reference is the measured position: what the controller did to follow the real one is not in it, and "

@@ -16,6 +16,7 @@ from ...result.iteration import Iteration
 from ...result.status import Status
 from ..builder import fitted
 from ..job import Job
+from ..verdict.torques import following_reasons, torque_reasons
 from .convergence import step_sentence, stuck_sentence
 from .loops import Loops
 from .settings import DIDIMSettings
@@ -62,6 +63,10 @@ def result_at(
         # (10) holds at the minimum: of any other point it says nothing.
         fit = replace(fit, covariance=np.zeros_like(fit.covariance))
     found = suspicions(system, fit) if status.converged else loops.suspicions()
+    evidence = [
+        *torque_reasons(found),
+        *following_reasons(point.simulated.error, updating=method.gain_updating != "never"),
+    ]
     found = [*found, *loops.remarks, *remarks, *_sentences(point, loops, stuck, suspected=bool(found))]
     result = fitted(
         job,
@@ -75,6 +80,7 @@ def result_at(
         beta=beta,
         settings=_record(method, job, loops),
         remarks=found,
+        evidence=evidence,
         n_simulations=loops.n_simulations,
     )
     return replace(result, ending=ending, output_error=(first_error, point.simulated.error))
@@ -86,12 +92,6 @@ def _sentences(point: Point, loops: Loops, stuck: Mapping[int, str], *, suspecte
     if stuck:
         found.append(stuck_sentence(stuck))
     simulated = point.simulated
-    if simulated.error >= 1.0:
-        hint = ", or let gain_updating be 'first'" if loops.method.gain_updating == "never" else ""
-        found.append(
-            f"with these parameters the robot does not follow: its torques are off by {100.0 * simulated.error:.3g} %; check "
-            f"the controller, start elsewhere{hint}"
-        )
     fine, torque = loops.finer(point.x, simulated), simulated.motions[0][3]
     error, size = (np.sqrt(np.mean(values**2, axis=0)) for values in (fine - torque, fine))
     # With a wrong log no step is small enough.

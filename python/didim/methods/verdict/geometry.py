@@ -1,0 +1,189 @@
+"""Hypotheses on the robot file: gravity, conventions, lengths, twists. Tested in ``tests/test_verdict_faults.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...robot.robot import Geometry, Robot
+from .hypothesis import Hypothesis
+from .rows import Rows
+
+FACTORS = (0.8, 1.25)
+"""Factors of a length that are tried; a parabola through their scores tells where the best one is."""
+SMALLEST_LENGTH_M = 5e-3
+"""Shorter lengths change no torque that a log shows."""
+GRAVITY = 9.81
+"""Size of gravity where the robot file declares none (m/s^2)."""
+
+
+def with_geometry(robot: Robot, **changes: object) -> Robot:
+    """Return a robot with other rows or gravity, and without what its file says of frames."""
+    return replace(robot, geometry=replace(robot.geometry, **changes), correspondence=None, _named={})  # type: ignore[arg-type]
+
+
+def gravities(rows: Rows) -> Iterator[Hypothesis]:
+    """Return gravity along each axis of frame 0, either way, and away from where it points."""
+    declared = np.array(rows.robot.geometry.gravity)
+    size = float(np.linalg.norm(declared)) or GRAVITY
+    directions = [sign * size * axis for axis in np.eye(3) for sign in (-1.0, 1.0)]
+    if declared.any():
+        directions.append(-declared)
+    tried: list[Array] = [declared]
+    for direction in directions:
+        if any(np.allclose(direction, other, atol=1e-3 * size) for other in tried):
+            continue
+        tried.append(direction)
+        products = rows.of_robot(with_geometry(rows.robot, gravity=tuple(direction.tolist())))
+        if products is not None:
+            text = ", ".join(f"{value:.3g}" for value in direction)
+            yield Hypothesis(
+                code="gravity",
+                sentence=f"gravity looks as if it were [{text}] m/s^2 in frame 0, not {_vector(declared)}",
+                advice=f"Write gravity_m_s2 = [{text}] in the robot file, or look at how the robot is mounted",
+                score=products.score(rows.weights),
+                simplicity=2,
+            )
+
+
+def conventions(rows: Rows) -> Iterator[Hypothesis]:
+    """Return the same rows read by the other convention, and with a and d exchanged."""
+    g = rows.robot.geometry
+    n = len(g.kinds)
+    if n < 2:
+        return
+    # Modified rows have the twist and the length of the link before: by the standard convention they are those of the row before.
+    as_standard = {"alpha": (0.0, *g.alpha[:-1]), "d": (0.0, *g.d[:-1])}
+    readings: list[tuple[str, str, str, dict[str, object]]] = [
+        (
+            "dh-convention",
+            "the rows of the robot file look as if they were of the standard convention (Denavit-Hartenberg), not the modified one",
+            'Write convention = "dh" in the robot file',
+            dict(as_standard),
+        )
+    ]
+    # The last twist of a standard table is not in the robot: right angles are tried.
+    readings += [
+        (
+            "dh-convention",
+            "the rows of the robot file look as if they were of the modified convention (Khalil-Kleinfinger), not the standard one",
+            'Write convention = "mdh" in the robot file',
+            {"alpha": (*g.alpha[1:], last), "d": (*g.d[1:], 0.0)},
+        )
+        for last in (0.0, np.pi / 2.0, -np.pi / 2.0)
+    ]
+    exchange = (
+        "a-and-d",
+        "the lengths a and d of the robot file look exchanged",
+        "Exchange them, row by row",
+    )
+    readings += [
+        (*exchange, {"d": g.r, "r": g.d}),
+        (*exchange, {"d": (g.d[0], *g.r[:-1]), "r": (*g.d[1:], g.r[-1])}),
+    ]
+    for code, sentence, advice, changes in readings:
+        if all(np.allclose(getattr(g, key), value) for key, value in changes.items()):  # type: ignore[arg-type]
+            continue
+        products = rows.of_robot(with_geometry(rows.robot, **changes))
+        if products is not None:
+            yield Hypothesis(
+                code=code, sentence=sentence, advice=advice, score=products.score(rows.weights), simplicity=3
+            )
+
+
+def twists(rows: Rows) -> Iterator[Hypothesis]:
+    """Return each twist turned, and the positions of each joint turned, with and without its torques."""
+    g = rows.robot.geometry
+    for joint, alpha in enumerate(g.alpha):
+        if abs(np.sin(alpha)) < 1e-6:
+            continue
+        products = rows.of_robot(with_geometry(rows.robot, alpha=_changed(g.alpha, joint, -alpha)))
+        if products is not None:
+            yield Hypothesis(
+                code="twist-sign",
+                sentence=f"the twist alpha of row {joint + 1} looks as if its sign were wrong",
+                advice="Turn its sign in the robot file",
+                joints=(joint + 1,),
+                score=products.score(rows.weights),
+                simplicity=4,
+            )
+    n = len(g.kinds)
+    if n < 2:
+        return
+    for joint in range(n):
+        flip = np.eye(n)
+        flip[joint, joint] = -1.0
+        turned = rows.of_motion(flip)
+        if turned is None:
+            continue
+        sides = (
+            ("position-sign", np.ones(n), "the position of joint {} looks as if its sign were wrong"),
+            ("joint-sign", np.diag(flip), "joint {} looks as if it turned the other way"),
+        )
+        for code, gain, sentence in sides:
+            yield Hypothesis(
+                code=code,
+                sentence=sentence.format(joint + 1),
+                advice="Turn the sign of its column, or of its axis in the robot file",
+                joints=(joint + 1,),
+                score=turned.score(rows.weights, gain),
+                simplicity=4,
+            )
+
+
+def lengths(rows: Rows) -> Iterator[Hypothesis]:
+    """Return the best factor of each length."""
+    g: Geometry = rows.robot.geometry
+    for key, symbol in (("d", "a (d_m)"), ("r", "d (r_m)")):
+        values: tuple[float, ...] = getattr(g, key)
+        for joint, value in enumerate(values):
+            prismatic = key == "r" and g.kinds[joint] == "prismatic"
+            if abs(value) < SMALLEST_LENGTH_M or prismatic:
+                continue
+
+            def at(
+                factor: float,
+                key: str = key,
+                values: tuple[float, ...] = values,
+                joint: int = joint,
+                value: float = value,
+            ) -> float:
+                changed = with_geometry(rows.robot, **{key: _changed(values, joint, factor * value)})
+                products = rows.of_robot(changed)
+                return float("inf") if products is None else products.score(rows.weights)
+
+            scores = {1.0: rows.score, **{factor: at(factor) for factor in FACTORS}}
+            factor = _bottom(scores)
+            if min(scores.values()) >= 0.98 * rows.score or factor == 1.0:
+                continue  # the log says nothing against this length
+            found = at(factor)
+            factor, found = min([(factor, found), *scores.items()], key=lambda item: item[1])
+            yield Hypothesis(
+                code="link-length",
+                sentence=f"the length {symbol} of row {joint + 1} looks as if it were {factor * value:.4g} m, not {value:.4g} m",
+                advice="Measure it, or look at the data sheet",
+                joints=(joint + 1,),
+                score=found,
+                simplicity=5,
+                value=factor * value,
+            )
+
+
+def _bottom(scores: dict[float, float]) -> float:
+    """Return the factor at the bottom of the parabola through three scores, within a factor of two."""
+    logs = np.log(list(scores))
+    a, b, _ = np.polyfit(logs, list(scores.values()), 2)
+    if not a > 0.0:
+        return min(scores, key=lambda factor: scores[factor])
+    return float(np.exp(np.clip(-b / (2.0 * a), -0.7, 0.7)))
+
+
+def _changed(values: tuple[float, ...], place: int, value: float) -> tuple[float, ...]:
+    return (*values[:place], value, *values[place + 1 :])
+
+
+def _vector(values: Array) -> str:
+    return f"[{', '.join(f'{value:.3g}' for value in values)}]"

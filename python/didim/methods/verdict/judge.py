@@ -1,0 +1,54 @@
+"""The judgement: evidence that costs more is looked for where the cheap evidence is suspicious.
+
+Tested in ``tests/test_verdict_faults.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from ...errors import DidimError
+from ...experiment.experiment import Experiment
+from ...result.identification import Identification
+from ...result.verdict import Reason
+from ..idim_ls import IDIMLS
+from ..method import MethodSettings
+from .search import explained
+
+SUSPICIOUS = frozenset({"not-white", "not-physical", "torque-sign", "swapped-torques"})
+"""Codes of grave reasons that say that the log contradicts its model, but not why."""
+
+
+def judged(
+    fit: Identification, experiment: Experiment, method: object, say: Callable[[str], None]
+) -> Identification:
+    """Return a result with the evidence that its method has not collected.
+
+    Parameters
+    ----------
+    fit : Identification
+        Result of a method.
+    experiment : Experiment
+        What it was made of, with the friction that was chosen.
+    method : Method
+        Its settings.
+    say : callable
+        Called with sentences on the progress.
+    """
+    found: list[Reason] = []
+    if any(reason.code in SUSPICIOUS for reason in fit.verdict.grave):
+        say("the log contradicts its model: looking for the cause")
+        found += _causes(experiment, method)
+    return replace(fit, evidence=(*found, *fit.evidence)) if found else fit
+
+
+def _causes(experiment: Experiment, method: object) -> list[Reason]:
+    """Return the hypothesis that explains the log, along its measured motion."""
+    signal = method.signal if isinstance(method, MethodSettings) else None
+    try:
+        # A wrong fixed value must not speak for the log.
+        job = IDIMLS(signal=signal, fixed={}, dropped=()).job(experiment)
+        return explained(job, job.parts("fit", job.declared_delay))
+    except DidimError:  # without positions, or filtered otherwise: there is no measured motion
+        return []

@@ -1,0 +1,98 @@
+"""Hypotheses on errors that last: friction that the model lacks, and torques that come late.
+
+Tested in ``tests/test_verdict_faults.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..._tools.words import joints_text
+from ...model.dynamics import inverse_dynamics
+from .hypothesis import Hypothesis
+from .rows import Products, Rows
+
+SPEEDS = (0.03, 0.1, 0.3)
+"""Stribeck velocities that are tried, as shares of the largest speed of a joint."""
+SMALLEST_SAMPLES = 0.2
+"""Delays below it are differences of filters, in samples."""
+CLEARLY = 0.97
+"""Share of a joint's squared error that a further friction term must not exceed there for the joint to be named."""
+
+
+def frictions(rows: Rows) -> Iterator[Hypothesis]:
+    """Return friction that differs by direction, and friction that falls with speed."""
+    n = rows.robot.n_dof
+    dq = [part.dq for part in rows.parts]
+    top = np.maximum(np.max([np.abs(values).max(axis=0) for values in dq], axis=0), 1e-9)
+    sign = [np.tanh(values / _smoothing(rows, top)) for values in dq]
+    laws = []
+    if rows.robot.friction.model != "asymmetric":
+        laws.append(
+            (
+                "differs by direction",
+                'model = "asymmetric" under [friction]',
+                [np.maximum(v, 0.0) for v in dq],
+            )
+        )
+    for share in SPEEDS:
+        falls = [s * np.exp(-((v / (share * top)) ** 2)) for v, s in zip(dq, sign, strict=True)]
+        laws.append(("falls with speed (Stribeck)", 'a term "stribeck", or friction = "auto"', falls))
+    for number, (what, term, signals) in enumerate(laws):
+        values = rows.reduced(signals)
+        columns = np.zeros((n, values.shape[1], n))
+        columns[np.arange(n), :, np.arange(n)] = values
+        products = rows.with_columns(columns)
+        joints = _better(rows, products)
+        if len(joints):
+            yield Hypothesis(
+                code="friction",
+                sentence=f"the friction of {joints_text(joints)} {what}, which no term of the model has",
+                advice=f"Write {term}",
+                joints=tuple(joint + 1 for joint in joints),
+                score=products.score(rows.weights),
+                simplicity=6 if number == 0 else 7,
+                severity="doubtful",
+            )
+
+
+def _smoothing(rows: Rows, top: Array) -> Array:
+    friction = rows.robot.friction
+    own = np.asarray(friction.smoothing) if friction.coulomb == "tanh" else np.zeros(len(top))
+    return np.maximum(own if own.shape == top.shape else 0.0, 1e-3 * top)
+
+
+def _better(rows: Rows, products: Products) -> list[int]:
+    """Return the joints that further columns explain better on stretches not fitted."""
+    ones = np.ones(rows.robot.n_dof)
+    squares = []
+    for item in (rows.declared, products):
+        found = [item.squares([f], item.solution(f, rows.weights, ones), ones) for f in range(len(item.w))]
+        squares.append(np.sum(found, axis=0))
+    return [int(joint) for joint in np.flatnonzero(squares[1] < CLEARLY * squares[0])]
+
+
+def delays(rows: Rows, rate_hz: float) -> Iterator[Hypothesis]:
+    """Return the torques of all joints late by as much as fits best."""
+    beta = rows.x / rows.declared.scale
+    x = rows.robot.base_parameters.lift(beta)
+    slopes = [
+        np.gradient(inverse_dynamics(rows.robot, part.q, part.dq, part.ddq, x), axis=0) for part in rows.parts
+    ]
+    values = rows.reduced(slopes)
+    products = rows.with_columns(values[:, :, None])
+    late = -float((products.solution(None, rows.weights, np.ones(len(values))) / products.scale)[-1])
+    if abs(late) < SMALLEST_SAMPLES:
+        return
+    yield Hypothesis(
+        code="delay",
+        sentence=f"the torques look {abs(late):.2g} samples ({1e3 * abs(late) / rate_hz:.2g} ms) "
+        f"{'behind' if late > 0.0 else 'ahead of'} the motion",
+        advice='Write compensate_samples = "estimate" under [delay]',
+        score=products.score(rows.weights),
+        simplicity=1,
+        value=late,
+    )

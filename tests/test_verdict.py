@@ -1,0 +1,210 @@
+"""The verdict: what makes a result sound, doubtful or wrong, and that every output says the same."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import didim
+import simulated
+from didim import IDIMLS, Identification, Status, identify
+from didim.cli.main import main
+from didim.methods.verdict.physics import physical_reasons
+from didim.methods.verdict.whiteness import whiteness
+from didim.model.physics import Flag, physical_flags
+from didim.regression.block import stacked
+from didim.result.verdict import Reason, State, Verdict
+from didim.signal.noise import noise_correlation
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def fit() -> Identification:
+    """A sound result: planar arm, white noise on the torques."""
+    robot = didim.load_robot("planar2")
+    log = simulated.log(robot, robot.parameter_set("reference"), n_samples=6000, noise=0.1)
+    return identify(simulated.experiment(robot, log))
+
+
+def test_states_follow_the_gravest_reason() -> None:
+    note, doubt, wrong = (
+        Reason(code="x", severity=severity, sentence=f"it is {severity}")
+        for severity in ("note", "doubtful", "wrong")
+    )
+    assert Verdict.of([]).state is State.SOUND
+    assert Verdict.of([note]).sound
+    assert Verdict.of([note, doubt]).state is State.DOUBTFUL
+    verdict = Verdict.of([note, doubt, wrong, replace(doubt, code="again")])
+    assert verdict.state is State.WRONG
+    assert verdict.reasons == (wrong, doubt, note)
+    assert verdict.sentence == "Verdict: wrong, for 2 reasons: it is wrong."
+    assert [line for line in verdict.lines() if not line.startswith(" ")] == [
+        "",
+        "Wrong:",
+        "",
+        "Doubtful:",
+        "",
+        "To know:",
+    ]
+
+
+def test_a_correct_log_is_sound_and_every_output_says_so(fit: Identification) -> None:
+    verdict = fit.verdict
+    assert verdict.state is State.SOUND, str(verdict)
+    assert str(fit).splitlines()[-1] == verdict.sentence
+    assert fit.to_dict()["verdict"] == verdict.to_dict()
+    assert pickle.loads(pickle.dumps(fit)).verdict == verdict
+
+
+def test_a_verdict_is_saved_and_loaded_whole(fit: Identification, tmp_path: Path) -> None:
+    spoiled = replace(
+        fit,
+        status=Status.NOT_CONVERGED,
+        remarks=("five windows",),
+        evidence=(Reason(code="x", severity="doubtful", sentence="odd", joints=(2,), value=3.0),),
+    )
+    assert spoiled.verdict.state is State.WRONG
+    spoiled.save(tmp_path / "fit.json")
+    loaded = Identification.load(tmp_path / "fit.json")
+    assert loaded.verdict == spoiled.verdict
+    assert loaded.evidence == spoiled.evidence
+    # A result of version 0.1.0 has no verdict: status, warnings and remarks say what is known.
+    data = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))
+    del data["verdict"]
+    (tmp_path / "old.json").write_text(json.dumps(data), encoding="utf-8")
+    assert Identification.load(tmp_path / "old.json").verdict.state is State.WRONG
+
+
+@pytest.mark.parametrize(
+    ("status", "state"),
+    [
+        (Status.SOLVED, State.SOUND),
+        (Status.NO_STEP, State.WRONG),
+        (Status.ILL_CONDITIONED, State.WRONG),
+        (Status.STOPPED, State.DOUBTFUL),
+        (Status.INTERRUPTED, State.DOUBTFUL),
+    ],
+)
+def test_the_status_is_separate_but_never_better_than_the_verdict(
+    fit: Identification, status: Status, state: State
+) -> None:
+    assert replace(fit, status=status).verdict.state is state
+
+
+def test_physics_is_weighted_by_significance() -> None:
+    flags = [
+        Flag("ZZ6 is negative", ("ZZ6",), 0.2),
+        Flag("ZZ5 is negative", ("ZZ5",), 5.0),
+        Flag("Fc7 is negative", ("Fc7",), 16.0),
+        Flag("Fv7 is negative", ("Fv7",), np.inf),
+    ]
+    assert [reason.severity for reason in physical_reasons(flags)] == [
+        "note",
+        "doubtful",
+        "wrong",
+        "doubtful",
+    ]
+
+
+def test_an_indefinite_inertia_by_noise_is_a_note_without_a_word_on_signs() -> None:
+    robot = didim.load_robot("planar2")
+    base = robot.base_parameters
+    beta = base.project(robot.parameter_set("reference"))
+    beta[[name.startswith(("ZZ2", "Ia2")) for name in base.names]] = -0.01
+    q = simulated.motion(2, 200)
+    for size, severity in ((1.0, "note"), (1e-8, "wrong")):
+        flags = physical_flags(robot, beta, size * np.eye(len(beta)), q)
+        (found,) = [reason for reason in physical_reasons(flags) if "M(q)" in reason.sentence]
+        assert found.severity == severity
+        assert "sign" not in found.sentence.replace("sigma", "")
+        assert ("noise can explain it" in found.sentence) == (severity == "note")
+
+
+def test_whiteness() -> None:
+    rng = np.random.default_rng(2)
+    white = rng.standard_normal((3000, 2))
+    lasting = np.copy(white)
+    for k in range(1, len(lasting)):
+        lasting[k] = 0.7 * lasting[k - 1] + white[k]
+    blocks = stacked(2, [3000])
+
+    def joints(noise: Array) -> list[int]:
+        return np.flatnonzero(whiteness(noise.T.ravel(), blocks, 2).coloured).tolist()
+
+    assert joints(white) == []
+    assert joints(lasting) == [0, 1]
+    assert joints(np.column_stack([white[:, 0], lasting[:, 1]])) == [1]
+    # sqrt((1 + a) / (1 - a)) for a = 0.7, less the lags that are left out.
+    growth = whiteness(lasting.T.ravel(), blocks, 2).growth
+    np.testing.assert_allclose(growth, np.sqrt(1.7 / 0.3), rtol=0.15)
+
+
+def test_white_noise_through_the_decimation_is_white() -> None:
+    robot = didim.load_robot("planar2")
+    log = simulated.log(robot, robot.parameter_set("reference"), n_samples=20_000, noise=0.3)
+    experiment = simulated.experiment(robot, log)
+    assert noise_correlation(experiment.signal) is not None
+    assert identify(experiment).verdict.sound
+
+
+def test_exit_codes_and_colours(
+    fit: Identification, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = didim.load_robot("planar2")
+    recording = simulated.log(robot, robot.parameter_set("reference"), n_samples=6000, noise=0.1)
+    assert recording.tau is not None
+    file = tmp_path / "log.toml"
+
+    def write(tau: Array) -> None:
+        np.savez(tmp_path / "log.npz", q=recording.q, tau=tau)
+
+    file.write_text(
+        """\
+schema = 1
+name = "arm"
+robot = "planar2"
+[[recording]]
+name = "arm"
+rate_hz = 500
+position = { file = "log.npz", variable = "q", unit = "rad", side = "joint" }
+torque = { file = "log.npz", variable = "tau", unit = "N.m", side = "joint" }
+[signal]
+cutoff_hz = 40
+trim_start = 25
+trim_end = 25
+decimation = [5]
+""",
+        encoding="utf-8",
+    )
+    write(recording.tau)
+    assert main(["identify", str(file), "--strict"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("Verdict: sound")
+    # Errors that last: doubtful, which only --strict refuses.
+    rng = np.random.default_rng(1)
+    lasting = np.zeros_like(recording.tau)
+    for k in range(1, len(lasting)):
+        lasting[k] = 0.98 * lasting[k - 1] + 0.05 * rng.standard_normal(2)
+    write(recording.tau + lasting)
+    assert main(["identify", str(file)]) == 0
+    assert main(["identify", str(file), "--strict"]) == 1
+    assert capsys.readouterr().out.splitlines()[-1].startswith("Verdict: doubtful")
+    write(recording.tau * [1.0, -1.0])
+    assert main(["identify", str(file)]) == 1
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    assert main(["identify", str(file), "--strict"]) == 1
+    assert "\033[1;31mVerdict: wrong" in capsys.readouterr().out
+
+
+def test_white_least_squares_have_a_verdict_too(fit: Identification) -> None:
+    robot = didim.load_robot("planar2")
+    log = simulated.log(robot, robot.parameter_set("reference"), n_samples=6000, noise=0.1)
+    found = identify(simulated.experiment(robot, log), IDIMLS(uncertainty="white"))
+    assert found.verdict.sound
