@@ -17,6 +17,7 @@ from didim.experiment.loop import closed_loop
 from didim.experiment.specs import ControllerSpec
 from didim.loop.controller import Controller
 from didim.result.contrast import reading
+from didim.studies.contrasts import contrasts_of
 from didim.studies.simulated_log import measured
 
 Array = NDArray[np.float64]
@@ -143,6 +144,27 @@ def test_a_wrong_controller_is_exposed_by_didim(log: Experiment, truth: Array) -
         name: np.sqrt(np.mean(((fit.beta - truth) / fits["idim-ls"].std) ** 2)) for name, fit in fits.items()
     }
     assert max(off["idim-ls"], off["idim-iv"]) < 1.5 < 5.0 < off["didim"]
+
+
+def test_the_emps_has_wrong_friction_near_reversals(shared: Path, project: Path) -> None:
+    log = didim.load_experiment(project / "examples/emps.toml", data=shared / "data/emps")
+    filters, loop = contrasts_of(log).contrasts
+    # tanh of 1 mm/s against the measured velocity.
+    assert set(filters.beyond) == {"M1R", "Fv1", "Fc1"}
+    assert filters.rms > 9.0
+    assert set(loop.beyond) == {"Fv1", "Fc1"}
+    assert loop.rms == pytest.approx(5.6, rel=0.05)
+    assert "the observation matrix from the measured motion is wrong" in reading([filters, loop])
+
+
+def test_nothing_is_known_of_the_controller_of_the_tx40(shared: Path, project: Path) -> None:
+    log = didim.load_experiment(project / "examples/tx40_didim.toml", data=shared / "data/tx40")
+    filters, loop = contrasts_of(log).contrasts
+    assert filters.agree
+    assert filters.rms == pytest.approx(1.4, abs=0.1)
+    assert loop.rms == pytest.approx(1.7, abs=0.1)
+    assert len(loop.beyond) == 2
+    assert "the simulated closed loop is not the real one" in reading([filters, loop])
 
 
 def test_the_deviation_of_a_difference_is_its_spread_over_logs(exact: Experiment) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import _thread
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from didim.excitation.criterion import criterion
 from didim.excitation.design import Excitation
 from didim.excitation.excite import excite
 from didim.excitation.limits import motion_limits
+from didim.excitation.points import PointDesign, _Move
 from didim.excitation.prior import noise_from, prior_information
 from didim.excitation.problem import FINE, Information, Problem
 from didim.excitation.ramps import ramp
@@ -390,6 +392,30 @@ def test_a_motion_from_point_to_point_is_chosen_well(planar: Robot) -> None:
     np.testing.assert_allclose(dq[[0, -1]], 0.0, atol=1e-9)
     assert len(np.asarray(found.tables["points_rad"])) == 8
     assert q.shape[1] == 2
+
+
+def test_an_interrupted_exchange_of_points_keeps_the_best(
+    planar: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    best, known = [], PointDesign.value
+
+    def value(design: PointDesign, moves: Sequence[_Move]) -> float:
+        found = known(design, moves)
+        best.append(max([found, *best[-1:]]))
+        if len(best) == 40:
+            raise KeyboardInterrupt
+        return found
+
+    monkeypatch.setattr(PointDesign, "value", value)
+    settings = ExcitationSettings(
+        kind="point-to-point", points=8, starts=3, acceleration=20.0, torque_noise=0.3, parameters="reference"
+    )
+    found = excite(planar, settings)
+    assert found.interrupted
+    assert "interrupted: the best motion so far" in str(found)
+    # One start only, and all that it had gained before the interruption.
+    assert found.starts == pytest.approx((best[38],))
+    assert found.log_det > found.random_log_det
 
 
 def test_weak_parameters_are_named_with_the_reason(planar: Robot) -> None:

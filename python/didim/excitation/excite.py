@@ -6,7 +6,6 @@ Tested in ``tests/test_excitation.py``; ``benches/excitation.py`` has the study 
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -325,12 +324,12 @@ def _points(task: _Task, progress: Progress | None) -> Excitation:
     scaling = ScaledSeries(SeriesBasis(period_s=1.0, harmonics=4), task.limits, task.start, False)
     problem = task.problem(scaling)
     design = PointDesign(problem, settings.points, settings.dwell_s, task.rate, settings.duration_s)
-    stop = threading.Event()
     best: tuple[float, Array, Array] | None = None
-    values, interrupted = [], False
+    values: list[float] = []
+    interrupted = False
     first_random: Array | None = None
     for index in range(settings.starts):
-        points, random = design.search(settings.seed + index, stop, task.start)
+        points, random, interrupted = design.search(settings.seed + index, task.start)
         first_random = random if first_random is None else first_random
         value = design.value([design.move(a, b) for a, b in pairwise(points)])
         values.append(value)
@@ -338,6 +337,8 @@ def _points(task: _Task, progress: Progress | None) -> Excitation:
             progress(index + 1, 1, value)
         if best is None or value > best[0]:
             best = (value, points, random)
+        if interrupted:
+            break
     if best is None or first_random is None:
         raise ExcitationError("the design needs at least one start")
     reference = design.reference(best[1])

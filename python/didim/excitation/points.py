@@ -7,7 +7,6 @@ is replaced by the random candidate that increases the criterion most (Fedorov's
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -94,8 +93,10 @@ class PointDesign:
         clearance = self.problem.clearance
         return clearance.empty or float(clearance.distances(q).min()) >= 0.0
 
-    def search(self, seed: int, stop: threading.Event, first: Array | None) -> tuple[Array, Array]:
-        """Return points that identify well, and the random ones that the exchange began with, ``(count, n_dof)`` each.
+    def search(self, seed: int, first: Array | None) -> tuple[Array, Array, bool]:
+        """Return points that identify well, the random ones that the exchange began with, and whether Ctrl-C ended it.
+
+        Points have the shape ``(count, n_dof)``. After Ctrl-C they are the best so far.
 
         Raises
         ------
@@ -105,13 +106,19 @@ class PointDesign:
         rng = np.random.default_rng(seed)
         points = self._random(rng, first)
         random = points.copy()
+        try:
+            self._exchange(points, rng, first)
+        except KeyboardInterrupt:
+            return points, random, True
+        return points, random, False
+
+    def _exchange(self, points: Array, rng: np.random.Generator, first: Array | None) -> None:
+        """Exchange points, in place, for random ones that identify more."""
         moves = [self.move(a, b) for a, b in pairwise(points)]
         best = self.value(moves)
         last = self.count if first is None else self.count - 1
         for _ in range(SWEEPS):
             for k in range(0 if first is None else 1, last):
-                if stop.is_set():
-                    return points, random
                 around = [j for j in (k - 1, k) if 0 <= j < len(moves)]
                 for candidate in self._draw(rng, CANDIDATES):
                     tried = list(moves)
@@ -124,7 +131,6 @@ class PointDesign:
                     if value > best:
                         best, moves = value, tried
                         points[k] = candidate
-        return points, random
 
     def value(self, moves: Sequence[_Move]) -> float:
         """Criterion of moves that are repeated for as long as the design is to last: quick moves are worth more."""
