@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import didim
+from didim.methods.verdict.loop import loop_reasons, recovered
+from didim.result.verdict import State
 from verdict_arms import ARMS, Log, built, faults, planted
 
 QUICK = {
@@ -41,11 +44,44 @@ def test_correct_logs_are_sound(sound: dict[str, Log], name: str) -> None:
 def test_a_fault_is_named(sound: dict[str, Log], name: str, title: str) -> None:
     arm = ARMS[name]
     (fault,) = [item for item in faults(arm) if item.name == title]
-    own = fault.truth(arm, sound[name].experiment)
-    log = built(arm, fault) if own else sound[name]
+    log = sound[name] if fault.truth is None else built(arm, fault)
     verdict = didim.identify(planted(log, fault, 1), METHODS[fault.method]()).verdict
     assert not verdict.sound
     named = [reason for reason in verdict.grave if reason.code in fault.codes]
     assert named, str(verdict)
     if fault.joints:
         assert named[0].joints == fault.joints
+
+
+LOOPS = [fault.name for fault in faults(ARMS["gantry"]) if fault.method == "didim"]
+
+
+@pytest.mark.parametrize("title", LOOPS)
+def test_a_wrong_closed_loop_is_named(sound: dict[str, Log], title: str) -> None:
+    arm = ARMS["gantry"]
+    (fault,) = [item for item in faults(arm) if item.name == title]
+    log = sound["gantry"] if fault.truth is None else built(arm, fault)
+    experiment = planted(log, fault, 1)
+    (reason,) = loop_reasons(experiment, arm.truth(experiment.robot))
+    assert reason.code in fault.codes, str(reason)
+    assert reason.severity == "wrong"
+
+
+def test_a_right_closed_loop_is_recovered(sound: dict[str, Log]) -> None:
+    for log in sound.values():
+        experiment = log.noisy(2, 0.02)
+        found = recovered(experiment)
+        assert found is not None
+        assert found.names == ("kp", "kv")
+        np.testing.assert_allclose(found.factors, 1.0, atol=0.02)
+        assert (found.relative < 0.02).all()
+        assert loop_reasons(experiment) == []
+
+
+def test_a_wrong_gain_makes_a_converged_result_wrong(sound: dict[str, Log]) -> None:
+    (fault,) = [item for item in faults(ARMS["gantry"]) if item.name == "kp 10 % off"]
+    fit = didim.identify(planted(sound["gantry"], fault, 0), didim.DIDIM())
+    assert fit.converged
+    assert fit.verdict.state is State.WRONG
+    assert fit.verdict.reasons[0].code == "controller-gain"
+    assert fit.verdict.reasons[0].joints == (1, 2, 3, 4, 5)

@@ -226,7 +226,7 @@ class Fault:
     name: str
     codes: tuple[str, ...]
     method: str = "idim-ls"
-    truth: Callable[[Arm, Experiment], dict[str, Any]] = field(default=lambda arm, experiment: {})
+    truth: Callable[[Arm, Experiment], dict[str, Any]] | None = None
     plant: Callable[[Arm, Experiment], Experiment] = field(default=lambda arm, experiment: experiment)
     correlation: float = 0.0
     arms: tuple[str, ...] = ("arm7", "gantry")
@@ -401,7 +401,9 @@ def faults(arm: Arm) -> list[Fault]:
 def built(arm: Arm, fault: Fault | None, *, motion: int = 0, rate_hz: float = 250.0) -> Log:
     """The log of an arm with the truth that a fault wants."""
     settings = experiment(arm, seed=motion, rate_hz=rate_hz)
-    return Log.of(arm, settings, **({} if fault is None else fault.truth(arm, settings)))
+    return Log.of(
+        arm, settings, **({} if fault is None or fault.truth is None else fault.truth(arm, settings))
+    )
 
 
 def planted(log: Log, fault: Fault | None, seed: int, level: float = 0.01) -> Experiment:

@@ -14,6 +14,7 @@ from ...result.identification import Identification
 from ...result.verdict import Reason
 from ..idim_ls import IDIMLS
 from ..method import MethodSettings
+from .loop import loop_reasons
 from .search import explained
 
 SUSPICIOUS = frozenset({"not-white", "not-physical", "torque-sign", "swapped-torques"})
@@ -37,6 +38,8 @@ def judged(
         Called with sentences on the progress.
     """
     found: list[Reason] = []
+    if fit.n_simulations:
+        found += loop_reasons(experiment, fit.parameters if fit.converged else None)
     if any(reason.code in SUSPICIOUS for reason in fit.verdict.grave):
         say("the log contradicts its model: looking for the cause")
         found += _causes(experiment, method)

@@ -1,0 +1,155 @@
+"""Does the verdict name what is wrong, and is it silent where nothing is?
+
+    python benches/verdicts.py [--seeds 10] [--arms arm7 gantry] [--faults WORD ...] [--method idim-ls|didim] [--json FILE]
+    python benches/verdicts.py --sound [--seeds 4] [--arms arm7 gantry tx40 planar2]
+
+Plants each fault of `tests/verdict_arms.py` in logs of a simulated 7R arm and a gantry with a wrist, whose truth is known, and
+prints how many of the seeds (noise and motion) got a verdict that is not sound, and how many the reason that names the fault.
+With ``--sound`` it identifies correct logs of both arms, the TX40 and the planar arm at three rates and five noise levels, and
+prints how many are sound. docs/verdict.md has the figures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import didim
+from didim.studies.simulated_log import packaged_experiment, simulated_log
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from verdict_arms import ARMS, Arm, Fault, Log, built, faults, planted
+
+METHODS = {"idim-ls": didim.IDIMLS, "didim": didim.DIDIM}
+LEVELS = (0.003, 0.006, 0.01, 0.02, 0.04)
+"""Noise of the torques, as shares of their standard deviation."""
+RATES_HZ = (100.0, 250.0, 500.0)
+
+
+def named(fault: Fault, verdict: didim.Verdict) -> bool:
+    """Whether a grave reason names the fault, and its joint where it has one."""
+    return any(
+        reason.code in fault.codes and (not fault.joints or reason.joints == fault.joints)
+        for reason in verdict.grave
+    )
+
+
+def try_fault(arm: Arm, fault: Fault, seeds: int) -> tuple[int, int, dict[str, int]]:
+    """Return how many verdicts were not sound, how many named the fault, and the codes of those that did not."""
+    alarmed = right = 0
+    others: dict[str, int] = {}
+    logs = [built(arm, fault, motion=motion) for motion in range(min(2, seeds))]
+    for seed in range(seeds):
+        experiment = planted(logs[seed % len(logs)], fault, seed)
+        try:
+            verdict = didim.identify(experiment, METHODS[fault.method]()).verdict
+        except didim.DidimError as error:
+            others[f"error: {error}"[:60]] = others.get(f"error: {error}"[:60], 0) + 1
+            continue
+        alarmed += not verdict.sound
+        if named(fault, verdict):
+            right += 1
+        else:
+            first = verdict.grave[0].code if verdict.grave else "sound"
+            others[first] = others.get(first, 0) + 1
+    return alarmed, right, others
+
+
+def sound_log(name: str, rate_hz: float, motion: int) -> Log | didim.Experiment:
+    """A correct log without noise."""
+    if name in ARMS:
+        return built(ARMS[name], None, motion=motion, rate_hz=rate_hz)
+    if name == "tx40":
+        packaged = packaged_experiment("tx40")
+        factor = round(rate_hz / 20.0)
+        signal = replace(
+            packaged.signal,
+            cutoff_hz=min(200.0, 0.4 * rate_hz),
+            decimation=(factor,) if factor <= 10 else (5, factor // 5),
+        )
+        simulation = replace(packaged.simulation, rate_hz=rate_hz)
+        packaged = replace(packaged, signal=signal, simulation=simulation)
+        return simulated_log(packaged, packaged.robot.parameter_set("didim"), noise=False, refinement=1)
+    from arm import arm_log
+
+    return arm_log(motion)
+
+
+def noisy(log: Log | didim.Experiment, seed: int, level: float) -> didim.Experiment:
+    """The log with noise of a share of the torques."""
+    if isinstance(log, Log):
+        return log.noisy(seed, level)
+    (recording,) = log.recordings
+    assert recording.tau is not None
+    rng = np.random.default_rng(seed)
+    size = level * np.std(recording.tau, axis=0)
+    tau = recording.tau + size * rng.standard_normal(recording.tau.shape)
+    q = recording.q + 1e-6 * rng.standard_normal(recording.q.shape)
+    return replace(log, recordings=(replace(recording, q=q, tau=tau),))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description="Faults that the verdict names, and correct logs that it calls sound."
+    )
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--arms", nargs="+", default=["arm7", "gantry"])
+    parser.add_argument("--faults", nargs="+", help="words of the names of faults")
+    parser.add_argument("--method", choices=METHODS, help="faults that this method meets alone")
+    parser.add_argument("--sound", action="store_true", help="correct logs instead of faults")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=["idim-ls"], help="for --sound")
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    table: list[dict[str, object]] = []
+    if arguments.sound:
+        for name in arguments.arms:
+            for rate_hz in RATES_HZ if name != "planar2" else (500.0,):
+                log = sound_log(name, rate_hz, 0)
+                for method in arguments.methods:
+                    total = sound = 0
+                    codes: list[str] = []
+                    for level in LEVELS:
+                        for seed in range(arguments.seeds):
+                            verdict = didim.identify(noisy(log, seed, level), METHODS[method]()).verdict
+                            total, sound = total + 1, sound + verdict.sound
+                            codes += [f"{reason.code} at {level}" for reason in verdict.grave]
+                    table.append(
+                        {"arm": name, "rate_hz": rate_hz, "method": method, "sound": sound, "of": total}
+                    )
+                    print(
+                        f"{name:8} {rate_hz:5.0f} Hz  {method:8} sound {sound} of {total}  {' '.join(codes)}",
+                        flush=True,
+                    )
+    else:
+        for name in arguments.arms:
+            for fault in faults(ARMS[name]):
+                if arguments.faults and not any(word in fault.name for word in arguments.faults):
+                    continue
+                if arguments.method and fault.method != arguments.method:
+                    continue
+                alarmed, right, others = try_fault(ARMS[name], fault, arguments.seeds)
+                table.append(
+                    {
+                        "arm": name,
+                        "fault": fault.name,
+                        "alarmed": alarmed,
+                        "named": right,
+                        "of": arguments.seeds,
+                    }
+                )
+                print(
+                    f"{name:8} {fault.name:28} not sound {alarmed:2}, named {right:2} of {arguments.seeds}  {others or ''}",
+                    flush=True,
+                )
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,289 @@
+"""The controller as the log shows it, beside the declared one. Tested in ``tests/test_verdict_faults.py``.
+
+The measured torque is compared with the torque of the declared law (`loop_rows`). If they differ, other laws are tried: other
+gains, a delay, a reference that was logged late, a limit, a torque that is fed forward. The best one is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..._tools.words import joints_text
+from ...errors import DidimError
+from ...experiment.experiment import Experiment
+from ...experiment.specs import ControllerSpec, ReferenceSpec
+from ...model.dynamics import inverse_dynamics
+from ...result.verdict import Reason
+from .loop_rows import LawRows
+
+AGREES = 0.03
+"""Share of a joint's torque that the declared law may leave: differences of filters and noise are below it."""
+EXPLAINS = 0.5
+"""Share of the squared error that another law must not exceed to be named."""
+ASTRAY = 0.3
+"""Share of the torque beyond which a law that nothing explains makes the result wrong."""
+GAIN = 0.03
+"""A gain nearer to the declared one is not worth a sentence."""
+GAIN_SIGMAS = 5.0
+"""And it must be significant by so many standard deviations."""
+LAGS = (-3.0, -1.5, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0)
+"""Delays that are tried, in samples."""
+LIMITS = (0.75, 0.85, 0.9, 0.94, 0.97, 1.0)
+"""Limits that are tried, as shares of the largest measured torque, which noise makes larger than the limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """Another law, what it says, and its error on the rows, (n_rows, n_dof)."""
+
+    code: str
+    sentence: str
+    advice: str
+    error: Array
+    joints: tuple[int, ...] = ()
+    value: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Recovered:
+    """A controller as the log shows it.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Terms of the law.
+    factors, sigmas : (n_terms, n_dof) arrays
+        Gains over the declared ones, and their standard deviations.
+    relative : (n_dof,) array
+        Error of the declared law over the torque.
+    rows : LawRows
+        What they were found on.
+    """
+
+    names: tuple[str, ...]
+    factors: Array
+    sigmas: Array
+    relative: Array
+    rows: LawRows
+
+
+def declared_loop(experiment: Experiment) -> bool:
+    """Whether an experiment declares a real controller that follows a real reference."""
+    reference, controller = experiment.reference, experiment.controller
+    if reference is None or controller is None:
+        return False
+    if isinstance(reference, ReferenceSpec) and reference.kind == "measured":
+        return False
+    return not (isinstance(controller, ControllerSpec) and controller.settings.get("kind") == "made-up")
+
+
+def recovered(experiment: Experiment) -> Recovered | None:
+    """Return the controller that the log shows; None where there is none to compare with."""
+    if not declared_loop(experiment):
+        return None
+    try:
+        rows = LawRows(experiment)
+    except (DidimError, IndexError):
+        return None
+    columns = rows.columns()
+    n_terms, n_rows, n = columns.shape
+    forward = rows.reduced(rows.fed_forward())
+    factors, sigmas = np.ones((n_terms, n)), np.full((n_terms, n), np.inf)
+    for joint in range(n):
+        a = columns[:, :, joint].T - columns[:, :, joint].mean(axis=1)
+        y = rows.measured[:, joint] - forward[:, joint]
+        size = np.linalg.norm(a, axis=0)
+        used = size > 0.0
+        if n_rows <= n_terms + 1 or not used.any():
+            continue
+        q, r = np.linalg.qr(a[:, used] / size[used])
+        inverse = np.linalg.pinv(r)
+        found = inverse @ (q.T @ (y - y.mean()))
+        rest = y - y.mean() - a[:, used] @ (found / size[used])
+        sigma = np.sqrt(rest @ rest / (n_rows - n_terms - 1)) * np.linalg.norm(inverse, axis=1)
+        factors[used, joint], sigmas[used, joint] = found / size[used], sigma / size[used]
+    error = rows.error(rows.law())
+    torque = np.linalg.norm(rows.measured - rows.measured.mean(axis=0), axis=0)
+    relative = np.linalg.norm(error, axis=0) / np.maximum(torque, np.finfo(float).tiny)
+    return Recovered(rows.names, factors, sigmas, relative, rows)
+
+
+def loop_reasons(experiment: Experiment, x: Array | None = None) -> list[Reason]:
+    """Return a reason where the log contradicts the declared controller or reference.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With a reference and a controller.
+    x : (n_parameters,) array, optional
+        Standard parameters, for a torque that is fed forward along the reference.
+    """
+    found = recovered(experiment)
+    if found is None:
+        return []
+    rows = found.rows
+    declared = rows.error(rows.law())
+    off = [int(joint) for joint in np.flatnonzero(found.relative > AGREES)]
+    if not off:
+        return []
+    weights = 1.0 / np.maximum(np.sum(declared**2, axis=0), np.finfo(float).tiny)
+    scored = [
+        (float(np.sum(weights[off] * np.sum(law.error[:, off] ** 2, axis=0))) / len(off), law)
+        for law in _laws(found, experiment, off, x)
+    ]
+    worst = float(found.relative.max())
+    left = f"the declared controller leaves {100.0 * worst:.2g} % of the torque of {joints_text([int(np.argmax(found.relative))])}"
+    score, law = min(scored, key=lambda item: item[0])
+    if score < EXPLAINS:
+        return [
+            Reason(
+                code=law.code,
+                severity="wrong",
+                sentence=f"{law.sentence}: {left}, and this {100.0 * score**0.5:.2g} % of that",
+                advice=law.advice,
+                joints=law.joints,
+                value=law.value,
+            )
+        ]
+    return [
+        Reason(
+            code="controller",
+            severity="wrong" if worst > ASTRAY else "doubtful",
+            sentence=f"{left}, and no other gain, delay, limit or feed-forward explains it",
+            advice="Look at kind, gains and units of [controller], and at [reference]; until then trust IDIM-LS",
+            joints=tuple(joint + 1 for joint in off),
+            value=worst,
+        )
+    ]
+
+
+def _laws(found: Recovered, experiment: Experiment, off: list[int], x: Array | None) -> Iterator[Law]:
+    rows = found.rows
+    yield _gains(found, off)
+    samples = [lag / rows.rate_hz for lag in LAGS]
+    tried = [
+        _best(rows, samples, lambda value: rows.law(lag_s=value)),
+        # A digital controller has its velocity from differences, half a sample late.
+        _best(rows, [0.0, *samples], lambda value: rows.law(lag_s=value, differences=True)),
+    ]
+    lag, error = min(tried, key=lambda item: float(np.sum((item[1] / rows.size) ** 2)))
+    yield Law(
+        "controller-delay",
+        f"the log's controller acts {1e3 * abs(lag):.3g} ms {'later' if lag >= 0.0 else 'earlier'} than the declared one",
+        "Write sample_time_s and delay_samples under [controller]",
+        error,
+        value=lag,
+    )
+    leads = sorted({*samples, *(value / 1e3 for value in (5.0, 10.0, 20.0, 40.0))})
+    lead, error = _best(rows, leads, lambda value: rows.law(lead_s=value))
+    yield Law(
+        "reference-late",
+        f"the reference looks {1e3 * abs(lead):.3g} ms {'late' if lead > 0.0 else 'early'} against the positions",
+        "Log the reference that the controller gets, at the same time",
+        error,
+        value=lead,
+    )
+    yield _limits(rows)
+    if x is not None:
+        forward = rows.reduced(
+            [
+                inverse_dynamics(experiment.robot, *item.loop.reference.at(item.t), x)
+                for item in rows.stretches
+            ]
+        )
+        share, error = _fed(rows, forward)
+        yield Law(
+            "feed-forward",
+            f"the log's controller feeds a torque forward, {share:.2g} times that of the model along the reference",
+            "Declare it under [controller], or log it",
+            error,
+            value=share,
+        )
+
+
+def _gains(found: Recovered, off: list[int]) -> Law:
+    rows = found.rows
+    torque = np.einsum("kj,krj->rj", found.factors, rows.columns()) + rows.reduced(rows.fed_forward())
+    parts, joints = [], set()
+    for k, name in enumerate(found.names):
+        changed = [
+            joint
+            for joint in off
+            if abs(found.factors[k, joint] - 1.0) > max(GAIN, GAIN_SIGMAS * found.sigmas[k, joint])
+        ]
+        if changed:
+            joints |= set(changed)
+            values = found.factors[k, changed]
+            low, high = f"{values.min():.3g}", f"{values.max():.3g}"
+            parts.append(
+                f"{name} of {joints_text(changed)} is {low if low == high else f'{low} to {high}'} times the declared one"
+            )
+    return Law(
+        "controller-gain",
+        "the gains of the log's controller are not the declared ones: "
+        + (", ".join(parts) or "several differ"),
+        "Correct the gains under [controller]",
+        rows.error(torque),
+        joints=tuple(sorted(joint + 1 for joint in joints)),
+        value=float(found.factors[0, off].mean()),
+    )
+
+
+def _best(rows: LawRows, values: Sequence[float], law: Callable[[float], Array]) -> tuple[float, Array]:
+    """Return the best of some values, refined between its neighbours, and the error there."""
+    from scipy.optimize import minimize_scalar
+
+    def cost(value: float) -> float:
+        return float(np.sum((rows.error(law(value)) / rows.size) ** 2))
+
+    costs = [cost(value) for value in values]
+    k = int(np.argmin(costs))
+    low, high = values[max(k - 1, 0)], values[min(k + 1, len(values) - 1)]
+    found = minimize_scalar(
+        cost, bounds=(low, high), method="bounded", options={"xatol": 2e-5, "maxiter": 12}
+    )
+    return float(found.x), rows.error(law(float(found.x)))
+
+
+def _limits(rows: LawRows) -> Law:
+    """Return the law with the limit of each joint that explains its torque best."""
+    top = np.max([np.abs(item.tau).max(axis=0) for item in rows.stretches], axis=0)
+    errors, limits = [rows.error(rows.law())], [np.full(len(top), np.inf)]
+    for share in LIMITS:
+        errors.append(rows.error(rows.law(limit=share * top)))
+        limits.append(share * top)
+    squares = np.array([np.sum(error**2, axis=0) for error in errors])
+    best = np.argmin(squares, axis=0)
+    chosen = np.array([limits[k][j] for j, k in enumerate(best)])
+    # Between two limits of the grid the squared errors are alike: refined once, joint by joint at the same time.
+    for factor in (0.97, 0.985, 1.015, 1.03):
+        error = rows.error(rows.law(limit=factor * chosen))
+        better = np.sum(error**2, axis=0) < squares.min(axis=0)
+        chosen = np.where(better, factor * chosen, chosen)
+        squares = np.vstack([squares, np.sum(error**2, axis=0)])
+    error = rows.error(rows.law(limit=chosen))
+    joints = [int(joint) for joint in np.flatnonzero(np.isfinite(chosen))]
+    values = ", ".join(f"{chosen[joint]:.3g}" for joint in joints)
+    return Law(
+        "saturation",
+        f"the torque of {joints_text(joints)} is limited to {values} (N.m or N), which is not declared"
+        if joints
+        else "the torques are limited",
+        "Write saturation under [controller]",
+        error,
+        joints=tuple(joint + 1 for joint in joints),
+    )
+
+
+def _fed(rows: LawRows, forward: Array) -> tuple[float, Array]:
+    """Return the share of a torque that is fed forward, and the error with it."""
+    error = rows.error(rows.law())
+    inner = forward - forward.mean(axis=0)
+    size = np.maximum(np.sum(inner**2, axis=0), np.finfo(float).tiny)
+    shares = np.sum(inner * error, axis=0) / size
+    share = float(np.median(shares))
+    return share, rows.error(rows.law() + share * forward)

@@ -1,0 +1,202 @@
+"""Torques of the declared controller, from the measured motion and its reference. Tested in ``tests/test_verdict_faults.py``.
+
+Along a log the law of a controller (`didim.loop.controller`) can be evaluated without a robot,
+
+    L = g (P e + D v + I z + A ddq_ref) + tau_ff,     e = q_ref - q,     v = w dq_ref - dq,
+
+and what it gives is the measured torque, but for noise, if controller and reference are declared as they were. All signals are
+decimated alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...experiment.experiment import Experiment
+from ...experiment.loop import closed_loop
+from ...log.recording import Recording
+from ...loop.closed_loop import ClosedLoop
+from ...signal.decimation import decimate, decimation_stages
+from ...signal.filters import differentiate
+from ...signal.processing import SignalProcessing
+
+LARGEST_LAG = 12
+"""Samples at the ends of a window that are left out, because signals are shifted against each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """A window of a log with its closed loop.
+
+    Attributes
+    ----------
+    loop : ClosedLoop
+        As declared.
+    t : (n,) array
+        Times in the window (s).
+    q, dq, tau : (n, n_dof) arrays
+        Measured positions, their filtered velocities, and measured torques.
+    """
+
+    loop: ClosedLoop
+    t: Array
+    q: Array
+    dq: Array
+    tau: Array
+
+
+def stretches_of(experiment: Experiment) -> list[Stretch]:
+    """Return the windows of the recordings of a fit, with torques."""
+    found = []
+    for recording in experiment.recordings:
+        if recording.role != "fit" or recording.tau is None:
+            continue
+        found += [_stretch(experiment, recording, window) for window in recording.windows]
+    return found
+
+
+def _stretch(experiment: Experiment, recording: Recording, window: tuple[int, int]) -> Stretch:
+    loop = closed_loop(experiment, recording, window)
+    kept = slice(*window)
+    q = recording.q[kept]
+    assert recording.tau is not None
+    _, dq, _ = differentiate(q, recording.rate_hz, experiment.signal)
+    return Stretch(loop, loop.t[: len(q)], q, dq, recording.tau[kept])
+
+
+class LawRows:
+    """Rows of the law: what it makes of each term, and the measured torque, decimated alike.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With recordings, a reference and a controller.
+
+    Attributes
+    ----------
+    measured : (n_rows, n_dof) array
+        Measured torques.
+    size : (n_dof,) array
+        Their norms.
+    names : tuple of str
+        Terms of the law that are not zero.
+    """
+
+    def __init__(self, experiment: Experiment) -> None:
+        self.experiment, self.signal = experiment, experiment.signal
+        self.stretches = stretches_of(experiment)
+        self.controller = self.stretches[0].loop.controller
+        self.rate_hz = self.stretches[0].loop.rate_hz
+        self.measured = self.reduced([item.tau for item in self.stretches])
+        self.size = np.maximum(np.linalg.norm(self.measured, axis=0), np.finfo(float).tiny)
+        laws = self.controller.laws
+        names = ("kp", "kv", "ki", "acceleration")
+        self.names = tuple(name for k, name in enumerate(names) if laws[:, k].any())
+        self._columns = [k for k in range(4) if laws[:, k].any()]
+
+    @property
+    def declared_lag_s(self) -> float:
+        """Delay of a digital controller as records at the log's rate show it (s)."""
+        digital = self.controller.digital
+        if digital is None:
+            return 0.0
+        # Between two outputs a record shows the last one; at the log's own rate it shows each as it begins.
+        held = 0.5 * max(0.0, digital.sample_time_s - 1.0 / self.rate_hz)
+        return digital.sample_time_s * digital.delay_samples + held
+
+    @property
+    def declared_velocity_lag_s(self) -> float:
+        """Lag of the velocity that a digital controller makes of differences of positions (s)."""
+        digital = self.controller.digital
+        if digital is None:
+            return 0.0
+        weights = np.array(digital.smoothing)
+        taps = float(weights @ np.arange(len(weights)) / weights.sum()) if weights.sum() else 0.0
+        return digital.sample_time_s * (0.5 + taps)
+
+    def terms(self, lag_s: float = 0.0, lead_s: float = 0.0, *, differences: bool = False) -> list[Array]:
+        """Torques of each term of each stretch, (n_terms, n, n_dof): law late by `lag_s`, reference earlier by `lead_s`.
+
+        With `differences` the velocity is that of a digital controller at the log's rate, half a sample late.
+        """
+        late_velocity = 0.5 / self.rate_hz if differences else self.declared_velocity_lag_s
+        found = []
+        g, laws = self.controller.gain, self.controller.laws
+        for item in self.stretches:
+            q_ref, dq_ref, ddq_ref = item.loop.reference.at(item.t + lead_s)
+            dq = item.dq if late_velocity == 0.0 else _shifted(item.dq[None], item.t, late_velocity)[0]
+            e, v = q_ref - item.q, laws[:, 4] * dq_ref - dq
+            z = np.cumsum(laws[:, 5] * e + laws[:, 6] * v, axis=0) * (item.t[1] - item.t[0])
+            every = np.stack([laws[:, k] * s for k, s in enumerate((e, v, z, ddq_ref))])
+            terms = g * every[self._columns]
+            late = lag_s + self.declared_lag_s
+            found.append(terms if late == 0.0 else _shifted(terms, item.t, late))
+        return found
+
+    def fed_forward(self) -> list[Array]:
+        """Torque that the declared controller feeds forward along each stretch, (n, n_dof)."""
+        declared = self.controller.feedforward
+        found = []
+        for item in self.stretches:
+            if declared is None:
+                found.append(np.zeros_like(item.tau))
+                continue
+            rate, values = declared
+            clock = np.arange(len(values)) / rate
+            found.append(np.column_stack([np.interp(item.t, clock, column) for column in values.T]))
+        return found
+
+    def law(
+        self,
+        lag_s: float = 0.0,
+        lead_s: float = 0.0,
+        limit: Array | None = None,
+        *,
+        differences: bool = False,
+    ) -> Array:
+        """Torque of the law on the rows, (n_rows, n_dof), at most as large as a limit, (n_dof,)."""
+        largest = np.abs(self.controller.gain) * self.controller.saturation
+        if limit is not None:
+            largest = np.minimum(largest, limit)
+        torques = [
+            np.clip(terms.sum(axis=0) + forward, -largest, largest)
+            for terms, forward in zip(
+                self.terms(lag_s, lead_s, differences=differences), self.fed_forward(), strict=True
+            )
+        ]
+        return self.reduced(torques)
+
+    def columns(self) -> Array:
+        """Torque of each term on the rows, (n_terms, n_rows, n_dof)."""
+        terms = self.terms()
+        return np.stack([self.reduced([item[k] for item in terms]) for k in range(len(self._columns))])
+
+    def reduced(self, signals: Sequence[Array]) -> Array:
+        """Return signals on the rows, (n_rows, n_dof): ends left out, and decimated as the log is."""
+        return np.concatenate(list(_decimated(signals, self.signal)))
+
+    def error(self, torque: Array) -> Array:
+        """Measured torque less another one, each joint's mean left out, (n_rows, n_dof)."""
+        error = self.measured - torque
+        # A constant is an integrator's start, or an offset of the drive: neither gain nor delay.
+        return np.asarray(error - error.mean(axis=0))
+
+
+def _decimated(signals: Sequence[Array], signal: SignalProcessing) -> Iterator[Array]:
+    for values in signals:
+        start, end = max(signal.trim_start, LARGEST_LAG), max(signal.trim_end, LARGEST_LAG)
+        inner = np.ascontiguousarray(values[start : len(values) - end])
+        yield decimate(inner, decimation_stages(len(inner), signal))[signal.kept_rows]
+
+
+def _shifted(terms: Array, t: Array, late_s: float) -> Array:
+    """Return signals (n_terms, n, n_dof) late by so many seconds, by straight lines between samples."""
+    moved = np.empty_like(terms)
+    for k in range(terms.shape[0]):
+        for j in range(terms.shape[2]):
+            moved[k, :, j] = np.interp(t - late_s, t, terms[k, :, j])
+    return moved
