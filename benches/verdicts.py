@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import didim
+from didim.result.verdict import Verdict
 from didim.studies.simulated_log import packaged_experiment, simulated_log
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -32,7 +33,7 @@ LEVELS = (0.003, 0.006, 0.01, 0.02, 0.04)
 RATES_HZ = (100.0, 250.0, 500.0)
 
 
-def named(fault: Fault, verdict: didim.Verdict) -> bool:
+def named(fault: Fault, verdict: Verdict) -> bool:
     """Whether a grave reason names the fault, and its joint where it has one."""
     return any(
         reason.code in fault.codes and (not fault.joints or reason.joints == fault.joints)
