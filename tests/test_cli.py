@@ -166,7 +166,7 @@ def test_help_lists_every_solver(capsys: pytest.CaptureFixture[str]) -> None:
             ("--method", "idim-iv", "--solver", "huber"),
             "IDIM-IV solves the linear system with its instruments",
         ),
-        (("--method", "idim-iv", "--physical"), "IDIM-IV solves the linear system with its instruments"),
+        (("--method", "ekf", "--plain"), "--plain is not for method 'ekf'"),
         (
             ("--method", "ekf", "--uncertainty", "white"),
             "the standard deviations of the Kalman filter are its own",

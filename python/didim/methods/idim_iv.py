@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -17,11 +18,14 @@ import numpy as np
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..regression.classical.instrumental import Diagnosis, solve_with_instruments
+from ..regression.consistent.nearest import root_of
+from ..regression.consistent.solver import ConsistentSolver
 from ..regression.fit import Fit, Progress
 from ..regression.linear_system import LinearSystem
 from ..regression.settings import LeastSquaresSettings
 from ..result.identification import Identification
 from ..result.iteration import Iteration
+from .didim.consistent import Candidate, ConsistentRun
 from .didim.didim import Iterations
 from .didim.settings import DIDIMSettings
 from .didim.windows import Point
@@ -44,6 +48,9 @@ class IDIMIV(DIDIMSettings):
         Or when the norm of the residual changes by less than this share; 0 by default, because the residual along the measured
         motion hardly depends on the instruments.
 
+    physical : bool
+        Move the estimate of every iteration to the nearest robot, as consistent DIDIM does.
+
     Notes
     -----
     The result has in ``fit.settings["instruments"]`` the strength of the instruments, the Durbin-Wu-Hausman test and Durbin
@@ -62,7 +69,7 @@ class IDIMIV(DIDIMSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.physical or self.solver not in (None, "least-squares"):
+        if self.solver not in (None, "least-squares"):
             raise FitError("IDIM-IV solves the linear system with its instruments: it has no other solver")
 
     def run(
@@ -80,11 +87,11 @@ class IDIMIV(DIDIMSettings):
             for a log that allows no estimate.
         """
         solver = _Instruments()
-        job = replace(
-            self.job(experiment, experiment.simulation.robot(experiment.robot)),
-            solver=solver,
-            solver_choice=solver,
-        )
+        job = self.job(experiment, experiment.simulation.robot(experiment.robot))
+        if isinstance(job.solver, ConsistentSolver):
+            run = _ConsistentInstruments(self, job, job.solver, progress, say)
+            return _with_diagnosis(run.result(), run.instruments)
+        job = replace(job, solver=solver, solver_choice=solver)
         iterations = _InstrumentalIterations(self, job, solver, progress, say)
         point = iterations.simulate()
         while not iterations.over:
@@ -133,6 +140,37 @@ class _InstrumentalIterations(Iterations):
         """Return (7) along the measured motion, and keep the regressor along the simulated one as instruments."""
         self._solver.system = super().observe(point)
         return self._measured
+
+
+class _ConsistentInstruments(ConsistentRun):
+    """The iterations of consistent DIDIM with the estimate of the instruments, moved to the nearest robot (10)."""
+
+    @cached_property
+    def instruments(self) -> _Instruments:
+        """The instruments of the last solution."""
+        return _Instruments()
+
+    def solved(self, point: Candidate) -> tuple[LinearSystem, Fit]:
+        """Return the rows along the measured motion, and the robot nearest to the estimate of the instruments."""
+        self.instruments.system = self.observed(point)
+        free = self.instruments(self.measured, self.job.settings)
+        problem = self.solver.problem
+        assert problem is not None
+        root = root_of(free.covariance)
+        constrained = problem.solve(root, root @ free.solution)
+        solution = np.asarray(problem.matrix @ constrained.x)
+        return self.measured, replace(
+            free,
+            solution=solution,
+            residual=self.measured.y - self.measured.w @ solution,
+            standard=constrained.x,
+            record={
+                "gamma": problem.gamma,
+                "prior": problem.prior.name,
+                "half_distance": constrained.half_distance,
+                "iterations": constrained.iterations,
+            },
+        )
 
 
 def _with_diagnosis(fit: Identification, solver: _Instruments) -> Identification:

@@ -113,7 +113,7 @@ def compare(
         One of its kinds.
     """
     from ..methods.cloe.cloe import CLOE
-    from ..methods.start import standard_start
+    from ..methods.start import FROM_LOG, standard_start
     from ..result.status import Status
 
     if isinstance(experiment, str):
@@ -155,8 +155,10 @@ def compare(
             )
     sets = {"truth": x, **{name: fit.parameters for name, fit in fits.items()}}
     for method in methods:
-        if isinstance(method, CLOE) and isinstance(method.start, str) and method.start != "idim-ls":
-            sets["start"] = standard_start(log.robot, method.start)
+        if isinstance(method, CLOE) and isinstance(method.chosen_start, str):
+            start = method.chosen_start
+            if start not in ("idim-ls", *FROM_LOG):
+                sets["start"] = standard_start(log.robot, start)
     return Comparison(
         log,
         log.robot.base_parameters.project(x),

@@ -13,6 +13,7 @@ import numpy as np
 from .._tools.arrays import Array
 from ..errors import FitError
 from ..experiment.experiment import Experiment
+from ..experiment.specs import ControllerSpec
 from ..loop.closed_loop import Outcome
 from ..result.identification import Identification
 from ..robot.payload import NOTHING
@@ -96,7 +97,9 @@ class Validation:
             if item.outcome is not None and not item.outcome.completed:
                 lines.append(f"the simulation {item.outcome}")
             if item.outcome is None:
-                lines.append("not simulated: the experiment has no [controller] and [reference]")
+                lines.append(
+                    "not simulated: the experiment has no [controller] and [reference], or made-up gains"
+                )
         return "\n".join(lines)
 
 
@@ -173,7 +176,10 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     plain = [replace(item, payload=NOTHING, own=()) for item in experiment.recordings]
     job = FitSettings().job(replace(experiment, recordings=tuple(plain)))
     delay = job.delay()
-    closed = experiment.reference is not None and experiment.controller is not None
+    # Made-up gains say nothing of the real loop.
+    law = experiment.controller
+    unknown = isinstance(law, ControllerSpec) and law.settings.get("kind") == "made-up"
+    closed = experiment.reference is not None and law is not None and not unknown
     found = []
     for recording, x in zip(experiment.recordings, loaded, strict=True):
         direct, overall = None, float("nan")

@@ -40,8 +40,12 @@ class CLOE(CLOESettings):
         Gauss-Newton steps with damping, a covariance included; or the paper's simplex.
     output : {"position", "torque", "both"}
         What is compared: positions (19), torques, or both.
-    start : str, mapping, array or Identification
-        Initial parameters (`didim.methods.start.standard_start`); "apriori" is (21), "idim-ls" the estimate of IDIM-LS.
+    start : str, mapping, array or Identification, optional
+        Initial parameters (`didim.methods.start.standard_start`); "apriori" is (21), the default; "idim-ls" the estimate of
+        IDIM-LS, "consistent" and "prior" robots made from the log. With ``physical=True`` the start of consistent DIDIM, whose
+        estimate the search starts at.
+    physical : bool, optional
+        True for steps under the conditions of a robot, by Levenberg-Marquardt (`didim.methods.cloe.consistent`).
     max_iterations : int, optional
         100 for Levenberg-Marquardt, 200 per parameter for the simplex.
     max_evaluations : int, optional
@@ -89,6 +93,10 @@ class CLOE(CLOESettings):
         DidimError
             One of its kinds: without a reference or a controller, or for a start with which the robot cannot be simulated.
         """
+        if self.physical:
+            from .consistent import search_consistently
+
+            return search_consistently(self, experiment, progress, say)
         job = self.job(experiment, experiment.simulation.robot(experiment.robot))
         problem = OutputError(self, job, say)
         first = self._search(problem, progress)

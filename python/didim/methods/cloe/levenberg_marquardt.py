@@ -120,7 +120,7 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
             normal = jacobian @ jacobian.T
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
-    spread, condition, remarks = _spread(problem, normal, errors, jacobian)
+    spread, condition, remarks = spread_at(problem, normal, errors, jacobian)
     if math.isinf(condition) and status is Status.CONVERGED:
         status = Status.ILL_CONDITIONED
     return problem.result(
@@ -173,7 +173,7 @@ def _trials(
     return np.stack(trials)
 
 
-def _spread(
+def spread_at(
     problem: OutputError, normal: Array, errors: Array, jacobian: Array | None
 ) -> tuple[Spread, float, list[str]]:
     """Return the spread of the estimate, the condition number of the scaled columns, and remarks.

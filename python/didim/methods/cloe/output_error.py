@@ -34,7 +34,7 @@ from ...signal.spikes import without_spikes
 from ..builder import TorqueErrors, identification, record
 from ..idim_ls import IDIMLS
 from ..job import Delay, Job
-from ..start import further_of, standard_start
+from ..start import FROM_LOG, further_of, standard_start, start_from_log
 from .checkpoint import Checkpoint
 from .settings import CLOESettings, Output
 
@@ -225,7 +225,7 @@ class OutputError:
         return digest.hexdigest()
 
     def _start(self) -> Array:
-        start = self.method.start
+        start = self.method.chosen_start
         if isinstance(start, str) and start == "idim-ls":
             method = self.method
             idim = IDIMLS(
@@ -236,6 +236,8 @@ class OutputError:
             )
             direct = idim.run(self.job.experiment, lambda iteration: False, self.say)
             x = self.base.extended(direct.parameters, further_of(direct))
+        elif isinstance(start, str) and start in FROM_LOG:
+            x = self.base.extended(start_from_log(self.job, self.job.delay(), start))
         else:
             x = self.base.extended(standard_start(self.robot, start), further_of(start))
         return np.asarray(self.base.project(x)[self.estimated])
@@ -312,7 +314,8 @@ class OutputError:
     def settings(self) -> dict[str, Any]:
         """Return what was asked for."""
         asked = asdict(replace(self.method, start="unit"))
-        asked["start"] = self.method.start if isinstance(self.method.start, str) else "given"
+        start = self.method.chosen_start
+        asked["start"] = start if isinstance(start, str) else "given"
         asked["checkpoint"] = None if self.method.checkpoint is None else str(self.method.checkpoint)
         return asked
 

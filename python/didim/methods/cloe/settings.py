@@ -34,8 +34,12 @@ class CLOESettings(MethodSettings):
         Gauss-Newton steps with damping, a covariance included; or the paper's simplex.
     output : {"position", "torque", "both"}
         What is compared: positions (19), torques, or both.
-    start : str, mapping, array or Identification
-        Initial parameters (`didim.methods.start.standard_start`); "apriori" is (21), "idim-ls" the estimate of IDIM-LS.
+    start : str, mapping, array or Identification, optional
+        Initial parameters (`didim.methods.start.standard_start`); "apriori" is (21), the default; "idim-ls" the estimate of
+        IDIM-LS, "consistent" and "prior" robots made from the log. With ``physical=True`` the start of consistent DIDIM, whose
+        estimate the search starts at.
+    physical : bool, optional
+        True for steps under the conditions of a robot, by Levenberg-Marquardt (`didim.methods.cloe.consistent`).
     max_iterations : int, optional
         100 for Levenberg-Marquardt, 200 per parameter for the simplex.
     max_evaluations : int, optional
@@ -70,7 +74,8 @@ class CLOESettings(MethodSettings):
 
     optimizer: Optimizer = "levenberg-marquardt"
     output: Output = "position"
-    start: Start = "apriori"
+    start: Start | None = None
+    physical: bool | None = None
     max_iterations: int | None = None
     max_evaluations: int | None = None
     variant: Variant = "adaptive"
@@ -93,8 +98,21 @@ class CLOESettings(MethodSettings):
         """Name in results: "cloe-nelder-mead" or "cloe-levenberg-marquardt", "clie-..." on torques."""
         return f"{'clie' if self.output == 'torque' else 'cloe'}-{self.optimizer}"
 
+    @property
+    def chosen_start(self) -> Start:
+        """The start, or the default."""
+        if self.start is not None:
+            return self.start
+        return "consistent" if self.physical else "apriori"
+
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.physical is not None and not isinstance(self.physical, bool):
+            raise FitError(f"physical must be True or False, got {self.physical!r}")
+        if self.physical and self.optimizer != "levenberg-marquardt":
+            raise FitError("physical=True is for the optimizer 'levenberg-marquardt'")
+        if self.physical and (self.starts > 1 or self.checkpoint is not None):
+            raise FitError("physical=True has one start, that of consistent DIDIM, and no checkpoint")
         one_of("optimizer", self.optimizer, get_args(Optimizer), FitError)
         one_of("output", self.output, get_args(Output), FitError)
         one_of("variant", self.variant, get_args(Variant), FitError)

@@ -20,11 +20,7 @@ from ..._tools.arrays import Array
 from ..._tools.words import counted
 from ...errors import DidimError, FitError
 from ...experiment.experiment import Experiment
-from ...experiment.specs import ControllerSpec
 from ...loop.closed_loop import Outcome
-from ...loop.controller import Controller
-from ...loop.reference import Reference
-from ...loop.tuning import made_up
 from ...model.dynamics import inertia_matrix
 from ...model.safe_step import thinned
 from ...regression.consistent.diagnosis import diagnosis
@@ -41,6 +37,7 @@ from ..job import Job, ratio
 from ..start import standard_start
 from ..verdict.torques import contradiction_reasons, following_reasons, torque_reasons
 from .convergence import best_sentence, rule_sentence
+from .gains import with_gains
 from .settings import DIDIMSettings
 from .simulability import chosen_steps, damping_of, rates, simulable
 from .windows import Simulated, Window, segments_of, simulated, windows_of
@@ -103,7 +100,7 @@ class ConsistentRun:
         self.delay = job.delay()
         self.n_simulations = 0
         self.remarks: list[str] = []
-        self.prepared: dict[tuple[float, tuple[float, ...]], list[Window]] = {}
+        self.prepared: dict[tuple[object, object], list[Window]] = {}
         """Windows by the steps of their loops."""
         self.experiment = job.experiment
         self._prepare(solver)
@@ -137,7 +134,8 @@ class ConsistentRun:
         return segments_of(windows, Simulated(motions, None, 0.0))
 
     def _prepared(self, experiment: Experiment) -> list[Window]:
-        return windows_of(replace(self.job, experiment=experiment), self.delay)
+        job = replace(self.job, experiment=experiment)
+        return windows_of(job, self.delay, held=self.method.motion == "measured")
 
     def result(self) -> Identification:
         """Iterate to the end and put the result together."""
@@ -223,13 +221,17 @@ class ConsistentRun:
         scale = here / real
         return None if np.abs(np.log(scale)).max() < SAME else scale
 
-    def _windows(self, x: Array) -> list[Window]:
-        """Return the windows with the steps that the rates of an iterate allow."""
+    def experiment_at(self, x: Array) -> Experiment:
+        """Return the experiment with made-up gains, and the steps in time that the rates of an iterate allow."""
         settings = self.experiment.simulation
-        steps = chosen_steps(*rates(self.robot, x, self.q, self.damping), settings)
+        coarse, fine = chosen_steps(*rates(self.robot, x, self.q, self.damping), settings)
+        return replace(self.experiment, simulation=replace(settings, step_s=coarse, fine_step_s=fine))
+
+    def _windows(self, x: Array) -> list[Window]:
+        experiment = self.experiment_at(x)
+        steps = experiment.simulation.step_s, experiment.simulation.fine_step_s
         if steps not in self.prepared:
-            simulation = replace(settings, step_s=steps[0], fine_step_s=steps[1])
-            self.prepared[steps] = self._prepared(replace(self.experiment, simulation=simulation))
+            self.prepared[steps] = self._prepared(experiment)
         return self.prepared[steps]
 
     def _simulate(self, x: Array, scale: Array | None = None) -> Simulated | Outcome:
@@ -240,17 +242,24 @@ class ConsistentRun:
 
     def _direction(self, point: Candidate) -> Direction:
         """Solve (7) along the motion of an iterate, under the conditions."""
-        job = self.job
-        system = job.system(segments_of(self.windows, point.simulated), self.base.project(point.x))
-        fit = self.solver(system, job.settings)
+        system, fit = self.solved(point)
         assert fit.standard is not None
-        step = self.base.project(fit.standard - point.x)[job.selection.estimated]
+        step = self.base.project(fit.standard - point.x)[self.job.selection.estimated]
         std = np.sqrt(np.diag(fit.covariance))
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = np.where(std > 0.0, np.abs(step) / std, 0.0)
         return Direction(
             system, fit, fit.standard, step, _inverse(fit.covariance), float(moved.max(initial=0.0))
         )
+
+    def observed(self, point: Candidate) -> LinearSystem:
+        """Return (7) along the motion of an iterate."""
+        return self.job.system(segments_of(self.windows, point.simulated), self.base.project(point.x))
+
+    def solved(self, point: Candidate) -> tuple[LinearSystem, Fit]:
+        """Return the rows of an iterate, and their solution under the conditions."""
+        system = self.observed(point)
+        return system, self.solver(system, self.job.settings)
 
     def _secant(self, direction: Direction, before: Direction | None, length: float) -> float:
         """Length that would have ended the last step where its gradient vanishes; at most 1."""
@@ -353,7 +362,7 @@ class ConsistentRun:
         method, window = self.method, self.windows[0]
         start = method.chosen_start if isinstance(method.chosen_start, str) else "given"
         return {
-            "didim": {
+            method.name.replace("-", "_"): {
                 "physical": True,
                 "start": "consistent" if start in STARTS else start,
                 "tolerance": method.tolerance,
@@ -369,32 +378,6 @@ class ConsistentRun:
                 "steps": window.loop.schedule.steps,
             },
         }
-
-
-def with_gains(experiment: Experiment, x: Array, q: Array) -> Experiment:
-    """Return an experiment whose made-up controller, if it has one, has the gains of a robot by rule (D)."""
-    spec = experiment.controller
-    if not isinstance(spec, ControllerSpec) or spec.settings.get("kind") != "made-up":
-        return experiment
-    controller = made_up(
-        experiment.simulation.robot(experiment.robot),
-        x,
-        q,
-        frequency_hz=float(spec.settings.get("natural_frequency_hz", 10.0)),
-        error=float(spec.settings.get("tracking_error", 1e-3)),
-    )
-    return replace(experiment, controller=ControllerSpec(Ready(controller), spec.settings))
-
-
-@dataclass(frozen=True)
-class Ready:
-    """A controller that needs no reference."""
-
-    controller: Controller
-
-    def __call__(self, reference: Reference) -> Controller:
-        """Return the controller."""
-        return self.controller
 
 
 def _entry(

@@ -113,17 +113,7 @@ def nearest_robot(
         raise FitError(f"intervals need at least 20 draws, got {draws}")
     estimated = selection.estimated
     part = covariance[np.ix_(estimated, estimated)]
-    std = np.sqrt(np.diag(part))
-    if not (np.isfinite(part).all() and (std > 0.0).all()):
-        raise FitError(
-            "the estimate has no standard deviations, and without them no robot is nearest to it: let the method converge first"
-        )
-    scaled = part / np.outer(std, std)
-    try:
-        root = np.linalg.inv(np.linalg.cholesky(scaled)) / std
-    except np.linalg.LinAlgError:
-        raise FitError("the covariance of the estimate is not positive definite") from None
-    root = np.asarray(root, dtype=np.float64)
+    root = root_of(part)
     chosen = prior_of(robot, prior)
     problem = ConstrainedProblem(robot, selection, chosen, gamma, bounds)
     right = root @ beta[estimated]
@@ -152,3 +142,23 @@ def nearest_robot(
         draws=drawn,
         prior=chosen.name,
     )
+
+
+def root_of(covariance: Array) -> Array:
+    """Return ``R`` with ``R^T R = C^-1``, (b, b).
+
+    Raises
+    ------
+    FitError
+        Without standard deviations, and for a covariance that is not positive definite.
+    """
+    std = np.sqrt(np.diag(covariance))
+    if not (np.isfinite(covariance).all() and (std > 0.0).all()):
+        raise FitError(
+            "the estimate has no standard deviations, and without them no robot is nearest to it: let the method converge first"
+        )
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(std, std))) / std
+    except np.linalg.LinAlgError:
+        raise FitError("the covariance of the estimate is not positive definite") from None
+    return np.asarray(root, dtype=np.float64)

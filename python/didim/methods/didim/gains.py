@@ -1,0 +1,38 @@
+"""Made-up gains in an experiment: those of a robot, by rule (D). Tested in ``tests/test_consistent_methods.py``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ..._tools.arrays import Array
+from ...experiment.experiment import Experiment
+from ...experiment.specs import ControllerSpec
+from ...loop.controller import Controller
+from ...loop.reference import Reference
+from ...loop.tuning import made_up
+
+
+def with_gains(experiment: Experiment, x: Array, q: Array) -> Experiment:
+    """Return an experiment whose made-up controller, if it has one, has the gains of a robot by rule (D)."""
+    spec = experiment.controller
+    if not isinstance(spec, ControllerSpec) or spec.settings.get("kind") != "made-up":
+        return experiment
+    controller = made_up(
+        experiment.simulation.robot(experiment.robot),
+        x,
+        q,
+        frequency_hz=float(spec.settings.get("natural_frequency_hz", 10.0)),
+        error=float(spec.settings.get("tracking_error", 1e-3)),
+    )
+    return replace(experiment, controller=ControllerSpec(Ready(controller), spec.settings))
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A controller that needs no reference."""
+
+    controller: Controller
+
+    def __call__(self, reference: Reference) -> Controller:
+        """Return the controller."""
+        return self.controller

@@ -1,0 +1,155 @@
+"""Methods under physical conditions: DIDIM by default, IDIM-IV and CLOE on request, their starts, gains and refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import didim
+from arm import arm_file, arm_log
+from arm import noisy as with_torque_noise
+from didim import CLOE, DIDIM, IDIMIV, Experiment, identify
+from didim.cli.main import main
+from didim.errors import ExperimentError, FitError
+from didim.model.consistency import violations
+from didim.regression.consistent.problem import conditions_of
+from didim.studies.simulated_log import simulated_log
+
+
+@pytest.fixture(scope="module")
+def exact() -> Experiment:
+    return arm_log(3)
+
+
+def noisy(log: Experiment) -> Experiment:
+    """The log with noise on torques and positions."""
+    (recording,) = with_torque_noise(log).recordings
+    noise = 2e-5 * np.random.default_rng(4).standard_normal(recording.q.shape)
+    return replace(log, recordings=(replace(recording, q=recording.q + noise),))
+
+
+@pytest.fixture(scope="module")
+def log(exact: Experiment) -> Experiment:
+    return noisy(exact)
+
+
+def off(fit: didim.Identification, log: Experiment) -> float:
+    """Rms of estimate less truth in standard deviations."""
+    return float(np.sqrt(np.mean(((fit.beta - log.robot.set_base("reference")) / fit.std) ** 2)))
+
+
+def test_where_the_truth_is_a_robot_plain_and_consistent_didim_agree() -> None:
+    """Same weights, same answer: a prior of a hundredth of a nat moves nothing by more than 0.01 sigma rms."""
+    experiment = didim.packaged_experiment("tx40")
+    log = simulated_log(experiment, experiment.robot.parameter_set("didim_physical"), seed=1)
+    plain, consistent = identify(log, DIDIM(physical=False)), identify(log, DIDIM())
+    assert np.sqrt(np.mean(((consistent.beta - plain.beta) / plain.std) ** 2)) < 0.01
+    assert (consistent.n_iterations, consistent.n_simulations) == (2, 3)
+    assert consistent.settings["didim"]["start"] == "consistent"
+    assert plain.settings["didim"]["start"] == "unit"
+    assert 0.01 <= consistent.settings["solver"]["gamma"] < 0.015
+    assert violations(conditions_of(log.robot), consistent.parameters) == []
+    prior = identify(log, DIDIM(start="prior"))
+    assert prior.n_iterations == 4
+    assert np.abs((prior.beta - consistent.beta) / plain.std).max() < 0.01
+
+
+def test_the_emps_is_met_in_four_digits(project: Path, shared: Path) -> None:
+    experiment = didim.load_experiment(project / "examples" / "emps.toml", data=shared / "data" / "emps")
+    plain, consistent = identify(experiment, DIDIM(physical=False)), identify(experiment, DIDIM())
+    assert [f"{value:.4g}" for value in consistent.beta] == [f"{value:.4g}" for value in plain.beta]
+
+
+@pytest.mark.parametrize("start", ["consistent", "prior", "unit", "idim-ls", "reference"])
+def test_starts_of_both_kinds_of_didim(log: Experiment, start: str) -> None:
+    for physical in (True, False):
+        fit = identify(log, DIDIM(physical=physical, start=start))
+        assert fit.converged, physical
+        assert fit.settings["didim"]["start"] in (start, "consistent")
+        assert off(fit, log) < 1.6
+
+
+def test_idim_iv_and_cloe_under_conditions(log: Experiment) -> None:
+    conditions = conditions_of(log.robot)
+    for method in (IDIMIV(physical=True), CLOE(physical=True), CLOE(physical=True, output="torque")):
+        fit = identify(log, method)
+        assert fit.converged, method.name
+        assert fit.n_iterations <= 6
+        assert off(fit, log) < 2.0
+        assert violations(conditions, fit.parameters) == []
+        np.testing.assert_allclose(log.robot.base_parameters.project(fit.parameters), fit.beta, atol=1e-9)
+        assert fit.settings["solver"]["prior"] == "generic"
+    plain, free = identify(log, CLOE(physical=True)), identify(log, CLOE(start="reference"))
+    assert np.abs((plain.beta - free.beta) / free.std).max() < 0.3
+
+
+def test_consistent_cloe_comes_back_from_a_wrong_start_and_without_a_controller_it_says_so(
+    log: Experiment,
+) -> None:
+    fit = identify(log, CLOE(physical=True, start="prior", max_iterations=1), callback=lambda iteration: True)
+    assert fit.status is didim.Status.STOPPED
+    assert fit.settings["cloe"]["start"] == "prior"
+    with pytest.raises(ExperimentError, match="controller"):
+        identify(replace(log, controller=None), CLOE(physical=True))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"physical": 1}, "physical must be True or False, got 1"),
+        ({"physical": True, "optimizer": "nelder-mead"}, "for the optimizer 'levenberg-marquardt'"),
+        ({"physical": True, "starts": 3}, "physical=True has one start"),
+    ],
+)
+def test_settings_of_cloe_that_do_not_go_together(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(FitError, match=message):
+        CLOE(**settings)  # type: ignore[arg-type]
+
+
+def test_settings_of_didim_that_do_not_go_together() -> None:
+    with pytest.raises(FitError, match="give physical or solver, not both"):
+        DIDIM(physical=True, solver="huber")
+    with pytest.raises(FitError, match="physical must be True or False, got 'yes'"):
+        DIDIM(physical="yes")  # type: ignore[arg-type]
+
+
+def test_a_made_up_controller_has_gains_for_didim_and_no_other(
+    exact: Experiment, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No gains are known: DIDIM makes them (D) from its estimate, and the others say who does."""
+    log = noisy(exact)
+    file = arm_file(log, tmp_path, tmp_path / "arm.toml")
+    lines = [
+        line.replace('kind = "recorded"', 'kind = "measured"').replace('kind = "pd"', 'kind = "made-up"')
+        for line in file.read_text(encoding="utf-8").splitlines()
+        if not line.startswith(("kp =", "kv =", "reference =", "start ="))
+    ]
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    fit_file = str(tmp_path / "fit.json")
+    assert main(["identify", str(file), "--method", "didim", "--json", fit_file, "--quiet"]) == 0
+    fit = didim.Identification.load(fit_file)
+    assert fit.converged
+    assert fit.settings["closed_loop"]["controller"]["kind"] == "made-up"
+    assert (np.array(fit.settings["closed_loop"]["laws"])[:, :2] != 0.0).all()
+    # A PD of rule (D) follows this fast motion less closely than the real controller.
+    assert fit.overall_relative_error < 0.05
+    assert (
+        main(["identify", str(file), "--method", "cloe", "--physical", "--output", "torque", "--quiet"]) == 0
+    )
+    capsys.readouterr()
+    for command in (
+        ["simulate", str(file), "--parameters", fit_file, "-o", str(tmp_path / "run.csv")],
+        ["identify", str(file), "--method", "didim", "--plain"],
+    ):
+        assert main(command) == 2
+        err = capsys.readouterr().err
+        assert "kind = 'made-up' has no gains of its own: consistent DIDIM" in err
+        assert err.count("\n") == 1
+    assert main(["validate", fit_file, str(file)]) == 0
+    assert (
+        "not simulated: the experiment has no [controller] and [reference], or made-up gains"
+        in capsys.readouterr().out
+    )
