@@ -53,8 +53,11 @@ def start_from_log(job: Job, delay: Delay, name: str) -> Array:
     Raises
     ------
     DidimError
-        One of its kinds, for a log that has no positions or no torques, and when no robot meets all conditions.
+        One of its kinds, for a log that has no positions or no torques, for recordings with payloads or friction of their own,
+        and when no robot meets all conditions.
     """
+    if not job.parameters.simple:
+        raise FitError(f"the start {name!r} is for logs that share all parameters: start from 'idim-ls'")
     if not job.parameters.simple:
         raise FitError(
             f"the start {name!r} is made for the robot alone, and recordings have payloads, own offsets or own friction: begin at "
