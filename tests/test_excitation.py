@@ -397,7 +397,8 @@ def test_a_motion_from_point_to_point_is_chosen_well(planar: Robot) -> None:
 def test_an_interrupted_exchange_of_points_keeps_the_best(
     planar: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    best, known = [], PointDesign.value
+    best: list[float] = []
+    known = PointDesign.value
 
     def value(design: PointDesign, moves: Sequence[_Move]) -> float:
         found = known(design, moves)
