@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .errors import FitError
+from .monte_carlo.results import StudyResults
+from .monte_carlo.text import HEAD, NOTES, cells
 from .result.identification import Identification
 from .result.table import LARGEST_PERCENT
 from .robot.base_parameters import BaseParameters
@@ -21,20 +23,21 @@ from .studies.comparison import TITLES, Comparison, sentence
 FORMATS = ("text", "markdown", "latex", "csv")
 """Formats of a result; text is what ``print`` shows."""
 
-Result = Identification | Comparison | BaseParameters
+Result = Identification | Comparison | BaseParameters | StudyResults
 
 
 @dataclass(frozen=True)
 class Grid:
     """Cells of a table; `align` has a letter per column, ``l`` for text and ``r`` for numbers.
 
-    `groups` are headings over several columns each, from the first column on.
+    `groups` are headings over several columns each, from the first column on; `units` says that the second column has units.
     """
 
     head: tuple[str, ...]
     rows: Sequence[Sequence[str]]
     align: str
     groups: tuple[tuple[str, int], ...] = ()
+    units: bool = True
 
 
 def render(result: Result, form: str = "text") -> str:
@@ -42,7 +45,7 @@ def render(result: Result, form: str = "text") -> str:
 
     Parameters
     ----------
-    result : Identification, Comparison or BaseParameters
+    result : Identification, Comparison, BaseParameters or StudyResults
         A comparison has the form of Table II.
     form : {"text", "markdown", "latex", "csv"}
         ``text`` is ``str(result)``; ``markdown`` has pipe tables; ``latex`` is one ``tabular`` of the package booktabs, its
@@ -67,6 +70,8 @@ def render(result: Result, form: str = "text") -> str:
         return _identification(result, form)
     if isinstance(result, Comparison):
         return _comparison(result, form)
+    if isinstance(result, StudyResults):
+        return _study(result, form)
     rows = list(zip(result.names, result.units, result.groupings, strict=True))
     if form == "csv":
         return _csv([("name", "unit", "grouping"), *rows])
@@ -170,6 +175,20 @@ def _comparison(comparison: Comparison, form: str) -> str:
     return "\n\n".join([_escaped(comparison.experiment.name), _markdown(grid), *map(_escaped, notes)])
 
 
+def _study(study: StudyResults, form: str) -> str:
+    if form == "csv":
+        columns = study.columns()
+        values = zip(*columns.values(), strict=True)
+        exact = [[_exact(cell) if isinstance(cell, float) else str(cell) for cell in row] for row in values]
+        return _csv([tuple(columns), *exact])
+    rows = [(item.scenario, *cells(item)) for item in study.figures]
+    grid = Grid(("scenario", *HEAD), rows, "ll" + "r" * (len(HEAD) - 1), units=False)
+    notes = [*NOTES, *([study.missing()] if study.missing() else [])]
+    if form == "latex":
+        return _latex(grid, [study.name, *notes])
+    return "\n\n".join([_escaped(study.name), _markdown(grid), *map(_escaped, notes)])
+
+
 def _percent(percent: float) -> str:
     if not math.isfinite(percent):
         return "-"
@@ -254,5 +273,6 @@ def _latex(grid: Grid, comments: Sequence[str] = ()) -> str:
             _latex_number(cell) if letter == "r" else latex_text(cell)
             for cell, letter in zip(others, grid.align[2:], strict=True)
         ]
-        lines.append(" & ".join([latex_text(name), _latex_unit(unit), *shown]) + r" \\")
+        second = _latex_unit(unit) if grid.units else latex_text(unit)
+        lines.append(" & ".join([latex_text(name), second, *shown]) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])

@@ -21,6 +21,7 @@ from ..robot.robot import Robot
 from ..robot.robot_file import read_robot
 from ..studies.simulated_log import measured, simulated_log
 from .keys import Keys, changed, parts_of
+from .noise_in_loop import measured_in_loop
 from .spec import canonical, digest
 from .tasks import random_numbers
 
@@ -42,8 +43,8 @@ class Truth:
         Without a recording.
     x : (n_parameters,) array
         Standard parameters.
-    refinement, root, keys
-        Of the steps of the log, and of the random numbers.
+    refinement, noise_in_loop_hz, root, keys
+        Of the steps of the log, of a controller that reads the noise, and of the random numbers.
     other : tuple of (n_samples, n_dof) arrays, or None
         Position, velocity, acceleration and true torque of the other motion.
     """
@@ -52,6 +53,7 @@ class Truth:
     experiment: Experiment
     x: Array
     refinement: int
+    noise_in_loop_hz: float | None
     root: int
     keys: Keys
     other: tuple[Array, Array, Array, Array] | None
@@ -70,6 +72,8 @@ class Truth:
     def noisy(self, seed: int) -> Experiment:
         """Return the log of a seed."""
         numbers = random_numbers(self.root, self.keys, seed, NOISE)
+        if self.noise_in_loop_hz is not None:
+            return measured_in_loop(self.experiment, self.x, _integer(numbers), self.noise_in_loop_hz)
         return measured(self.clean, _integer(numbers))
 
     def starts(self, seed: int, model: Model) -> Callable[[float], Array]:
@@ -136,6 +140,7 @@ def truth_of(shared: Mapping[str, Any], keys: Keys) -> Truth:
         experiment=experiment,
         x=x,
         refinement=shared["refinement"],
+        noise_in_loop_hz=shared["noise_in_loop_hz"],
         root=shared["root"],
         keys=keys,
         other=_other_motion(shared, parts.truth, robot, x),

@@ -1,13 +1,19 @@
-"""Rows of a study, and what they say. Tested in ``tests/test_study.py``."""
+"""Rows of a study, and the figures of merit that they give. Tested in ``tests/test_study_figures.py``."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 
+from .._tools.words import counted
+from ..errors import StudyError
+from .figures import Estimate, Figures, figures_of
 from .rows import Row, Rows, read_rows
 from .spec import StudySpec
+from .text import study_lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +27,7 @@ class StudyResults:
     rows : Rows
         Every row once.
     scenarios, methods : tuple of str
-        In the order of the study.
+        In the order of the study; by name where only rows are known.
     """
 
     name: str
@@ -31,7 +37,7 @@ class StudyResults:
 
     @classmethod
     def of(cls, spec: StudySpec, rows: Rows) -> StudyResults:
-        """Return the rows of a study, without those of others in the same file."""
+        """Return the rows of a study."""
         scenarios = tuple(item.name for item in spec.scenarios)
         return cls(spec.name, rows, scenarios, tuple(item.label for item in spec.methods))
 
@@ -46,24 +52,75 @@ class StudyResults:
         """
         rows = read_rows(*(Path(path) for path in paths))
         fits = rows.fits.values()
-        return cls(
-            Path(paths[0]).stem, rows, _order([*rows.truths], fits, "scenario"), _order([], fits, "method")
-        )
+        names = [*rows.truths, *(row["scenario"] for row in fits)]
+        methods = sorted({row["method"] for row in fits})
+        return cls(Path(paths[0]).stem, rows, tuple(dict.fromkeys(sorted(names))), tuple(methods))
 
     def of_pair(self, scenario: str, method: str) -> list[Row]:
-        """Rows of a method on a scenario, by seed."""
-        found = [
-            row for row in self.rows.fits.values() if (row["scenario"], row["method"]) == (scenario, method)
-        ]
-        return sorted(found, key=lambda row: int(row["seed"]))
+        """Return the rows of a method on a scenario, by seed."""
+        return self._pairs.get((scenario, method), [])
+
+    @cached_property
+    def figures(self) -> tuple[Figures, ...]:
+        """Figures of merit of every method on every scenario that has rows."""
+        times = self.rows.times
+        found = []
+        for scenario in self.scenarios:
+            truth = self.rows.truths.get(scenario)
+            for method in self.methods:
+                rows = self.of_pair(scenario, method)
+                if truth is None or not rows:
+                    continue
+                seconds = [times[row["id"]]["seconds"] for row in rows if row["id"] in times]
+                values = truth.get("truth", [])
+                found.append(figures_of(scenario, method, rows, values, seconds))
+        return tuple(found)
+
+    def columns(self) -> dict[str, list[str | int | float]]:
+        """Return the figures as columns: estimates have one each for their value, low and high end."""
+        found: dict[str, list[str | int | float]] = defaultdict(list)
+        for item in self.figures:
+            for key in (field.name for field in fields(item)):
+                value = getattr(item, key)
+                if isinstance(value, Estimate):
+                    for end in ("value", "low", "high"):
+                        found[key if end == "value" else f"{key}_{end}"].append(getattr(value, end))
+                else:
+                    found[key].append(value)
+        return dict(found)
+
+    def write_parquet(self, path: str | Path) -> None:
+        """Write the figures as a Parquet file.
+
+        Raises
+        ------
+        StudyError
+            Without pyarrow.
+        """
+        try:
+            import pyarrow
+            import pyarrow.parquet
+        except ImportError:
+            raise StudyError("Parquet files need pyarrow: pip install pyarrow") from None
+        pyarrow.parquet.write_table(pyarrow.table(self.columns()), str(path))
+
+    def missing(self) -> str:
+        """Return a sentence on rows of scenarios without a truth, or an empty text."""
+        lost = [name for name in self.scenarios if name not in self.rows.truths]
+        if not lost:
+            return ""
+        return f"{counted(len(lost), 'scenario')} without the row of the truth: {', '.join(lost[:3])}"
 
     def __str__(self) -> str:
-        return "\n".join(
-            f"{scenario}: {method}: {len(self.of_pair(scenario, method))} rows"
-            for scenario in self.scenarios
-            for method in self.methods
-        )
+        return "\n".join(study_lines(self.name, self.figures, self.missing()))
+
+    @cached_property
+    def _pairs(self) -> Mapping[tuple[str, str], list[Row]]:
+        found: dict[tuple[str, str], list[Row]] = defaultdict(list)
+        for row in _by_seed(self.rows.fits.values()):
+            found[row["scenario"], row["method"]].append(row)
+        return found
 
 
-def _order(first: list[str], rows: Iterable[Row], key: str) -> tuple[str, ...]:
-    return tuple(sorted({*first, *(str(row[key]) for row in rows)}))
+def _by_seed(rows: Iterable[Row]) -> list[Row]:
+    return sorted(rows, key=lambda row: int(row["seed"]))

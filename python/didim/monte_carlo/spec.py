@@ -84,8 +84,8 @@ class StudySpec:
         Parameter set of the robot file: the truth.
     refinement : int
         Steps of the log, so many times finer than those of the methods.
-    noise_in_loop : bool
-        Whether the controller reads the noisy positions, so that their noise reaches the torque.
+    noise_in_loop_hz : float or None
+        Samples per second of a controller that reads the noisy positions; None where noise is only added to the log.
     other_motion : mapping
         Keys that make the other motion on which torque errors are judged; none when it is empty.
     scenarios, methods : tuple
@@ -100,7 +100,7 @@ class StudySpec:
     files: tuple[str, str]
     parameters: str
     refinement: int
-    noise_in_loop: bool
+    noise_in_loop_hz: float | None
     other_motion: Keys
     scenarios: tuple[Scenario, ...]
     methods: tuple[MethodSpec, ...]
@@ -115,7 +115,7 @@ class StudySpec:
             "files": list(self.files),
             "parameters": self.parameters,
             "refinement": self.refinement,
-            "noise_in_loop": self.noise_in_loop,
+            "noise_in_loop_hz": self.noise_in_loop_hz,
             "other_motion": dict(self.other_motion),
             "root": self.root,
         }
@@ -187,7 +187,7 @@ def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudyS
         files=(where.name, robot_where.name),
         parameters=table.text("parameters"),
         refinement=table.integer("refinement", LOG_REFINEMENT, minimum=1, maximum=64),
-        noise_in_loop=table.boolean("noise_in_loop", False),
+        noise_in_loop_hz=table.number("noise_in_loop_hz", None, above=0.0),
         other_motion={} if other is None else other.content,
         scenarios=scenarios,
         methods=methods,

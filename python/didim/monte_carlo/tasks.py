@@ -19,38 +19,43 @@ Task = dict[str, Any]
 """Keys: ``id``, ``version``, ``scenario``, ``method``, ``seed``; ``shared`` is common to all tasks and has a ``digest``."""
 
 
+CHUNK = 10
+"""Seeds of a scenario that follow each other, before those of the next scenario."""
+
+
 def tasks(spec: StudySpec) -> Iterator[Task]:
     """Return the tasks of a study: one for the truth of each scenario, and one for each scenario, seed and method.
 
-    All methods of one seed follow each other, because they share its log.
+    All scenarios have their first seeds before any has its last, so an interrupted study says something of all of them. The
+    methods of one seed follow each other, because they share its log.
     """
     text = canonical(spec.shared())
     common = {"version": __version__, "digest": digest(text), "shared": zlib.compress(text.encode(), 9)}
     for scenario in spec.scenarios:
-        place = {"name": scenario.name, "keys": dict(scenario.keys)}
-        yield {
-            **common,
-            "id": _id(common, scenario, None, None),
-            "scenario": place,
-            "method": None,
-            "seed": None,
-        }
-        for seed in range(spec.seeds):
-            for method in spec.methods:
-                if method.seeds is not None and seed >= method.seeds:
-                    continue
-                yield {
-                    **common,
-                    "id": _id(common, scenario, method, seed),
-                    "scenario": place,
-                    "method": {
-                        "label": method.label,
-                        "name": method.name,
-                        "settings": dict(method.settings),
-                        "keys": dict(method.keys),
-                    },
-                    "seed": seed,
-                }
+        yield _task(common, scenario, None, None)
+    for first in range(0, spec.seeds, CHUNK):
+        for scenario in spec.scenarios:
+            for seed in range(first, min(first + CHUNK, spec.seeds)):
+                for method in spec.methods:
+                    if seed < (method.seeds or spec.seeds):
+                        yield _task(common, scenario, method, seed)
+
+
+def _task(common: Task, scenario: Scenario, method: MethodSpec | None, seed: int | None) -> Task:
+    return {
+        **common,
+        "id": _id(common, scenario, method, seed),
+        "scenario": {"name": scenario.name, "keys": dict(scenario.keys)},
+        "method": None
+        if method is None
+        else {
+            "label": method.label,
+            "name": method.name,
+            "settings": dict(method.settings),
+            "keys": dict(method.keys),
+        },
+        "seed": seed,
+    }
 
 
 def count(spec: StudySpec) -> int:

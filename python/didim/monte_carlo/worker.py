@@ -31,8 +31,8 @@ from .tasks import Task
 
 DIGITS = 12
 """Significant digits of the numbers in a row."""
-KEPT_SCENARIOS = 4
-"""Simulated logs that a worker keeps: tasks of one scenario follow each other."""
+KEPT_SCENARIOS = 16
+"""Simulated logs that a worker keeps."""
 FAILED, ERROR, LOST, TRUTH = "FAILED", "ERROR", "LOST", "TRUTH"
 """Status of rows: an error of didim, an unexpected error, a task whose workers died, and the truth of a scenario."""
 
@@ -58,7 +58,7 @@ class _Kept:
             return found
 
 
-_STUDIES, _TRUTHS, _LOGS, _MODELS = _Kept(2), _Kept(KEPT_SCENARIOS), _Kept(2 * KEPT_SCENARIOS), _Kept(32)
+_STUDIES, _TRUTHS, _LOGS, _MODELS = _Kept(2), _Kept(KEPT_SCENARIOS), _Kept(4), _Kept(4 * KEPT_SCENARIOS)
 
 
 def run_task(task: Task) -> dict[str, Any]:
@@ -135,7 +135,8 @@ def _truth(task: Task, shared: dict[str, Any]) -> Truth:
 
     def make() -> Truth:
         found = truth_of(shared, keys)
-        found.clean  # noqa: B018 - now, so that one thread simulates it
+        if found.noise_in_loop_hz is None:
+            found.clean  # noqa: B018 - now, so that one thread simulates it
         return found
 
     return _TRUTHS.get((task["digest"], _key(keys)), make)

@@ -13,6 +13,7 @@ from .._tools.files import check_output, write_atomically
 from ..errors import PlotError
 from ..excitation.design import Excitation
 from ..experiment.experiment import Experiment
+from ..monte_carlo.results import StudyResults
 from ..plot.style import require
 from ..result.identification import Identification
 from ..studies.comparison import Comparison
@@ -22,14 +23,15 @@ __all__ = ["check", "render", "write"]
 
 
 def render(
-    result: Identification | Comparison | Validation | Excitation, experiment: Experiment | None = None
+    result: Identification | Comparison | Validation | Excitation | StudyResults,
+    experiment: Experiment | None = None,
 ) -> str:
     """Return a report as HTML.
 
     Parameters
     ----------
-    result : Identification, Comparison, Validation or Excitation
-        From `identify`, `compare`, `validate` or `excite`.
+    result : Identification, Comparison, Validation, Excitation or StudyResults
+        From `identify`, `compare`, `validate`, `excite` or `study`.
     experiment : Experiment, optional
         The log of an identification or a validation, which pictures of torques need; a comparison has its own, and a
         designed motion needs none.
@@ -57,6 +59,10 @@ def render(
         from .excitation import excitation_page
 
         return excitation_page(result)
+    if isinstance(result, StudyResults):
+        from .study import study_page
+
+        return study_page(result)
     if experiment is None:
         raise PlotError("a report needs the experiment that the result was made of")
     if isinstance(result, Validation):
@@ -70,7 +76,7 @@ def render(
 
 def write(
     path: str | Path,
-    result: Identification | Comparison | Validation | Excitation,
+    result: Identification | Comparison | Validation | Excitation | StudyResults,
     experiment: Experiment | None = None,
 ) -> None:
     """Write a report: whole, or not at all. Parameters and errors as for `render`.

@@ -10,7 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..._tools.words import counted, printable
-from ..options import CONVERGED, INTERRUPTED, NOT_CONVERGED, add_command
+from ..options import (
+    CONVERGED,
+    INTERRUPTED,
+    NOT_CONVERGED,
+    add_command,
+    add_format,
+    add_report,
+    check_report,
+    formatted,
+)
 from ..outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
@@ -62,6 +71,14 @@ def add(commands: Commands) -> None:
         help="run on the ranks of MPI (python -m mpi4py.futures -m didim study ...)",
     )
     parser.add_argument("--workers", metavar="N", type=int, help="processes or threads (default: all cores)")
+    parser.add_argument(
+        "--parquet",
+        metavar="FILE.parquet",
+        type=Path,
+        help="also write the figures as Parquet (needs pyarrow)",
+    )
+    add_format(parser)
+    add_report(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
 
@@ -70,6 +87,8 @@ def run(options: argparse.Namespace) -> int:
     from ...errors import StudyError
     from ...monte_carlo.results import StudyResults
 
+    check_report(options)
+    check_outputs(options.parquet)
     if all(path.suffix == ".jsonl" for path in options.study):
         results, code = StudyResults.read(*options.study), CONVERGED
     elif len(options.study) > 1:
@@ -79,7 +98,13 @@ def run(options: argparse.Namespace) -> int:
     for remark in results.rows.remarks:
         print(f"didim: note: {printable(remark)}", file=sys.stderr)
     saved = Saved()
-    saved.show(str(results))
+    if options.parquet is not None:
+        saved.save(options.parquet, results.write_parquet)
+    if options.report is not None:
+        from ...report import write
+
+        saved.save(options.report, lambda path: write(path, results))
+    saved.show(formatted(results, options.format))
     return saved.code(code)
 
 

@@ -1,0 +1,224 @@
+"""Figures of merit of a method on a scenario, each with the interval that its number of runs allows.
+
+A method is judged run by run: medians, quantiles and coverage, and failures that are counted. The figure of the published
+study, the error of the mean estimate, stands beside them. Tested in ``tests/test_study_figures.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._tools.arrays import Array
+from ..result.status import Status
+from ..result.uncertainty import student_factor
+from .worker import ERROR, FAILED, LOST
+
+LEVEL = 0.95
+"""Of the intervals of parameters, and of those of the figures."""
+RESAMPLES = 400
+"""Resamples of the runs for the interval of a figure."""
+NAN = math.nan
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A figure with its 95 % interval over the runs; NaN where there is none."""
+
+    value: float
+    low: float = NAN
+    high: float = NAN
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures:
+    """Figures of merit of a method on a scenario.
+
+    Attributes
+    ----------
+    scenario, method : str
+        Which.
+    runs, failed, not_converged : int
+        Runs; those that ended in an error or with a lost worker, without an estimate; and those that did not converge, whose
+        estimates count below.
+    bias : Estimate
+        Mean error of a parameter in reported standard deviations, root mean square over the parameters, without the part
+        that the number of runs explains.
+    rms : Estimate
+        Error of a parameter in reported standard deviations, root mean square over parameters and runs: 1 when they are right.
+    coverage : Estimate
+        Share of the parameters within their 95 % intervals.
+    torque_error : Estimate
+        Median over the runs of the relative torque error on the other motion.
+    torque_error_q95 : float
+        Its 95 % quantile.
+    parameter_error : Estimate
+        Median of ``|beta - truth| / |truth|``.
+    mean_error : float
+        The same of the mean estimate over the runs, which the published study tabulates: scatter hides in it.
+    simulations, seconds : float
+        Medians.
+    """
+
+    scenario: str
+    method: str
+    runs: int
+    failed: int
+    not_converged: int
+    bias: Estimate
+    rms: Estimate
+    coverage: Estimate
+    torque_error: Estimate
+    torque_error_q95: float
+    parameter_error: Estimate
+    mean_error: float
+    simulations: float
+    seconds: float
+
+
+def figures_of(
+    scenario: str,
+    method: str,
+    rows: Sequence[Mapping[str, Any]],
+    truth: Sequence[float | None],
+    seconds: Sequence[float],
+) -> Figures:
+    """Return the figures of a method on a scenario.
+
+    Parameters
+    ----------
+    scenario, method : str
+        Names.
+    rows : sequence
+        Its rows.
+    truth : sequence
+        True base parameters; None for one that the simulated robot does not have.
+    seconds : sequence of float
+        Times of the runs that have one.
+    """
+    failed = [row for row in rows if row["status"] in (FAILED, ERROR, LOST)]
+    fits = [row for row in rows if row["status"] not in (FAILED, ERROR, LOST)]
+    known = np.array([np.nan if value is None else value for value in truth], dtype=np.float64)
+    # A method with keys of its own may have other parameters than the scenario: its torques are judged, and they are not.
+    alike = [row for row in fits if len(row["beta"]) == len(known)]
+    beta, std = (_numbers([row[key] for row in alike], len(known)) for key in ("beta", "std"))
+    factor = _numbers([[row["factor"]] for row in alike], 1)
+    z = np.divide(beta - known, std, out=np.full_like(beta, np.nan), where=std > 0.0)
+    z = z[:, np.isfinite(z).any(axis=0)]
+    judged = np.isfinite(z).any(axis=1)
+    z, within = np.nan_to_num(z[judged]), np.abs(z[judged]) <= factor[judged]
+    off = np.linalg.norm(np.nan_to_num(beta - known), axis=1) / np.linalg.norm(np.nan_to_num(known))
+    torque = _numbers([[row["torque_error"]] for row in fits], 1).ravel()
+    return Figures(
+        scenario=scenario,
+        method=method,
+        runs=len(rows),
+        failed=len(failed),
+        not_converged=sum(not Status[row["status"]].converged for row in fits),
+        bias=_bias(z),
+        rms=_rms(z),
+        coverage=_mean(within),
+        torque_error=_median(torque),
+        torque_error_q95=_quantile(torque, LEVEL),
+        parameter_error=_median(off),
+        mean_error=_error_of_mean(beta, known),
+        simulations=_quantile(np.array([row["simulations"] for row in fits], dtype=np.float64), 0.5),
+        seconds=_quantile(np.array(seconds, dtype=np.float64), 0.5),
+    )
+
+
+def _numbers(rows: Sequence[Sequence[float | None]], columns: int) -> Array:
+    """Return rows as an array (n, columns), also without rows; None is not a number."""
+    values = [[np.nan if value is None else value for value in row] for row in rows]
+    return np.array(values, dtype=np.float64).reshape(len(rows), columns)
+
+
+def _error_of_mean(beta: Array, known: Array) -> float:
+    if not len(beta):
+        return NAN
+    size = np.linalg.norm(np.nan_to_num(known))
+    return float(np.linalg.norm(np.nan_to_num(beta.mean(axis=0) - known)) / size) if size > 0.0 else NAN
+
+
+def _bias(z: Array) -> Estimate:
+    """Root mean square over parameters of the mean of z over runs, without the scatter of that mean: variance over runs."""
+    if not len(z):
+        return Estimate(NAN)
+    means, squares = z.mean(axis=0)[None], (z**2).mean(axis=0)[None]
+    raw, value = float(np.mean(means**2)), float(_squared_bias(means, squares, len(z))[0])
+    if len(z) < 2:
+        return Estimate(math.sqrt(max(0.0, value)))
+    # A resampled mean scatters around the mean of these runs, and not around what that was freed of.
+    off = _squared_bias(*_resampled_means(z), len(z)) - raw
+    low, high = value + np.quantile(off, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+    return Estimate(*(math.sqrt(max(0.0, square)) for square in (value, float(low), float(high))))
+
+
+def _squared_bias(means: Array, squares: Array, runs: int) -> Array:
+    """Mean square over parameters of the bias, from means of z and of z^2, (resamples, b) each."""
+    return np.asarray(np.mean(means**2 - (squares - means**2) / max(runs - 1, 1), axis=1))
+
+
+def _rms(z: Array) -> Estimate:
+    """Root mean square of z over parameters and runs."""
+    if not len(z):
+        return Estimate(NAN)
+    value = math.sqrt(float(np.mean(z**2)))
+    if len(z) < 2:
+        return Estimate(value)
+    found = np.sqrt(np.mean(_resampled_means(z)[1], axis=1))
+    low, high = np.quantile(found, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+    return Estimate(value, float(low), float(high))
+
+
+def _resampled_means(z: Array) -> tuple[Array, Array]:
+    """Means of z and z^2 over resampled runs, (resamples, b) each. The same rows give the same resamples, and the same report."""
+    runs = len(z)
+    chosen = np.random.default_rng(runs).integers(0, runs, (RESAMPLES, runs))
+    weights = np.stack([np.bincount(row, minlength=runs) for row in chosen]) / runs
+    return weights @ z, weights @ z**2
+
+
+def _mean(shares: NDArray[np.bool_]) -> Estimate:
+    """Return the mean over runs of the share of parameters: the parameters of one run are correlated, and the runs are not."""
+    if not shares.size:
+        return Estimate(NAN)
+    per_run = shares.mean(axis=1)
+    value = float(per_run.mean())
+    if len(per_run) < 2:
+        return Estimate(value)
+    half = student_factor(LEVEL, len(per_run) - 1.0) * float(per_run.std(ddof=1)) / math.sqrt(len(per_run))
+    return Estimate(value, max(0.0, value - half), min(1.0, value + half))
+
+
+def _median(values: Array) -> Estimate:
+    """Median, with the interval between order statistics, which holds for any distribution."""
+    values = np.sort(values[np.isfinite(values)])
+    n = len(values)
+    if not n:
+        return Estimate(NAN)
+    rank = _rank(n)
+    if rank is None:
+        return Estimate(float(np.median(values)))
+    return Estimate(float(np.median(values)), float(values[rank]), float(values[n - 1 - rank]))
+
+
+def _rank(n: int) -> int | None:
+    """Largest k for which the median is between the order statistics k and n - 1 - k (from 0) in 95 % of the samples, or None."""
+    total, rank = 0.0, None
+    for k in range(n // 2):
+        total += math.comb(n, k) * 0.5**n
+        if 2.0 * total > 1.0 - LEVEL:
+            break
+        rank = k
+    return rank
+
+
+def _quantile(values: Array, share: float) -> float:
+    values = values[np.isfinite(values)]
+    return float(np.quantile(values, share)) if len(values) else NAN

@@ -1,0 +1,95 @@
+"""The text of a study's figures. Tested in ``tests/test_study_figures.py``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from .._tools.words import counted
+from .figures import Estimate, Figures
+
+HEAD = (
+    "method",
+    "runs",
+    "failed",
+    "open",
+    "bias",
+    "rms",
+    "coverage %",
+    "torque error %",
+    "95 % below",
+    "parameters %",
+    "of mean %",
+    "simulations",
+    "seconds",
+)
+"""Headings of the table; docs/studies.md explains them."""
+NOTES = (
+    "bias, rms: errors in reported standard deviations; rms is 1 and coverage 95 % when these are right",
+    "torque error: on another motion, median run; parameters: |beta - truth| / |truth|, median run, and that of the mean estimate",
+    "[low, high]: 95 % interval over the runs; open: runs that did not converge, whose estimates count; failed runs have none",
+)
+
+
+def study_lines(name: str, figures: Sequence[Figures], missing: str) -> list[str]:
+    """Lines of the whole text: one table for each scenario."""
+    runs, failed = (sum(getattr(item, key) for item in figures) for key in ("runs", "failed"))
+    lines = [f"{name}: {counted(runs, 'run')}, {failed} failed", ""]
+    for scenario in dict.fromkeys(item.scenario for item in figures):
+        lines += [
+            scenario,
+            *aligned([HEAD, *(cells(item) for item in figures if item.scenario == scenario)]),
+            "",
+        ]
+    return [*lines, *([missing] if missing else []), *NOTES]
+
+
+def cells(item: Figures) -> tuple[str, ...]:
+    """Cells of one row, as `HEAD` names them."""
+    return (
+        item.method,
+        str(item.runs),
+        str(item.failed),
+        str(item.not_converged),
+        estimate(item.bias),
+        estimate(item.rms),
+        estimate(item.coverage, 100.0, 1),
+        estimate(item.torque_error, 100.0),
+        number(100.0 * item.torque_error_q95),
+        estimate(item.parameter_error, 100.0),
+        number(100.0 * item.mean_error),
+        number(item.simulations),
+        number(item.seconds),
+    )
+
+
+def estimate(found: Estimate, factor: float = 1.0, decimals: int | None = None) -> str:
+    """Return a figure with its interval."""
+
+    def shown(value: float) -> str:
+        value *= factor
+        return number(value) if decimals is None or not math.isfinite(value) else f"{value:.{decimals}f}"
+
+    if math.isnan(found.low):
+        return shown(found.value)
+    return f"{shown(found.value)} [{shown(found.low)}, {shown(found.high)}]"
+
+
+def number(value: float) -> str:
+    """Return a number with three digits."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.3g}" if abs(value) < 1e4 else f"{value:.0e}"
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows as columns: the first on the left, the others on the right."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        first, *others = (
+            text.ljust(width) if column == 0 else text.rjust(width)
+            for column, (text, width) in enumerate(zip(row, widths, strict=True))
+        )
+        lines.append("  ".join(["", first, *others]).rstrip())
+    return lines

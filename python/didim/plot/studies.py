@@ -1,0 +1,254 @@
+"""Pictures of a study: error over noise, calibration, accuracy over time. Tested in ``tests/test_study_figures.py``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import PlotError
+from ..monte_carlo.figures import Estimate, Figures
+from ..monte_carlo.results import StudyResults
+from .style import CYCLE, FAINT, MARKERS, new_figure, per_row, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+else:  # matplotlib is optional, and slow to load
+    Axes = Figure = Any
+
+MOST_PANELS = 12
+MOST_IN_ROW = 3
+MOST_TEXT = 70
+"""Characters of a name in a picture."""
+
+
+def _styles(study: StudyResults) -> dict[str, tuple[str, str]]:
+    """Colour and marker of each method: more methods than colours take other markers with them."""
+    return {
+        name: (CYCLE[k % len(CYCLE)], MARKERS[(k + k // len(CYCLE)) % len(MARKERS)])
+        for k, name in enumerate(study.methods)
+    }
+
+
+def _require(study: StudyResults) -> None:
+    if not study.figures:
+        raise PlotError("the study has no rows to draw")
+
+
+def _size(value: object) -> float | None:
+    """Return a key's value as a number: the mean of a list."""
+    if isinstance(value, bool):
+        return None
+    if isinstance(value, int | float):
+        return float(value)
+    if (
+        isinstance(value, list)
+        and value
+        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
+    ):
+        return float(np.mean(value))
+    return None
+
+
+def varied_key(study: StudyResults) -> str | None:
+    """Return the key with the most numeric values over the scenarios, a noise first; None where nothing varies."""
+    found: dict[str, set[float]] = {}
+    for row in study.rows.truths.values():
+        for key, value in row["keys"].items():
+            size = _size(value)
+            if size is not None:
+                found.setdefault(key, set()).add(size)
+    varied = [key for key, sizes in found.items() if len(sizes) > 1]
+    return max(varied, key=lambda key: ("noise" in key, len(found[key]), key), default=None)
+
+
+@styled
+def errors(study: StudyResults, key: str | None = None) -> Figure:
+    """Draw the torque error on the other motion over a key of the scenarios, such as a noise.
+
+    Parameters
+    ----------
+    study : StudyResults
+        From `didim.study`.
+    key : str, optional
+        Such as "measurement.position_noise_rad"; by default that with the most values.
+
+    Returns
+    -------
+    Figure
+        Medians over the runs with their 95 % intervals, one panel for each setting of the other keys.
+
+    Raises
+    ------
+    PlotError
+        Without rows, or when the key has one value only.
+    """
+    _require(study)
+    key = key or varied_key(study)
+    truths = study.rows.truths
+    if key is None or len({_size(row["keys"].get(key)) for row in truths.values()} - {None}) < 2:
+        raise PlotError(
+            f"{key or 'no key'} has several values in the scenarios: there is nothing to draw over"
+        )
+    panels: dict[str, list[str]] = {}
+    for name in study.scenarios:
+        keys = dict(truths[name]["keys"]) if name in truths else {}
+        if _size(keys.pop(key, None)) is not None:
+            panels.setdefault(json.dumps(keys, sort_keys=True), []).append(name)
+    groups = [names for names in panels.values() if len(names) > 1][:MOST_PANELS]
+    return _panels(
+        study,
+        [(_common(names), names) for names in groups],
+        lambda item: float(_size(truths[item.scenario]["keys"][key]) or 0.0),
+        key,
+    )
+
+
+def _common(names: Sequence[str]) -> str:
+    """Parts that the names of scenarios share, between commas."""
+    parts = [name.split(", ") for name in names]
+    return _short(", ".join(part for part in parts[0] if all(part in other for other in parts)))
+
+
+def _panels(
+    study: StudyResults,
+    groups: Sequence[tuple[str, Sequence[str]]],
+    place: Callable[[Figures], float],
+    label: str,
+) -> Figure:
+    rows, columns = per_row(len(groups), MOST_IN_ROW)
+    figure = new_figure(0.7 + 2.7 * rows)
+    axes = np.atleast_1d(figure.subplots(rows, columns, sharey=True, squeeze=False)).ravel()
+    styles = _styles(study)
+    for ax, (title, names) in zip(axes, groups, strict=False):
+        for method, (color, marker) in styles.items():
+            items = sorted(
+                (f for f in study.figures if f.method == method and f.scenario in names), key=place
+            )
+            items = [item for item in items if np.isfinite(item.torque_error.value)]
+            x = np.array([place(item) for item in items])
+            _line(ax, x, [item.torque_error for item in items], color, marker, method)
+        positive = all(place(f) > 0.0 for f in study.figures if f.scenario in names)
+        ax.set_xscale("log" if positive else "linear")
+        ax.set_yscale("log")
+        ax.set_title(title)
+        ax.set_xlabel(label)
+    for ax in axes[len(groups) :]:
+        ax.set_visible(False)
+    for ax in axes[::columns]:
+        ax.set_ylabel("torque error (%)")
+    _legend(figure, axes[0], styles)
+    return figure
+
+
+def _line(ax: Axes, x: Any, values: Sequence[Estimate], color: str, marker: str, label: str) -> None:
+    y = np.array([100.0 * item.value for item in values])
+    low, high = (np.array([100.0 * getattr(item, end) for item in values]) for end in ("low", "high"))
+    bars = [np.nan_to_num(y - low), np.nan_to_num(high - y)] if len(y) else None
+    ax.errorbar(
+        x, y, yerr=bars, color=color, marker=marker, markersize=4.5, capsize=2.0, elinewidth=0.8, label=label
+    )
+
+
+def _legend(figure: Figure, ax: Axes, styles: Mapping[str, tuple[str, str]]) -> None:
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=min(5, len(styles)))
+
+
+@styled
+def coverage(study: StudyResults) -> Figure:
+    """Draw how often the 95 % intervals of each method hold the truth, scenario by scenario.
+
+    Parameters
+    ----------
+    study : StudyResults
+        From `didim.study`.
+
+    Returns
+    -------
+    Figure
+        Shares with their 95 % intervals over the runs; calibrated methods stand on the line.
+
+    Raises
+    ------
+    PlotError
+        Without rows.
+    """
+    _require(study)
+    styles = _styles(study)
+    names = [name for name in study.scenarios if any(f.scenario == name for f in study.figures)]
+    figure = new_figure(0.9 + 0.34 * len(names))
+    ax = figure.subplots()
+    step = 0.7 / max(1, len(styles))
+    for k, (method, (color, marker)) in enumerate(styles.items()):
+        items = [f for f in study.figures if f.method == method and np.isfinite(f.coverage.value)]
+        y = np.array([names.index(item.scenario) - 0.35 + step * (k + 0.5) for item in items])
+        x = np.array([100.0 * item.coverage.value for item in items])
+        low, high = (
+            np.array([100.0 * getattr(item.coverage, end) for item in items]) for end in ("low", "high")
+        )
+        bars = [np.nan_to_num(x - low), np.nan_to_num(high - x)] if items else None
+        ax.errorbar(
+            x,
+            y,
+            xerr=bars,
+            linestyle="none",
+            color=color,
+            marker=marker,
+            markersize=4.0,
+            elinewidth=0.8,
+            label=method,
+        )
+    ax.axvline(95.0, color="#3a424d", linewidth=0.9, linestyle="--")
+    for k in range(1, len(names), 2):
+        ax.axhspan(k - 0.5, k + 0.5, color=FAINT, alpha=0.45, linewidth=0.0, zorder=0.5)
+    ax.set_yticks(range(len(names)), [_short(name) for name in names])
+    ax.set_ylim(len(names) - 0.5, -0.5)
+    ax.tick_params(axis="y", length=0)
+    ax.grid(axis="y", visible=False)
+    ax.set_xlabel("parameters within their 95 % intervals (%)")
+    _legend(figure, ax, styles)
+    return figure
+
+
+@styled
+def cost(study: StudyResults) -> Figure:
+    """Draw the torque error on the other motion over the time of a run: one point for each scenario.
+
+    Parameters
+    ----------
+    study : StudyResults
+        From `didim.study`.
+
+    Returns
+    -------
+    Figure
+        Medians over the runs.
+
+    Raises
+    ------
+    PlotError
+        Without rows, or when no row has a time.
+    """
+    _require(study)
+    items = [f for f in study.figures if np.isfinite(f.seconds) and np.isfinite(f.torque_error.value)]
+    if not items:
+        raise PlotError("no row of the study has a time")
+    figure = new_figure(3.8)
+    ax = figure.subplots()
+    styles = _styles(study)
+    for method, (color, marker) in styles.items():
+        mine = [item for item in items if item.method == method]
+        x, y = [item.seconds for item in mine], [100.0 * item.torque_error.value for item in mine]
+        ax.loglog(x, y, linestyle="none", color=color, marker=marker, markersize=5.0, label=method)
+    ax.set_xlabel("seconds of a run, median")
+    ax.set_ylabel("torque error (%), median")
+    _legend(figure, ax, styles)
+    return figure
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= MOST_TEXT else f"{name[: MOST_TEXT - 3]}..."

@@ -1,0 +1,73 @@
+"""The report of a study: figures of merit for each scenario and method, and pictures of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from .._tools.words import counted
+from ..errors import PlotError
+from ..monte_carlo.results import StudyResults
+from ..monte_carlo.text import HEAD, NOTES, cells
+from ..plot.studies import cost, coverage, errors
+from .page import Html, Level, page, paragraph, picture, section, table, verdict
+
+MOST_SENTENCES = 12
+"""Sentences of failures that a report lists."""
+
+
+def study_page(study: StudyResults) -> str:
+    """Return the report of a study as HTML."""
+    figures = study.figures
+    runs, failed, still = (
+        sum(getattr(item, key) for item in figures) for key in ("runs", "failed", "not_converged")
+    )
+    level: Level = "caution" if failed or study.missing() else "good"
+    tiles = [
+        (str(runs), "runs"),
+        (str(len(study.scenarios)), "scenarios"),
+        (str(len(study.methods)), "methods"),
+        (str(failed), "failed"),
+        (str(still), "not converged"),
+    ]
+    sentence = (
+        f"{counted(runs, 'run')} on simulated logs whose parameters are known; {failed} of them failed."
+    )
+    notes = [*study.rows.remarks, *([study.missing()] if study.missing() else [])]
+    sections = [verdict(level, "Study", sentence, tiles, notes), *_pictures(study), _tables(study)]
+    if failed:
+        sections.append(_failures(study))
+    return page(study.name, "Monte Carlo study", sections)
+
+
+def _pictures(study: StudyResults) -> list[Html]:
+    found = []
+    for title, draw, text in (
+        ("Error over noise", errors, "Median torque error on another motion, with 95 % intervals"),
+        ("Calibration", coverage, "Share of the parameters within their 95 % intervals"),
+        ("Accuracy over time", cost, "Median torque error on another motion over the time of a run"),
+    ):
+        try:
+            found.append(section(title, picture(draw(study), text)))
+        except PlotError as reason:  # nothing varies, or no times
+            found.append(section(title, paragraph(f"Not drawn: {reason}.")))
+    return found
+
+
+def _tables(study: StudyResults) -> Html:
+    content = []
+    for scenario in dict.fromkeys(item.scenario for item in study.figures):
+        rows = [cells(item) for item in study.figures if item.scenario == scenario]
+        content += [paragraph(scenario), table(HEAD, rows, numbers=range(1, len(HEAD)))]
+    return section("Figures of merit", *content, *(paragraph(text) for text in NOTES))
+
+
+def _failures(study: StudyResults) -> Html:
+    """Sentences of failed runs, the commonest first."""
+    count = Counter((row["method"], row["sentence"]) for row in study.rows.fits.values() if "beta" not in row)
+    rows = [
+        [method, str(number), sentence] for (method, sentence), number in count.most_common(MOST_SENTENCES)
+    ]
+    classes = {(k, 2): "wide" for k in range(len(rows))}
+    return section(
+        "Failed runs", table(["method", "runs", "what happened"], rows, numbers=[1], classes=classes)
+    )
