@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from operator import index
 from typing import Any, Literal
@@ -176,6 +176,14 @@ class Recording(Pickled):
     def driving(self) -> Array | None:
         """Torques that drive the robot (N.m or N): those of the motors, and external ones where they were measured."""
         return self.tau if self.tau is None or self.external is None else self.tau + self.external
+
+    def with_gains(self, gains: Array) -> Recording:
+        """Return the recording with torques in place of currents, by drive gains (n_dof,); itself where it has torques."""
+        if self.drives is None or self.tau is None:
+            return self
+        reduction = np.array(self.drives)
+        currents = self.tau @ np.linalg.inv(reduction)
+        return replace(self, tau=(currents * gains) @ reduction, drives=None)
 
     def _windows(self) -> tuple[tuple[int, int], ...]:
         try:

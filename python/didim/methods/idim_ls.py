@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, get_args
 
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.settings import one_of
 from .._tools.words import counted
+from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..regression.suspicions import suspicions
 from ..result.identification import Identification
 from ..result.iteration import Iteration
 from .builder import fitted, solved_status
+from .drive_gains import GainEstimate, run_with_gains
 from .job import ratio
 from .method import FitSettings
 from .verdict.torques import torque_reasons
@@ -24,12 +27,25 @@ from .verdict.torques import torque_reasons
 class IDIMLS(FitSettings):
     """Settings of IDIM-LS: those of `FitSettings`.
 
+    Parameters
+    ----------
+    gains : {"maximum-likelihood", "ols", "tls"}
+        How drive gains are estimated where torques were logged as currents (docs/currents.md); the last two are biased.
+
     Notes
     -----
     ``test_published.py`` meets the published figures of the EMPS, and those of a prototype for the TX40.
     """
 
     name: ClassVar[str] = "idim-ls"
+    estimates_gains: ClassVar[bool] = True
+
+    gains: GainEstimate = "maximum-likelihood"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        one_of("gains", self.gains, get_args(GainEstimate), FitError)
+
     summary: ClassVar[str] = (
         "least squares along the measured motion: needs positions and torques alone; the one to begin with"
     )
@@ -62,6 +78,8 @@ class IDIMLS(FitSettings):
             One of its kinds, for a log or settings that allow no estimate.
         """
         job = self.job(experiment)
+        if job.parameters.n_gains:
+            return run_with_gains(job, self, self.gains, progress, say)
         delay = job.delay()
         if delay.estimate is not None:
             say(str(delay.estimate))

@@ -220,6 +220,7 @@ class Job:
         for number, recording in enumerate(self.experiment.recordings):
             if recording.role != "held-out":
                 continue
+            recording = recording.with_gains(beta[len(beta) - self.parameters.n_gains :])
             errors, torques = self.predicted(recording, self.parameters.base(beta, number), delay)
             found.append(
                 HeldOut(

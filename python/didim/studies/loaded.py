@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from .._tools.arrays import Array
 from ..errors import FitError
 from ..experiment.experiment import Experiment
@@ -71,7 +69,5 @@ def with_gains_of(fit: Identification, experiment: Experiment) -> Experiment:
                 f"recording '{item.name}' has currents, and the result '{fit.name}' has no drive gains: write them into the file "
                 "as gain = [...]"
             )
-        reduction = np.array(item.drives)
-        currents = item.tau @ np.linalg.inv(reduction)
-        recordings.append(replace(item, tau=(currents * gains) @ reduction, drives=None))
+        recordings.append(item.with_gains(gains))
     return replace(experiment, recordings=tuple(recordings))

@@ -52,6 +52,8 @@ def _causes(experiment: Experiment, method: object) -> list[Reason]:
     try:
         # A wrong fixed value must not speak for the log.
         job = IDIMLS(signal=signal, fixed={}, dropped=()).job(experiment)
+        if not job.parameters.simple:
+            return []  # the hypotheses are made for logs that share all parameters
         return explained(job, job.parts("fit", job.declared_delay))
     except DidimError:  # without positions, or filtered otherwise: there is no measured motion
         return []

@@ -316,7 +316,20 @@ class _Builder:
         raise FitError(f"{which} of recording '{owner}' cannot be told from those of the other recordings")
 
     def gains(self) -> None:
-        """Add a drive gain for each motor."""
+        """Add a drive gain for each motor.
+
+        Raises
+        ------
+        FitError
+            Where some recordings to fit have torques, or other motors.
+        """
+        fitted = [item for item in self.recordings if item.role == "fit"]
+        for item in fitted:
+            if item.drives != fitted[0].drives:
+                raise FitError(
+                    f"recording '{item.name}' and recording '{fitted[0].name}' do not both have currents of the same motors: drive "
+                    "gains are estimated from recordings of one kind"
+                )
         n = self.robot.n_dof
         units = ["N.m/A" if kind == "revolute" else "N/A" for kind in self.robot.joint_kinds]
         self.blocks.append(ColumnBlock("gain", "", tuple(f"K{j + 1}" for j in range(n)), tuple(units)))

@@ -1,0 +1,176 @@
+"""Currents, payloads and several logs: bias and calibration over seeds, real logs, and the observer.
+
+    python benches/payloads.py [--data ../shared/data] [--seeds 40] [--only gains tx40 logs payload push emps ur10e]
+
+gains, tx40: drive gains of a simulated UR5e (and of a TX40 with its coupled wrist, motor side) from two motions, one with a load of
+which only the mass is known: maximum likelihood, ordinary and total least squares.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import didim
+from didim.log.recording import Recording
+from didim.regression.gains.classical import classical_gains
+from didim.regression.gains.maximum_likelihood import drive_gains, expected_percent, expected_sentence
+from didim.regression.linear_system import LinearSystem, linear_system
+from didim.regression.logs.parameters import LogParameters
+from didim.regression.settings import LeastSquaresSettings
+from didim.robot.payload import Payload, flange_in_last_frame, last_link
+from didim.robot.rigid_body import body_pseudo_inertia, pose, ten_parameters
+from didim.robot.robot import Robot
+from didim.signal.processing import SignalProcessing
+from didim.signal.segments import Segment
+
+Array = NDArray[np.float64]
+
+VISCOUS = (8.0, 8.0, 6.0, 2.0, 2.0, 2.0)
+ROTORS = (1.0, 1.0, 0.6, 0.2, 0.2, 0.2)
+GAINS = np.array([12.5, 12.5, 10.5, 10.4, 10.2, 10.3])
+NOISE = np.array([0.4, 0.4, 0.3, 0.15, 0.15, 0.15])
+LOAD = ten_parameters(
+    body_pseudo_inertia(3.0, np.diag([0.02, 0.02, 0.015]), pose(np.eye(3), (0.02, 0.05, 0.12)))
+)
+SIGNAL = SignalProcessing(cutoff_hz=None)
+WHITE = LeastSquaresSettings(weights="per-joint", uncertainty="white")
+
+
+def motion(seed: int, speed: float = 1.0) -> tuple[Array, Array, Array]:
+    """Random Fourier motion of 20 s at 40 Hz."""
+    reference = didim.Reference.random_fourier(
+        harmonics=14,
+        period_s=20.0,
+        max_position=[2.5] * 6,
+        max_velocity=[2.0 * speed] * 6,
+        max_acceleration=[6.0 * speed] * 6,
+        seed=seed,
+    )
+    q, dq, ddq = reference.at(np.arange(0.0, 20.0, 0.025))
+    return q, dq, ddq
+
+
+def ur5e(data: Path) -> tuple[Robot, Array]:
+    """UR5e of a URDF with made-up rotors and friction, and its standard parameters."""
+    robot = didim.load_robot(data / "urdf" / "ur5e.urdf").with_smoothing([0.02] * 6)
+    x = robot.parameter_set("urdf").copy()
+    for j in range(6):
+        for key, values in (("Fv", VISCOUS), ("Fc", VISCOUS), ("Ia", ROTORS)):
+            x[robot.parameter_names.index(f"{key}{j + 1}")] = values[j]
+    return robot, x
+
+
+def tx40() -> tuple[Robot, Array]:
+    """TX40 with the parameters of its packaged set."""
+    robot = didim.load_robot("tx40").with_smoothing([0.02] * 6)
+    return robot, robot.parameter_set("didim")
+
+
+def two_logs(
+    robot: Robot, x: Array, drives: Array, speed: float = 1.0
+) -> tuple[LinearSystem, LogParameters, Array]:
+    """System of two motions, the second with the load; its torques without noise, and all true parameters but the gains."""
+    frame = flange_in_last_frame(robot)
+    loaded = x + last_link(robot, frame) @ LOAD
+    recordings, parts = [], []
+    for number, (values, payload) in enumerate(((x, "none"), (loaded, "load"))):
+        q, dq, ddq = motion(number + 1, speed)
+        tau = didim.inverse_dynamics(robot, q, dq, ddq, values)
+        item = Recording.from_arrays(q, tau, rate_hz=40.0, name=payload)
+        recordings.append(replace(item, payload=payload, drives=tuple(map(tuple, drives.tolist()))))
+        parts.append(
+            Segment(name=payload, place=payload, rate_hz=40.0, q=q, dq=dq, ddq=ddq, tau=tau, recording=number)
+        )
+    parameters = LogParameters.of(robot, recordings, {"load": Payload(name="load", mass_kg=3.0)})
+    system = linear_system(robot, parts, SIGNAL, parameters.select({}, ()), logs=parameters)
+    return system, parameters, np.concatenate([robot.base_parameters.project(x), LOAD[:9]])
+
+
+def gains_study(
+    name: str, robot: Robot, x: Array, drives: Array, gains: Array, noise: Array, seeds: int, speed: float
+) -> None:
+    """Bias and calibration of three estimates of drive gains."""
+    system, _, theta = two_logs(robot, x, drives, speed)
+    n = robot.n_dof
+    torque = system.measured.reshape(n, -1)
+    motor = np.linalg.inv(drives).T @ torque
+    found: dict[str, list[Array]] = {"maximum likelihood": [], "ols": [], "tls": []}
+    scores, sigma, moved = [], [], 0.0
+    truth = np.concatenate([theta, gains])
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        current = motor / gains[:, None] + rng.standard_normal(motor.shape) * noise[:, None]
+        known = np.zeros(torque.size) if system.known is None else system.known
+        noisy = replace(system, y=(drives.T @ current).ravel() - known)
+        fit = drive_gains(noisy, drives, WHITE)
+        off = drive_gains(noisy, drives, WHITE, start=0.7 * gains)
+        moved = max(moved, float(np.abs(off.gains / fit.gains - 1.0).max()))
+        std = np.sqrt(np.diag(fit.fit.covariance))
+        scores.append((fit.fit.solution - truth) / std)
+        sigma.append(std[-n:])
+        found["maximum likelihood"].append(fit.gains)
+        for kind in ("ols", "tls"):
+            found[kind].append(classical_gains(noisy, drives, kind, noise)[0])
+        if seed == 0:
+            print(
+                f"{name}: {expected_sentence(expected_percent(noisy, drives))}; {fit.iterations} iterations"
+            )
+    row = "".join
+    print(f"{'true':20}", row(f"{value:10.4g}" for value in gains))
+    for kind, values in found.items():
+        many = np.array(values)
+        print(f"{kind + ', mean':20}", row(f"{value:10.4g}" for value in many.mean(axis=0)))
+        print(f"{'spread':20}", row(f"{value:10.3g}" for value in many.std(axis=0)))
+    print(f"{'its sigma':20}", row(f"{value:10.3g}" for value in np.mean(sigma, axis=0)))
+    score = np.array(scores)
+    for title, part in (("gains", score[:, -n:]), ("all parameters", score)):
+        print(
+            f"error/sigma of {title}: rms {np.sqrt(np.mean(part**2)):.3f}, within 1.96: {100 * np.mean(np.abs(part) < 1.96):.1f} %"
+        )
+    bias = np.array(found["maximum likelihood"]).mean(axis=0) - gains
+    print(f"mean error over its own sigma: {np.round(bias / np.mean(sigma, axis=0) * np.sqrt(seeds), 2)}")
+    print(f"starting gains 30 % off move them by {moved:.1e}")
+
+
+def gains(options: argparse.Namespace) -> None:
+    """UR5e, currents of the joints."""
+    robot, x = ur5e(options.data)
+    gains_study("UR5e", robot, x, np.eye(6), GAINS, NOISE, options.seeds, 1.0)
+
+
+def wrist(options: argparse.Namespace) -> None:
+    """TX40 with its coupled wrist, currents of the motors."""
+    robot, x = tx40()
+    assert robot.reduction is not None
+    motor_gains = np.array([0.35, 0.35, 0.25, 0.2, 0.15, 0.15])
+    noise = np.array([0.15, 0.15, 0.1, 0.05, 0.05, 0.05])
+    gains_study("TX40", robot, x, robot.reduction, motor_gains, noise, options.seeds, 2.0)
+
+
+STUDIES: dict[str, Callable[[argparse.Namespace], None]] = {"gains": gains, "tx40": wrist}
+
+
+def main() -> None:
+    """Run the studies."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--data", type=Path, default=Path("../shared/data"), help="measured logs and URDFs of others"
+    )
+    parser.add_argument("--seeds", type=int, default=40)
+    parser.add_argument("--only", nargs="+", choices=tuple(STUDIES), default=list(STUDIES))
+    options = parser.parse_args()
+    for name in options.only:
+        print(f"== {name}")
+        STUDIES[name](options)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""IDIM-LS with currents: drive gains, robot and payloads together. Tested in ``tests/test_drive_gains.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from ..errors import FitError
+from ..regression.fit import Fit
+from ..regression.gains.classical import classical_gains
+from ..regression.gains.currents import Currents
+from ..regression.gains.maximum_likelihood import drive_gains, expected_percent, expected_sentence
+from ..result.identification import Identification
+from ..result.iteration import Iteration
+from .builder import fitted, solved_status
+from .job import Job, ratio
+from .method import Described
+
+GainEstimate = Literal["maximum-likelihood", "ols", "tls"]
+"""How drive gains are estimated; the last two are biased, and there for comparison."""
+
+
+def run_with_gains(
+    job: Job,
+    method: Described,
+    kind: GainEstimate,
+    progress: Callable[[Iteration], bool],
+    say: Callable[[str], None],
+) -> Identification:
+    """Identify drive gains, robot and payloads of an experiment whose torques are currents.
+
+    Raises
+    ------
+    FitError
+        Where nothing is known that sets the scale, and where the currents do not identify all.
+    """
+    if job.delay_setting == "estimate":
+        raise FitError(
+            "the delay of currents with unknown gains is not estimated: give compensate_samples, or estimate it with gains near "
+            "the true ones"
+        )
+    delay = job.delay()
+    parts = job.parts("fit", delay)
+    system = job.system(parts)
+    reduction = np.array(next(item.drives for item in job.experiment.recordings if item.drives is not None))
+    expected = expected_sentence(expected_percent(system, reduction))
+    say(expected)
+    found = drive_gains(system, reduction, job.settings)
+    fit, remarks = found.fit, [expected]
+    if kind != "maximum-likelihood":
+        gains, theta = classical_gains(system, reduction, kind)
+        currents = Currents.of(system, reduction)
+        torque = currents.columns @ theta + currents.known
+        solution = np.concatenate([theta, gains])
+        fit = Fit(
+            solution=solution,
+            covariance=np.zeros((solution.size, solution.size)),
+            residual=gains[currents.motor] * currents.current - torque,
+            weights=fit.weights,
+            condition_number=fit.condition_number,
+            record={"gains": kind},
+        )
+        remarks.append(
+            f"drive gains by {kind.upper()} are biased, since the noisy currents stand in the regressor: for comparison alone"
+        )
+    entry = Iteration(
+        iteration=found.iterations,
+        relative_error=ratio(np.linalg.norm(fit.residual), np.linalg.norm(found.system.y)),
+        step=0.0,
+    )
+    progress(entry)
+    return fitted(
+        job,
+        method,
+        found.system,
+        fit,
+        status=solved_status(fit),
+        history=[entry],
+        delay=delay,
+        q=np.concatenate([part.q for part in parts]),
+        remarks=remarks,
+    )

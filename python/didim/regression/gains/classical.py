@@ -1,0 +1,68 @@
+"""Drive gains with the currents in the regressor: ordinary and total least squares, for comparison.
+
+    [diag(i) -W] [K; theta] = t,     rows divided by the noise of their motor
+
+The currents have noise, and stand among the columns. Ordinary least squares is therefore biased towards small gains: on a
+simulated UR5e by up to ten times (docs/currents.md). Total least squares (Gautier and Briot 2011, 2014) assumes the same noise
+in every column, and W has none: its estimates have no bounded spread. Neither has a standard deviation that means anything.
+Tested in ``tests/test_drive_gains.py``.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..linear_system import LinearSystem
+from .currents import Currents
+
+Classical = Literal["ols", "tls"]
+
+
+def classical_gains(
+    system: LinearSystem, reduction: Array, kind: Classical, noise: Array | None = None
+) -> tuple[Array, Array]:
+    """Estimate drive gains with the currents in the regressor.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        As `Currents` takes it.
+    reduction : (n, n) array
+        Reduction matrix R of the currents.
+    kind : {"ols", "tls"}
+        Ordinary or total least squares.
+    noise : (n,) array, optional
+        Standard deviation of the currents of each motor (A); by default what a linear fit of each motor leaves.
+
+    Returns
+    -------
+    gains : (n,) array
+        N.m/A or N/A.
+    theta : (q,) array
+        Parameters.
+    """
+    currents = Currents.of(system, reduction)
+    n = currents.n_motors
+    if noise is None:
+        errors = np.empty_like(currents.current)
+        for motor in range(n):
+            rows = currents.motor == motor
+            a = np.column_stack([currents.columns[rows] / currents.scale, currents.known[rows]])
+            errors[rows] = (
+                currents.current[rows] - a @ np.linalg.lstsq(a, currents.current[rows], rcond=1e-8)[0]
+            )
+        noise = currents.spread(errors)
+    weights = 1.0 / noise[currents.motor]
+    a = np.hstack([currents.motors * currents.current[:, None], -currents.columns]) * weights[:, None]
+    right = currents.known * weights
+    if kind == "ols":
+        size = np.linalg.norm(a, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        solution = np.linalg.lstsq(a / size, right, rcond=None)[0] / size
+    else:
+        last = np.linalg.svd(np.column_stack([a, -right]), full_matrices=False)[2][-1]
+        solution = last[:-1] / last[-1]
+    return solution[:n], solution[n:]

@@ -1,0 +1,112 @@
+"""Motor currents as the output: the rows that maximum likelihood and the classical estimates of drive gains share.
+
+    i_m = (W_m theta + t_m) / K_m + e_m,     W_m = R^-T W,   t_m = R^-T t
+
+with the torque t of what is known (the known part of a payload, fixed parameters) and the reduction R. K is that of the motor
+where R is not the identity. Tested in ``tests/test_drive_gains.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..linear_system import LinearSystem
+
+
+@dataclass(frozen=True, eq=False)
+class Currents:
+    """The rows of a linear system on the side of the motors.
+
+    Attributes
+    ----------
+    system : LinearSystem
+        Joint side, ``R^T i`` in A for its torques; its last n columns, which are zero, stand for the gains.
+    current : (r,) array
+        Motor currents (A).
+    columns : (r, q) array
+        Motor torques per unit of every parameter but the gains.
+    known : (r,) array
+        Motor torques of what is known.
+    motor : (r,) array of int
+        Motor of each row, from 0.
+    """
+
+    system: LinearSystem
+    current: Array
+    columns: Array
+    known: Array
+    motor: Array
+
+    @classmethod
+    def of(cls, system: LinearSystem, reduction: Array) -> Currents:
+        """Take the rows of a system to the motors, (n, n) reduction matrix R."""
+        n = len(system.joints)
+        to_motor = np.linalg.inv(reduction).T
+
+        def moved(values: Array) -> Array:
+            parts = values.reshape(n, values.shape[0] // n, -1)
+            return np.asarray(np.tensordot(to_motor, parts, axes=1), dtype=np.float64).reshape(values.shape)
+
+        rows = system.y.size // n
+        known = np.zeros_like(system.y) if system.known is None else system.known
+        return cls(
+            system=system,
+            current=moved(system.measured),
+            columns=moved(np.ascontiguousarray(system.w[:, :-n])),
+            known=moved(known),
+            motor=np.repeat(np.arange(n), rows),
+        )
+
+    @property
+    def n_motors(self) -> int:
+        """Number of motors."""
+        return len(self.system.joints)
+
+    @property
+    def motors(self) -> Array:
+        """Indicator of the motor of each row, (r, n)."""
+        return np.asarray(np.eye(self.n_motors)[self.motor])
+
+    @property
+    def scale(self) -> Array:
+        """Size of each column, (q,), for conditioning."""
+        size = np.linalg.norm(self.columns, axis=0)
+        found: Array = np.where(size > 0.0, size, 1.0)
+        return found
+
+    def spread(self, errors: Array) -> Array:
+        """Root mean square of the errors of each motor, (n,), never zero."""
+        floor = 1e-9 * max(float(np.sqrt(np.mean(self.current**2))), np.finfo(float).tiny)
+        squares = np.bincount(self.motor, weights=errors**2, minlength=self.n_motors)
+        return np.asarray(np.maximum(np.sqrt(squares / np.bincount(self.motor)), floor))
+
+    def ratio(self) -> tuple[Array, Array]:
+        """Solve for one gain of all motors and the parameters over it: (q,) and 1/K; nothing else is linear in these.
+
+        ``i = W (theta/K) + t/K`` has K once. The estimate starts the others and shows which motors run backwards.
+        """
+        a = np.column_stack([self.columns / self.scale, self.known / (np.linalg.norm(self.known) or 1.0)])
+        solution = np.linalg.lstsq(a, self.current, rcond=1e-10)[0]
+        return solution[:-1] / self.scale, solution[-1] / (np.linalg.norm(self.known) or 1.0)
+
+    def signs(self) -> Array:
+        """Sign of the gain of each motor, (n,): friction must brake."""
+        names = self.system.names
+        found = np.ones(self.n_motors)
+        for motor in range(self.n_motors):
+            rows = self.motor == motor
+            a = self.columns[rows] / self.scale
+            used = np.linalg.norm(a, axis=0) > 0.0
+            solution = np.zeros(a.shape[1])
+            solution[used] = np.linalg.lstsq(a[:, used], self.current[rows], rcond=1e-8)[0]
+            friction = [
+                k
+                for k in np.flatnonzero(used)
+                if names[k].rstrip("+-") in (f"Fv{motor + 1}", f"Fc{motor + 1}")
+            ]
+            if friction and sum(solution[k] for k in friction) < 0.0:
+                found[motor] = -1.0
+        return found

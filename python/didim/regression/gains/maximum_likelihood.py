@@ -1,0 +1,246 @@
+"""Drive gains by maximum likelihood: Gauss-Newton on (log K, theta), with the current as the noisy output.
+
+    min sum_m n_m log s_m,    s_m^2 = |i_m - (W_m theta + t_m) / K_m|^2 / n_m
+
+The currents have the noise, so they stand alone on the left side. Estimates that have them in the regressor are biased
+(`classical.py`). A gain has the sign with which friction brakes. Tested in ``tests/test_drive_gains.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...errors import FitError, RankError
+from ..covariance import covariance
+from ..fit import Fit
+from ..linear_system import LinearSystem
+from ..settings import LeastSquaresSettings
+from .currents import Currents
+
+STEPS = 100
+"""Most Gauss-Newton steps."""
+SETTLED = 1e-10
+"""Change of log K below which nothing moves any more."""
+LARGEST_STEP = 0.5
+"""Largest change of log K in a step."""
+HALVINGS = 12
+"""How often a step is halved that does not lower the cost."""
+SINGULAR = 1e-11
+"""Smallest singular value of the scaled Jacobian, over the largest, of a problem that the log determines."""
+WEAK_PERCENT = 20.0
+"""Expected standard deviation of a gain from which the known load hardly reaches its joint."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """Gains and parameters, with the linear problem at their place.
+
+    Attributes
+    ----------
+    gains : (n,) array
+        Drive gains (N.m/A or N/A), on the side of the reduction.
+    theta : (q,) array
+        Parameters.
+    system : LinearSystem
+        The problem linearised there, in units of motor torque: a column for every parameter, gains last.
+    fit : Fit
+        Solution, covariance and residual in these units.
+    iterations : int
+        Gauss-Newton steps.
+    """
+
+    gains: Array
+    theta: Array
+    system: LinearSystem
+    fit: Fit
+    iterations: int
+
+
+def drive_gains(
+    system: LinearSystem, reduction: Array, settings: LeastSquaresSettings, start: Array | None = None
+) -> Gains:
+    """Estimate drive gains and parameters together.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        As `Currents` takes it.
+    reduction : (n, n) array
+        Reduction matrix R of the currents; the identity for currents of the joints.
+    settings : LeastSquaresSettings
+        Which covariance.
+    start : (n,) array, optional
+        Gains to start from, of the right signs; one gain for all motors by default, from a linear solution.
+
+    Returns
+    -------
+    Gains
+
+    Raises
+    ------
+    FitError
+        Without anything known, and where the currents do not identify gains or parameters.
+    """
+    currents = Currents.of(system, reduction)
+    gains = first_gains(currents) if start is None else np.array(start, dtype=np.float64)
+    theta = (
+        np.linalg.lstsq(
+            currents.columns / currents.scale,
+            gains[currents.motor] * currents.current - currents.known,
+            rcond=None,
+        )[0]
+        / currents.scale
+    )
+    errors = _errors(currents, gains, theta)
+    cost = _cost(currents, errors)
+    n = currents.n_motors
+    converged = False
+    for number in range(1, STEPS + 1):  # noqa: B007 - the steps that were taken
+        weights = 1.0 / currents.spread(errors)[currents.motor]
+        jacobian, size = _jacobian(currents, gains, theta, weights)
+        step = np.linalg.lstsq(jacobian, errors * weights, rcond=SINGULAR)[0] / size
+        length = min(1.0, LARGEST_STEP / max(float(np.abs(step[-n:]).max()), 1e-300))
+        for _ in range(HALVINGS):
+            there = gains * np.exp(length * step[-n:]), theta + length * step[:-n]
+            moved = _errors(currents, *there)
+            if _cost(currents, moved) <= cost + 1e-9 * abs(cost):
+                break
+            length *= 0.5
+        gains, theta = there
+        errors, cost = moved, _cost(currents, moved)
+        if np.abs(length * step[-n:]).max() < SETTLED:
+            converged = True
+            break
+    return _result(currents, gains, theta, settings, converged, number)
+
+
+def first_gains(currents: Currents) -> Array:
+    """Return one gain for all motors, with their signs, (n,).
+
+    Raises
+    ------
+    FitError
+        Where nothing is known that has a torque: the currents then give parameters over gains alone.
+    """
+    if not np.abs(currents.known).max(initial=0.0) > 0.0:
+        raise FitError(
+            "currents give the ratio of parameters and drive gains alone: no recording has a payload of which the mass is known; "
+            "add one, with mass_kg in its table [payload], or give the gains"
+        )
+    signs = currents.signs()
+    turned = replace(currents, current=currents.current * signs[currents.motor])
+    _, inverse = turned.ratio()
+    return signs / inverse if inverse > 0.0 else signs
+
+
+def expected_percent(system: LinearSystem, reduction: Array) -> Array:
+    """Return the standard deviations of gains (%) that a log promises, (n,); infinite for those it does not identify.
+
+    It is the information at a linear estimate with one gain for all motors, so it is as good as the gains are alike; the noise is
+    what a linear fit of each motor by itself leaves.
+    """
+    currents = Currents.of(system, reduction)
+    gains = first_gains(currents)
+    theta = (
+        np.linalg.lstsq(
+            currents.columns / currents.scale,
+            gains[currents.motor] * currents.current - currents.known,
+            rcond=None,
+        )[0]
+        / currents.scale
+    )
+    errors = _errors(currents, gains, theta)
+    # With one gain for all, the residual has the wrong gains in it; a ratio for each motor leaves the noise.
+    for motor in range(currents.n_motors):
+        rows = currents.motor == motor
+        a = np.column_stack([currents.columns[rows] / currents.scale, currents.known[rows]])
+        errors[rows] = currents.current[rows] - a @ np.linalg.lstsq(a, currents.current[rows], rcond=1e-8)[0]
+    weights = 1.0 / currents.spread(errors)[currents.motor]
+    jacobian, size = _jacobian(currents, gains, theta, weights)
+    _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
+    share = singular / singular[0]
+    told = share > SINGULAR
+    n = currents.n_motors
+    variances = np.sum((right[told][:, -n:] / singular[told, None]) ** 2, axis=0)
+    lost = np.sum(right[np.logical_not(told)][:, -n:] ** 2, axis=0) > 1e-6
+    return np.where(lost, np.inf, 100.0 * np.sqrt(variances) / size[-n:])
+
+
+def expected_sentence(percent: Array) -> str:
+    """Say what a log promises of the gains."""
+    shown = ", ".join(f"{value:.2g}" if np.isfinite(value) else "-" for value in percent)
+    weak = [str(joint + 1) for joint, value in enumerate(percent) if not value < WEAK_PERCENT]
+    hardly = f"; the known load hardly reaches joint {', '.join(weak)}" if weak else ""
+    return f"expected standard deviations of the drive gains, for white noise: {shown} %{hardly}"
+
+
+def _errors(currents: Currents, gains: Array, theta: Array) -> Array:
+    return np.asarray(currents.current - (currents.columns @ theta + currents.known) / gains[currents.motor])
+
+
+def _cost(currents: Currents, errors: Array) -> float:
+    """Negative log-likelihood, but for constants."""
+    return float(np.bincount(currents.motor) @ np.log(currents.spread(errors)))
+
+
+def _jacobian(currents: Currents, gains: Array, theta: Array, weights: Array) -> tuple[Array, Array]:
+    """Weighted derivatives of the modelled currents by (theta, log K), columns of unit length, and their lengths."""
+    own = gains[currents.motor]
+    torque = currents.columns @ theta + currents.known
+    jacobian = np.hstack([currents.columns / own[:, None], currents.motors * (-torque / own)[:, None]])
+    jacobian *= weights[:, None]
+    size = np.linalg.norm(jacobian, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    return jacobian / size, size
+
+
+def _result(
+    currents: Currents,
+    gains: Array,
+    theta: Array,
+    settings: LeastSquaresSettings,
+    converged: bool,
+    number: int,
+) -> Gains:
+    """Linearise at the solution, in units of motor torque, and take its covariance."""
+    own = gains[currents.motor]
+    torque = currents.columns @ theta + currents.known
+    columns = np.hstack([currents.columns, currents.motors * (-torque / own)[:, None]])
+    errors = _errors(currents, gains, theta)
+    weights = 1.0 / np.abs(own * currents.spread(errors)[currents.motor])
+    weighted = columns * weights[:, None]
+    size = np.linalg.norm(weighted, axis=0)
+    names = currents.system.names
+    if not (size > 0.0).all():
+        raise RankError(f"no motion shows {names[int(np.argmin(size))]}", (int(np.argmin(size)),))
+    _, triangle = np.linalg.qr(weighted / size)
+    left, singular, right = np.linalg.svd(triangle)
+    if singular[-1] < SINGULAR * singular[0]:
+        lost = [names[k] for k in np.flatnonzero(np.abs(right[-1]) > 0.1)]
+        raise RankError(
+            f"the currents do not tell {', '.join(lost)} from each other: what is known of the payloads does not reach them",
+            tuple(int(k) for k in np.flatnonzero(np.abs(right[-1]) > 0.1)),
+        )
+    inverse_r = (right.T / singular) @ left.T / size[:, None]
+    system = replace(
+        currents.system, w=np.ascontiguousarray(columns), y=own * currents.current, known=None, slopes={}
+    )
+    residual = own * errors
+    return Gains(
+        gains=gains,
+        theta=theta,
+        system=system,
+        fit=Fit(
+            solution=np.concatenate([theta, gains]),
+            covariance=covariance(system, settings, weights, residual, inverse_r),
+            residual=residual,
+            weights=weights,
+            condition_number=float(singular[0] / singular[-1]),
+            converged=converged,
+            record={"gains": "maximum-likelihood", "iterations": number},
+        ),
+        iterations=number,
+    )

@@ -1,0 +1,181 @@
+"""Drive gains by maximum likelihood, beside ordinary and total least squares (benches/payloads.py has 40 seeds of a UR5e)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import didim
+from didim import Experiment, FitError
+from didim.log.recording import Recording
+from didim.regression.gains.classical import classical_gains
+from didim.regression.gains.maximum_likelihood import drive_gains, expected_percent
+from didim.regression.linear_system import LinearSystem
+from didim.regression.settings import LeastSquaresSettings
+from didim.robot.payload import Payload, last_link
+from several import DISC, arm_logs
+
+Array = NDArray[np.float64]
+
+GAINS = np.array([9.0, 5.0])
+NOISE = np.array([0.05, 0.05])
+WHITE = LeastSquaresSettings(weights="per-joint", uncertainty="white")
+MASS = {"disc": Payload(name="disc", mass_kg=float(DISC[9]))}
+WRIST = np.array([[20.0, 0.0], [10.0, 30.0]])
+"""Reduction of an arm whose second motor turns with the first joint."""
+
+
+def currents(reduction: Array, gains: Array, noise: Array = NOISE, seed: int = 0) -> Experiment:
+    """Two logs of the planar arm, the second with the disc, as currents of its motors."""
+    experiment = arm_logs([False, True], payloads=MASS)
+    rng = np.random.default_rng(seed)
+    recordings = []
+    for item in experiment.recordings:
+        assert item.tau is not None
+        current = item.tau @ np.linalg.inv(reduction) / gains
+        current += rng.standard_normal(current.shape) * noise
+        recordings.append(
+            replace(item, tau=current @ reduction, drives=tuple(map(tuple, reduction.tolist())))
+        )
+    return replace(experiment, recordings=tuple(recordings))
+
+
+def system_of(experiment: Experiment) -> LinearSystem:
+    job = didim.IDIMLS().job(experiment)
+    return job.system(job.parts("fit"))
+
+
+@pytest.mark.parametrize("reduction", [np.eye(2), WRIST], ids=["joints", "coupled motors"])
+def test_gains_are_found_without_noise_from_any_start(reduction: Array) -> None:
+    gains = GAINS / np.diag(reduction)
+    system = system_of(currents(reduction, gains, 0.0 * NOISE))
+    for start in (None, 0.7 * gains, 1.3 * gains, np.ones(2)):
+        found = drive_gains(system, reduction, WHITE, start)
+        # The filter of the positions is in it, as for every estimate along measured motion.
+        np.testing.assert_allclose(found.gains, gains, rtol=3e-3)
+        assert found.fit.converged
+
+
+def test_a_motor_that_runs_backwards_has_a_negative_gain() -> None:
+    gains = GAINS * [1.0, -1.0]
+    fit = didim.identify(currents(np.eye(2), gains), didim.IDIMLS())
+    assert fit.further is not None
+    assert fit.further.gains is not None
+    np.testing.assert_allclose(fit.further.gains, gains, rtol=0.05)
+
+
+def test_maximum_likelihood_is_unbiased_and_calibrated_where_ols_is_not() -> None:
+    scores, ols = [], []
+    exact = drive_gains(system_of(currents(np.eye(2), GAINS, 0.0 * NOISE)), np.eye(2), WHITE).gains
+    for seed in range(12):
+        system = system_of(currents(np.eye(2), GAINS, 20.0 * NOISE, seed))
+        found = drive_gains(system, np.eye(2), replace(WHITE, uncertainty="decimated"))
+        off = drive_gains(system, np.eye(2), WHITE, start=0.7 * GAINS)
+        np.testing.assert_allclose(off.gains, found.gains, rtol=1e-6)
+        std = np.sqrt(np.diag(found.fit.covariance))[-2:]
+        scores.append((found.gains - exact) / std)
+        ols.append(classical_gains(system, np.eye(2), "ols")[0])
+    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.4
+    # Ordinary least squares is biased towards small gains, beyond all spread.
+    many = np.array(ols)
+    assert (many.mean(axis=0) + 3.0 * many.std(axis=0) < exact).any()
+    assert (many.mean(axis=0) < exact).all()
+
+
+def test_what_a_log_promises_of_the_gains_is_what_it_gives() -> None:
+    system = system_of(currents(np.eye(2), np.array([7.0, 7.0])))
+    expected = expected_percent(system, np.eye(2))
+    found = drive_gains(system, np.eye(2), WHITE)
+    std = 100.0 * np.sqrt(np.diag(found.fit.covariance))[-2:] / found.gains
+    np.testing.assert_allclose(expected, std, rtol=0.35)
+
+
+def test_results_print_and_keep_gains_and_predict_currents_as_torques(tmp_path: Path) -> None:
+    experiment = currents(np.eye(2), GAINS)
+    fit = didim.identify(experiment, didim.IDIMLS())
+    assert "drive gains" in str(fit)
+    assert any(text.startswith("expected standard deviations of the drive gains") for text in fit.remarks)
+    fit.save(tmp_path / "fit.json")
+    again = didim.Identification.load(tmp_path / "fit.json")
+    assert again.further is not None
+    gains = again.further.gains
+    assert gains is not None
+    np.testing.assert_allclose(gains, GAINS, rtol=0.02)
+    validation = didim.validate(again, replace(experiment, reference=None))
+    assert all(item.direct is not None and (item.direct < 0.1).all() for item in validation.recordings)
+    for kind in ("ols", "tls"):
+        rough = didim.identify(experiment, didim.IDIMLS(gains=kind))
+        assert not rough.std.any()
+        assert any("biased" in text for text in rough.remarks)
+
+
+def test_what_cannot_be_known_is_said() -> None:
+    experiment = currents(np.eye(2), GAINS)
+    with pytest.raises(FitError, match="ratio of parameters and drive gains alone"):
+        didim.identify(replace(experiment, payloads={"disc": Payload(name="disc")}), didim.IDIMLS())
+    with pytest.raises(FitError, match="drive gains are unknown: identify them by idim-ls"):
+        didim.identify(experiment, didim.DIDIM())
+    one, two = experiment.recordings
+    with pytest.raises(FitError, match="do not both have currents"):
+        didim.identify(replace(experiment, recordings=(one, replace(two, drives=None))), didim.IDIMLS())
+    bare = didim.identify(arm_logs([False]), didim.IDIMLS())
+    with pytest.raises(FitError, match="has no drive gains"):
+        didim.validate(bare, replace(experiment, recordings=(one,)))
+
+
+def test_a_load_that_a_joint_does_not_feel_leaves_its_gain_unknown() -> None:
+    """A vertical first axis and a load on it: gravity does not reach its motor, and nothing is known of the inertia."""
+    robot = didim.load_robot("tx40")
+    frame = np.eye(4)
+    place = last_link(robot, frame)
+    assert place.shape == (len(robot.parameter_names), 10)
+    recordings = []
+    for seed, payload in ((1, "none"), (2, "load")):
+        reference = didim.Reference.random_fourier(
+            harmonics=6, period_s=6.0, max_position=[1.5] * 6, max_velocity=[2.0] * 6, max_acceleration=[8.0] * 6, seed=seed
+        )  # fmt: skip
+        t = np.arange(0.0, 6.0, 0.005)
+        q, dq, ddq = reference.at(t)
+        x = robot.parameter_set("didim") + (0.0 if payload == "none" else place[:, 9] * 2.0)
+        tau = didim.inverse_dynamics(robot, q, dq, ddq, x)
+        tau += np.random.default_rng(seed).standard_normal(tau.shape) * 0.3
+        item = Recording.from_arrays(q, tau / 10.0, rate_hz=200.0, name=payload)
+        recordings.append(replace(item, payload=payload, drives=tuple(map(tuple, np.eye(6).tolist()))))
+    experiment = Experiment(
+        name="tx40",
+        robot=robot,
+        recordings=tuple(recordings),
+        signal=didim.SignalProcessing(cutoff_hz=30.0, trim_start=20, trim_end=20, decimation=(4,)),
+        payloads={"load": Payload(name="load", mass_kg=2.0)},
+    )
+    percent = expected_percent(system_of(experiment), np.eye(6))
+    assert percent[0] > 2.5 * percent[1]
+
+
+def test_a_real_ur10e_pair_of_currents(shared: Path) -> None:
+    """The gains of an independent prototype, and the mass of the load with these (docs/currents.md)."""
+    file = Path(__file__).resolve().parents[1] / "examples" / "ur10e_currents.toml"
+    experiment = didim.load_experiment(file, data=shared / "data" / "ur10e")
+    fit = didim.identify(experiment, didim.IDIMLS())
+    assert fit.further is not None
+    prototype = np.array([10.56, 12.38, 9.95, 10.38, 10.27, 10.31])
+    sigma = np.array([0.67, 0.16, 0.12, 0.24, 0.23, 0.23])
+    assert fit.further.gains is not None
+    assert (np.abs(fit.further.gains - prototype) < np.minimum(sigma, fit.further.std[-6:])).all()
+    np.testing.assert_allclose(fit.further.gains, [10.87, 12.31, 10.00, 10.39, 10.30, 10.27], atol=0.02)
+    np.testing.assert_allclose(fit.further.std[-6:], [0.78, 0.26, 0.21, 0.24, 0.26, 0.18], atol=0.02)
+    assert "centre of mass: 28.6 +- 1.8, 163.9 +- 3.0, 41.2 +- 4.1 mm" in str(fit)
+    torques = replace(
+        experiment,
+        recordings=tuple(item.with_gains(prototype) for item in experiment.recordings),
+        payloads={"load": Payload(name="load")},
+    )
+    weighed = didim.identify(torques, didim.IDIMLS())
+    assert weighed.further is not None
+    mass, std = weighed.further.values[-1], weighed.further.std[-1]
+    assert std < 0.06
+    assert abs(mass - 2.805) < 2.0 * std
