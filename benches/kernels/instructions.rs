@@ -91,7 +91,7 @@ fn count(k: usize, rounds: usize) -> Result<(u64, String), Box<dyn Error>> {
 /// The code that this processor gets, as `rust/src/ground/dispatch.rs` chooses it.
 fn instruction_set() -> &'static str {
     #[cfg(target_arch = "x86_64")]
-    if matches!(pulp::Arch::new(), pulp::Arch::V3(_)) {
+    if pulp::x86::V3::try_new().is_some() {
         return "AVX2 and FMA";
     }
     if cfg!(target_arch = "aarch64") { "Neon" } else { "portable code, no vectors" }

@@ -146,7 +146,7 @@ impl ClosedLoop {
             Measured { q: &self.zeros, tau: &self.zeros, weight_q: &[1.0; 6], weight_tau: &[0.0; 6] };
         let candidates = [Candidate { x: &self.x, scale: &[1.0; 6] }; L];
         let mut cost = Cost::new(measured, 6);
-        let outcomes = run_group::<L>(simulation, &candidates, &Cancel::never(), black_box(&mut cost));
+        let outcomes = run_group(simulation, &candidates, &Cancel::never(), black_box(&mut cost));
         // A run that ended early would look fast.
         assert_eq!(outcomes, [Outcome::Completed; L]);
     }

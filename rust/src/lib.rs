@@ -1,7 +1,7 @@
 //! # didim: the numerical core
 //!
-//! Dynamic parameters of serial robots from logged motion. The core does the arithmetic and knows nothing of Python
-//! outside [`python`], the one door.
+//! Dynamic parameters of serial robots from logged motion. The core does the arithmetic and knows nothing of Python: the
+//! binding is a crate of its own, `rust/python`.
 //!
 //! ## The equations
 //!
@@ -29,7 +29,6 @@
 //! | [`regression`] | base parameters and least squares |
 //! | [`closed_loop`] | references, controllers, steps, simulations |
 //! | [`tangent`] | derivatives of the inverse model, of what a motion tells, and of simulations |
-//! | `python` | the binding: arrays in, arrays out |
 //!
 //! ## Conventions
 //!
@@ -47,8 +46,6 @@
 pub mod closed_loop;
 pub mod ground;
 pub mod model;
-#[cfg(feature = "python")]
-pub mod python;
 pub mod regression;
 pub mod robot;
 pub mod signal;

@@ -1,6 +1,7 @@
 //! The closed loop, (4) with a controller that follows a reference.
 
 pub mod control;
+mod elbow;
 pub mod law;
 pub mod observers;
 pub mod point_to_point;

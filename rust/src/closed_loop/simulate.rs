@@ -5,6 +5,7 @@
 //! energy, power balance, a pendulum against its elliptic functions; and against the EMPS in the Python tests.
 
 use crate::closed_loop::control::{Digital, Timing};
+use crate::closed_loop::elbow::OfElbow;
 use crate::closed_loop::law::{Instant, PlainLaws, law};
 use crate::closed_loop::observers::{Observer, Record};
 use crate::closed_loop::reference::Target;
@@ -47,33 +48,36 @@ pub fn simulate<O: Observer>(
     Ok(parallel::map(candidates.len().div_ceil(width), threads, |g| {
         let group = &candidates[g * width..(g * width + width).min(candidates.len())];
         let mut observer = observer(group.len());
-        let outcomes = if group.len() == 1 {
-            run_group::<1>(simulation, group, cancel, &mut observer)
-        } else {
-            run_group::<WIDTH>(simulation, group, cancel, &mut observer)
-        };
+        let outcomes = run_group(simulation, group, cancel, &mut observer);
         (outcomes, observer)
     }))
 }
 
-/// Runs up to `L` candidates on one thread.
-pub fn run_group<const L: usize>(
+/// Runs up to [`WIDTH`] candidates on one thread, side by side; a single one by itself.
+pub fn run_group(
     simulation: Simulation<'_>,
     candidates: &[Candidate<'_>],
     cancel: &Cancel<'_>,
     observer: &mut dyn Observer,
 ) -> Vec<Outcome> {
-    if candidates.is_empty() {
-        return Vec::new();
-    }
     let geometry = Geometry::of(simulation.robot);
     match geometry.known::<Elbow>() {
-        Some(geometry) => dispatch_on::<L, _>(Run { simulation, geometry, candidates, cancel, observer }),
-        None => dispatch_on::<L, _>(Run { simulation, geometry, candidates, cancel, observer }),
+        Some(geometry) => {
+            run_kernel(candidates.len(), OfElbow(Run { simulation, geometry, candidates, cancel, observer }))
+        }
+        None => run_kernel(candidates.len(), Run { simulation, geometry, candidates, cancel, observer }),
     }
 }
 
-struct Run<'a, S> {
+fn run_kernel(candidates: usize, kernel: impl Kernel<Output = Vec<Outcome>>) -> Vec<Outcome> {
+    match candidates {
+        0 => Vec::new(),
+        1 => dispatch_on::<1, _>(kernel),
+        _ => dispatch_on::<WIDTH, _>(kernel),
+    }
+}
+
+pub(super) struct Run<'a, S> {
     simulation: Simulation<'a>,
     geometry: Geometry<S>,
     candidates: &'a [Candidate<'a>],

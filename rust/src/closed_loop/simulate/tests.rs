@@ -198,11 +198,8 @@ fn known_as_any(robot: &Robot, controller: &Controller, external: Option<&Signal
         let (mut known, mut any) = (Trajectories::new(lanes, 11, 6), Trajectories::new(lanes, 11, 6));
         let candidates = &candidates[..lanes];
         let of_any = Run { simulation, geometry, candidates, cancel: &cancel, observer: &mut any };
-        let [outcomes, of_any] = if lanes == 1 {
-            [run_group::<1>(simulation, candidates, &cancel, &mut known), dispatch_on::<1, _>(of_any)]
-        } else {
-            [run_group::<WIDTH>(simulation, candidates, &cancel, &mut known), dispatch_on::<WIDTH, _>(of_any)]
-        };
+        let outcomes = run_group(simulation, candidates, &cancel, &mut known);
+        let of_any = run_kernel(lanes, of_any);
         assert_eq!(outcomes, vec![Outcome::Completed; lanes]);
         assert_eq!(of_any, outcomes);
         assert!(known.lanes[0].q.iter().any(|q| q.abs() > 0.5));
@@ -304,7 +301,7 @@ fn a_request_to_stop_is_heard() {
     let x = parameters(&robot, 1.0);
     let candidate = Candidate { x: &x, scale: &[1.0; 3] };
     let simulation = whole(&robot, &reference, &controller, &schedule);
-    let outcomes = run_group::<1>(simulation, &[candidate], &cancel, &mut Trajectories::new(1, 21, 3));
+    let outcomes = run_group(simulation, &[candidate], &cancel, &mut Trajectories::new(1, 21, 3));
     assert_eq!(outcomes, [Outcome::Cancelled { time: 0.0 }]);
 }
 
@@ -322,7 +319,7 @@ fn a_request_to_stop_is_heard_within_a_long_segment() {
         let asked = std::sync::atomic::AtomicUsize::new(0);
         let poll = || asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed) >= patience;
         let mut records = Trajectories::new(1, 2, 1);
-        let outcomes = run_group::<1>(simulation, &[candidate], &Cancel::when(&poll), &mut records);
+        let outcomes = run_group(simulation, &[candidate], &Cancel::when(&poll), &mut records);
         (outcomes[0], records.lanes[0].q.len())
     };
     let cancelled = Outcome::Cancelled { time: 0.0 };
@@ -338,7 +335,7 @@ fn no_candidates_have_no_outcomes() {
     let schedule = schedule(&robot, &reference, 1e-3);
     let simulation = whole(&robot, &reference, &controller, &schedule);
     assert_eq!(run(simulation, &[], 2), (vec![], vec![]));
-    assert_eq!(run_group::<4>(simulation, &[], &Cancel::never(), &mut Trajectories::default()), []);
+    assert_eq!(run_group(simulation, &[], &Cancel::never(), &mut Trajectories::default()), []);
 }
 
 #[test]
@@ -356,7 +353,7 @@ fn a_processor_without_fused_operations_runs_the_same_candidates() {
     let (q, tau) = (&together[0].q, &together[0].tau);
     let measured = Measured { q, tau, weight_q: &[1.0, 2.0, 3.0], weight_tau: &[0.0, 0.5, 0.0] };
     let (mut cost, mut plain_cost) = (Cost::new(measured, 3), Cost::new(measured, 3));
-    run_group::<WIDTH>(simulation, &candidates, &Cancel::never(), &mut cost);
+    run_group(simulation, &candidates, &Cancel::never(), &mut cost);
     portable(simulation, &candidates, &Cancel::never(), &mut plain_cost);
     for lane in [0, 2] {
         let (got, want) = (&plain.lanes[lane], &together[lane]);

@@ -1,8 +1,8 @@
-//! The constrained problem of [`crate::regression::consistent`] in Python.
+//! The constrained problem of [`didim::regression::consistent`] in Python.
 
 use super::arrays::{Input, flat};
 use super::wrong;
-use crate::regression::consistent::{Cone, Ending, Equality, LEAST_WEIGHT, Problem, Solution};
+use didim::regression::consistent::{Cone, Ending, Equality, LEAST_WEIGHT, Problem, Solution};
 use numpy::{
     PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
     PyUntypedArrayMethods,

@@ -3,10 +3,10 @@
 use super::arrays::{Input, Shape, flat};
 use super::robot::Robot;
 use super::wrong;
-use crate::ground::parallel;
-use crate::signal::filter::Stage;
-use crate::signal::observation::{Log, decimate as decimate_columns, observation as observe};
-use crate::signal::text::{Delimiter, parse};
+use didim::ground::parallel;
+use didim::signal::filter::Stage;
+use didim::signal::observation::{Log, decimate as decimate_columns, observation as observe};
+use didim::signal::text::{Delimiter, parse};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

@@ -1,9 +1,9 @@
 //! Robots, for Python.
 
 use super::wrong;
-use crate::robot::friction_terms::{Law, Table, Term};
-use crate::robot::parameters::{self, Layout};
-use crate::robot::{Coupling, Friction, Joint, JointKind, Robot as CoreRobot};
+use didim::robot::friction_terms::{Law, Table, Term};
+use didim::robot::parameters::{self, Layout};
+use didim::robot::{Coupling, Friction, Joint, JointKind, Robot as CoreRobot};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

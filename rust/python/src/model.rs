@@ -3,8 +3,8 @@
 use super::arrays::{Input, Shape};
 use super::robot::Robot;
 use super::wrong;
-use crate::model::{direct, inertia, inverse, regressor as idm};
-use crate::robot::parameters::Layout;
+use didim::model::{direct, inertia, inverse, regressor as idm};
+use didim::robot::parameters::Layout;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

@@ -3,8 +3,8 @@
 use super::arrays::same_rows;
 use super::robot::Robot;
 use super::wrong;
-use crate::regression::base::{Base, base_parameters as find_base};
-use crate::regression::least_squares as ls;
+use didim::regression::base::{Base, base_parameters as find_base};
+use didim::regression::least_squares as ls;
 use faer::Mat;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;

@@ -3,8 +3,8 @@
 use super::arrays::{Input, Shape, flat};
 use super::robot::Robot;
 use super::wrong;
-use crate::tangent::adjoint::Gradient;
-use crate::tangent::information::{self as core, Motion, Torques, Weighting};
+use didim::tangent::adjoint::Gradient;
+use didim::tangent::information::{self as core, Motion, Torques, Weighting};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
