@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-RUST := $(shell find rust -name "*.rs") $(wildcard Cargo.toml Cargo.lock pyproject.toml build.rs)
+RUST := $(shell find rust -name "*.rs") $(wildcard Cargo.toml Cargo.lock rust/python/Cargo.toml pyproject.toml build.rs)
 
 # cargo and maturin find the interpreter of .venv, whatever else is on the path.
 export VIRTUAL_ENV := $(abspath $(VENV))
@@ -63,9 +63,8 @@ coverage-rust:
 	RUSTFLAGS="-C no-prepopulate-passes" cargo llvm-cov --lib --summary-only --fail-under-lines 90
 
 lint: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-lint
-	cargo fmt --check
-	cargo clippy --all-targets -- -D warnings
-	cargo clippy --all-targets --features python -- -D warnings
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets -- -D warnings
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy --strict

@@ -1,7 +1,8 @@
 //! Inverse dynamic model (1) by Newton-Euler: joint torques from positions, velocities and accelerations.
 //!
 //! `tau = M(q) ddq + N(q, dq)`, rotors and friction included. Identity that tests it: `tau = W x` with the
-//! columns of [`crate::model::regressor`]; independently, Pinocchio's `rnea` in the Python tests.
+//! columns of [`crate::model::regressor`], whose links move by the same outward pass; independently, the textbook recursion of
+//! [`crate::tangent::partials`], and Pinocchio's `rnea` in the Python tests.
 
 use crate::ground::arrays::{MAX_DOF, ShapeError, check_length};
 use crate::ground::dispatch::{Kernel, dispatch};
