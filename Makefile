@@ -60,7 +60,7 @@ coverage: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-coverage
 
 # The flag leaves out inlining: kernels that are inlined everywhere, with a counter for each branch, do not come out of the compiler.
 coverage-rust:
-	RUSTFLAGS="-C no-prepopulate-passes" cargo llvm-cov --lib --summary-only --fail-under-lines 90
+	RUSTFLAGS="-C no-prepopulate-passes" cargo llvm-cov --summary-only --fail-under-lines 90
 
 lint: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-lint
 	cargo fmt --all --check

@@ -4,7 +4,7 @@
 
 A mutation changes one place of the package in a scratch copy of the project: a sign, an index, a unit, a weight. The tests named
 beside it are run there, first as it is, which must pass, then changed, which must not. ``--rust`` takes those of the core
-instead, by ``cargo test --release --lib`` in the copy (minutes each; the first build apart, which all share).
+instead, by ``cargo test --release`` in the copy (minutes each; the first build apart, which all share).
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ def run(folder: Path, mutation: Mutation, rust: bool) -> tuple[bool, str]:
     """Run the tests of a mutation in a copy; return whether they pass, and the first that does not."""
     environment = {**os.environ, "PYTHONPATH": str(folder / "python"), "PYTHONDONTWRITEBYTECODE": "1"}
     if rust:
-        command = ["cargo", "test", "--release", "--lib", *mutation.tests.split()]
+        command = ["cargo", "test", "--release", *mutation.tests.split()]
         pattern = r"^test (\S+) \.\.\. FAILED|^(error.*)"
     else:
         command = [

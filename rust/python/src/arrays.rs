@@ -18,7 +18,7 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// That of `array`, which must have `width` columns.
+    /// Shape of `array`, which must have `width` columns.
     pub fn of(what: &str, array: &Input<'_>, width: usize) -> PyResult<Self> {
         let shape = array.shape();
         if shape[1] != width {

@@ -20,7 +20,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::sync::Mutex;
 
-/// What the closed loop follows.
+/// Reference of a closed loop.
 #[pyclass(frozen, module = "didim._core")]
 pub(super) struct Reference(CoreReference);
 
@@ -252,7 +252,7 @@ pub(super) fn simulate<'py>(
             endings.push(ending(outcome));
             let Trajectory { q, dq, ddq, tau } = &mut lane;
             for (out, values) in out.iter_mut().zip([q, dq, ddq, tau]) {
-                // What a run that ended early did not reach is no number.
+                // Records that a run did not reach are not numbers.
                 values.resize(records * n, f64::NAN);
                 out.append(values);
             }
@@ -330,7 +330,7 @@ pub(super) fn simulate_sensitivities<'py>(
     Ok(([q?, dq?, ddq?, tau?], ending(outcome)))
 }
 
-// `Python::check_signals` has the lifetime of one token and is no function of any.
+// A closure is needed: `Python::check_signals` is tied to the lifetime of one token and cannot be passed as a function.
 #[allow(clippy::redundant_closure_for_method_calls)]
 fn run<O: Observer>(
     py: Python<'_>,

@@ -1,7 +1,7 @@
 //! The one door to Python: arrays in, arrays out, errors mapped to `ValueError` with their sentence, the interpreter
 //! released during long work. Typed in `python/didim/_core.pyi`; private to the Python package.
 
-// What Python hands over is owned here, as the macros of PyO3 want it.
+// The macros of PyO3 pass arguments by value.
 #![allow(clippy::needless_pass_by_value)]
 
 mod arrays;

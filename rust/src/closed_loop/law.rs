@@ -8,7 +8,7 @@ use crate::ground::lanes::{Lanes, side_by_side, spread};
 use crate::robot::arm::{Arm, Place, outwards};
 use crate::robot::geometry::Geometry;
 
-/// What a controller sees and gives at one instant, on lanes.
+/// Inputs of a controller at one instant, on lanes.
 #[derive(Debug, Clone, Copy)]
 pub struct Instant<'a, const L: usize, const F: bool> {
     /// Reference.
@@ -69,7 +69,7 @@ pub struct PlainLaws {
 }
 
 impl PlainLaws {
-    /// Of a controller, if it is such a one.
+    /// The laws of a controller, or None if one of them needs more.
     pub fn of(controller: &Controller) -> Option<Self> {
         let plain = |law: &Law| law.integral == 0.0 && law.limit == f64::INFINITY;
         if controller.feedforward().is_some() || !controller.laws().iter().all(plain) {
@@ -120,7 +120,7 @@ impl PlainLaws {
     }
 }
 
-/// What a law without integrator asks for: gains of position, velocity and acceleration, and what they aim at.
+/// Output of a law without integrator, from its gains of position, velocity and acceleration and their targets.
 #[inline(always)]
 fn compared<const L: usize, const F: bool>(
     [position, velocity, acceleration]: [Lanes<L, F>; 3],
@@ -135,9 +135,20 @@ fn compared<const L: usize, const F: bool>(
 mod tests {
     use super::*;
     use crate::closed_loop::control::Timing;
-    use crate::closed_loop::simulate::tests::PD;
     use crate::ground::dispatch::{Kernel, dispatch_on};
     use crate::robot::{Friction, Joint, JointKind, Robot};
+
+    const PD: Law = Law {
+        position: 0.0,
+        velocity: 0.0,
+        integral: 0.0,
+        acceleration: 0.0,
+        reference_velocity: 1.0,
+        integrated_position: 1.0,
+        integrated_velocity: 0.0,
+        limit: f64::INFINITY,
+        gain: 1.0,
+    };
 
     /// Torques by [`law`] and by [`PlainLaws`].
     struct Both<'a> {

@@ -1,4 +1,4 @@
-//! What takes the records of a simulation: whole trajectories, or the cost of each candidate alone.
+//! Observers of a simulation's records: whole trajectories, or the cost of each candidate alone.
 
 use crate::ground::dispatch::WIDTH;
 
@@ -69,7 +69,7 @@ impl Observer for Trajectories {
     }
 }
 
-/// What a cost compares a simulation with, `(records, n)` row-major each.
+/// Measured motion and torques that a cost compares with, `(records, n)` row-major each.
 #[derive(Debug, Clone, Copy)]
 pub struct Measured<'a> {
     /// Positions.

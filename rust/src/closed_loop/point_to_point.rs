@@ -1,6 +1,6 @@
 //! References from point to point: bang-bang accelerations, and all joints of a move start and arrive together.
 //!
-//! Tested in `reference/tests.rs`: limits are kept and points are met.
+//! Tested in `rust/tests/closed_loop/reference.rs`: limits are kept and points are met.
 
 use crate::closed_loop::reference::{Reference, ReferenceError};
 

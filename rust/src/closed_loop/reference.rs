@@ -1,4 +1,4 @@
-//! What the closed loop follows: positions, velocities and accelerations as pieces of fifth degree.
+//! The reference of a closed loop: positions, velocities and accelerations as pieces of fifth degree.
 //!
 //! One form for every kind of reference: samples, Fourier series, point to point. Between two knots the piece meets position,
 //! velocity and acceleration of both, so that the whole is smooth enough for a feed-forward of acceleration; where an
@@ -308,6 +308,3 @@ fn quintic(h: f64, [q0, v0, a0]: [f64; 3], [q1, v1, a1]: [f64; 3]) -> [f64; DEGR
     let h3 = h * h * h;
     [q0, v0, 0.5 * a0, c3 / h3, c4 / (h3 * h), c5 / (h3 * h * h)]
 }
-
-#[cfg(test)]
-mod tests;

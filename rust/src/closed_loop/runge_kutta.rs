@@ -9,7 +9,7 @@ use crate::robot::arm::for_joints;
 /// One number per joint, on lanes.
 pub type PerJoint<const L: usize, const F: bool> = [Lanes<L, F>; MAX_DOF];
 
-/// Where a simulation stands.
+/// State of a simulation.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(32))] // as `Vector`
 pub struct Point<const L: usize, const F: bool> {
@@ -24,7 +24,7 @@ pub struct Point<const L: usize, const F: bool> {
 /// One step: where the next evaluation is due, where the step started, and the sums so far.
 #[derive(Debug, Clone, Copy)]
 pub struct Stages<const L: usize, const F: bool> {
-    /// Where the model is to be evaluated next.
+    /// State at which the model is evaluated next.
     pub here: Point<L, F>,
     start: Point<L, F>,
     /// Sum of the first three accelerations.

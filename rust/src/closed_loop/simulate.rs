@@ -1,7 +1,7 @@
 //! The closed loop, (4) with its controller and reference, by the classical Runge-Kutta method: one candidate or thousands.
 //!
 //! Candidates run side by side in the lanes of a register, and groups of lanes on several threads; none sees another, so
-//! the bits do not depend on either number. Tested in `closed_loop/simulate/tests.rs`: order four,
+//! the bits do not depend on either number. Tested in `rust/tests/closed_loop/`: order four,
 //! energy, power balance, a pendulum against its elliptic functions; and against the EMPS in the Python tests.
 
 use crate::closed_loop::control::{Digital, Timing};
@@ -65,8 +65,19 @@ pub fn run_group(
         Some(geometry) => {
             run_kernel(candidates.len(), OfElbow(Run { simulation, geometry, candidates, cancel, observer }))
         }
-        None => run_kernel(candidates.len(), Run { simulation, geometry, candidates, cancel, observer }),
+        None => run_as_any(simulation, candidates, cancel, observer),
     }
+}
+
+/// As [`run_group`], by the kernel of any robot: an arm of a known shape has the same bits.
+pub fn run_as_any(
+    simulation: Simulation<'_>,
+    candidates: &[Candidate<'_>],
+    cancel: &Cancel<'_>,
+    observer: &mut dyn Observer,
+) -> Vec<Outcome> {
+    let geometry = Geometry::of(simulation.robot);
+    run_kernel(candidates.len(), Run { simulation, geometry, candidates, cancel, observer })
 }
 
 fn run_kernel(candidates: usize, kernel: impl Kernel<Output = Vec<Outcome>>) -> Vec<Outcome> {
@@ -99,8 +110,9 @@ impl<S: Arm> Kernel for Run<'_, S> {
     }
 }
 
-/// One candidate after the other: without vector registers lanes gain nothing, and would take long to compile.
-fn portable(
+/// As [`run_group`], on processors without fused multiplications: one candidate after the other, because lanes gain nothing without
+/// vector registers and take long to compile.
+pub fn portable(
     simulation: Simulation<'_>,
     candidates: &[Candidate<'_>],
     cancel: &Cancel<'_>,
@@ -203,7 +215,7 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
                 Some((digital, Sampled::start(digital, &self.stages.here.q, &self.stages.here.dq)))
             }
         };
-        // On its own, not a part of `self`: what no one asks for is then never stored.
+        // A local variable, not a field of `self`: the compiler then stores no unused value.
         let mut direct = Direct::new(&self.geometry);
         // The last record needs one more evaluation: a segment without length, whose step ends after its first stage.
         let end = schedule.end();
@@ -344,7 +356,7 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
     fn check_tracking(&mut self, time: f64) {
         self.aim(time);
         let bound = Lanes::splat(self.simulation.divergence);
-        // By how much the joints are out of bounds; what is no number stays so in a sum.
+        // Sum of the excesses over the bound; an error that is not a number makes the sum one.
         let mut beyond = Lanes::zero();
         for j in 0..self.geometry.n() {
             let error = (self.stages.here.q[j] - Lanes::splat(self.target.q[j])).abs();
@@ -381,6 +393,3 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
         self.outcomes
     }
 }
-
-#[cfg(test)]
-pub(crate) mod tests;

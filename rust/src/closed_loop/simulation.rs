@@ -1,4 +1,4 @@
-//! What is simulated: a robot, its reference, controller and schedule, the candidates, and how their runs end.
+//! The parts of a simulation: a robot, its reference, controller and schedule, the candidates, and how their runs end.
 
 use super::control::{ControlError, Controller, Signal, check_signal};
 use super::reference::Reference;
@@ -28,16 +28,16 @@ pub enum SimulationError {
     Signal(#[from] ControlError),
 }
 
-/// What is simulated; candidates differ only in their parameters and the scale of their gains.
+/// A closed loop to simulate; candidates differ only in their parameters and the scale of their gains.
 #[derive(Clone, Copy)]
 pub struct Simulation<'a> {
     /// The robot.
     pub robot: &'a Robot,
-    /// What it follows.
+    /// Motion that the controller follows.
     pub reference: &'a Reference,
-    /// What makes it follow.
+    /// Its controller.
     pub controller: &'a Controller,
-    /// When.
+    /// Steps, records and control instants.
     pub schedule: &'a Schedule,
     /// External torque on the joints, joint side.
     pub external: Option<&'a Signal>,
@@ -61,7 +61,7 @@ pub struct Candidate<'a> {
 pub enum Outcome {
     /// With the last record.
     Completed,
-    /// With a tracking error beyond bounds, or one that is no number any more.
+    /// With a tracking error above its bound, or one that is not a number.
     Diverged {
         /// When (s).
         time: f64,

@@ -34,18 +34,3 @@ impl<'a> Cancel<'a> {
         self.raised.load(Ordering::Relaxed)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_request_stays() {
-        let answer = AtomicBool::new(true);
-        let poll = || answer.swap(false, Ordering::Relaxed);
-        let cancel = Cancel::when(&poll);
-        assert!(cancel.requested());
-        assert!(cancel.requested());
-        assert!(!Cancel::never().requested());
-    }
-}

@@ -9,7 +9,7 @@ use super::arrays::MAX_DOF;
 
 /// A computation that can run on any number of lanes.
 pub trait Kernel: Sized {
-    /// What it returns.
+    /// Result of the computation.
     type Output;
 
     /// Runs on `L` lanes. Implementations are `#[inline(always)]`.

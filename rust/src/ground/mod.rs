@@ -1,4 +1,4 @@
-//! What everything stands on: numbers side by side, vectors, threads, and requests to stop.
+//! Foundations of the core: numbers side by side, vectors, threads, and requests to stop.
 
 pub mod arrays;
 pub mod cancel;

@@ -263,7 +263,7 @@ impl<const L: usize, const F: bool> Wrench<L, F> {
         Self { force: Vector::zero(), moment: Vector::zero() }
     }
 
-    /// What the frame's own joint feels.
+    /// Component along the frame's own joint: a torque or a force.
     #[inline(always)]
     pub fn felt(&self, turns: bool) -> Lanes<L, F> {
         if turns { self.moment.z } else { self.force.z }

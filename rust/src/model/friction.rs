@@ -59,7 +59,7 @@ pub fn own_columns<const L: usize, const F: bool>(
     }
 }
 
-/// What a coupled motor adds to each row: the columns of its `Ia` (without its own joint's part), `Fvm` and `Fcm`.
+/// Contribution of a coupled motor to each row: the columns of its `Ia` (without its own joint's part), `Fvm` and `Fcm`.
 #[derive(Debug, Clone, Copy)]
 pub struct CoupledColumns<const L: usize, const F: bool> {
     /// Column of `Ia_m`; in row m without `ddq_m`, which the joint's own block has.
@@ -137,7 +137,7 @@ pub struct Drives<'a> {
 }
 
 impl<'a> Drives<'a> {
-    /// Of a robot.
+    /// Constants of a robot's friction.
     pub fn of(robot: &'a Robot) -> Self {
         let friction = robot.friction();
         let mut signs = [(0.0, 0.0); MAX_DOF];

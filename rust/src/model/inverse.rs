@@ -16,7 +16,7 @@ use crate::robot::arm::{Arm, Place, inwards, outwards};
 use crate::robot::geometry::{Frames, Geometry, Step};
 use crate::robot::parameters::Layout;
 
-/// What moves each link, at its origin and in its frame; of the first one only what its joint feels. Rotors are not in it.
+/// Wrench that moves each link, at its origin and in its frame; of the first link only the component along its joint. Without rotors.
 ///
 /// Link `j` moves with the accelerations `a + U p` of its points: `a` is carried outwards, `U` follows from the angular velocity
 /// and acceleration. Gravity enters as an acceleration of the base. Without `MOVING`, joint accelerations are zero.

@@ -137,13 +137,13 @@ impl<const L: usize, const F: bool> Angular<L, F> {
         }
     }
 
-    /// Of a link that does not turn.
+    /// `U` of a link that does not turn.
     #[inline(always)]
     pub fn none() -> Self {
         Self { columns: [Vector::zero(); 3], products: [Lanes::zero(); 6] }
     }
 
-    /// Of a link that turns about z only.
+    /// `U` of a link that turns about z only.
     #[inline(always)]
     pub fn about_z(w: Lanes<L, F>, dw: Lanes<L, F>) -> Self {
         let (zero, square) = (Lanes::zero(), w * w);

@@ -129,7 +129,7 @@ impl Kernel for Batch<'_> {
         let geometry = Geometry::of(self.robot);
         let (n, p) = (geometry.n(), Layout::of(self.robot).count());
         let sample = n * p;
-        // What is left of the last block goes through a block of its own.
+        // Samples that do not fill the last block go through a block of their own.
         let mut spare = vec![0.0; if self.w.len().is_multiple_of(sample * L) { 0 } else { sample * L }];
         let (mut walk, mut state) = (Walk::<L, F>::new(&geometry), State::zero());
         for (block, out) in self.w.chunks_mut(sample * L).enumerate() {
@@ -205,44 +205,7 @@ pub fn regressor_under_load(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::inverse::inverse_dynamics;
-    use crate::model::links::tests::{parameters, robot};
-    use crate::robot::{Coupling, Friction};
-
-    fn motion(n: usize, samples: usize) -> [Vec<f64>; 3] {
-        [1.1, 0.7, 1.7].map(|a| (0..samples * n).map(|k| (a * k as f64 + a).sin() * 2.0).collect())
-    }
-
-    #[test]
-    fn torques_are_the_columns_times_the_parameters_for_all_shapes_of_friction() {
-        let plain = robot(&[false, true, false]);
-        let sign = Friction::sign(3);
-        let dead_zone = vec![0.5, 1.0, 1.5];
-        for friction in [
-            sign.clone(),
-            Friction { asymmetric: true, ..sign.clone() },
-            Friction { coupling: Coupling::Printed, ..sign.clone() },
-            Friction { dead_zone: dead_zone.clone(), ..sign.clone() },
-            Friction { dead_zone, smoothing: vec![0.3; 3], coupling: Coupling::Printed, ..sign },
-        ] {
-            let robot =
-                Robot::new(plain.joints().to_vec(), plain.gravity(), plain.transmission(), friction).unwrap();
-            let p = Layout::of(&robot).count();
-            let x: Vec<f64> = (0..p).map(|k| (0.7 * (k * k) as f64).sin()).collect();
-            let [q, dq, ddq] = motion(3, 11);
-            let (mut tau, mut w) = (vec![0.0; 33], vec![0.0; 33 * p]);
-            inverse_dynamics(&robot, &q, &dq, &ddq, &x, &mut tau).unwrap();
-            regressor(&robot, &q, &dq, &ddq, &mut w).unwrap();
-            for (tau, row) in tau.iter().zip(w.chunks_exact(p)) {
-                let want: f64 = row.iter().zip(&x).map(|(w, x)| w * x).sum();
-                assert!(
-                    (tau - want).abs() < 1e-11 * (1.0 + want.abs()),
-                    "{:?}: {tau} {want}",
-                    robot.friction()
-                );
-            }
-        }
-    }
+    use crate::robot::{Friction, Joint, JointKind};
 
     /// Entries one by one, as the trait hands them over by itself; the rotor of a coupled motor comes twice, and the last one holds.
     struct OneByOne(Vec<Option<f64>>, usize);
@@ -253,11 +216,27 @@ mod tests {
         }
     }
 
+    /// The second joint slides; the motor of the fourth moves with the third.
+    fn robot() -> Robot {
+        let joint = |j: usize| Joint {
+            kind: if j == 1 { JointKind::Prismatic } else { JointKind::Revolute },
+            alpha: 0.4 * j as f64,
+            d: 0.1 * j as f64,
+            theta: 0.3,
+            r: 0.2,
+        };
+        let mut transmission: Vec<Vec<f64>> =
+            (0..4).map(|m| (0..4).map(|j| f64::from(u8::from(m == j))).collect()).collect();
+        transmission[3][2] = 0.5;
+        Robot::new((0..4).map(joint).collect(), [1.0, 2.0, -9.81], &transmission, Friction::sign(4)).unwrap()
+    }
+
     #[test]
     fn entries_that_are_not_handed_over_are_zero() {
-        let robot = robot(&[false, true, false, false]);
+        let robot = robot();
         let (n, p) = (4, Layout::of(&robot).count());
-        let [q, dq, ddq] = motion(n, 1);
+        let motion = |a: f64| (0..n).map(|k| (a * k as f64 + a).sin() * 2.0).collect::<Vec<_>>();
+        let (q, dq, ddq) = (motion(1.1), motion(0.7), motion(1.7));
         let mut entries = OneByOne(vec![None; n * p], p);
         let mut state = State::<1, false>::zero();
         state.load(n, 0, &q, &dq, &ddq);
@@ -265,26 +244,11 @@ mod tests {
         let mut walk = Walk::new(&geometry);
         regressor_lanes(&robot, &geometry, &mut walk, &state, &[Lanes::zero(); MAX_DOF], &mut entries);
         let mut w = vec![0.0; n * p];
-        regressor(&robot, &q, &dq, &ddq, &mut w).unwrap();
+        Batch { robot: &robot, q: &q, dq: &dq, ddq: &ddq, load: &[], w: &mut w }.run::<1, false>();
         for (entry, want) in entries.0.iter().zip(&w) {
-            assert!((entry.unwrap_or(0.0) - want).abs() < 1e-12 * (1.0 + want.abs()), "{entry:?} {want}");
+            assert_eq!(entry.unwrap_or(0.0), *want);
         }
         // Ten columns of link j in rows up to j, four of each drive, and Ia, Fvm and Fcm of the coupled motor in the other row.
         assert_eq!(entries.0.iter().flatten().count(), 10 * (1 + 2 + 3 + 4) + 4 * n + 5);
-    }
-
-    #[test]
-    fn arrays_that_do_not_fit_are_named() {
-        let robot = robot(&[false]);
-        let count = parameters(&robot).len();
-        let message = |dq: &[f64], ddq: &[f64], length: usize| {
-            regressor(&robot, &[0.0; 2], dq, ddq, &mut vec![0.0; length]).unwrap_err().to_string()
-        };
-        assert_eq!(message(&[0.0; 3], &[0.0; 2], 2 * count), "dq has 3 numbers where 2 are needed");
-        assert_eq!(message(&[0.0; 2], &[0.0; 1], 2 * count), "ddq has 1 numbers where 2 are needed");
-        assert_eq!(
-            message(&[0.0; 2], &[0.0; 2], count),
-            format!("w has 14 numbers where {} are needed", 2 * count)
-        );
     }
 }

@@ -25,7 +25,7 @@ impl<const L: usize, const F: bool> Axis<L, F> {
         Self { u: zero, w: zero }
     }
 
-    /// Of a joint itself, in its own frame.
+    /// Axis of a joint in its own frame.
     #[inline(always)]
     fn own(turns: bool) -> Self {
         let z = Vector::splat([0.0, 0.0, 1.0]);

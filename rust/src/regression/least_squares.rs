@@ -194,7 +194,7 @@ fn column_norms(w: MatRef<'_, f64>) -> Result<Vec<f64>, LeastSquaresError> {
     Ok(norms)
 }
 
-/// What earlier columns combine to the column at `pivot`, unscaled.
+/// Coefficients of the earlier columns in the column at `pivot`, unscaled.
 fn combination(
     triangle: &Mat<f64>,
     pivot: usize,
@@ -233,6 +233,3 @@ fn residual_norm(w: MatRef<'_, f64>, y: &[f64], columns: &[usize], x: &[f64]) ->
         .sum();
     squares.sqrt()
 }
-
-#[cfg(test)]
-mod tests;

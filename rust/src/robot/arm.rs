@@ -1,9 +1,9 @@
-//! What a kernel knows of a robot when it is compiled: nothing, or which numbers of a common arm are zero.
+//! Geometry that a kernel knows when it is compiled: none, or the zeros of a common arm.
 //!
 //! A kernel for any robot goes through the joints in a loop and asks at each what it has to do. For the shapes at the end of this
-//! file it is compiled once more from the same source, joint by joint, with the answers written in: no counter, no question, and
-//! what nobody asks for is left out. Numbers such as lengths are read from the robot in both. What it gains stands in
-//! docs/performance.md; that the results are the same to the bit is tested in `closed_loop/simulate/tests.rs`.
+//! file it is compiled once more from the same source, joint by joint, with the answers written in: without counters and branches, and
+//! unused terms are not compiled. Numbers such as lengths are read from the robot in both. The gain is measured in
+//! docs/performance.md, "What was tried"; `rust/tests/closed_loop/shapes.rs` tests that the results are the same to the bit.
 
 use crate::ground::arrays::MAX_DOF;
 
@@ -15,10 +15,10 @@ pub const PLUS: u8 = 1;
 pub const MINUS: u8 = 2;
 /// Any other `alpha`.
 pub const GENERAL: u8 = 3;
-/// Only the robot tells.
+/// Known only when the robot is known.
 pub const UNKNOWN: u8 = 4;
 
-/// Of a wrench seen from the frame before only the moment is ever felt.
+/// Only the moment of a wrench has an effect in the frame before.
 pub const MOMENTS: u8 = 0;
 /// It turns with the frame; the origins are the same.
 pub const TURNED: u8 = 1;
@@ -37,7 +37,7 @@ pub struct StepForm {
     pub twist: u8,
     /// Which components of the displacement `t` can be other than zero.
     pub shifted: [bool; 3],
-    /// What becomes of a wrench on its way inwards: [`MOMENTS`], [`TURNED`] or [`DISPLACED`].
+    /// Transformation of a wrench on its way inwards: [`MOMENTS`], [`TURNED`] or [`DISPLACED`].
     pub carries: u8,
     /// Does something slide here or further out? Only then what the joint carries has a mass after regrouping.
     pub heavy: bool,
@@ -56,7 +56,7 @@ impl StepForm {
         follows_turning: true,
     };
 
-    /// Of a step by itself; [`complete`] adds what follows from the others.
+    /// Form of a step by itself; [`complete`] adds the properties that depend on the other steps.
     pub const fn of(turns: bool, twist: u8, shifted: [bool; 3]) -> Self {
         Self { turns, twist, shifted, ..Self::STILL }
     }
@@ -94,9 +94,9 @@ pub const fn complete<const N: usize>(mut forms: [StepForm; N], n: usize) -> [St
     forms
 }
 
-/// What is known of a robot when a kernel is compiled.
+/// Geometry of a robot that is known when a kernel is compiled.
 pub trait Arm: Copy {
-    /// The forms of its steps, [`complete`]; None where only the robot tells.
+    /// The forms of its steps, [`complete`]; None if they are known only at run time.
     const FORMS: Option<[StepForm; SIX]>;
     /// Are they known?
     const KNOWN: bool = Self::FORMS.is_some();
@@ -162,7 +162,7 @@ pub const fn twist_of<P: Place>() -> u8 {
     }
 }
 
-/// What a place does to a wrench, as far as it is known.
+/// Transformation of a wrench at a place, or [`UNKNOWN`].
 pub const fn carries_of<P: Place>() -> u8 {
     match P::FORM {
         Some(form) => form.carries,

@@ -16,7 +16,7 @@ use std::marker::PhantomData;
 /// The step to one frame from the one before.
 #[derive(Debug, Clone, Copy)]
 pub struct Step {
-    /// What it does.
+    /// Its form.
     pub form: StepForm,
     /// Cosine of alpha.
     pub cosine: f64,
@@ -65,7 +65,7 @@ pub struct Geometry<S = Any> {
 }
 
 impl Geometry {
-    /// Of a robot.
+    /// Geometry of a robot.
     pub fn of(robot: &Robot) -> Self {
         let n = robot.n_dof();
         let mut steps = [Step::STILL; MAX_DOF];
@@ -102,7 +102,7 @@ impl<S: Arm> Geometry<S> {
     }
 }
 
-/// Where each frame is seen from the one before, on lanes.
+/// Pose of each frame in the one before, on lanes.
 #[derive(Debug, Clone, Copy)]
 pub struct Frames<const L: usize, const F: bool> {
     /// Sine of the angle about z.
@@ -115,11 +115,11 @@ pub struct Frames<const L: usize, const F: bool> {
     anchor: [[Lanes<L, F>; MAX_DOF]; 3],
 }
 
-/// Where a frame is seen from the one before: sine and cosine of the angle about z, and the displacement `t`.
+/// Pose of a frame in the one before: sine and cosine of the angle about z, and the displacement `t`.
 pub type Pose<'a, const L: usize, const F: bool> = (Lanes<L, F>, Lanes<L, F>, &'a Vector<L, F>);
 
 impl<const L: usize, const F: bool> Frames<L, F> {
-    /// Where frame `j` is seen from the one before.
+    /// Pose of frame `j` in the one before.
     #[inline(always)]
     pub fn pose(&self, j: usize) -> Pose<'_, L, F> {
         (self.sine[j], self.cosine[j], &self.shift[j])

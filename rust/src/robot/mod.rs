@@ -1,4 +1,4 @@
-//! What a robot is: joints, transmission, friction, parameters, and what of its geometry is zero.
+//! Robots: joints, transmission, friction, parameters, and the zeros of their geometry.
 
 pub mod arm;
 mod description;

@@ -16,7 +16,7 @@ use crate::robot::{JointKind, Robot};
 use crate::tangent::drives::drives;
 use crate::tangent::twists::{into_twisted, out_of_twisted};
 
-/// Where the derivatives go, each row-major `(n_samples, n_dof)`.
+/// Arrays for the derivatives, each row-major `(n_samples, n_dof)`.
 #[derive(Debug)]
 pub struct Gradient<'a> {
     /// With respect to positions.
@@ -123,7 +123,7 @@ struct Axis<const L: usize, const F: bool> {
     w: Vector<L, F>,
 }
 
-/// What the way inwards needs of the way outwards.
+/// Values of the outward pass that the inward pass needs.
 struct Chain<const L: usize, const F: bool> {
     base: Motion<L, F>,
     sine: [Lanes<L, F>; MAX_DOF],
@@ -342,104 +342,4 @@ fn body<const L: usize, const F: bool>(
     bar.domega = bar.domega + (inertia(u) + h.cross(w));
     bar.omega = bar.omega + ((momentum.cross(u) + inertia(u.cross(omega))) + centripetal(w, omega, h));
     bar.a = bar.a + (u.cross(h) + w.by(m));
-}
-
-#[cfg(test)]
-pub(in crate::tangent) mod tests {
-    use super::*;
-    use crate::robot::{Coupling, Friction, Joint};
-    use crate::tangent::partials::partials;
-
-    pub(in crate::tangent) fn robot(friction: Friction) -> Robot {
-        let joint = |kind, alpha, d, theta, r| Joint { kind, alpha, d, theta, r };
-        let joints = vec![
-            joint(JointKind::Revolute, 0.3, 0.1, 0.2, 0.1),
-            joint(JointKind::Revolute, -std::f64::consts::FRAC_PI_2, 0.3, 0.0, 0.0),
-            joint(JointKind::Prismatic, 0.7, -0.2, 0.4, 0.3),
-            joint(JointKind::Revolute, 1.1, 0.1, -0.5, -0.2),
-        ];
-        let transmission = [
-            vec![1.0, 0.0, 0.0, 0.0],
-            vec![0.0, 1.0, 0.0, 0.0],
-            vec![0.0, 0.0, 1.0, 0.0],
-            vec![0.5, -0.3, 0.0, 1.0],
-        ];
-        Robot::new(joints, [1.0, -2.0, -9.81], &transmission, friction).unwrap()
-    }
-
-    /// Torque of joint `i` with a row as parameters, differentiated: positions and velocities by dual numbers, accelerations by
-    /// the regressor's linearity in them.
-    fn expected(robot: &Robot, q: &[f64], dq: &[f64], ddq: &[f64], g: &[f64]) -> [Vec<f64>; 3] {
-        let (n, p) = (robot.n_dof(), Layout::of(robot).count());
-        let mut want = [vec![0.0; n], vec![0.0; n], vec![0.0; n]];
-        for (i, row) in g.chunks_exact(p).enumerate() {
-            let at = partials(robot, row, q, dq, ddq);
-            for j in 0..n {
-                want[0][j] += at.position[i][j];
-                want[1][j] += at.velocity[i][j];
-                let mut more = ddq.to_vec();
-                more[j] += 1.0;
-                want[2][j] += partials(robot, row, q, dq, &more).tau[i] - at.tau[i];
-            }
-        }
-        want
-    }
-
-    #[test]
-    fn the_gradient_is_that_of_the_inverse_models_with_the_rows_as_parameters() {
-        let sign = Friction::sign(4);
-        let smooth = Friction { smoothing: vec![0.3; 4], ..sign.clone() };
-        let dead_zone = vec![0.25; 4];
-        for friction in [
-            smooth.clone(),
-            Friction { asymmetric: true, ..smooth.clone() },
-            Friction { coupling: Coupling::Printed, ..smooth.clone() },
-            Friction { dead_zone: dead_zone.clone(), ..smooth },
-            Friction { dead_zone, asymmetric: true, ..sign.clone() },
-            sign,
-        ] {
-            let robot = robot(friction);
-            let (n, samples) = (4, 7);
-            let p = Layout::of(&robot).count();
-            let wave = |a: f64, count: usize| -> Vec<f64> {
-                (0..count).map(|k| (a * (k * k) as f64 + a).sin()).collect()
-            };
-            let (q, dq, ddq) = (wave(0.7, n * samples), wave(1.1, n * samples), wave(1.7, n * samples));
-            let g = wave(0.37, n * p * samples);
-            let [mut gq, mut gdq, mut gddq] = [(); 3].map(|()| vec![0.0; n * samples]);
-            let out = Gradient { q: &mut gq, dq: &mut gdq, ddq: &mut gddq };
-            contraction_gradient(&robot, &q, &dq, &ddq, &g, out).unwrap();
-            for s in 0..samples {
-                let at = s * n..(s + 1) * n;
-                let rows = &g[s * n * p..(s + 1) * n * p];
-                let want = expected(&robot, &q[at.clone()], &dq[at.clone()], &ddq[at.clone()], rows);
-                for (kind, (got, want)) in [&gq, &gdq, &gddq].into_iter().zip(&want).enumerate() {
-                    for (j, (got, want)) in got[at.clone()].iter().zip(want).enumerate() {
-                        assert!(
-                            (got - want).abs() < 1e-11 * (1.0 + want.abs()),
-                            "sample {s}, derivative {kind}, joint {j}: {got} {want}, {:?}",
-                            robot.friction()
-                        );
-                    }
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn arrays_that_do_not_fit_are_named() {
-        let robot = robot(Friction::sign(4));
-        let [mut a, mut b, mut c] = [(); 3].map(|()| vec![0.0; 4]);
-        let mut message = |dq: &[f64], g: &[f64], short: usize| {
-            let out = Gradient { q: &mut a, dq: &mut b, ddq: &mut c[short..] };
-            contraction_gradient(&robot, &[0.0; 4], dq, &[0.0; 4], g, out).unwrap_err().to_string()
-        };
-        let g = vec![0.0; 4 * Layout::of(&robot).count()];
-        assert_eq!(message(&[0.0; 3], &g, 0), "dq has 3 numbers where 4 are needed");
-        assert_eq!(
-            message(&[0.0; 4], &g[1..], 0),
-            format!("g has {} numbers where {} are needed", g.len() - 1, g.len())
-        );
-        assert_eq!(message(&[0.0; 4], &g, 1), "the gradient of ddq has 3 numbers where 4 are needed");
-    }
 }

@@ -368,6 +368,3 @@ fn law_tangent(
     }
     (u.scale(one.gain), dz)
 }
-
-#[cfg(test)]
-mod tests;

@@ -48,7 +48,7 @@ fn term_slope<const L: usize, const F: bool>(robot: &Robot, term: &Term, dq: Lan
         Law::Forward => one.where_above(dq, Lanes::zero()),
         Law::Load => steep,
         Law::Table(table) => {
-            // Of a cubic, to nine digits.
+            // Central difference: the table is a cubic, so nine digits are right.
             let (first, last) = table.range();
             let h = 1e-6 * (last - first);
             dq.map(|dq| (table.at(dq + h) - table.at(dq - h)) / (2.0 * h))
@@ -117,52 +117,6 @@ pub(super) fn drives<const L: usize, const F: bool>(
         for &(i, c) in &coupled.others {
             found.dq[i] = shaft_dq.mul_add(Lanes::splat(c), found.dq[i]);
             found.ddq[i] = shaft_ddq.mul_add(Lanes::splat(c), found.ddq[i]);
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::model::regressor::regressor;
-    use crate::robot::Friction;
-    use crate::robot::friction_terms::Table;
-    use crate::robot::parameters::Layout;
-    use crate::tangent::adjoint::tests::robot;
-    use crate::tangent::adjoint::{Gradient, contraction_gradient};
-
-    #[test]
-    fn further_terms_have_the_differences_of_their_columns() {
-        let term = |joint, name: &str, law| Term { joint, law, name: name.into() };
-        let table = Table::new(-3.0, 0.5, (0..13).map(|k| 0.1 * f64::from(k * k)).collect()).unwrap();
-        let terms = vec![
-            term(0, "Fa", Law::Atan { velocity: 0.7 }),
-            term(0, "Fs", Law::Stribeck { velocity: 0.9 }),
-            term(1, "Fr", Law::Root),
-            term(2, "Fvp", Law::Forward),
-            term(3, "Fu", Law::Table(table)),
-        ];
-        let robot = robot(Friction { smoothing: vec![0.3; 4], terms, ..Friction::sign(4) });
-        let (n, p) = (4, Layout::of(&robot).count());
-        let wave =
-            |a: f64, count: usize| -> Vec<f64> { (0..count).map(|k| (a * k as f64 + a).sin()).collect() };
-        let (q, dq, ddq, g) = (wave(0.7, 5 * n), wave(1.1, 5 * n), wave(1.7, 5 * n), wave(0.37, 5 * n * p));
-        let value = |dq: &[f64]| -> f64 {
-            let mut w = vec![0.0; g.len()];
-            regressor(&robot, &q, dq, &ddq, &mut w).unwrap();
-            w.iter().zip(&g).map(|(w, g)| w * g).sum()
-        };
-        let [mut gq, mut gdq, mut gddq] = [(); 3].map(|()| vec![0.0; 5 * n]);
-        let out = Gradient { q: &mut gq, dq: &mut gdq, ddq: &mut gddq };
-        contraction_gradient(&robot, &q, &dq, &ddq, &g, out).unwrap();
-        for k in 0..5 * n {
-            let moved = |by: f64| {
-                let mut dq = dq.clone();
-                dq[k] += by;
-                value(&dq)
-            };
-            let want = (moved(1e-6) - moved(-1e-6)) / 2e-6;
-            assert!((gdq[k] - want).abs() < 1e-7 * (1.0 + want.abs()), "{k}: {} {want}", gdq[k]);
         }
     }
 }

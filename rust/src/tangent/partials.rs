@@ -67,7 +67,7 @@ fn side(a: Number, positive: bool) -> Number {
     if (a.v > 0.0) == positive { a } else { Number::constant(0.0) }
 }
 
-/// Of one state, with all standard parameters.
+/// Partial derivatives of the inverse model at one state, with all standard parameters.
 pub fn partials(robot: &Robot, x: &[f64], q: &[f64], dq: &[f64], ddq: &[f64]) -> Partials {
     let n = robot.n_dof();
     let layout = Layout::of(robot);
@@ -93,7 +93,7 @@ pub fn partials(robot: &Robot, x: &[f64], q: &[f64], dq: &[f64], ddq: &[f64]) ->
         let (s, c) = (theta.chain(s, c), theta.chain(c, -s));
         let arm = [Number::constant(joint.d), r.scale(-sa), r.scale(ca)];
         (turns[j], arms[j]) = ((s, c), arm);
-        // To the origin of frame j, then into it.
+        // Acceleration of the origin of frame j, then its components there.
         a = add(a, add(cross(domega, arm), cross(omega, cross(omega, arm))));
         let into = |v: Vector| about_z(about_x(v, -sa, ca), -s, c);
         (omega, domega, a) = (into(omega), into(domega), into(a));
@@ -155,7 +155,7 @@ fn own_friction(robot: &Robot, j: usize, parameters: &[f64], dq: Number) -> Numb
     }
 }
 
-/// What coupled motors add, (22) to (24): rotors, `Fvm` and `Fcm`.
+/// Contribution of coupled motors, (22) to (24): rotors, `Fvm` and `Fcm`.
 fn coupled_drives(robot: &Robot, x: &[f64], dq: &[Number], ddq: &[f64], tau: &mut [Number]) {
     let layout = Layout::of(robot);
     for (index, coupled) in robot.coupled().iter().enumerate() {
@@ -181,73 +181,6 @@ fn coupled_drives(robot: &Robot, x: &[f64], dq: &[Number], ddq: &[f64], tau: &mu
                 + Number::constant(ia * c * (shaft_ddq - c * ddq[i]))
                 + (shaft - dq[i].scale(c)).scale(c * fvm)
                 + along.scale(c * fcm);
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::model::inverse::inverse_dynamics;
-    use crate::robot::{Friction, Joint};
-
-    fn robot(friction: Friction) -> Robot {
-        let joint = |kind, alpha, d, theta, r| Joint { kind, alpha, d, theta, r };
-        let joints = vec![
-            joint(JointKind::Revolute, 0.0, 0.0, 0.2, 0.1),
-            joint(JointKind::Revolute, -std::f64::consts::FRAC_PI_2, 0.3, 0.0, 0.0),
-            joint(JointKind::Prismatic, 0.7, -0.2, 0.4, 0.3),
-            joint(JointKind::Revolute, 1.1, 0.1, -0.5, -0.2),
-        ];
-        let transmission = [
-            vec![1.0, 0.0, 0.0, 0.0],
-            vec![0.0, 1.0, 0.0, 0.0],
-            vec![0.0, 0.0, 1.0, 0.0],
-            vec![0.5, -0.3, 0.0, 1.0],
-        ];
-        Robot::new(joints, [1.0, -2.0, -9.81], &transmission, friction).unwrap()
-    }
-
-    #[test]
-    fn values_are_those_of_the_kernel_and_derivatives_differences_of_them() {
-        let sign = Friction::sign(4);
-        let smooth = Friction { smoothing: vec![0.3; 4], ..sign.clone() };
-        // The second joint is within its dead zone.
-        let dead_zone = vec![0.25; 4];
-        for friction in [
-            smooth.clone(),
-            Friction { asymmetric: true, ..smooth.clone() },
-            Friction { coupling: Coupling::Printed, ..smooth.clone() },
-            Friction { dead_zone: dead_zone.clone(), ..smooth },
-            Friction { dead_zone, asymmetric: true, ..sign.clone() },
-            sign,
-        ] {
-            let robot = robot(friction);
-            let x: Vec<f64> = (0..Layout::of(&robot).count()).map(|k| ((k * k) as f64 * 0.7).sin()).collect();
-            let (q, dq, ddq) = ([0.3, -0.7, 0.2, 1.1], [0.4, -0.2, 0.3, -0.6], [1.0, -2.0, 0.5, 3.0]);
-            let model = |q: &[f64], dq: &[f64]| {
-                let mut tau = [0.0; 4];
-                inverse_dynamics(&robot, q, dq, &ddq, &x, &mut tau).unwrap();
-                tau
-            };
-            let found = partials(&robot, &x, &q, &dq, &ddq);
-            let exact = model(&q, &dq);
-            let h = 1e-6;
-            for j in 0..4 {
-                let moved = |by: f64, v: [f64; 4]| {
-                    let mut v = v;
-                    v[j] += by;
-                    v
-                };
-                let along_q = (model(&moved(h, q), &dq), model(&moved(-h, q), &dq));
-                let along_dq = (model(&q, &moved(h, dq)), model(&q, &moved(-h, dq)));
-                for i in 0..4 {
-                    assert!((found.tau[i] - exact[i]).abs() < 1e-12);
-                    let difference = |pair: ([f64; 4], [f64; 4])| (pair.0[i] - pair.1[i]) / (2.0 * h);
-                    assert!((found.position[i][j] - difference(along_q)).abs() < 1e-8, "q {i} {j}");
-                    assert!((found.velocity[i][j] - difference(along_dq)).abs() < 1e-8, "dq {i} {j}");
-                }
-            }
         }
     }
 }

@@ -26,45 +26,7 @@ MOST_THREADS = 4096
 
 @dataclass(frozen=True, kw_only=True)
 class CLOESettings(MethodSettings):
-    """Settings of CLOE, without the search itself: what its searches read.
-
-    Parameters
-    ----------
-    optimizer : {"levenberg-marquardt", "nelder-mead"}
-        Gauss-Newton steps with damping, a covariance included; or the paper's simplex.
-    output : {"position", "torque", "both"}
-        What is compared: positions (19), torques, or both.
-    start : str, mapping, array or Identification, optional
-        Initial parameters (`didim.methods.start.standard_start`); "apriori" is (21), the default; "idim-ls" the estimate of
-        IDIM-LS, "consistent" and "prior" robots made from the log. With ``physical=True`` the start of consistent DIDIM, whose
-        estimate the search starts at.
-    physical : bool, optional
-        True for steps under the conditions of a robot, by Levenberg-Marquardt (`didim.methods.cloe.consistent`).
-    max_iterations : int, optional
-        100 for Levenberg-Marquardt, 200 per parameter for the simplex.
-    max_evaluations : int, optional
-        Of the simplex; 200 per parameter.
-    variant : {"adaptive", "scaled", "literal"}
-        Of the simplex. Literal: ``fminsearch`` as it is, first edges of 5 % or 0.00025, coefficients 1, 2, 1/2, 1/2. Scaled:
-        first edges that each change the outputs by 0.3 of the initial norm, shorter where M(q) would not stay positive
-        definite. Adaptive: those, and the coefficients of Gao and Han (2012). The last two start again from the best
-        point when the simplex has collapsed.
-    starts : int
-        Searches from so many points: `start`, and random ones around it that can be simulated. The best result is
-        returned, with a remark on how many reached the same optimum.
-    seed : int
-        Of these points.
-    checkpoint : path, optional
-        File (``.npz``) that the search is saved to as it goes on, and continued from where it is there; with one start.
-    tolerance : float
-        Levenberg-Marquardt stops when the cost falls by less than this share (20).
-    noise : sequence of float, optional
-        Standard deviation of the measured positions per joint (rad or m): weights of Levenberg-Marquardt. Estimated from
-        fifth differences of the measured positions by default, that of torques likewise.
-    variance, signal, compensate_samples, fixed, dropped : optional
-        As in `MethodSettings`; trimming and delay count for the torque errors of the result.
-    threads : int, optional
-        All cores by default.
+    """Settings of CLOE without its searches, which read them: the parameters are those of `didim.CLOE`.
 
     Raises
     ------

@@ -22,7 +22,7 @@ const MOVED_INSIDE: f64 = 0.1;
 /// A centring correction moves eigenvalues of `S Z` into this share of the target, and its inverse.
 const CENTRED: f64 = 0.1;
 
-/// What the iteration asks of a constraint, whatever its size.
+/// Operations that the iteration needs of a constraint of any size.
 pub trait Block {
     /// Rows of the matrix.
     fn order(&self) -> usize;

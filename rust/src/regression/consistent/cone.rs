@@ -26,7 +26,7 @@ pub struct Cone {
     pub slope: Vec<f64>,
 }
 
-/// What is wrong with a problem.
+/// Faults of a problem.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ConeError {
     /// A size that no block has.
@@ -62,13 +62,13 @@ pub enum ConeError {
     /// A number that is not finite, or a negative weight.
     #[error("{what} has a value that is not a finite number, or a negative weight")]
     Number {
-        /// Where.
+        /// Name of the array.
         what: &'static str,
     },
     /// Rows, columns or start of another size.
     #[error("{what} has size {got}, {want} is needed")]
     Size {
-        /// What.
+        /// Name of the array.
         what: &'static str,
         /// Size needed.
         want: usize,

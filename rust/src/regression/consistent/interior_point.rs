@@ -92,14 +92,14 @@ pub struct Quadratic {
 }
 
 impl Quadratic {
-    /// Of the rows `A`.
+    /// The quadratic of the rows `A`.
     pub fn new(a: DMatrix<f64>) -> Self {
         let hessian = a.tr_mul(&a);
         Self { a, hessian }
     }
 }
 
-/// Where the iteration stands.
+/// State of the iteration.
 struct Iterate<'a> {
     quadratic: &'a Quadratic,
     z: &'a DVector<f64>,

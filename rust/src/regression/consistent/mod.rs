@@ -20,9 +20,6 @@ pub mod interior_point;
 pub mod problem;
 pub mod small;
 
-#[cfg(test)]
-mod tests;
-
 pub use cone::{Cone, ConeError, LEAST_WEIGHT, MAX_ORDER};
 pub use interior_point::{Ending, Solution};
 pub use problem::{Equality, Problem};

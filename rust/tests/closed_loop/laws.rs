@@ -1,15 +1,14 @@
-//! What the laws of control do to a slider, in closed form.
+//! Control laws on a slider against closed forms.
 
-use super::*;
-
-/// A sliding mass without friction: closed forms exist.
-pub(crate) fn slider() -> (Robot, Vec<f64>) {
-    let joint = Joint { kind: JointKind::Prismatic, alpha: 0.0, d: 0.0, theta: 0.0, r: 0.0 };
-    let robot = Robot::new(vec![joint], [0.0; 3], &[vec![1.0]], Friction::sign(1)).unwrap();
-    let mut x = vec![0.0; 14];
-    x[9] = 2.0;
-    (robot, x)
-}
+use crate::common::loops::{PD, parameters, pd, reference, rest, robot, run, schedule, slider, whole};
+use didim::closed_loop::control::{Controller, Digital, Law, Signal, Timing};
+use didim::closed_loop::observers::{Trajectories, Trajectory};
+use didim::closed_loop::point_to_point::PointToPoint;
+use didim::closed_loop::reference::{Reference, Target};
+use didim::closed_loop::schedule::{Plan, Schedule};
+use didim::closed_loop::simulate::simulate;
+use didim::closed_loop::simulation::{Candidate, Simulation};
+use didim::ground::cancel::Cancel;
 
 fn slide(controller: &Controller, reference: &Reference, records: usize, start: f64) -> Trajectory {
     let (robot, x) = slider();

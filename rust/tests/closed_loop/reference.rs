@@ -1,5 +1,7 @@
-use super::*;
-use crate::closed_loop::point_to_point::PointToPoint;
+//! References: polynomials, Fourier series, points, and messages.
+
+use didim::closed_loop::point_to_point::PointToPoint;
+use didim::closed_loop::reference::{Fourier, Reference, ReferenceError, Target};
 use proptest::prelude::*;
 
 fn at(reference: &Reference, t: f64) -> Target {

@@ -1,13 +1,17 @@
-use super::*;
-use crate::closed_loop::control::Signal;
-use crate::closed_loop::observers::Trajectories;
-use crate::closed_loop::point_to_point::PointToPoint;
-use crate::closed_loop::reference::Reference;
-use crate::closed_loop::schedule::{Plan, Schedule};
-use crate::closed_loop::simulate::simulate;
-use crate::closed_loop::simulate::tests::{PD, parameters, reference, robot, slider, whole};
-use crate::robot::Robot;
-use crate::robot::parameters::{FRICTION, M};
+//! Exact derivatives of a simulation against differences of simulations.
+
+use crate::common::loops::{PD, parameters, reference, robot, slider, whole};
+use didim::closed_loop::control::{Controller, Digital, Law, Signal, Timing};
+use didim::closed_loop::observers::{Trajectories, Trajectory};
+use didim::closed_loop::point_to_point::PointToPoint;
+use didim::closed_loop::reference::Reference;
+use didim::closed_loop::schedule::{Plan, Schedule};
+use didim::closed_loop::simulate::simulate;
+use didim::closed_loop::simulation::{Candidate, Outcome, Simulation};
+use didim::ground::cancel::Cancel;
+use didim::robot::Robot;
+use didim::robot::parameters::{FRICTION, IA, Layout, M};
+use didim::tangent::closed_loop::sensitivities;
 
 const LAW: Law = Law { position: 300.0, velocity: 30.0, ..PD };
 
@@ -60,7 +64,7 @@ fn worst(controller: &Controller, external: Option<&Signal>) -> f64 {
         let runs = [at(k, 2.0 * h), at(k, h), at(k, -h), at(k, -2.0 * h)];
         let outputs: [fn(&Trajectory) -> &Vec<f64>; 4] = [|r| &r.q, |r| &r.dq, |r| &r.ddq, |r| &r.tau];
         for output in outputs {
-            let (mut apart, mut size) = (0.0, 0.0);
+            let (mut apart, mut size) = (0.0_f64, 0.0);
             for (i, value) in output(column).iter().enumerate() {
                 let [a, b, c, d] = [0, 1, 2, 3].map(|run: usize| output(&runs[run])[i]);
                 let difference = (8.0 * (b - c) - (a - d)) / (12.0 * h);
@@ -162,7 +166,7 @@ fn a_run_that_ends_has_no_derivatives() {
     let schedule = schedule(&robot, &reference, &controller);
     let simulation = whole(&robot, &reference, &controller, &schedule);
     let mut x = parameters(&robot, 1.0);
-    x[Layout::of(&robot).joint(2) + crate::robot::parameters::IA] = -10.0;
+    x[Layout::of(&robot).joint(2) + IA] = -10.0;
     let direction = vec![1.0; x.len()];
     let candidate = Candidate { x: &x, scale: &[1.0; 3] };
     let (outcome, found) = sensitivities(simulation, candidate, &[&direction], 1, &Cancel::never()).unwrap();

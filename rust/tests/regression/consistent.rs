@@ -1,5 +1,7 @@
-use super::small::{Small, cholesky, eigen, inverse_lower, smallest_eigenvalue};
-use super::*;
+//! The constrained problem: known answers, and that it never jams.
+
+use didim::regression::consistent::small::{Small, cholesky, eigen, inverse_lower, smallest_eigenvalue};
+use didim::regression::consistent::{Cone, Ending, Equality, Problem, Solution};
 use proptest::prelude::*;
 
 fn scalar(indices: &[usize], basis: &[f64], constant: f64, weight: f64) -> Cone {
@@ -190,7 +192,7 @@ proptest! {
         prop_assert!((root * root.transpose() - matrix).amax() < 1e-12);
         prop_assert!((inverse_lower(&root) * root - Small::<4>::identity()).amax() < 1e-6);
         let (values, vectors) = eigen(&matrix);
-        let again = vectors * super::small::diagonal(&values) * vectors.transpose();
+        let again = vectors * didim::regression::consistent::small::diagonal(&values) * vectors.transpose();
         prop_assert!((again - matrix).amax() < 1e-12);
         let smallest = values.into_iter().fold(f64::INFINITY, f64::min);
         prop_assert!((smallest_eigenvalue(&matrix) - smallest).abs() < 1e-13);

@@ -1,114 +1,16 @@
-use super::*;
-use crate::closed_loop::control::{Controller, Signal};
-use crate::closed_loop::control::{Digital, Law};
-use crate::closed_loop::observers::{Cost, Measured, Trajectories, Trajectory};
-use crate::closed_loop::point_to_point::PointToPoint;
-use crate::closed_loop::reference::Fourier;
-use crate::closed_loop::reference::Reference;
-use crate::closed_loop::schedule::Plan;
-use crate::closed_loop::schedule::Schedule;
-use crate::model::links::tests::polar;
-use crate::robot::Robot;
-use crate::robot::parameters::Layout;
-use crate::robot::{Coupling, Friction, Joint, JointKind};
-use std::f64::consts::FRAC_PI_2;
+//! Simulations: their order, their bits on lanes and threads, their endings.
 
-mod laws;
-
-pub(crate) use laws::slider;
-
-pub(crate) const PD: Law = Law {
-    position: 0.0,
-    velocity: 0.0,
-    integral: 0.0,
-    acceleration: 0.0,
-    reference_velocity: 1.0,
-    integrated_position: 1.0,
-    integrated_velocity: 0.0,
-    limit: f64::INFINITY,
-    gain: 1.0,
+use crate::common::bodies::polar;
+use crate::common::loops::{
+    PD, distance, parameters, pd, reference, rest, robot, run, schedule, slider, whole,
 };
-
-fn rest(seconds: f64) -> Reference {
-    Reference::from_knots(1, vec![0.0, seconds], &[0.0; 2], &[0.0; 2], &[0.0; 2]).unwrap()
-}
-
-/// Two bent revolute joints, whose motors are coupled, and a sliding one.
-pub(crate) fn robot(smoothing: f64) -> Robot {
-    let joint = |kind, alpha, d| Joint { kind, alpha, d, theta: 0.1, r: 0.2 };
-    let joints = vec![
-        joint(JointKind::Revolute, 0.3, 0.0),
-        joint(JointKind::Revolute, -1.1, 0.4),
-        joint(JointKind::Prismatic, 0.7, 0.3),
-    ];
-    let coupling = [vec![1.0, 0.0, 0.0], vec![1.0, 1.0, 0.0], vec![0.0, 0.0, 1.0]];
-    let friction = Friction { smoothing: vec![smoothing; 3], ..Friction::sign(3) };
-    Robot::new(joints, [0.0, 0.0, -9.81], &coupling, friction).unwrap()
-}
-
-/// Bodies that exist; friction and rotors too.
-pub(crate) fn parameters(robot: &Robot, factor: f64) -> Vec<f64> {
-    let one = [0.5, 0.05, -0.03, 0.6, 0.04, 0.4, 0.3, -0.2, 0.1, 2.0, 0.2, 0.4, 0.3, 0.1];
-    let mut x: Vec<f64> = (0..3).flat_map(|_| one.map(|value| value * factor)).collect();
-    x.resize(Layout::of(robot).count(), 0.1);
-    x
-}
-
-pub(crate) fn reference() -> Reference {
-    let series = Fourier {
-        period: 2.0,
-        offset: &[0.3, -0.2, 0.1],
-        sine: &[0.4, 0.3, 0.1, -0.1, 0.1, 0.05],
-        cosine: &[0.1, -0.2, 0.1, 0.1, 0.05, -0.05],
-    };
-    Reference::fourier(3, series, 1.0, 1000).unwrap()
-}
-
-fn pd(kp: f64, kv: f64) -> Controller {
-    Controller::new(vec![Law { position: kp, velocity: kv, ..PD }; 3], Timing::Continuous, None).unwrap()
-}
-
-fn schedule(robot: &Robot, reference: &Reference, step: f64) -> Schedule {
-    let plan = Plan {
-        rate: 20.0,
-        records: 21,
-        period: None,
-        coarse: step,
-        fine: &[step; 3],
-        slow: &[0.0; 3],
-        motion: None,
-    };
-    Schedule::new(robot, reference, plan).unwrap()
-}
-
-fn run(simulation: Simulation<'_>, xs: &[Vec<f64>], threads: usize) -> (Vec<Outcome>, Vec<Trajectory>) {
-    let scale = vec![1.0; simulation.robot.n_dof()];
-    let candidates: Vec<Candidate<'_>> = xs.iter().map(|x| Candidate { x, scale: &scale }).collect();
-    let records = simulation.schedule.records();
-    let groups = simulate(simulation, &candidates, threads, &Cancel::never(), |lanes| {
-        Trajectories::new(lanes, records, simulation.robot.n_dof())
-    })
-    .unwrap();
-    let (mut outcomes, mut trajectories) = (Vec::new(), Vec::new());
-    for (group, observer) in groups {
-        outcomes.extend(group);
-        trajectories.extend(observer.lanes);
-    }
-    (outcomes, trajectories)
-}
-
-pub(crate) fn whole<'a>(
-    robot: &'a Robot,
-    reference: &'a Reference,
-    controller: &'a Controller,
-    schedule: &'a Schedule,
-) -> Simulation<'a> {
-    Simulation { robot, reference, controller, schedule, external: None, start: None, divergence: 100.0 }
-}
-
-fn distance(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
-}
+use didim::closed_loop::control::{Controller, Timing};
+use didim::closed_loop::observers::{Cost, Measured, Trajectories};
+use didim::closed_loop::reference::Reference;
+use didim::closed_loop::schedule::{Plan, Schedule};
+use didim::closed_loop::simulate::{portable, run_group, simulate};
+use didim::closed_loop::simulation::{Candidate, Outcome, Simulation};
+use didim::ground::cancel::Cancel;
 
 #[test]
 fn the_error_falls_sixteen_times_per_halved_step() {
@@ -140,100 +42,6 @@ fn lanes_and_threads_have_the_same_bits() {
         let alone = run(simulation, std::slice::from_ref(x), 1).1;
         assert_eq!(alone[0], *trajectory);
     }
-}
-
-/// The arm whose shape is known to the compiler, of other lengths than the TX40.
-fn elbow(friction: Friction) -> Robot {
-    let rows = [
-        (0.0, 0.0, 0.2, 0.0),
-        (-FRAC_PI_2, 0.0, -1.2, 0.0),
-        (0.0, 0.4, 1.5, -0.1),
-        (FRAC_PI_2, 0.0, 0.1, 0.3),
-        (-FRAC_PI_2, 0.0, 0.0, 0.0),
-        (FRAC_PI_2, 0.0, 3.0, 0.0),
-    ];
-    let joint = |&(alpha, d, theta, r)| Joint { kind: JointKind::Revolute, alpha, d, theta, r };
-    let mut coupling: Vec<Vec<f64>> =
-        (0..6).map(|m| (0..6).map(|j| f64::from(u8::from(m == j))).collect()).collect();
-    coupling[5][4] = 0.7;
-    Robot::new(rows.iter().map(joint).collect(), [0.5, 0.0, -9.81], &coupling, friction).unwrap()
-}
-
-/// Runs one candidate and four, as an arm of known shape and as any robot: the same bits.
-fn known_as_any(robot: &Robot, controller: &Controller, external: Option<&Signal>) {
-    let series = Fourier {
-        period: 1.0,
-        offset: &[0.3, -0.2, 0.1, 0.0, 0.5, -0.4],
-        sine: &[0.4, 0.3, 0.1, -0.3, 0.2, 0.5],
-        cosine: &[0.1, -0.2, 0.3, 0.4, -0.5, 0.1],
-    };
-    let reference = Reference::fourier(6, series, 1.0, 1000).unwrap();
-    let plan = Plan {
-        rate: 20.0,
-        records: 11,
-        period: controller.period(),
-        coarse: 1e-3,
-        fine: &[5e-4; 6],
-        slow: &[0.1; 6],
-        motion: None,
-    };
-    let schedule = Schedule::new(robot, &reference, plan).unwrap();
-    let simulation = Simulation { external, ..whole(robot, &reference, controller, &schedule) };
-    let link = [0.5, 0.05, -0.03, 0.6, 0.04, 0.4, 0.1, -0.2, 0.1, 2.0, 0.5, 0.4, 0.3, 0.1, 0.2];
-    let layout = Layout::of(robot);
-    let x: Vec<Vec<f64>> = (1..=4)
-        .map(|k| {
-            let one = link[..layout.per_joint()].iter().map(|value| value * f64::from(k));
-            let mut x: Vec<f64> = (0..6).flat_map(|_| one.clone()).collect();
-            x.resize(layout.count(), 0.1);
-            x
-        })
-        .collect();
-    let scale = [1.0; 6];
-    let candidates: Vec<Candidate<'_>> = x.iter().map(|x| Candidate { x, scale: &scale }).collect();
-    let cancel = Cancel::never();
-    let geometry = Geometry::of(robot);
-    assert!(geometry.known::<Elbow>().is_some());
-    for lanes in [1, 4] {
-        let (mut known, mut any) = (Trajectories::new(lanes, 11, 6), Trajectories::new(lanes, 11, 6));
-        let candidates = &candidates[..lanes];
-        let of_any = Run { simulation, geometry, candidates, cancel: &cancel, observer: &mut any };
-        let outcomes = run_group(simulation, candidates, &cancel, &mut known);
-        let of_any = run_kernel(lanes, of_any);
-        assert_eq!(outcomes, vec![Outcome::Completed; lanes]);
-        assert_eq!(of_any, outcomes);
-        assert!(known.lanes[0].q.iter().any(|q| q.abs() > 0.5));
-        assert_eq!(known.lanes, any.lanes);
-    }
-}
-
-#[test]
-fn a_shape_that_is_known_changes_no_bit() {
-    let smooth = Friction { smoothing: vec![0.02; 6], ..Friction::sign(6) };
-    let laws = |law: Law| vec![Law { position: 900.0, velocity: 60.0, ..law }; 6];
-    let plain = Controller::new(laws(PD), Timing::Continuous, None).unwrap();
-    for friction in [
-        smooth.clone(),
-        Friction { asymmetric: true, ..smooth.clone() },
-        Friction { coupling: Coupling::Printed, ..smooth.clone() },
-        Friction::sign(6),
-        Friction { dead_zone: vec![0.3; 6], ..smooth.clone() },
-    ] {
-        known_as_any(&elbow(friction), &plain, None);
-    }
-    let robot = elbow(smooth);
-    let push = Signal { rate: 10.0, n: 6, values: (0..66).map(|k| f64::from(k).sin()).collect() };
-    known_as_any(&robot, &plain, Some(&push));
-    let fed = Controller::new(laws(PD), Timing::Continuous, Some(push)).unwrap();
-    known_as_any(&robot, &fed, None);
-    let pid = Law { integral: 500.0, limit: 60.0, ..PD };
-    known_as_any(&robot, &Controller::new(laws(pid), Timing::Continuous, None).unwrap(), None);
-    let digital = Digital { period: 1e-3, delay: 1, smoothing: vec![0.6, 0.4], resolution: vec![1e-4; 6] };
-    known_as_any(&robot, &Controller::new(laws(PD), Timing::Digital(digital), None).unwrap(), None);
-    // An arm with an offset more is not of that shape.
-    let mut joints = robot.joints().to_vec();
-    joints[1].d = 0.1;
-    assert!(Geometry::of(&robot.with_joints(joints).unwrap()).known::<Elbow>().is_none());
 }
 
 #[test]

@@ -1,7 +1,11 @@
 //! Identities of the least-squares solution, and known answers.
 
-use super::*;
+use didim::regression::least_squares::{Dependence, LeastSquaresError, TOLERANCE, solve};
+use faer::{Mat, MatRef};
 use proptest::prelude::*;
+
+/// Rows that the core folds into the triangle at once (`triangle.rs`).
+const BLOCK: usize = 4096;
 
 /// Pseudo-random entries in (-1, 1), column by column of very different size.
 fn matrix(rows: usize, columns: usize, seed: u64) -> Mat<f64> {

@@ -1,0 +1,7 @@
+mod control;
+mod laws;
+mod reference;
+mod schedule;
+mod sensitivities;
+mod shapes;
+mod simulate;

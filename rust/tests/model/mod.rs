@@ -1,0 +1,5 @@
+mod direct;
+mod friction_terms;
+mod identities;
+mod inertia;
+mod regressor;

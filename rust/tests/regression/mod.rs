@@ -1,0 +1,3 @@
+mod base;
+mod consistent;
+mod least_squares;

@@ -1,0 +1,3 @@
+mod description;
+mod friction_terms;
+mod parameters;

@@ -1,0 +1,3 @@
+mod filter;
+mod observation;
+mod text;

@@ -1,0 +1,4 @@
+mod adjoint;
+mod drives;
+mod information;
+mod partials;
