@@ -19,6 +19,7 @@ from urdfs import GRIPPER_ARM
 Array = NDArray[np.float64]
 T = np.arange(2000) / 500.0
 Q = np.column_stack([np.sin(3.0 * T), np.cos(2.0 * T)])
+DQ = np.column_stack([3.0 * np.cos(3.0 * T), -2.0 * np.sin(2.0 * T)])
 TAU = np.column_stack([20.0 * np.cos(3.0 * T), 5.0 * np.sin(5.0 * T)])
 
 
@@ -107,7 +108,7 @@ def test_another_place_and_a_robot_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
 @pytest.mark.parametrize("timed", [True, False])
 def test_columns_without_names(tmp_path: Path, delimiter: str, timed: bool) -> None:
-    log = write(tmp_path / "run.txt", None, *([T] if timed else []), Q, Q, TAU, delimiter=delimiter)
+    log = write(tmp_path / "run.txt", None, *([T] if timed else []), Q, DQ, TAU, delimiter=delimiter)
     path, draft = initialise("planar2", log, rate_hz=None if timed else 500.0)
     assert not draft.questions
     (recording,) = load_experiment(path).recordings
@@ -177,9 +178,11 @@ def test_what_cannot_be_read_is_asked(
 def test_gaps_are_told_at_once(tmp_path: Path) -> None:
     kept = np.r_[0:300, 310:2000]
     log = write(tmp_path / "run.csv", ["t", "q1", "q2", "tau1", "tau2"], T[kept], Q[kept], TAU[kept])
-    _, draft = initialise("planar2", log)
-    assert len(draft.questions) == 1
-    assert "10 samples are missing after row 300" in draft.questions[0]
+    path, draft = initialise("planar2", log)
+    assert not draft.questions
+    assert any("10 samples are missing after row 300" in sentence for sentence in draft.read)
+    (recording,) = load_experiment(path).recordings
+    assert recording.windows == ((0, 300), (310, 2000))
 
 
 def test_wrong_input(tmp_path: Path) -> None:
@@ -188,8 +191,9 @@ def test_wrong_input(tmp_path: Path) -> None:
         initialise("planar3", log)
     with pytest.raises(didim.RecordingError, match="no such data file"):
         initialise("planar2", tmp_path / "none.csv")
-    with pytest.raises(ExperimentError, match="reads text files"):
-        initialise("planar2", tmp_path / "run.mat")
+    (tmp_path / "run.xlsx").write_bytes(b"PK")
+    with pytest.raises(didim.RecordingError, match=r"the format '.xlsx' is unknown; known are .csv"):
+        initialise("planar2", tmp_path / "run.xlsx")
     with pytest.raises(ExperimentError, match="positive number of Hz"):
         initialise("planar2", log, rate_hz=-1.0)
     with pytest.raises(didim.RecordingError, match="does not grow"):

@@ -82,7 +82,7 @@ def test_from_a_log_to_parameters(
     with_friction(tmp_path / "other.toml", friction)
     capsys.readouterr()
     run(validate)
-    block = text[text.index("    log, by idim-ls") : text.index("As good as on")]
+    block = text[text.index("    log, by idim-ls") : text.index("Nearly as good as on")]
     same(capsys.readouterr().out.rstrip(), "\n".join(line[4:] for line in block.rstrip().splitlines()))
 
 

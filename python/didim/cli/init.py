@@ -11,6 +11,7 @@ from .options import (
     CONVERGED,
     NOT_CONVERGED,
     add_command,
+    refuse,
     tell,
 )
 
@@ -24,7 +25,13 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
     )
-    parser.add_argument("log", metavar="LOG.csv", type=Path, help="text file with one sample a line")
+    parser.add_argument(
+        "logs",
+        metavar="LOG",
+        type=Path,
+        nargs="+",
+        help="text with one sample a line, .npz, .mat, .h5, or a ROS bag; several become several recordings",
+    )
     parser.add_argument(
         "-o",
         "--output",
@@ -35,6 +42,29 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--rate", metavar="HZ", type=float, help="sampling rate, for a log without time stamps"
     )
+    parser.add_argument(
+        "--columns",
+        metavar="KIND=COLUMNS",
+        action="append",
+        default=[],
+        help="columns of a signal where their names do not tell: --columns position=2-7 --columns current=14-19; kinds are time, "
+        "position, velocity, torque, current, voltage, reference",
+    )
+    parser.add_argument(
+        "--gain",
+        metavar="GAIN",
+        type=float,
+        nargs="+",
+        default=[],
+        help="drive gains, N.m or N per A or V: one, or one for each joint",
+    )
+    parser.add_argument(
+        "--values-per-sample",
+        metavar="N",
+        type=int,
+        help="of a text with one value a line: values of a sample",
+    )
+    parser.add_argument("--topic", metavar="TOPIC", help="of a ROS bag with several")
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
 
@@ -42,8 +72,22 @@ def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from ..experiment.draft import initialise
 
+    chosen = {}
+    for text in options.columns:
+        kind, sign, columns = text.partition("=")
+        if not sign or not columns:
+            return refuse(f"--columns takes KIND=COLUMNS, such as --columns torque=14-19, got {text!r}")
+        chosen[kind] = columns
     path, draft = initialise(
-        options.robot, options.log, options.output, rate_hz=options.rate, force=options.force
+        options.robot,
+        options.logs,
+        options.output,
+        rate_hz=options.rate,
+        columns=chosen,
+        gains=options.gain,
+        values_per_sample=options.values_per_sample,
+        topic=options.topic,
+        force=options.force,
     )
     print(f"{path}: written")
     tell(draft.notes)

@@ -5,20 +5,26 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-
-from ..errors import RecordingError
-from ..log.csv_file import CsvFile
-from ..log.data_file import open_data_file
 
 WORDS = {
     "time": ("t", "time", "timestamp", "stamp", "clock"),
-    "reference": ("ref", "reference", "des", "desired", "cmd", "command", "commanded", "target", "setpoint"),
-    "acceleration": ("ddq", "qdd", "acc", "acceleration", "qddot"),
-    "velocity": ("dq", "qd", "vel", "velocity", "speed", "qdot", "omega"),
-    "torque": ("tau", "torque", "torques", "trq", "effort", "force", "moment", "gamma"),
-    "current": ("i", "iq", "current", "cur", "amp", "amps"),
-    "voltage": ("u", "v", "vir", "voltage", "volt", "volts"),
+    "reference": (
+        "ref",
+        "reference",
+        "des",
+        "desired",
+        "cmd",
+        "command",
+        "commanded",
+        "target",
+        "setpoint",
+        "qg",
+    ),
+    "acceleration": ("ddq", "qdd", "acc", "acceleration", "accelerations", "qddot"),
+    "velocity": ("dq", "qd", "vel", "velocity", "velocities", "speed", "speeds", "qdot", "omega"),
+    "torque": ("tau", "torque", "torques", "trq", "effort", "efforts", "force", "moment", "gamma"),
+    "current": ("i", "iq", "current", "currents", "cur", "amp", "amps"),
+    "voltage": ("u", "v", "vir", "voltage", "voltages", "volt", "volts"),
     "position": (
         "q",
         "qm",
@@ -26,14 +32,46 @@ WORDS = {
         "position",
         "positions",
         "angle",
+        "angles",
         "theta",
         "enc",
         "encoder",
-        "joint",
-        "axis",
     ),
 }
 """Keywords of column names for each kind of signal. The first kind with a matching keyword is taken."""
+
+PLACES = (
+    "joint",
+    "joints",
+    "axis",
+    "axes",
+    "motor",
+    "mot",
+    "robot",
+    "arm",
+    "actual",
+    "act",
+    "measured",
+    "meas",
+    "state",
+    "feedback",
+)
+"""Words that say where a signal was measured: a name of nothing but these and a number is a position."""
+
+FOREIGN = (
+    "tcp",
+    "pose",
+    "temperature",
+    "temp",
+    "ext",
+    "external",
+    "filtered",
+    "hat",
+    "error",
+    "digital",
+    "tool",
+)
+"""Words of signals that are no position, velocity or torque of a joint, whatever other words a name has."""
 
 UNITS = {
     "rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "mm": "mm", "m": "m", "count": "count", "counts": "count",
@@ -41,20 +79,74 @@ UNITS = {
 }  # fmt: skip
 """Units in names of columns."""
 
+MAKERS: tuple[tuple[str, str, str | None], ...] = (
+    # Universal Robots, RTDE: target_moment is of the controller's own model.
+    (r"actual_q[_\[]?(\d+)\]?", "position", "rad"),
+    (r"target_q[_\[]?(\d+)\]?", "reference", "rad"),
+    (r"actual_qd[_\[]?(\d+)\]?", "velocity", None),
+    (r"actual_current_as_torque[_\[]?(\d+)\]?", "torque", "N.m"),
+    (r"actual_current[_\[]?(\d+)\]?", "current", "A"),
+    (
+        r"(?:target_(?:qd|qdd|current|moment)|joint_control_output|actual_joint_voltage)[_\[]?(\d+)\]?",
+        "other",
+        None,
+    ),
+    # Franka, libfranka: tau_J_d is without gravity, theta of the motors.
+    (r"(?:.*[./])?q_d[_\[]?(\d+)\]?", "reference", "rad"),
+    (r"(?:.*[./])?tau_J[_\[]?(\d+)\]?", "torque", "N.m"),
+    (
+        r"(?:.*[./])?(?:tau_J_d|dtau_J|tau_ext_hat_filtered|dq_d|ddq_d|theta|dtheta)[_\[]?(\d+)\]?",
+        "other",
+        None,
+    ),
+    # KUKA RSI: actual and set positions of the axes in degrees, motor currents.
+    (r"(?:.*[./])?AIPos[._]A(\d+)", "position", "deg"),
+    (r"(?:.*[./])?ASPos[._]A(\d+)", "reference", "deg"),
+    (r"(?:.*[./])?MACur[._]A(\d+)", "current", "A"),
+    (r"(?:.*[./])?(?:AxisTorque|GearTorque|Torque)[._]A(\d+)", "torque", "N.m"),
+    (r"(?:.*[./])?(?:RIst|RSol|EIPos|ESPos|Delay)[._]\w+", "other", None),
+    (r"IPOC", "time", "ms"),
+    # ROS and PlotJuggler: the stamp of the header in s, and its two halves.
+    (r"__time", "time", "s"),
+    (r".*/header/stamp", "stamp", "s"),
+    (r".*/stamp/(?:nano)?secs?", "other", None),
+)
+"""Names of makers' logs: pattern of the whole name with the number of the joint, kind, unit."""
+
 
 @dataclass(frozen=True)
 class Column:
-    """What the name of a column says."""
+    """What the name of a column says.
+
+    Attributes
+    ----------
+    name : str or int
+        Name, or number from 1.
+    what : str
+        Kind of signal.
+    number : int or None
+        Number of the joint in the name.
+    unit : str or None
+        Unit in the name.
+    motor : bool
+        Whether the name says motor.
+    variable : str or None
+        Array of a file of arrays that the column belongs to.
+    stem : str
+        The name without numbers: columns of one signal share it.
+    """
 
     name: str | int
     what: str
     number: int | None = None
     unit: str | None = None
     motor: bool = False
+    variable: str | None = None
+    stem: str = ""
 
 
 def column(name: str, joint_names: Sequence[str] = ()) -> Column:
-    """Read the name of a column: ``q1``, ``motor_2_torque_Nm``, ``pos[3] (deg)``, ``elbow_joint effort``.
+    """Read the name of a column: ``q1``, ``motor_2_torque_Nm``, ``pos[3] (deg)``, ``elbow_joint effort``, ``actual_q_0``.
 
     Parameters
     ----------
@@ -68,6 +160,12 @@ def column(name: str, joint_names: Sequence[str] = ()) -> Column:
     Column
         With kind ``other`` where no word is known.
     """
+    for pattern, what, unit in MAKERS:
+        match = re.fullmatch(pattern, name.strip(), flags=re.IGNORECASE)
+        if match:
+            # A stamp of the header is when the message was made, and better than when it arrived.
+            number = int(match.group(1)) if match.groups() and match.group(1) else None
+            return Column(name, "time" if what == "stamp" else what, number, unit, stem=_stem(name))
     named = _joint_of(name, joint_names)
     if named is None:
         return _column(name, name)
@@ -91,6 +189,10 @@ def _joint_of(name: str, joint_names: Sequence[str]) -> tuple[int, str] | None:
     return None
 
 
+def _stem(text: str) -> str:
+    return re.sub(r"\d+", "", text).strip().lower()
+
+
 def _column(name: str, text: str) -> Column:
     """Read the text of a column called `name`."""
     # camelCase and digits are boundaries too.
@@ -104,39 +206,27 @@ def _column(name: str, text: str) -> Column:
     if unit is None and len(words) > 1:
         unit = UNITS.get(words[-1])
     kind = "other"
+    signal = words if unit is None else words[:-1] or words
     for what, known in WORDS.items():
-        if any(word in known for word in (words if unit is None else words[:-1] or words)):
+        if any(word in known for word in signal):
             kind = what
             break
+    motor = any(word in ("motor", "mot") for word in words)
     if kind == "reference" and any(
-        word in (*WORDS["velocity"], *WORDS["acceleration"], *WORDS["torque"]) for word in words
+        word in known
+        for what, known in WORDS.items()
+        if what not in ("reference", "position", "time")
+        for word in signal
     ):
         kind = "other"
-    motor = any(word in ("motor", "mot") for word in words)
-    if kind == "other" and motor and unit in ("rad", "deg", "count"):
-        kind = "position"
-    return Column(name, kind, numbers[-1] if numbers else None, unit, motor)
-
-
-def first_line(log: Path) -> tuple[str, list[str] | None]:
-    """Return the delimiter of a text file and the names in its first line, or None for numbers."""
-    line = _text(log)
-    delimiter = next((sign for sign in (",", ";", "\t") if sign in line), " " if " " in line.strip() else ",")
-    file = open_data_file(log, log.name, delimiter=delimiter, header=None)
-    return delimiter, file.names if isinstance(file, CsvFile) else None
-
-
-def column_count(log: Path, delimiter: str) -> int:
-    """Count the columns of the first line of a text file."""
-    line = _text(log)
-    return len(line.split() if delimiter == " " else line.split(delimiter))
-
-
-def _text(log: Path) -> str:
-    try:
-        with log.open(encoding="utf-8-sig", errors="replace") as file:
-            return file.readline().rstrip("\r\n")
-    except FileNotFoundError:
-        raise RecordingError(f"{log}: no such data file") from None
-    except OSError as reason:
-        raise RecordingError(f"{log}: cannot be read ({reason.strerror})") from None
+    if (
+        kind == "other"
+        and signal
+        and all(word in PLACES for word in signal)
+        and unit in (None, "rad", "deg", "m", "mm", "count")
+    ):
+        # A name such as motor_3 says nothing of what it is unless it has a unit.
+        kind = "position" if unit is not None or not motor else "other"
+    if any(word in FOREIGN for word in words):
+        kind = "other"
+    return Column(name, kind, numbers[-1] if numbers else None, unit, motor, stem=_stem(text))

@@ -165,6 +165,7 @@ class RosBag:
 
     def _topic(self, types: Mapping[str, str], topic: str | None) -> str:
         known = [name for name, kind in types.items() if kind in (JOINT_STATE, CONTROLLER_STATE)]
+        self.ambiguous = len(known) > 1
         if topic is None:
             if len(known) == 1:
                 return known[0]

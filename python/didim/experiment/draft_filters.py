@@ -1,0 +1,231 @@
+"""Filters for a log: the band of its motion, and the best of three cut-offs on blocks that were held out.
+
+The band comes from the reference where there is one. Otherwise it comes from the part of the velocity that the torques share:
+jitter of the time stamps and steps of the encoder are in the positions alone. Three cut-offs around it are then compared by the
+torques that IDIM-LS predicts for every other block of time. Tested in ``tests/test_init_filters.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._tools.arrays import Array
+from .._tools.words import counted
+from ..errors import DidimError
+from ..log.recording import Recording
+from ..regression.linear_system import LinearSystem, linear_system
+from ..regression.selection import Selection
+from ..robot.robot import Robot
+from ..signal.processing import SignalProcessing
+from ..signal.segments import segments
+from ..signal.spectrum import motion_band
+
+CUTOFF_TIMES = 20.0
+"""Times the band of the velocity that the middle cut-off is: reversals under friction reach far beyond the band."""
+ROWS_TIMES = 6.0
+"""Times the band that the rows reach: their rate is twice as high. Inertia, gravity and friction are told within it."""
+LEAST_ROWS = 200
+"""Rows of a joint that decimation leaves at least."""
+APART = 3.0
+"""Factor between the three cut-offs."""
+HIGHEST_SHARE, LOWEST_SHARE = 0.35, 0.004
+"""Bounds of a cut-off, as shares of the sampling rate."""
+BLOCKS = 20
+"""Blocks of time: every other one is held out."""
+AS_GOOD = 1.01
+"""Held-out errors within this factor of the smallest are as good: the cut-off nearest to the middle one is taken then."""
+POWER = 0.99
+"""Share of the velocity's power that lies in the band."""
+PIECES = 16
+"""Pieces of a log whose coherence is averaged."""
+LEAST_SAMPLES = 400
+"""Samples below which nothing is compared."""
+
+
+@dataclass(frozen=True)
+class Filters:
+    """Settings of ``[signal]`` for a log, and why.
+
+    Attributes
+    ----------
+    cutoff_hz : float
+        Cut-off of the positions.
+    trim : int
+        Samples to leave out at both ends.
+    decimation : tuple of int
+        Stages of the parallel filter.
+    reason : str
+        One sentence.
+    """
+
+    cutoff_hz: float
+    trim: int
+    decimation: tuple[int, ...]
+    reason: str
+    errors: tuple[tuple[float, float], ...] = field(default=())
+
+
+def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable: bool) -> Filters:
+    """Choose the filters of a log.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its robot.
+    recordings : sequence of Recording
+        At least one, joint side.
+    comparable : bool
+        Whether the torques are in N.m or N, so that cut-offs can be compared by what they predict.
+    """
+    rate = min(recording.rate_hz for recording in recordings)
+    samples = min(stop - start for recording in recordings for start, stop in recording.windows)
+    band, source = _band(recordings)
+    middle = CUTOFF_TIMES * band if band > 0.0 else 0.04 * rate
+    middle = min(max(middle, LOWEST_SHARE * APART * rate), HIGHEST_SHARE * rate / APART)
+    cutoffs = [_two_digits(middle * factor) for factor in (1.0 / APART, 1.0, APART)]
+    moves = f"{source} {band:.3g} Hz" if band > 0.0 else "the log is too short to say where the motion ends"
+    stages = _stages(band, cutoffs[1], rate, samples)
+
+    def filters(cutoff: float, reason: str, errors: Sequence[tuple[float, float]] = ()) -> Filters:
+        return Filters(cutoff, _trim(cutoff, rate, samples), stages, f"{moves}; {reason}", tuple(errors))
+
+    if not comparable or samples < LEAST_SAMPLES:
+        return filters(cutoffs[1], "cut-offs were not compared")
+    trim = _trim(min(cutoffs), rate, samples)
+    compared = [(cutoff, _held_out_error(robot, recordings, cutoff, trim, stages)) for cutoff in cutoffs]
+    errors = [(cutoff, error) for cutoff, error in compared if error is not None]
+    if not errors:
+        return filters(cutoffs[1], "cut-offs could not be compared")
+    best = min(error for _, error in errors)
+    good = [cutoff for cutoff, error in errors if error <= AS_GOOD * best]
+    cutoff = min(good, key=lambda value: abs(np.log(value / middle)))
+    tried = _row([f"{value:g}" for value, _ in errors])
+    left = _row([f"{100.0 * error:.3g}" for _, error in errors])
+    return filters(cutoff, f"cut-offs of {tried} Hz leave {left} % of the torques of held-out blocks", errors)
+
+
+def _two_digits(value: float) -> float:
+    return float(f"{value:.2g}")
+
+
+def _row(numbers: Sequence[str]) -> str:
+    return f"{', '.join(numbers[:-1])} and {numbers[-1]}" if len(numbers) > 1 else numbers[0]
+
+
+def _stages(band: float, cutoff: float, rate: float, samples: int) -> tuple[int, ...]:
+    """Stages of the parallel filter: down to a few times the band, where friction that the model does not have is averaged out."""
+    wanted = 0.5 * rate / (ROWS_TIMES * band) if band > 0.0 else 0.5 * rate / cutoff
+    factor = int(min(wanted, samples / LEAST_ROWS))
+    stages: list[int] = []
+    # In stages of 10 at most: one filter for more would be unsound.
+    while factor >= 2:
+        stage = min(factor, 10)
+        stages.append(stage)
+        factor //= stage
+    return tuple(stages)
+
+
+def _trim(cutoff: float, rate: float, samples: int) -> int:
+    return int(min(round(2.0 * rate / cutoff), samples // 20))
+
+
+def _band(recordings: Sequence[Recording]) -> tuple[float, str]:
+    """Highest frequency of the motion (Hz), and what it was read from, as the begin of a sentence."""
+    if all(recording.q_ref is not None for recording in recordings):
+        found = max(
+            motion_band(replace(item, q=item.q_ref, dq=None)) for item in recordings if item.q_ref is not None
+        )
+        if found > 0.0:
+            return found, "the reference moves below"
+    if all(recording.driving is not None for recording in recordings):
+        shared = max(shared_band(recording) for recording in recordings)
+        if shared > 0.0:
+            return shared, "motion and torques share the band below"
+    return max(motion_band(recording) for recording in recordings), "the motion ends near"
+
+
+def shared_band(recording: Recording) -> float:
+    """Frequency (Hz) below which 99 % of the power of the velocity is that the torques share, of the highest joint; or 0.
+
+    The power of each frequency counts with the squared coherence of the velocity of a joint and its torque, where that is
+    significant: noise that is in the positions alone does not count.
+    """
+    from scipy.signal import csd, welch
+
+    torque = recording.driving
+    assert torque is not None
+    start, stop = max(recording.windows, key=lambda window: window[1] - window[0])
+    size = 2 * (stop - start) // (PIECES + 1)
+    if size < 64:
+        return 0.0
+    pieces = max(1, 2 * (stop - start) // size - 1)
+    limit = 1.0 - 0.01 ** (1.0 / max(1, pieces - 1))
+    options: dict[str, Any] = {"fs": recording.rate_hz, "nperseg": size, "detrend": "linear"}
+    found = 0.0
+    for joint in range(recording.q.shape[1]):
+        speed = np.gradient(recording.q[start:stop, joint])
+        tau = torque[start:stop, joint]
+        if not (np.ptp(speed) > 0.0 and np.ptp(tau) > 0.0):
+            continue
+        f, power = welch(speed, **options)
+        _, other = welch(tau, **options)
+        _, cross = csd(speed, tau, **options)
+        coherence = np.abs(cross) ** 2 / np.maximum(power * other, np.finfo(float).tiny)
+        shared = power * np.where(coherence > limit, coherence, 0.0)
+        total = np.cumsum(shared)
+        if total[-1] > 0.0:
+            found = max(found, float(f[np.searchsorted(total, POWER * total[-1])]))
+    return found
+
+
+def _held_out_error(
+    robot: Robot, recordings: Sequence[Recording], cutoff: float, trim: int, stages: tuple[int, ...]
+) -> float | None:
+    """Relative error of the torques of every other block, by IDIM-LS on the blocks between; None where there is none.
+
+    All cut-offs are compared on the same rows: trimmed as for the lowest, and decimated alike.
+    """
+    signal = SignalProcessing(cutoff_hz=cutoff, trim_start=trim, trim_end=trim, decimation=stages)
+    count = len(robot.base_parameters.names)
+    every = Selection(roles=tuple("estimated" for _ in range(count)), values=np.zeros(count))
+    try:
+        parts = [part for recording in recordings for part in segments(recording, signal)]
+        system = linear_system(robot, parts, signal, every)
+    except DidimError:
+        return None
+    held = np.zeros(len(system.y), dtype=bool)
+    for block in system.blocks:
+        rows = block.rows.stop - block.rows.start
+        held[block.rows] = (BLOCKS * np.arange(rows)) // max(rows, 1) % 2 == 1
+    beta = _solution(system, ~held)
+    errors = []
+    for joint in system.joints:
+        rows_of = np.flatnonzero(held[joint]) + joint.start
+        size = np.linalg.norm(system.y[rows_of])
+        errors.append(
+            np.linalg.norm(system.y[rows_of] - system.w[rows_of] @ beta) / max(size, np.finfo(float).tiny)
+        )
+    return float(np.sqrt(np.mean(np.square(errors)))) if np.isfinite(errors).all() else None
+
+
+def _solution(system: LinearSystem, used: NDArray[np.bool_]) -> Array:
+    """Least squares with every joint's rows over their norm; what the motion does not tell stays small."""
+    weights = np.zeros(len(system.y))
+    for joint, size in zip(system.joints, system.norms(np.where(used, system.y, 0.0)), strict=True):
+        weights[joint] = used[joint] / max(size, np.finfo(float).tiny)
+    w = system.w * weights[:, None]
+    columns = np.maximum(np.linalg.norm(w, axis=0), np.finfo(float).tiny)
+    beta = np.linalg.lstsq(w / columns, system.y * weights, rcond=1e-6)[0]
+    return np.asarray(beta / columns)
+
+
+def sentence_of(filters: Filters) -> str:
+    """Return what was chosen and why, as ``didim init`` prints it."""
+    stages = f", decimation by {math.prod(filters.decimation)}" if filters.decimation else ""
+    return f"cut-off {filters.cutoff_hz:g} Hz{stages}, {counted(filters.trim, 'sample')} trimmed: {filters.reason}"

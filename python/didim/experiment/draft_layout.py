@@ -1,0 +1,99 @@
+"""Columns without names, told by their values: stamps grow, and velocities are the differences of positions.
+
+Tested in ``tests/test_init_logs.py``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .draft_columns import Column
+
+ALIKE = 0.9
+"""Correlation of a column with the differences of another from which it is taken for their velocity."""
+SAME = 0.999
+"""Correlation of two columns from which they are taken for reference and position of one joint."""
+
+
+def layout(values: Array, n_dof: int) -> list[Column]:
+    """Sort unnamed columns of a log.
+
+    Time comes first if the first column grows. The rest must be blocks of one column per joint. A block is a position if another
+    one is its velocity; of two blocks, the smoother one is. What is left is a torque when it is one block; of several it stays open
+    which, because currents and torques of a controller's own model look alike.
+
+    Parameters
+    ----------
+    values : (n_samples, n) array
+        All columns.
+    n_dof : int
+        Number of joints.
+    """
+    width = values.shape[1]
+    timed = bool((np.diff(values[:, 0]) > 0.0).all()) and (width % n_dof != 0 or n_dof == 1) and width > n_dof
+    first = int(timed)
+    t = values[:, 0] if timed else np.arange(len(values), dtype=np.float64)
+    count, rest = divmod(width - first, n_dof)
+    if rest or count < 2 or len(values) < 8:
+        return _columns(["time"] * first + ["other"] * (width - first), n_dof, first)
+    blocks = [values[:, first + k * n_dof : first + (k + 1) * n_dof] for k in range(count)]
+    kinds = _kinds(blocks, t)
+    return _columns(["time"] * first + [kind for kind in kinds for _ in range(n_dof)], n_dof, first)
+
+
+def _columns(kinds: list[str], n_dof: int, first: int) -> list[Column]:
+    return [
+        Column(
+            k + 1, kind, (k - first) % n_dof + 1 if k >= first else None, stem=f"{kind}{(k - first) // n_dof}"
+        )
+        for k, kind in enumerate(kinds)
+    ]
+
+
+def _kinds(blocks: list[Array], t: Array) -> list[str]:
+    """Return the kind of each block."""
+    kinds = ["other"] * len(blocks)
+    rates = [np.gradient(block, t, axis=0) for block in blocks]
+    pairs = [
+        (_alike(rates[k], block), k, other)
+        for k in range(len(blocks))
+        for other, block in enumerate(blocks)
+        if other != k
+    ]
+    score, position, velocity = max(pairs)
+    if score > ALIKE:
+        # An acceleration is to the velocity as this is to the position: the chain begins with the position.
+        before = [(s, k) for s, k, other in pairs if other == position and s > ALIKE]
+        if before:
+            position, velocity = max(before)[1], position
+        kinds[position], kinds[velocity] = "position", "velocity"
+        follows = [(s, other) for s, k, other in pairs if k == velocity and s > ALIKE]
+        if follows:
+            kinds[max(follows)[1]] = "acceleration"
+        for k, block in enumerate(blocks):
+            if kinds[k] == "other" and _alike(block, blocks[position]) > SAME:
+                kinds[k] = "reference"
+    elif len(blocks) == 2:
+        position = int(np.argmin([_roughness(block) for block in blocks]))
+        kinds[position] = "position"
+    left = [k for k, kind in enumerate(kinds) if kind == "other"]
+    if len(left) == 1 and "position" in kinds:
+        kinds[left[0]] = "torque"
+    return kinds
+
+
+def _alike(a: Array, b: Array) -> float:
+    """Median correlation of the columns of two blocks that both move; 0 when none does."""
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    sizes = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
+    moving = sizes > 0.0
+    if not moving.any():
+        return 0.0
+    return float(np.median(np.sum(a[:, moving] * b[:, moving], axis=0) / sizes[moving]))
+
+
+def _roughness(block: Array) -> float:
+    """Root mean square of second differences over that of the values about their mean: torques are rougher than motions."""
+    size = np.linalg.norm(block - block.mean(axis=0))
+    return float(np.linalg.norm(np.diff(block, n=2, axis=0)) / size) if size > 0.0 else np.inf

@@ -1,0 +1,383 @@
+"""The text of an experiment file for one or several logs. Tested in ``tests/test_init.py`` and ``tests/test_init_logs.py``."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._tools.arrays import Array
+from .._tools.words import counted
+from ..errors import RecordingError
+from ..log.resampling import GAP, resampling, step_range
+from ..log.sampling import time_faults
+from ..robot.robot import Robot
+from .draft_columns import Column
+from .draft_source import LogSource
+
+TWO_TURNS = 4.0 * math.pi
+"""Positions through more than this are taken for degrees: few joints turn so far."""
+PREFERRED = ("actual", "act", "measured", "meas", "feedback", "--columns")
+"""Words of the columns to take where several groups could be meant."""
+REST_S = 0.5
+"""Shortest rest before or after the motion that is left out (s)."""
+SHORT = 0.1
+"""Share of the longest stretch of motion below which one before or after it is no part of the experiment: the way to its start."""
+AT_REST = 0.02
+"""Share of the largest speed below which the arm is at rest."""
+
+
+@dataclass
+class Draft:
+    """An experiment file and what is open about it.
+
+    Attributes
+    ----------
+    text : str
+        The file.
+    read : list of str
+        Sentences on what was taken for what.
+    notes : tuple of str
+        Sentences on what reading the robot changed.
+    questions : list of str
+        What is open.
+    """
+
+    text: str = ""
+    read: list[str] = field(default_factory=list)
+    notes: tuple[str, ...] = ()
+    questions: list[str] = field(default_factory=list)
+
+
+class RecordingWriter:
+    """Writes one ``[[recording]]``.
+
+    Parameters
+    ----------
+    robot
+        Its robot.
+    source
+        The log.
+    log
+        Its path.
+    rate_hz
+        Sampling rate, where the log has no time stamps.
+    gains
+        Drive gains that the user gave, or none.
+    draft
+        Takes sentences and questions.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        source: LogSource,
+        log: Path,
+        rate_hz: float | None,
+        gains: Sequence[float],
+        draft: Draft,
+    ) -> None:
+        self.robot, self.source, self.log, self.rate, self.gains = robot, source, log, rate_hz, gains
+        self.draft = draft
+        self.position = self._group("position")
+        self.torque = self._group("torque") or self._group("current") or self._group("voltage")
+        self.reference = self._group("reference")
+        self.velocity = self._group("velocity")
+
+    @property
+    def motors(self) -> bool:
+        """Whether columns are of motors."""
+        return any(item.motor for item in (*self.position, *self.torque))
+
+    def lines(self) -> list[str]:
+        """Lines of the table."""
+        lines = ["", "[[recording]]", f"name = {json.dumps(self.log.stem, ensure_ascii=False)}"]
+        stamps = [item for item in self.source.columns if item.what == "time"]
+        # The stamp of a header is when a message was made, another one when it arrived.
+        stamps.sort(key=lambda item: "stamp" not in str(item.name))
+        lines += self._time(stamps)
+        lines += self._motion("position", self.position)
+        if self.velocity:
+            lines += self._velocity()
+        lines += self._effort(self.torque)
+        if self.reference:
+            lines += self._motion("reference", self.reference)
+        used = {self._key(item) for item in (*self.position, *self.torque, *self.reference, *stamps[:1])}
+        left = [str(item.name) for item in self.source.columns if self._key(item) not in used]
+        if left and self.source.named:
+            lines += ["", f"# Columns that are not used: {', '.join(_printable(name) for name in left)}"]
+        return lines
+
+    @staticmethod
+    def _key(item: Column) -> tuple[str | None, str | int]:
+        return item.variable, item.name
+
+    def _group(self, kind: str) -> list[Column]:
+        """Columns of a kind, one for each joint, in the order of their numbers; a question where several could be meant."""
+        n = self.robot.n_dof
+        groups: dict[tuple[str | None, str], list[Column]] = {}
+        for item in self.source.columns:
+            if item.what == kind:
+                groups.setdefault(
+                    (item.variable if isinstance(item.name, int) else None, item.stem), []
+                ).append(item)
+        whole = [group for group in groups.values() if len(group) == n and self._one_each(group)]
+        every = [item for group in groups.values() for item in group]
+        if not whole and len(every) == n:
+            whole = [every]
+        if len(whole) > 1:
+            better = [group for group in whole if any(word in str(group[0].stem) for word in PREFERRED)]
+            if len(better) == 1:
+                whole = better
+            else:
+                names = "; ".join(_listed(group) for group in whole)
+                self._ask(
+                    f"several groups of columns may be the {kind}s ({names}): choose one with --columns {kind}=..."
+                )
+                return []
+        if not whole:
+            return []
+        group = whole[0]
+        return sorted(group, key=lambda item: item.number or 0) if self._one_each(group) else group
+
+    @staticmethod
+    def _one_each(group: Sequence[Column]) -> bool:
+        numbers = [item.number for item in group]
+        return len(group) == 1 or (None not in numbers and len(set(numbers)) == len(numbers))
+
+    def _ask(self, question: str) -> None:
+        if question not in self.draft.questions:
+            self.draft.questions.append(question)
+
+    def _tell(self, sentence: str) -> None:
+        if sentence not in self.draft.read:
+            self.draft.read.append(sentence)
+
+    def _time(self, stamps: list[Column]) -> list[str]:
+        if not stamps:
+            if self.rate is not None:
+                self._tell(f"rate {self.rate:g} Hz, as told")
+                return [f"rate_hz = {self.rate:.9g}", *self._windows(None)]
+            self._ask(
+                "no column of time stamps was found: at what rate was the log recorded (rate_hz, or --rate)?"
+            )
+            return ["# rate_hz = 1000 # at what rate was it recorded? No column of time stamps was found"]
+        stamp = stamps[0]
+        t = self.source.values([stamp])[:, 0]
+        # Messages may repeat a stamp: resampling leaves those out.
+        steps = np.diff(t)
+        step = float(np.median(steps[steps != 0.0])) if steps.any() else math.nan
+        if not step > 0.0:
+            raise RecordingError(
+                f"{self.log.name}: column {stamp.name!r} looks like time stamps, and does not grow"
+            )
+        # A robot is logged at 10 Hz to 50 kHz.
+        unit = stamp.unit or ("s" if step < 0.11 else "ms" if step < 110.0 else "us")
+        seconds = {"s": 1.0, "ms": 1e-3, "us": 1e-6}.get(unit)
+        if seconds is None:
+            unit, seconds = "s", 1.0
+        t = t * seconds
+        faults = list(time_faults(t, None, self.log.name))
+        how = "" if stamp.unit else " # confirm"
+        table = ["[recording.time]", *self.source.lines([stamp], self.robot)]
+        if isinstance(stamp.name, str) and not any(
+            line.startswith(("columns", "topic")) for line in table[2:]
+        ):
+            table = ["[recording.time]", *self.source.lines([], self.robot)]
+        table.append(f"unit = {json.dumps(unit)}{how}")
+        if faults:
+            return self._resampled(stamp, unit, t, faults[0].sentence, table)
+        rate = (len(t) - 1) / float(t[-1] - t[0])
+        # Time stamps are rounded: a whole number of Hz within a thousandth is meant.
+        rate = round(rate) if round(rate) > 0 and abs(rate - round(rate)) < 1e-3 * rate else rate
+        self.rate = rate if self.rate is None else self.rate
+        self._tell(f"time stamps {stamp.name!r} in {unit}: {self.rate:.9g} Hz, {counted(len(t), 'sample')}")
+        return [f"rate_hz = {self.rate:.9g} # confirm", *self._windows(t), *table]
+
+    def _resampled(self, stamp: Column, unit: str, t: Array, fault: str, table: list[str]) -> list[str]:
+        """Lines of uneven time stamps: the log is made even, and what that costs is told."""
+        plan = resampling(t, self.rate, self.log.name)
+        self.rate = plan.rate_hz
+        self._tell(f"time stamps {stamp.name!r} in {unit}: uneven, {counted(len(t), 'sample')} ({fault})")
+        self._tell(f"resample = true: {plan.sentence(step_range(t))}")
+        steps = np.diff(t)
+        # With gaps the windows are the stretches between them.
+        windows = [] if (steps > GAP * np.median(steps)).any() else self._windows(t)
+        return [
+            f"rate_hz = {plan.rate_hz:.9g} # confirm",
+            *windows,
+            *table,
+            f"resample = true # confirm: steps of {step_range(t)}; white noise keeps {plan.noise_variance:.2f} of its variance",
+        ]
+
+    def _windows(self, t: Array | None) -> list[str]:
+        """Line of the window in which the arm moves, where it rests before or after."""
+        if not self.position or self.rate is None:
+            return []
+        q = self.source.values(self.position)
+        times = np.arange(len(q)) / self.rate if t is None else t - t[0]
+        span = max(1, round(0.1 * self.rate))
+        if len(q) < 4 * span:
+            return []
+        speed = np.abs(q[span:] - q[:-span])
+        scale = speed.max(axis=0)
+        moving = np.any(speed > AT_REST * np.where(scale > 0.0, scale, np.inf), axis=1)
+        found = _stretches(np.flatnonzero(moving), round(REST_S * self.rate))
+        if not found:
+            return []
+        start, stop = float(times[found[0]]), float(times[min(found[1] + span, len(times) - 1)])
+        before, after = start, float(times[-1]) - stop
+        if max(before, after) < REST_S:
+            return []
+        start = math.ceil(10.0 * start) / 10.0 if before >= REST_S else 0.0
+        stop = math.floor(10.0 * stop) / 10.0 if after >= REST_S else math.floor(1e3 * times[-1]) / 1e3
+        self._tell(
+            f"the arm moves from {start:g} s to {stop:g} s; what is before and after is left out (windows_s)"
+        )
+        return [
+            f"windows_s = [[{start:g}, {stop:g}]] # confirm: before and after the arm rests, or is brought to its start"
+        ]
+
+    def _missing(self, table: str, wanted: str) -> list[str]:
+        n = self.robot.n_dof
+        names = json.dumps([str(item.name) for item in self.source.columns][: 3 * n], ensure_ascii=False)
+        option = (
+            f"--columns {wanted}=..., " if wanted != "torque" else "--columns torque=... or current=..., "
+        )
+        blocks = self._open_blocks()
+        self._ask(
+            f"which columns hold the {wanted}s of the {counted(n, 'joint')}{blocks}? Answer with {option}"
+            f"or fill in [recording.{table}]"
+        )
+        return [
+            f"# [recording.{table}] # which {counted(n, 'column')} hold the {wanted}s? There are {names[1:-1]}",
+            *(f"# {line}" for line in self.source.keys),
+            "# columns = []",
+            f'# unit = "{"rad" if table == "position" else "N.m"}"',
+            '# side = "joint"',
+        ]
+
+    def _open_blocks(self) -> str:
+        """Columns without names that could be meant."""
+        if self.source.named:
+            return ""
+        blocks: dict[str, list[Column]] = {}
+        for item in self.source.columns:
+            if item.what == "other":
+                blocks.setdefault(item.stem, []).append(item)
+        found = [
+            f"{group[0].name}-{group[-1].name}" for group in blocks.values() if len(group) == self.robot.n_dof
+        ]
+        return f" ({' or '.join(found)})" if found else ""
+
+    def _side(self, columns: list[Column]) -> str:
+        motor = all(item.motor for item in columns)
+        return f'side = "{"motor" if motor else "joint"}"' + (
+            "" if motor else ' # confirm: "motor" for values in front of the gears'
+        )
+
+    def _motion(self, table: str, columns: list[Column]) -> list[str]:
+        if not columns:
+            return self._missing("position", "position")
+        values = self.source.values(columns)
+        motor = all(item.motor for item in columns)
+        units, sure = [], True
+        for item, kind, value in zip(columns, self.robot.joint_kinds, values.T, strict=True):
+            span = float(np.ptp(value))
+            told = item.unit if item.unit in ("rad", "deg", "m", "mm", "count") else None
+            if told is None:
+                sure = False
+                if kind == "revolute" or motor:
+                    told = "deg" if span > TWO_TURNS and not motor else "rad"
+                else:
+                    told = "mm" if span > 20.0 else "m"
+            units.append(told)
+        # All revolute joints of one log are in one unit.
+        if not sure and "deg" in units:
+            units = ["deg" if unit == "rad" else unit for unit in units]
+        unit = json.dumps(units[0] if len(set(units)) == 1 else units)
+        ranges = ", ".join(f"{value:.3g}" for value in np.ptp(values, axis=0))
+        self._tell(f"{table} {_listed(columns)} in {'/'.join(dict.fromkeys(units))}")
+        lines = [f"[recording.{table}] # ranges: {ranges}", *self.source.lines(columns, self.robot)]
+        lines.append(f"unit = {unit}" + ("" if sure else " # confirm"))
+        if "count" in units:
+            lines.append("# counts_per_rev = 4096 # how many counts make one turn?")
+            self._ask(f"how many counts make one turn (counts_per_rev under [recording.{table}])?")
+        return [*lines, self._side(columns)]
+
+    def _velocity(self) -> list[str]:
+        """Commented lines: measured velocities may be better than differences of the positions, or late."""
+        unit = "rad/s" if "revolute" in self.robot.joint_kinds else "m/s"
+        lines = ["[recording.velocity]", *self.source.lines(self.velocity, self.robot)]
+        lines += [f'unit = "{unit}"', 'side = "joint"']
+        head = "# Measured velocities, to be taken in place of differences of the positions:"
+        return [head, *(f"# {line}" for line in lines)]
+
+    def _effort(self, columns: list[Column]) -> list[str]:
+        if not columns:
+            return self._missing("torque", "torque")
+        what = columns[0].what
+        units = []
+        for item, kind in zip(columns, self.robot.joint_kinds, strict=True):
+            usual = "N.m" if kind == "revolute" or item.motor else "N"
+            usual = {"current": "A", "voltage": "V"}.get(what, usual)
+            units.append(item.unit if item.unit in ("N.m", "N", "A") else usual)
+        sure = all(item.unit in ("N.m", "N", "A") for item in columns)
+        values = self.source.values(columns)
+        largest = ", ".join(f"{value:.3g}" for value in np.abs(values).max(axis=0))
+        self._tell(f"torque {_listed(columns)} in {'/'.join(dict.fromkeys(units))}")
+        lines = [f"[recording.torque] # largest values: {largest}", *self.source.lines(columns, self.robot)]
+        lines.append(
+            f"unit = {json.dumps(units[0] if len(set(units)) == 1 else units)}"
+            + ("" if sure else " # confirm")
+        )
+        if set(units) & {"A", "V"}:
+            lines.append(self._gain(columns, units[0]))
+        return [*lines, self._side(columns)]
+
+    def _gain(self, columns: list[Column], unit: str) -> str:
+        if self.gains:
+            gains = list(self.gains)
+            return f"gain = {gains[0]:g}" if len(gains) == 1 else f"gain = {json.dumps(gains)}"
+        motor = all(item.motor for item in columns)
+        if self.robot.gains is not None and (motor or self.robot.reduction is None):
+            return "# gain: that of the robot file"
+        self._ask(f"how many N.m are one {unit} (--gain, or gain under [recording.torque])?")
+        return f"# gain = 1.0 # how many N.m are one {unit}? One number, or one for each joint"
+
+
+def _stretches(places: NDArray[np.intp], rest: int) -> tuple[int, int] | None:
+    """First and last sample of the moving ones, without short stretches of motion that a rest parts from it at either end."""
+    if not places.size:
+        return None
+    breaks = np.flatnonzero(np.diff(places) > rest)
+    starts, stops = places[np.r_[0, breaks + 1]], places[np.r_[breaks, len(places) - 1]]
+    lengths = stops - starts
+    long = np.flatnonzero(lengths >= SHORT * lengths.max())
+    return int(starts[long[0]]), int(stops[long[-1]])
+
+
+def _listed(columns: Sequence[Column]) -> str:
+    """Names of columns; of a matrix its name."""
+    variable = columns[0].variable
+    if variable is not None and isinstance(columns[0].name, int):
+        return f"{variable!r}"
+    if all(isinstance(item.name, int) for item in columns) and len(columns) > 1:
+        numbers = [int(item.name) for item in columns]
+        if numbers == list(range(numbers[0], numbers[0] + len(numbers))):
+            return f"{numbers[0]} to {numbers[-1]}"
+    return ", ".join(str(item.name) for item in columns)
+
+
+def _printable(text: str) -> str:
+    return "".join(character if character.isprintable() else " " for character in text)
+
+
+def names_of(robot: Robot) -> str:
+    """Return names of the joints as the end of a comment, where the robot has them."""
+    return f": {_printable(', '.join(robot.joint_names))}" if robot.joint_names else ""

@@ -1,0 +1,97 @@
+"""The filters that ``didim init`` proposes: the band of the motion in spite of jitter and steps, and the best cut-off of three."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import didim
+from didim.experiment.draft_filters import choose_filters, shared_band
+from didim.log.recording import Recording
+from didim.loop.controller import Controller
+from didim.loop.reference import Reference
+from simulated import experiment
+
+Array = NDArray[np.float64]
+ROBOT = didim.load_robot("planar2").with_friction(coulomb="tanh", smoothing_rad_s=0.01)
+X = ROBOT.parameter_set("reference")
+TRUTH = ROBOT.base_parameters.project(X)
+RATE = 1000.0
+
+
+@pytest.fixture(scope="module")
+def clean() -> Recording:
+    """Twenty seconds of a closed loop; the highest harmonic of the reference has 0.9 Hz."""
+    rng = np.random.default_rng(2)
+    sine, cosine = rng.uniform(-0.12, 0.12, (2, 9, 2))
+    reference = Reference.fourier(sine, cosine, period_s=10.0, duration_s=20.0)
+    run = didim.simulate(ROBOT, X, reference, Controller.pd(kp=[900.0, 300.0], kv=[60.0, 20.0]), rate_hz=RATE)
+    tau = run.tau + 0.05 * rng.standard_normal(run.tau.shape)
+    q_ref = reference.at(run.t)[0]
+    return Recording.from_arrays(run.q, tau, rate_hz=RATE, q_ref=q_ref)
+
+
+def degraded(recording: Recording, what: str) -> Recording:
+    rng = np.random.default_rng(7)
+    q = recording.q
+    if what == "jitter":  # positions taken up to 2 ms away from their stamps
+        t = np.arange(len(q)) / RATE + 2e-3 * rng.uniform(-1.0, 1.0, len(q))
+        q = np.column_stack([np.interp(t, np.arange(len(q)) / RATE, column) for column in q.T])
+    elif what == "steps":
+        q = np.round(q / 2e-3) * 2e-3
+    elif what == "noise":
+        q = q + 3e-4 * rng.standard_normal(q.shape)
+    return replace(recording, q=q)
+
+
+@pytest.mark.parametrize("what", ["clean", "jitter", "steps", "noise"])
+def test_the_band_is_that_of_the_motion(clean: Recording, what: str) -> None:
+    """0.9 Hz by the reference; by what motion and torque share a little more, because of friction, and not 100 Hz."""
+    log = degraded(clean, what)
+    reason = choose_filters(ROBOT, [log], comparable=True).reason
+    assert reason.startswith("the reference moves below")
+    assert 0.5 < float(reason.split("below ")[1].split(" Hz")[0]) < 1.2
+    assert 0.5 < shared_band(log) < 4.0
+    other = choose_filters(ROBOT, [replace(log, q_ref=None)], comparable=True)
+    assert other.reason.startswith("motion and torques share the band below")
+    assert len(other.errors) == 3
+
+
+@pytest.mark.parametrize("what", ["clean", "jitter", "steps", "noise"])
+def test_the_filters_work(clean: Recording, what: str) -> None:
+    """The fit with them is as good as with the best of a row of cut-offs, within a fifth."""
+    log = replace(degraded(clean, what), q_ref=None)
+    filters = choose_filters(ROBOT, [log], comparable=True)
+
+    def error(cutoff: float, trim: int, decimation: tuple[int, ...]) -> float:
+        signal = didim.SignalProcessing(
+            cutoff_hz=cutoff, trim_start=trim, trim_end=trim, decimation=decimation
+        )
+        fit = didim.identify(experiment(ROBOT, log, signal=signal), didim.IDIMLS())
+        q, dq, ddq = clean.q[500:-500:20], *derivatives(clean)
+        predicted = didim.inverse_dynamics(ROBOT, q, dq, ddq, ROBOT.base_parameters.lift(fit.beta))
+        expected = didim.inverse_dynamics(ROBOT, q, dq, ddq, X)
+        return float(np.linalg.norm(predicted - expected) / np.linalg.norm(expected))
+
+    chosen = error(filters.cutoff_hz, filters.trim, filters.decimation)
+    row = [error(cutoff, 200, (10,)) for cutoff in (5.0, 10.0, 20.0, 40.0, 80.0, 160.0)]
+    assert chosen < max(1.2 * min(row), 0.01), (filters, chosen, row)
+
+
+def derivatives(recording: Recording) -> tuple[Array, Array]:
+    dq = np.gradient(recording.q, 1.0 / RATE, axis=0)
+    ddq = np.gradient(dq, 1.0 / RATE, axis=0)
+    return dq[500:-500:20], ddq[500:-500:20]
+
+
+def test_the_reason_says_what_was_compared(clean: Recording) -> None:
+    filters = choose_filters(ROBOT, [clean], comparable=True)
+    assert "% of the torques of held-out blocks" in filters.reason
+    assert filters.cutoff_hz in [cutoff for cutoff, _ in filters.errors]
+    without = choose_filters(ROBOT, [replace(clean, tau=None)], comparable=False)
+    assert without.reason.endswith("cut-offs were not compared")
+    short = Recording.from_arrays(clean.q[:100], clean.tau[:100], rate_hz=RATE)  # type: ignore[index]
+    assert choose_filters(ROBOT, [short], comparable=True).errors == ()
