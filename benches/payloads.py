@@ -28,6 +28,7 @@ from didim.robot.rigid_body import body_pseudo_inertia, pose, ten_parameters
 from didim.robot.robot import Robot
 from didim.signal.processing import SignalProcessing
 from didim.signal.segments import Segment
+from didim.studies.loads.payload import identify_payload
 
 Array = NDArray[np.float64]
 
@@ -153,7 +154,76 @@ def wrist(options: argparse.Namespace) -> None:
     gains_study("TX40", robot, x, robot.reduction, motor_gains, noise, options.seeds, 2.0)
 
 
-STUDIES: dict[str, Callable[[argparse.Namespace], None]] = {"gains": gains, "tx40": wrist}
+def known_robot(robot: Robot, x: Array, seed: int, rate: float = 200.0) -> didim.Identification:
+    """Result of a log of 20 s without payload, with noise on the torques."""
+    return didim.identify(noisy_log(robot, x, seed, rate), didim.IDIMLS())
+
+
+def noisy_log(robot: Robot, x: Array, seed: int, rate: float = 200.0, speed: float = 2.0) -> didim.Experiment:
+    """Log of 20 s of a random motion, filtered and decimated to 20 Hz."""
+    n = robot.n_dof
+    reference = didim.Reference.random_fourier(
+        harmonics=14,
+        period_s=20.0,
+        max_position=[1.8] * n,
+        max_velocity=[speed] * n,
+        max_acceleration=[3.0 * speed] * n,
+        seed=seed,
+    )
+    q, dq, ddq = reference.at(np.arange(0.0, 20.0, 1.0 / rate))
+    tau = didim.inverse_dynamics(robot, q, dq, ddq, x)
+    tau += np.random.default_rng(seed).standard_normal(tau.shape) * np.array(TORQUE_NOISE)
+    return didim.Experiment(
+        name=f"log {seed}",
+        robot=robot,
+        recordings=(Recording.from_arrays(q, tau, rate_hz=rate),),
+        signal=SignalProcessing(cutoff_hz=40.0, trim_start=40, trim_end=40, decimation=(10,)),
+        least_squares=LeastSquaresSettings(weights="per-joint"),
+    )
+
+
+TORQUE_NOISE = (2.0, 2.0, 1.5, 0.5, 0.5, 0.5)
+
+
+def payload(options: argparse.Namespace) -> None:
+    """Random payloads of 0.2 to 5 kg on a UR5e that another log identified."""
+    robot, x = ur5e(options.data)
+    frame = flange_in_last_frame(robot)
+    rng = np.random.default_rng(1)
+    scores, bodies, inside = [], [], []
+    for number in range(options.payloads):
+        fit = known_robot(robot, x, 100 + number)
+        mass = float(np.exp(rng.uniform(np.log(0.2), np.log(5.0))))
+        centre = rng.uniform(-0.1, 0.1, 3) + np.array([0.0, 0.0, 0.1])
+        arms = rng.uniform(0.02, 0.08, 3) ** 2 * mass
+        inertia = np.diag([arms[1] + arms[2], arms[0] + arms[2], arms[0] + arms[1]])
+        ten = ten_parameters(body_pseudo_inertia(mass, inertia, pose(np.eye(3), centre)))
+        log = noisy_log(robot, x + last_link(robot, frame) @ ten, 200 + number)
+        found = identify_payload(fit, log)
+        scores.append((found.ten - ten) / found.std)
+        truth = np.array([mass, *centre, *inertia[np.triu_indices(3)]])
+        assert found.body is not None
+        assert found.body_std is not None
+        assert found.body_low is not None
+        assert found.body_high is not None
+        bodies.append((found.body - truth) / found.body_std)
+        inside.append((found.body_low <= truth) & (truth <= found.body_high))
+        shown = ", ".join(f"{value:.1f}" for value in 1e3 * found.body[1:4])
+        print(
+            f"{mass:6.3f} kg: {found.body[0]:6.3f} +- {found.body_std[0]:.3f} kg, centre {shown} mm "
+            f"(true {', '.join(f'{value:.1f}' for value in 1e3 * centre)}), half distance {found.half_distance:.2f}"
+        )
+    print(
+        f"error/sigma of the ten parameters about the flange: rms {np.sqrt(np.mean(np.square(scores))):.3f}"
+    )
+    body = np.array(bodies)
+    print(
+        f"of the nearest body: mass and centre {np.sqrt(np.mean(body[:, :4] ** 2)):.3f}, inertia "
+        f"{np.sqrt(np.mean(body[:, 4:] ** 2)):.3f}; inside 95 %: {100 * np.mean(inside):.0f} %"
+    )
+
+
+STUDIES: dict[str, Callable[[argparse.Namespace], None]] = {"gains": gains, "tx40": wrist, "payload": payload}
 
 
 def main() -> None:
@@ -165,6 +235,7 @@ def main() -> None:
         "--data", type=Path, default=Path("../shared/data"), help="measured logs and URDFs of others"
     )
     parser.add_argument("--seeds", type=int, default=40)
+    parser.add_argument("--payloads", type=int, default=10)
     parser.add_argument("--only", nargs="+", choices=tuple(STUDIES), default=list(STUDIES))
     options = parser.parse_args()
     for name in options.only:

@@ -26,6 +26,7 @@ from .export import add as add_export
 from .identify import add as add_identify
 from .init import add as add_init
 from .lists import add as add_lists
+from .loads.payload import add as add_payload
 from .options import CONVERGED, INTERRUPTED, Parser, refuse
 from .robot import add as add_robot
 from .simulate import add as add_simulate
@@ -101,6 +102,7 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_compare,
     add_identify,
     add_validate,
+    add_payload,
     add_simulate,
     add_study,
     add_export,

@@ -107,7 +107,7 @@ def _plain(values: Array) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
-def _same_robot(fit: Identification, experiment: Experiment) -> None:
+def same_robot(fit: Identification, experiment: Experiment) -> None:
     """Refuse the result of another robot with the same parameters.
 
     Equal digests of the robot file, or an equal geometry, show that it is the same; a set of parameters may have been added to the
@@ -168,7 +168,7 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
         raise FitError(
             f"the result is for robot {fit.robot!r} and the experiment for {robot.name!r}: their parameters differ"
         )
-    _same_robot(fit, experiment)
+    same_robot(fit, experiment)
     if not experiment.recordings:
         raise FitError(f"experiment '{experiment.name}' has no recording to validate on")
     loaded = standard_in(fit, experiment, experiment.robot)

@@ -120,7 +120,7 @@ class LogParameters:
         builder = _Builder(robot, recordings)
         builder.payloads(payloads, last_link(robot, flange_in_last_frame(robot, flange)))
         for kind in ("offset", "friction"):
-            builder.own(kind)
+            builder.own(kind, referred=checked)
         if checked:
             builder.check()
         if any(item.drives is not None for item in recordings if item.role == "fit"):
@@ -252,8 +252,11 @@ class _Builder:
                 self.blocks.append(ColumnBlock("payload", name, block, tuple(UNITS[item] for item in block)))
                 self.directions += [(found[index], tuple(numbers)) for index in kept]
 
-    def own(self, kind: Literal["offset", "friction"]) -> None:
-        """Add the offsets or the friction that recordings have for themselves."""
+    def own(self, kind: Literal["offset", "friction"], *, referred: bool) -> None:
+        """Add the offsets or the friction that recordings have for themselves.
+
+        Where all have their own, those of the first are the robot's, unless the robot is known (`referred` is False).
+        """
         fitted = [(number, item) for number, item in enumerate(self.recordings) if item.role == "fit"]
         key = {"offset": "offsets", "friction": "friction"}[kind]
         owners = [(number, item) for number, item in fitted if key in item.own]
@@ -269,7 +272,7 @@ class _Builder:
             raise ExperimentError(
                 f"{owners[0][1].name}: own {key} need friction with such parameters, which robot {self.robot.name!r} has not"
             )
-        if len(owners) == len(fitted):
+        if referred and len(owners) == len(fitted):
             self.reference[kind] = owners[0][1].name
             owners = owners[1:]
         for number, item in owners:

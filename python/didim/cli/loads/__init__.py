@@ -1,0 +1,1 @@
+"""Commands that use an identified robot: payloads, torques from outside."""

@@ -1,0 +1,48 @@
+"""``didim payload``. Tested in ``tests/test_payload.py``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..options import CONVERGED, add_command, add_data
+from ..outputs import Saved, check_outputs
+
+if TYPE_CHECKING:
+    from ..options import Commands
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands,
+        "payload",
+        run,
+        "mass, centre and inertia of an unknown payload of a log, with a known robot",
+    )
+    parser.add_argument("fit", metavar="FIT.json", type=Path, help="result of an identification")
+    parser.add_argument(
+        "log", metavar="LOG.toml", type=Path, help="experiment file of the log with the payload"
+    )
+    add_data(parser)
+    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the payload as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    import json
+
+    from ..._tools.files import write_atomically
+    from ...experiment.experiment_file import load_experiment
+    from ...result.identification import Identification
+    from ...studies.loads.payload import identify_payload
+
+    fit = Identification.load(options.fit)
+    check_outputs(options.json)
+    found = identify_payload(fit, load_experiment(options.log, data=options.data))
+    text = json.dumps(found.to_dict(), indent=1, allow_nan=False) + "\n"
+    saved = Saved()
+    saved.save(options.json, lambda path: write_atomically(path, text))
+    saved.show(str(found))
+    return saved.code(CONVERGED)

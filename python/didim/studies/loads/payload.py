@@ -1,0 +1,249 @@
+"""The payload of a log, with a robot that is known from another one. Tested in ``tests/test_payload.py``.
+
+    y = W beta + W B (v + V theta) + rho,    beta ~ N(beta^, C)
+
+The covariance of the robot counts as what it is: it is added as rows with the parameters of the result. The standard deviations of
+the payload have a part from the noise of the log, by the jackknife over its blocks of time, and a part from the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...errors import FitError
+from ...experiment.experiment import Experiment
+from ...methods.method import FitSettings
+from ...regression.covariance import decimated
+from ...regression.jackknife import Factors, deletion_covariance, intervals, jackknife
+from ...regression.linear_system import LinearSystem, linear_system
+from ...regression.logs.body import nearest_bodies
+from ...regression.logs.parameters import LogParameters
+from ...regression.settings import LeastSquaresSettings
+from ...regression.weights import joint_sigma, per_row
+from ...result.identification import Identification
+from ...result.uncertainty import student_factor
+from ...robot.payload import NOTHING, Payload
+from ...robot.rigid_body import central, pseudo_inertia
+from ..loaded import with_gains_of
+from ..prediction import with_friction_of
+from ..validation import same_robot
+from .payload_result import PayloadEstimate
+
+UNNAMED = "payload"
+"""Name of the payload of a log that names none."""
+PASSES = 4
+"""Solutions, each with the weights of the one before."""
+DRAWS = 400
+"""Draws of the estimate for the intervals of mass, centre and inertia."""
+NEGLIGIBLE = 1e-14
+"""Share of the largest variance, each parameter in units of its own, below which a direction of the robot is exact."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """Further parameters of the log."""
+
+    theta: Array
+    covariance: Array
+    residual: Array
+    degrees_of_freedom: float
+    n_blocks: int
+
+
+def identify_payload(fit: Identification, experiment: Experiment, *, seed: int = 0) -> PayloadEstimate:
+    """Estimate an unknown payload of a log, with the robot of a result.
+
+    Parameters
+    ----------
+    fit : Identification
+        Robot with its covariance, from a log without this payload.
+    experiment : Experiment
+        The log. Its recordings to fit name the payload, of which the table ``[payload.NAME]`` may know something; a log that names
+        none has one of which nothing is known. Recordings with ``offsets = "own"`` have their own offsets estimated beside it.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    PayloadEstimate
+        Ten parameters about the flange, and mass, centre and inertia of the nearest body with intervals.
+
+    Raises
+    ------
+    FitError
+        For another robot, a payload that is known already, and more than one unknown payload.
+    DidimError
+        As for an identification.
+
+    Notes
+    -----
+    ``test_payload.py`` checks errors against standard deviations; ``benches/payloads.py`` does so for ten random payloads.
+    """
+    experiment = with_gains_of(fit, with_friction_of(fit, experiment))
+    same_robot(fit, experiment)
+    if not fit.std.any():
+        raise FitError(
+            f"the result '{fit.name}' has no standard deviations: without them nothing says how well the robot is known"
+        )
+    experiment, name = _with_unknown(fit, experiment)
+    robot = experiment.robot
+    parameters = LogParameters.of(
+        robot, experiment.recordings, experiment.payloads, experiment.flange, checked=False
+    )
+    plain = [replace(item, payload=NOTHING, own=()) for item in experiment.recordings]
+    job = FitSettings().job(replace(experiment, recordings=tuple(plain)))
+    delay = job.delay()
+    parts = job.parts("fit", delay)
+    beta = robot.base_parameters.project(
+        fit.parameters
+    )  # for load friction: that of the robot without the payload
+    system = linear_system(robot, parts, job.signal, parameters.select({}, ()), beta, parameters)
+    solved = _solve(fit, system, parameters, job.settings)
+    payload = experiment.payloads[name]
+    known, columns, names = payload.split
+    block, place = next(
+        (block, place)
+        for block, place in parameters.slices()
+        if (block.kind, block.owner) == ("payload", name)
+    )
+    chosen = columns[:, [names.index(item) for item in block.names]]
+    theta, covariance = solved.theta[place], solved.covariance[place, place]
+    sizes = system.norms(system.measured)
+    estimate = PayloadEstimate(
+        name=name,
+        robot=robot.name,
+        log=experiment.name,
+        names=block.names,
+        ten=known + chosen @ theta,
+        covariance=chosen @ covariance @ chosen.T,
+        degrees_of_freedom=solved.degrees_of_freedom,
+        n_blocks=solved.n_blocks,
+        relative_error=system.norms(solved.residual) / np.where(sizes > 0.0, sizes, np.nan),
+        offsets={
+            item.full_names[k]: (
+                float(solved.theta[where][k]),
+                float(np.sqrt(solved.covariance[where, where][k, k])),
+            )
+            for item, where in parameters.slices()
+            if item.kind in ("offset", "friction")
+            for k in range(len(item.names))
+        },
+    )
+    if len(block.names) < len(names):
+        missing = [item for item in names if item not in block.names]
+        return replace(
+            estimate,
+            remarks=(f"no motion of this arm shows {', '.join(missing)}: the rest is no whole body",),
+        )
+    return _with_body(estimate, theta, covariance, known, chosen, seed)
+
+
+def _with_unknown(fit: Identification, experiment: Experiment) -> tuple[Experiment, str]:
+    """Return the experiment whose recordings name the unknown payload, and its name."""
+    fitted = [item for item in experiment.recordings if item.role == "fit"]
+    if not fitted:
+        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
+    used = sorted({item.payload for item in fitted})
+    if used == [NOTHING]:
+        recordings = [
+            replace(item, payload=UNNAMED) if item.role == "fit" else item for item in experiment.recordings
+        ]
+        payloads = {**experiment.payloads, UNNAMED: Payload(name=UNNAMED)}
+        return replace(experiment, recordings=tuple(recordings), payloads=payloads), UNNAMED
+    open_names = [
+        name for name in used if name in experiment.payloads and not experiment.payloads[name].known
+    ]
+    missing = [name for name in used if name != NOTHING and name not in experiment.payloads]
+    if missing:
+        payloads = {**experiment.payloads, **{name: Payload(name=name) for name in missing}}
+        return _with_unknown(fit, replace(experiment, payloads=payloads))
+    if len(open_names) != 1:
+        what = "all payloads are known" if not open_names else f"there are several: {', '.join(open_names)}"
+        raise FitError(f"experiment '{experiment.name}' must have one unknown payload, and {what}")
+    return experiment, open_names[0]
+
+
+def _solve(
+    fit: Identification, system: LinearSystem, parameters: LogParameters, settings: LeastSquaresSettings
+) -> _Solved:
+    """Solve for the further parameters, with the robot's as known as the result says."""
+    b = parameters.n_base
+    beta = parameters.robot.base_parameters.project(fit.parameters)
+    root = _root(fit.covariance)
+    columns = np.hstack([system.w[:, :b] @ root, system.w[:, b:]])
+    y = system.y - system.w[:, :b] @ beta
+    k, e = root.shape[1], parameters.n_further
+    rows = system.y.size
+    prior = np.hstack([np.eye(k), np.zeros((k, e))])
+    start = np.linalg.lstsq(columns[:, k:], y, rcond=None)[0]
+    residual = y - columns[:, k:] @ start
+    for _ in range(PASSES):
+        weights = per_row(system, 1.0 / joint_sigma(replace(system, y=y), residual))
+        a = np.vstack([columns * weights[:, None], prior])
+        solution = np.linalg.lstsq(a, np.concatenate([y * weights, np.zeros(k)]), rcond=None)[0]
+        residual = y - columns @ solution
+    factors = Factors.of(a, np.concatenate([residual * weights, -solution[:k]]))
+    log = replace(
+        factors, left=factors.left[:rows], right=factors.right[:rows], residual=factors.residual[:rows]
+    )
+    from_robot = factors.inverse @ factors.left[rows:].T
+    blocks = [part.rows for part in intervals(system.blocks, settings.blocks)]
+    whole = replace(system, w=columns, y=y, known=None)
+    of_log = decimated(whole, replace(settings, weights="per-joint"), log.left, log.residual, factors.inverse)
+    freedom, n_blocks = float(rows - e), 0
+    if settings.uncertainty == "jackknife" and len(blocks) > 1:
+        own = deletion_covariance(jackknife(log, blocks).deletions)
+        ratio = np.sqrt(np.diag(own) / np.maximum(np.diag(of_log), np.finfo(float).tiny))
+        of_log = of_log * np.outer(ratio, ratio)
+        n_blocks = len(blocks)
+        freedom = n_blocks - 1.0
+    covariance = of_log + from_robot @ from_robot.T
+    return _Solved(solution[k:], covariance[k:, k:], residual, freedom, n_blocks)
+
+
+def _root(covariance: Array) -> Array:
+    """Return L with ``L L^T`` the covariance (b, b), of as many columns as it has rank."""
+    size = np.sqrt(np.diag(covariance))
+    scale = np.where(size > 0.0, size, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    kept = values > NEGLIGIBLE * values[-1]
+    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def _with_body(
+    estimate: PayloadEstimate, theta: Array, covariance: Array, known: Array, columns: Array, seed: int
+) -> PayloadEstimate:
+    """Return the estimate with its nearest body, and intervals of draws."""
+    factor = student_factor(0.95, estimate.degrees_of_freedom) / student_factor(0.95, float("inf"))
+    noise = np.random.default_rng(seed).standard_normal((DRAWS, len(theta)))
+    draws = theta + factor * noise @ np.linalg.cholesky(covariance).T
+    bodies = nearest_bodies(np.vstack([theta, draws]), covariance, known, columns)
+    numbers = np.array([_numbers(body) for body in bodies])
+    low, high = np.quantile(numbers[1:], [0.025, 0.975], axis=0)
+    moved = np.linalg.lstsq(columns, bodies[0] - known, rcond=None)[0] - theta
+    half = 0.5 * float(moved @ np.linalg.solve(covariance, moved))
+    remarks: Sequence[str] = ()
+    if half > len(theta):
+        remarks = (
+            f"the estimate is half a squared distance of {half:.3g} from the nearest body: more than noise explains; the robot, "
+            "the log or its offsets are not those of the result",
+        )
+    return replace(
+        estimate,
+        body=numbers[0],
+        body_std=numbers[1:].std(axis=0, ddof=1) / factor,
+        body_low=low,
+        body_high=high,
+        half_distance=half,
+        remarks=tuple(remarks),
+    )
+
+
+def _numbers(ten: Array) -> Array:
+    """Mass, centre and ``XX XY XZ YY YZ ZZ`` about the centre, (10,)."""
+    mass, centre, inertia = central(pseudo_inertia(ten))
+    return np.array([mass, *centre, *inertia[np.triu_indices(3)]])

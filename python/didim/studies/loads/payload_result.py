@@ -1,0 +1,191 @@
+"""The estimate of a payload, as a table and in the units of teach pendants. Tested in ``tests/test_payload.py``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..._tools.pickling import Pickled
+from ...result.table import aligned
+from ...result.uncertainty import student_factor
+from ...robot.payload import UNITS
+from ...robot.rigid_body import INERTIAL
+
+BODY = ("mass", "centre x", "centre y", "centre z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+"""Numbers of a body; the inertia is about the centre of mass."""
+BODY_UNITS = ("kg", "mm", "mm", "mm", *("kg.m^2",) * 6)
+BODY_FACTORS = np.array([1.0, *(1e3,) * 3, *(1.0,) * 6])
+"""SI to the units of pendants."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PayloadEstimate(Pickled):
+    """A payload, in the frame of the flange.
+
+    Attributes
+    ----------
+    name, robot, log : str
+        Payload, robot and experiment.
+    names : tuple of str
+        Parameters that were estimated.
+    ten : (10,) array
+        Inertial parameters ``XX XY XZ YY YZ ZZ MX MY MZ M`` about the flange (SI); zero where no motion shows them.
+    covariance : (10, 10) array
+        Their covariance, from the noise of the log and from the robot.
+    degrees_of_freedom : float
+        Of Student's distribution of the intervals.
+    n_blocks : int
+        Blocks of time that the jackknife left out; 0 for standard deviations by noise alone.
+    relative_error : (n_dof,) array
+        Error of the torques of each joint over the torques, 0.07 = 7 %.
+    offsets : mapping of str to (float, float)
+        Own offsets and friction of the log, less those of the robot, with standard deviations.
+    body : (10,) array or None
+        Mass (kg), centre (m) and inertia ``XX XY XZ YY YZ ZZ`` about the centre (kg.m^2) of the nearest body; None for an arm
+        that does not show all of it.
+    body_std, body_low, body_high : (10,) arrays or None
+        Standard deviations and 95 % intervals, from draws that were made bodies.
+    half_distance : float
+        Half the squared distance of the estimate from the nearest body (nats).
+    remarks : tuple of str
+        Sentences that a reader should know.
+    """
+
+    name: str
+    robot: str
+    log: str
+    names: tuple[str, ...]
+    ten: Array
+    covariance: Array
+    degrees_of_freedom: float
+    n_blocks: int
+    relative_error: Array
+    offsets: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    body: Array | None = None
+    body_std: Array | None = None
+    body_low: Array | None = None
+    body_high: Array | None = None
+    half_distance: float = float("nan")
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations of the ten parameters, (10,); zero for known ones."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    @property
+    def mass_kg(self) -> float:
+        """Mass of the nearest body, or the estimate where there is none."""
+        return float(self.ten[9] if self.body is None else self.body[0])
+
+    def __str__(self) -> str:
+        lines = [f"payload '{self.name}' of {self.log}, on the flange of robot {self.robot}", ""]
+        if self.body is not None:
+            lines += self._body_lines()
+        lines += ["inertial parameters about the flange, as estimated", *self._ten_lines()]
+        for name, (value, std) in self.offsets.items():
+            lines.append(f"{name} less that of the robot: {value:.4g} +- {std:.2g}")
+        errors = ", ".join(f"{100.0 * value:.3g}" for value in self.relative_error)
+        lines += ["", f"relative error of the torques: {errors} %"]
+        lines.append(
+            "sigma has the noise of the log"
+            + (f" (jackknife, {self.n_blocks} blocks of time)" if self.n_blocks else "")
+            + " and the covariance of the robot in it"
+        )
+        if self.remarks:
+            lines += ["", "To know:", *(f"  {text}" for text in self.remarks)]
+        return "\n".join(lines)
+
+    def _body_lines(self) -> list[str]:
+        assert self.body is not None
+        assert self.body_std is not None
+        assert self.body_low is not None
+        assert self.body_high is not None
+        values = [BODY_FACTORS * part for part in (self.body, self.body_std, self.body_low, self.body_high)]
+        cells: list[tuple[str, ...]] = [("body", *BODY), ("unit", *BODY_UNITS)]
+        for title, numbers in zip(("estimate", "sigma", "95 % low", "95 % high"), values, strict=True):
+            cells.append((title, *(_text(x, s) for x, s in zip(numbers, values[1], strict=True))))
+        table = _table(cells)
+        mass, x, y, z = values[0][:4]
+        return [
+            *table,
+            "",
+            f"For the pendant: {mass:.3f} kg, centre {x:.0f}, {y:.0f}, {z:.0f} mm, inertia about it "
+            + ", ".join(f"{value:.4f}" for value in self.body[[4, 7, 9, 5, 6, 8]])
+            + " kg.m^2 (xx, yy, zz, xy, xz, yz)",
+            "",
+        ]
+
+    def _ten_lines(self) -> list[str]:
+        factor = student_factor(0.95, self.degrees_of_freedom)
+        rows = [INERTIAL.index(name) for name in self.names]
+        if "MX" not in self.names and self.std[6:9].any():
+            rows = sorted({*rows, 6, 7, 8})
+        value, std = self.ten[rows], self.std[rows]
+        cells: list[tuple[str, ...]] = [
+            ("name", *(INERTIAL[k] for k in rows)),
+            ("unit", *(UNITS[INERTIAL[k]] for k in rows)),
+        ]
+        for title, numbers in (
+            ("estimate", value),
+            ("sigma", std),
+            ("95 % low", value - factor * std),
+            ("95 % high", value + factor * std),
+        ):
+            cells.append((title, *(_text(x, s) for x, s in zip(numbers, std, strict=True))))
+        return _table(cells)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, as plain lists and numbers; NaN and infinity become None."""
+
+        def plain(values: Array | None) -> list[float | None] | None:
+            if values is None:
+                return None
+            return [float(value) if math.isfinite(value) else None for value in values]
+
+        return {
+            "payload": self.name,
+            "robot": self.robot,
+            "log": self.log,
+            "estimated": list(self.names),
+            "flange": dict(zip(INERTIAL, plain(self.ten) or [], strict=True)),
+            "flange_std": dict(zip(INERTIAL, plain(self.std) or [], strict=True)),
+            "covariance": self.covariance.tolist(),
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "body": None
+            if self.body is None
+            else {
+                key: {
+                    "mass_kg": values[0],
+                    "com_m": values[1:4],
+                    "inertia_kg_m2": values[4:],
+                }
+                for key, values in (
+                    ("estimate", plain(self.body) or []),
+                    ("std", plain(self.body_std) or []),
+                    ("low", plain(self.body_low) or []),
+                    ("high", plain(self.body_high) or []),
+                )
+            },
+            "offsets": {name: list(pair) for name, pair in self.offsets.items()},
+            "relative_error": plain(self.relative_error),
+            "remarks": list(self.remarks),
+        }
+
+
+def _text(value: float, std: float) -> str:
+    """Return a number with two digits of its standard deviation; four decimals without one."""
+    if not (math.isfinite(std) and std > 0.0):
+        return f"{value:.4f}"
+    return f"{value:.{min(6, max(0, 1 - math.floor(math.log10(std))))}f}"
+
+
+def _table(cells: list[tuple[str, ...]]) -> list[str]:
+    left = [[cell.ljust(max(map(len, column))) for cell in column] for column in cells[:2]]
+    columns = [*left, *(aligned(column) for column in cells[2:])]
+    return ["  ".join(row).rstrip() for row in zip(*columns, strict=True)]
