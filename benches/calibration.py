@@ -1,7 +1,7 @@
 """Are the reported standard deviations right, and does every start end at the same parameters?
 
     python benches/calibration.py [--seeds 100] [--starts 20] [--json FILE]
-    python benches/calibration.py --methods cloe --seeds 20 --starts 0
+    python benches/calibration.py --methods cloe --seeds 20 --starts 0 --workers 2
     python benches/calibration.py --methods idim-ls --seeds 40 --starts 0 --cutoff-hz 60
     python benches/calibration.py --methods didim cloe --seeds 10 --starts 0 --friction
 
@@ -15,6 +15,7 @@ With ``--friction`` every joint has atan friction of known velocity, and joints 
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import re
 from dataclasses import replace
@@ -27,6 +28,8 @@ import didim
 from didim.experiment.loop import closed_loop
 from didim.methods.method import Method
 from didim.methods.start import Start
+from didim.monte_carlo.engine import run_all
+from didim.monte_carlo.executors import pool
 from didim.studies.simulated_log import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
 
 Array = NDArray[np.float64]
@@ -76,6 +79,39 @@ def with_friction(experiment: didim.Experiment, x: Array) -> tuple[didim.Experim
     return replace(experiment, robot=robot.with_terms(terms)), values
 
 
+@functools.cache
+def clean_log(cutoff_hz: float | None, friction: bool) -> tuple[didim.Experiment, Array]:
+    """Log without noise, and the true base parameters."""
+    experiment = packaged_experiment("tx40")
+    if cutoff_hz is not None:
+        experiment = replace(experiment, signal=replace(experiment.signal, cutoff_hz=cutoff_hz))
+    x = experiment.robot.parameter_set("didim")
+    if friction:
+        experiment, x = with_friction(experiment, x)
+    log = simulated_log(experiment, x, noise=False, refinement=LOG_REFINEMENT)
+    return log, experiment.robot.base_parameters.project(x)
+
+
+def one_seed(
+    task: tuple[int, tuple[str, ...], float | None, bool],
+) -> list[tuple[str, bool, list[float], int, float]]:
+    """Name, whether it converged, errors in sigmas, iterations and seconds of each method on the log of a seed."""
+    seed, names, cutoff_hz, friction = task
+    log, truth = clean_log(cutoff_hz, friction)
+    noisy = measured(log, seed)
+    known: dict[str, Method] = {
+        "idim-ls": didim.IDIMLS(),
+        "didim": didim.DIDIM(),
+        "cloe": didim.CLOE(start="idim-ls" if friction else "apriori"),
+    }
+    found = []
+    for method in (known[name] for name in names):
+        fit = didim.identify(noisy, method)
+        sigmas = ((fit.beta - truth) / np.where(fit.std > 0.0, fit.std, np.nan)).tolist()
+        found.append((method.name, fit.converged, sigmas, fit.n_iterations, fit.elapsed))
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description="Calibration of the standard deviations on the simulated TX40."
@@ -89,37 +125,33 @@ def main() -> None:
         "--cutoff-hz", type=float, help="of the filter of IDIM-LS, instead of the packaged one"
     )
     parser.add_argument("--friction", action="store_true", help="a TX40 with atan and load friction")
+    parser.add_argument(
+        "--workers", type=int, default=1, help="processes for the seeds (default: %(default)s)"
+    )
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
 
-    experiment = packaged_experiment("tx40")
-    if arguments.cutoff_hz is not None:
-        signal = replace(experiment.signal, cutoff_hz=arguments.cutoff_hz)
-        experiment = replace(experiment, signal=signal)
-    x = experiment.robot.parameter_set("didim")
-    if arguments.friction:
-        experiment, x = with_friction(experiment, x)
-    base = experiment.robot.base_parameters
-    truth = base.project(x)
-    log = simulated_log(experiment, x, noise=False, refinement=LOG_REFINEMENT)
-    known: dict[str, Method] = {
-        "idim-ls": didim.IDIMLS(),
-        "didim": didim.DIDIM(),
-        "cloe": didim.CLOE(start="idim-ls" if arguments.friction else "apriori"),
-    }
-    methods = [known[name] for name in arguments.methods]
-    off: dict[str, list[list[float]]] = {method.name: [] for method in methods}
-    iterations: dict[str, list[int]] = {method.name: [] for method in methods}
-    seconds: dict[str, list[float]] = {method.name: [] for method in methods}
-    for seed in range(arguments.seeds):
-        noisy = measured(log, seed)
-        for method in methods:
-            fit = didim.identify(noisy, method)
-            if not fit.converged:
-                raise SystemExit(f"seed {seed}: {method.name}: {fit.status.value}")
-            off[method.name].append(((fit.beta - truth) / fit.std).tolist())
-            iterations[method.name].append(fit.n_iterations)
-            seconds[method.name].append(fit.elapsed)
+    log, truth = clean_log(arguments.cutoff_hz, arguments.friction)
+    base = log.robot.base_parameters
+    off: dict[str, list[list[float]]] = {}
+    iterations: dict[str, list[int]] = {}
+    seconds: dict[str, list[float]] = {}
+    tasks = [
+        (seed, tuple(arguments.methods), arguments.cutoff_hz, arguments.friction)
+        for seed in range(arguments.seeds)
+    ]
+    executor = "serial" if arguments.workers == 1 else "process"
+    with pool(executor, arguments.workers) as some:
+        outcomes = sorted(run_all(one_seed, tasks, some), key=lambda outcome: outcome[0][0])
+    for (seed, *_), fits, lost in outcomes:
+        if lost is not None:
+            raise SystemExit(f"seed {seed}: {lost}")
+        for name, converged, sigmas, count, took in fits:
+            if not converged:
+                raise SystemExit(f"seed {seed}: {name} does not converge")
+            off.setdefault(name, []).append(sigmas)
+            iterations.setdefault(name, []).append(count)
+            seconds.setdefault(name, []).append(took)
     print(f"{arguments.seeds} seeds, {len(truth)} parameters")
     print(
         f"{'':24}  {'rms':>6}  {'in 95 %':>8}  {'beyond 3 sigma':>14}  {'largest mean':18}  iterations  seconds (median, most)"
@@ -137,7 +169,7 @@ def main() -> None:
     if arguments.starts == 0:
         return write(arguments.json, {"iterations": iterations, "seconds": seconds, "off": off})
 
-    noisy = measured(log)
+    noisy = measured(log, None)
     reference = didim.identify(noisy, didim.DIDIM())
     starts: list[Start] = ["apriori", "idim-ls", *random_starts(noisy, "didim", arguments.starts, seed=0)]
     fits = [didim.identify(noisy, didim.DIDIM(start=start)) for start in starts]

@@ -24,6 +24,7 @@ from didim.signal.align import DelaySettings
 from didim.signal.noise import white_noise
 from didim.studies.compare import position_norms
 from didim.studies.simulated_log import packaged_experiment, simulated_log
+from pickling_executor import Pickling
 
 
 @pytest.fixture(scope="module")
@@ -329,6 +330,18 @@ def test_ctrl_c_keeps_the_best_point(optimizer: str) -> None:
     ]["initial_cost"]
     assert at_start > 0.0
     assert not np.array_equal(fit.beta, off(arm))
+
+
+def test_an_executor_runs_the_further_starts() -> None:
+    arm = short_arm()
+    with Pickling(2) as executor:
+        fit = didim.identify(arm, didim.CLOE(start=off(arm), starts=3, seed=1, executor=executor))
+    assert executor.calls == 2
+    alone = didim.identify(arm, didim.CLOE(start=off(arm), starts=3, seed=1))
+    assert fit.settings["starts"] == alone.settings["starts"]
+    np.testing.assert_array_equal(fit.beta, alone.beta)
+    with pytest.raises(FitError, match=r"executor must be one of concurrent\.futures, got 'process'"):
+        didim.CLOE(executor="process")  # type: ignore[arg-type]
 
 
 def test_several_starts_are_counted() -> None:

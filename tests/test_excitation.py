@@ -29,6 +29,7 @@ from didim.excitation.settings import ExcitationSettings
 from didim.log.recording import Recording
 from didim.robot.collision import Capsule
 from didim.robot.robot import Robot
+from pickling_executor import Pickling
 from robots import random_motion
 from scripts import script
 
@@ -181,6 +182,17 @@ def test_a_design_halves_the_standard_deviations_of_a_random_motion(design: Exci
 def test_the_result_does_not_depend_on_the_number_of_threads(planar: Robot) -> None:
     settings = ExcitationSettings(**(SMALL | {"iterations": 15, "starts": 3}), parameters="reference")
     one, two = (excite(planar, replace(settings, threads=threads)) for threads in (1, 2))
+    for a, b in zip(one.sampled(), two.sampled(), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert one.starts == two.starts
+
+
+def test_an_executor_gives_the_same_design_as_threads(planar: Robot) -> None:
+    # Threads that send what other processes would be sent.
+    settings = ExcitationSettings(**(SMALL | {"iterations": 15, "starts": 2}), parameters="reference")
+    with Pickling(2) as executor:
+        one, two = excite(planar, settings), excite(planar, settings, executor=executor)
+    assert executor.calls == 2
     for a, b in zip(one.sampled(), two.sampled(), strict=True):
         np.testing.assert_array_equal(a, b)
     assert one.starts == two.starts

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -134,7 +135,7 @@ def test_an_unexpected_error_is_a_row_too(monkeypatch: pytest.MonkeyPatch) -> No
         raise ZeroDivisionError("float division by zero")
 
     monkeypatch.setattr(worker, "identify", broken)
-    task = list(tasks(SPEC))[1]
+    task = next(task for task in tasks(SPEC) if task["method"] is not None)
     result = run_task(task)
     assert json.loads(result["row"]) == {
         "id": task["id"],
@@ -185,6 +186,70 @@ def test_starts_are_drawn_around_the_truth_and_settings_of_scenarios_reach_all_m
     rows = list(study(spec, executor="serial").rows.fits.values())
     assert {(row["status"], row["iterations"]) for row in rows} == {("NOT_CONVERGED", 1)}
     assert len({tuple(row["beta"]) for row in rows}) == 4
+
+
+def test_noise_in_the_loop_reaches_the_torque_as_the_controller_amplifies_it(tmp_path: Path) -> None:
+    kp, kv = np.array([800.0, 300.0]), np.array([60.0, 10.0])
+    (tmp_path / "arm.toml").write_text(
+        """
+schema = 1
+robot = "planar2"
+[reference]
+kind = "fourier"
+harmonics = 8
+period_s = 2
+max_position_rad = [1.5, 1.0]
+max_velocity_rad_s = [3, 5]
+max_acceleration_rad_s2 = [12, 20]
+[controller]
+kind = "pd"
+kp = [800, 300]
+kv = [60, 10]
+[simulation]
+rate_hz = 200
+smoothing_rad_s = 0.05
+[measurement]
+position_noise_rad = 1e-5
+"""
+    )
+    content = {
+        "experiment": "arm.toml",
+        "parameters": "reference",
+        "method": "idim-ls",
+        "repeat": {"seeds": 1},
+    }
+    spec = read_study({**content, "noise_in_loop_hz": 1000}, tmp_path / "study.toml")
+    truth = truth_of(spec.shared(), spec.scenarios[0].keys)
+    noisy, clean = truth.noisy(0).recordings[0], truth.clean.recordings[0]
+    assert noisy.tau is not None
+    assert clean.tau is not None
+    # kv times the backward difference of white noise at 1 kHz, and kp times the noise itself, correlated with it.
+    d, p = kv * 1000.0 * 1e-5, kp * 1e-5
+    expected = np.sqrt((p + d) ** 2 + d**2)
+    found = np.std(noisy.tau - clean.tau, axis=0)
+    np.testing.assert_allclose(found, expected, rtol=0.12)
+    np.testing.assert_allclose(np.std(noisy.q - clean.q, axis=0), 1e-5, rtol=0.12)
+    assert not np.array_equal(truth.noisy(1).recordings[0].q, noisy.q)
+    np.testing.assert_array_equal(truth.noisy(0).recordings[0].q, noisy.q)
+    with pytest.raises(StudyError, match="must be a multiple of the 200 Hz of the log, got 300"):
+        replace(truth, noise_in_loop_hz=300.0).noisy(0)
+
+
+def test_noise_in_the_loop_is_for_a_plain_pd() -> None:
+    results = study(read_study(small_study(seeds=1, noise_in_loop_hz=1000), PLACE), executor="serial")
+    rows = [*results.rows.fits.values()]
+    assert {row["status"] for row in rows} == {"FAILED"}
+    assert "needs position_noise in [measurement]" in rows[0]["sentence"]
+    # Without a truth there are no figures, and the text says why.
+    assert results.figures == ()
+    assert "2 scenarios without the row of the truth" in str(results)
+    assert "needs position_noise in [measurement]" in str(results)
+    assert len(results.rows.done) == 6
+    grid = {**small_study()["grid"], "measurement.position_noise_rad": [1e-5]}
+    results = study(
+        read_study(small_study(seeds=1, noise_in_loop_hz=1000, grid=grid), PLACE), executor="serial"
+    )
+    assert all("is for a continuous PD" in row["sentence"] for row in results.rows.fits.values())
 
 
 def test_another_process_that_writes_is_noticed(tmp_path: Path) -> None:

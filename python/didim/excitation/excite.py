@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -47,6 +48,7 @@ def excite(
     settings: ExcitationSettings | str | Path | None = None,
     *,
     progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> Excitation:
     """Design a motion for the identification of a robot.
 
@@ -61,6 +63,8 @@ def excite(
         What is asked for, or the file that says it (``excite.toml``).
     progress : callable, optional
         Called with start, evaluations and value, from the threads of the starts.
+    executor : Executor, optional
+        Runs the starts of a Fourier series instead of threads: any of `concurrent.futures`, without progress.
 
     Returns
     -------
@@ -82,7 +86,9 @@ def excite(
     if settings.friction:
         robot = robot.with_friction(**settings.friction)
     task = _Task(robot, settings)
-    found = _points(task, progress) if settings.kind == "point-to-point" else _series(task, progress)
+    found = (
+        _points(task, progress) if settings.kind == "point-to-point" else _series(task, progress, executor)
+    )
     return replace(found, elapsed=time.perf_counter() - began)
 
 
@@ -245,7 +251,7 @@ class _Task:
         return Problem(series, information, chosen, self.x, self.clearance)
 
 
-def _series(task: _Task, progress: Progress | None) -> Excitation:
+def _series(task: _Task, progress: Progress | None, executor: Executor | None) -> Excitation:
     """Design a Fourier series."""
     settings, limits = task.settings, task.limits
     basis = SeriesBasis(period_s=settings.duration_s, harmonics=settings.harmonics)
@@ -265,7 +271,9 @@ def _series(task: _Task, progress: Progress | None) -> Excitation:
         starts.append(scaling.pack(shape, place))
         randoms.append((problem, Series(basis=basis, scaled=shape, offset=offset)))
     random = randoms[0][0].feasible(randoms[0][1])
-    found, interrupted = search_all(problems, starts, settings.iterations, _threads(settings), progress)
+    found, problems, interrupted = search_all(
+        problems, starts, settings.iterations, _threads(settings), progress, executor
+    )
     ends = [_end(problem, one) for problem, one in zip(problems, found, strict=True)]
     values = [
         -np.inf if end is None else problem.criterion(problem.information.matrix(*end.motion()[:3]))[0]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Executor, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Any
 
@@ -106,8 +106,28 @@ def search_all(
     iterations: int,
     threads: int,
     progress: Progress | None = None,
-) -> tuple[list[Found], bool]:
-    """Run all starts on threads, and say whether the keyboard interrupted them; every start keeps its best."""
+    executor: Executor | None = None,
+) -> tuple[list[Found], list[Problem], bool]:
+    """Run all starts on threads, or on an executor of the caller.
+
+    Returns
+    -------
+    found, problems, interrupted
+        The end of each start, its problem with the limits that the search has tightened, and whether the keyboard interrupted
+        them: every start keeps its best then. An executor elsewhere hears nothing of the keyboard and tells no progress.
+    """
+    if executor is not None:
+        sent = [
+            executor.submit(search_apart, problem, start, iterations)
+            for problem, start in zip(problems, starts, strict=True)
+        ]
+        try:
+            ends = [future.result() for future in sent]
+        except BaseException:
+            for future in sent:
+                future.cancel()
+            raise
+        return [found for found, _ in ends], [problem for _, problem in ends], False
     stop = threading.Event()
 
     def one(index: int) -> Found:
@@ -130,4 +150,9 @@ def search_all(
                 # A second interruption while the threads come to their end leaves as usual.
                 interrupted = True
                 stop.set()
-        return [future.result() for future in futures], interrupted
+        return [future.result() for future in futures], list(problems), interrupted
+
+
+def search_apart(problem: Problem, start: Array, iterations: int) -> tuple[Found, Problem]:
+    """Run one start in another process, and return its problem too: a search tightens its limits."""
+    return search(problem, start, iterations, threading.Event()), problem

@@ -109,7 +109,9 @@ class StudyResults:
         lost = [name for name in self.scenarios if name not in self.rows.truths]
         if not lost:
             return ""
-        return f"{counted(len(lost), 'scenario')} without the row of the truth: {', '.join(lost[:3])}"
+        reasons = [self.rows.untrue[name]["sentence"] for name in lost if name in self.rows.untrue]
+        why = f" ({reasons[0]})" if reasons else ""
+        return f"{counted(len(lost), 'scenario')} without the row of the truth: {', '.join(lost[:3])}{why}"
 
     def __str__(self) -> str:
         return "\n".join(study_lines(self.name, self.figures, self.missing()))

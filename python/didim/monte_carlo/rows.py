@@ -30,6 +30,8 @@ class Rows:
         Rows of identifications, failed ones too, by id.
     truths : dict
         Rows of scenarios, by the name of the scenario.
+    untrue : dict
+        Rows of scenarios whose truth failed, by the name of the scenario.
     times : dict
         Times by id.
     remarks : tuple of str
@@ -38,13 +40,14 @@ class Rows:
 
     fits: dict[str, Row] = field(default_factory=dict)
     truths: dict[str, Row] = field(default_factory=dict)
+    untrue: dict[str, Row] = field(default_factory=dict)
     times: dict[str, Row] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
     @property
     def done(self) -> set[str]:
         """Ids of the tasks that need not be run again: all but those whose workers died."""
-        rows = [*self.fits.values(), *self.truths.values()]
+        rows = [*self.fits.values(), *self.truths.values(), *self.untrue.values()]
         return {row["id"] for row in rows if row["status"] != LOST}
 
 
@@ -139,8 +142,9 @@ def _sorted(found: dict[str, Row], times: dict[str, Row], remarks: Iterable[str]
     # Rows come in the order in which workers ended: that of the ids is always the same.
     ordered = [found[key] for key in sorted(found)]
     return Rows(
-        fits={row["id"]: row for row in ordered if row["status"] != TRUTH and row["method"] is not None},
+        fits={row["id"]: row for row in ordered if row["method"] is not None},
         truths={row["scenario"]: row for row in ordered if row["status"] == TRUTH},
+        untrue={row["scenario"]: row for row in ordered if row["method"] is None and row["status"] != TRUTH},
         times=times,
         remarks=tuple(remarks),
     )

@@ -8,6 +8,7 @@ both. Tested in ``tests/test_cloe.py``.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,6 +72,8 @@ class CLOE(CLOESettings):
         As in `didim.methods.method.MethodSettings`; trimming and delay count for the torque errors of the result.
     threads : int, optional
         All cores by default.
+    executor : Executor, optional
+        Runs the searches from further starts: any of `concurrent.futures`. They report no iterations.
 
     Raises
     ------
@@ -103,11 +106,18 @@ class CLOE(CLOESettings):
         if self.starts == 1 or first.status in (Status.STOPPED, Status.INTERRUPTED):
             return first
         fits, interrupted = [first], False
+        sent: list[Future[Identification]] = []
         try:
-            for number, point in enumerate(_further_starts(problem, self.starts - 1, self.seed), start=2):
+            points = _further_starts(problem, self.starts - 1, self.seed)
+            if self.executor is not None:
+                alone = replace(self, executor=None)
+                sent = [self.executor.submit(_search_apart, alone, experiment, point) for point in points]
+            for number, point in enumerate(points, start=2):
                 say(f"start {number} of {self.starts}")
                 try:
-                    fits.append(self._search(problem.begun_at(point), progress))
+                    fits.append(
+                        sent[number - 2].result() if sent else self._search(problem.begun_at(point), progress)
+                    )
                 except DidimError as reason:
                     say(f"start {number}: {reason}")
                     continue
@@ -115,6 +125,9 @@ class CLOE(CLOESettings):
                     break
         except KeyboardInterrupt:
             interrupted = True
+        finally:
+            for future in sent:
+                future.cancel()
         best = _best(fits, self.starts)
         return replace(best, status=Status.INTERRUPTED) if interrupted else best
 
@@ -122,6 +135,13 @@ class CLOE(CLOESettings):
         if self.optimizer == "nelder-mead":
             return SimplexSearch(problem, progress).run()
         return search(problem, progress)
+
+
+def _search_apart(method: CLOE, experiment: Experiment, point: Array) -> Identification:
+    """Search from a point in another process."""
+    job = method.job(experiment, experiment.simulation.robot(experiment.robot))
+    problem = OutputError(method, job, lambda _: None)
+    return method._search(problem.begun_at(point), lambda _: False)
 
 
 def _further_starts(problem: OutputError, count: int, seed: int) -> list[Array]:

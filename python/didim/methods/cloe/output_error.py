@@ -313,7 +313,8 @@ class OutputError:
 
     def settings(self) -> dict[str, Any]:
         """Return what was asked for."""
-        asked = asdict(replace(self.method, start="unit"))
+        asked = asdict(replace(self.method, start="unit", executor=None))
+        del asked["executor"]
         start = self.method.chosen_start
         asked["start"] = start if isinstance(start, str) else "given"
         asked["checkpoint"] = None if self.method.checkpoint is None else str(self.method.checkpoint)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal, get_args
@@ -47,6 +48,7 @@ class CLOESettings(MethodSettings):
     starts: int = 1
     seed: int = 0
     checkpoint: str | Path | None = None
+    executor: Executor | None = None
 
     motion: ClassVar[Motion] = "simulated"
     raw: ClassVar[bool] = True
@@ -83,6 +85,8 @@ class CLOESettings(MethodSettings):
         for key in ("max_iterations", "max_evaluations"):
             if getattr(self, key) is not None:
                 whole(key, getattr(self, key), FitError, least=1)
+        if self.executor is not None and not isinstance(self.executor, Executor):
+            raise FitError(f"executor must be one of concurrent.futures, got {self.executor!r}")
         if self.threads is not None:
             whole("threads", self.threads, FitError, least=1, most=MOST_THREADS)
         if self.noise is not None:
