@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import importlib
 import json
 import os
 import pickle
@@ -110,9 +111,8 @@ def dask_cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[byte
     started = [subprocess.Popen([*scheduler, "--no-dashboard"], **quiet)]
     started += [subprocess.Popen(worker, env=one_thread, **quiet) for _ in range(workers)]
     try:
-        from distributed import Client
-
-        with Client(address, timeout=PATIENCE_S, set_as_default=False) as client:
+        distributed: Any = importlib.import_module("distributed")
+        with distributed.Client(address, timeout=PATIENCE_S, set_as_default=False) as client:
             client.wait_for_workers(workers, timeout=PATIENCE_S)
         yield address, started[1:]
     finally:

@@ -148,7 +148,10 @@ def results(methods: int = 2) -> StudyResults:
     }
     fits["x"] = lost
     return StudyResults(
-        "noise", Rows(fits, truths, times), tuple(scenarios), tuple(f"method {k}" for k in range(methods))
+        "noise",
+        Rows(fits, truths, times=times),
+        tuple(scenarios),
+        tuple(f"method {k}" for k in range(methods)),
     )
 
 

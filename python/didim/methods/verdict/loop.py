@@ -240,6 +240,7 @@ def _best(rows: LawRows, values: Sequence[float], law: Callable[[float], Array])
     def cost(value: float) -> float:
         return float(np.sum((rows.error(law(value)) / rows.size) ** 2))
 
+    values = sorted(set(values))
     costs = [cost(value) for value in values]
     k = int(np.argmin(costs))
     low, high = values[max(k - 1, 0)], values[min(k + 1, len(values) - 1)]
