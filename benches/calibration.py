@@ -101,7 +101,7 @@ def one_seed(
     noisy = measured(log, seed)
     known: dict[str, Method] = {
         "idim-ls": didim.IDIMLS(),
-        "didim": didim.DIDIM(),
+        "didim": didim.DIDIM(physical=False),
         "cloe": didim.CLOE(start="idim-ls" if friction else "apriori"),
     }
     found = []
@@ -170,9 +170,9 @@ def main() -> None:
         return write(arguments.json, {"iterations": iterations, "seconds": seconds, "off": off})
 
     noisy = measured(log, None)
-    reference = didim.identify(noisy, didim.DIDIM())
+    reference = didim.identify(noisy, didim.DIDIM(physical=False))
     starts: list[Start] = ["apriori", "idim-ls", *random_starts(noisy, "didim", arguments.starts, seed=0)]
-    fits = [didim.identify(noisy, didim.DIDIM(start=start)) for start in starts]
+    fits = [didim.identify(noisy, didim.DIDIM(start=start, physical=False)) for start in starts]
     for fit in fits:
         if not fit.converged:
             raise SystemExit(f"a start does not converge: {fit.status.value}")

@@ -93,7 +93,7 @@ def simulated(seeds: int) -> None:
     )
     assert clean.measurement is not None
     logs = [measured(clean, seed) for seed in range(seeds)]
-    sigma = didim.identify(logs[0], didim.DIDIM()).std_white
+    sigma = didim.identify(logs[0], didim.DIDIM(physical=False)).std_white
     slow = replace(clean.signal, cutoff_hz=60.0)
     squares: dict[str, list[float]] = {"least-squares": [], "total": []}
     for log in logs:

@@ -144,7 +144,7 @@ def circle(seeds: int) -> None:
     ):
         std, error, percent = [], [], []
         for seed in range(seeds):
-            fit = didim.identify(didim.simulated_log(source, truth, seed=seed), didim.DIDIM())
+            fit = didim.identify(didim.simulated_log(source, truth, seed=seed), didim.DIDIM(physical=False))
             std.append(fit.std)
             error.append((fit.beta - beta) / fit.std)
             percent.append(100.0 * fit.std / np.abs(beta))

@@ -74,7 +74,7 @@ def poor_motions(experiment: Experiment, x: np.ndarray, count: int, step: float,
         inertia = mean_inertia(experiment.robot, x, reference)
         controller = Controller.tuned([frequency] * 6, [0.7] * 6, inertia)
         poor = replace(experiment, reference=reference, controller=controller, simulation=simulation)
-        fit = didim.identify(simulated_log(poor, x, refinement=1), didim.DIDIM())
+        fit = didim.identify(simulated_log(poor, x, refinement=1), didim.DIDIM(physical=False))
         runs += 1
         if fit.converged:
             truth = experiment.robot.base_parameters.project(x)
@@ -105,7 +105,7 @@ def with_torques(log: Experiment, tau: np.ndarray) -> Experiment:
 
 def tell(name: str, log: Experiment, x: np.ndarray) -> None:
     try:
-        fit = didim.identify(log, didim.DIDIM())
+        fit = didim.identify(log, didim.DIDIM(physical=False))
     except didim.DidimError as error:
         print(f"{name:34} {error}")
         return

@@ -116,7 +116,7 @@ def of_didim(seeds: int) -> None:
     experiment = didim.packaged_experiment("tx40")
     x = experiment.robot.parameter_set("didim")
     log, truth = didim.simulated_log(experiment, x, noise=False), experiment.robot.base_parameters.project(x)
-    fits = [didim.identify(measured(log, seed), didim.DIDIM()) for seed in range(seeds)]
+    fits = [didim.identify(measured(log, seed), didim.DIDIM(physical=False)) for seed in range(seeds)]
     print(
         line(
             f"DIDIM, {seeds} seeds, jackknife",

@@ -302,6 +302,10 @@ def test_the_noise_of_an_earlier_log_is_found(planar: Robot, design: Excitation)
         ({"wanted": ("FV1",)}, "has no base parameter 'FV1'; did you mean 'Fv1'"),
         ({"torque_noise": (1.0, 0.0)}, "torque_noise needs one positive number or 2, one per joint"),
         ({"home": (0.0,)}, "home needs 2 numbers, one per joint"),
+        (
+            {"friction": {"load": [2]}},
+            "the load friction of joint 2 depends on the torques that are still to be identified",
+        ),
     ],
 )
 def test_limits_without_room_get_one_sentence(planar: Robot, settings: dict[str, Any], sentence: str) -> None:

@@ -28,7 +28,7 @@ from .criterion import condition_number, criterion, log_determinant
 from .design import Excitation
 from .export import reference_table
 from .limits import MotionLimits, motion_limits
-from .optimiser import Found, Progress, search_all
+from .optimiser import TRIALS, Found, Progress, search_all
 from .points import PointDesign
 from .prior import noise_from, prior_information
 from .problem import FINE, Information, Problem, scaled
@@ -39,6 +39,8 @@ from .settings_file import read_excitation
 
 TORQUE_SHARE = 0.01
 """Standard deviation of the torques' noise, as a share of the torque limit, where none is given."""
+TRIAL_SEED = 1_000_003
+"""Between the seeds of the random motions of one start: those of other starts are not among them."""
 POSES = 2000
 """Random poses tried for one at which the robot can rest within all limits."""
 
@@ -258,18 +260,21 @@ def _series(task: _Task, progress: Progress | None, executor: Executor | None) -
     shrinks = task.limited or not task.clearance.empty
     problems, starts, randoms = [], [], []
     for index in range(settings.starts):
-        seed = settings.seed + index
-        offset = task.start if task.start is not None else task.resting_place(seed)
-        shape = _random_shape(basis, limits, offset, seed)
         scaling = ScaledSeries(basis, limits, task.start, shrinks)
         problem = task.problem(scaling)
-        place = None
-        if task.start is None:
-            share = (offset - limits.lowest) / (limits.highest - limits.lowest)
-            place = np.log(share / (1.0 - share))
+        trials = []
+        for trial in range(TRIALS):
+            seed = settings.seed + index + trial * TRIAL_SEED
+            offset = task.start if task.start is not None else task.resting_place(seed)
+            shape = _random_shape(basis, limits, offset, seed)
+            place = None
+            if task.start is None:
+                share = (offset - limits.lowest) / (limits.highest - limits.lowest)
+                place = np.log(share / (1.0 - share))
+            trials.append(scaling.pack(shape, place))
+            randoms.append((problem, Series(basis=basis, scaled=shape, offset=offset)))
         problems.append(problem)
-        starts.append(scaling.pack(shape, place))
-        randoms.append((problem, Series(basis=basis, scaled=shape, offset=offset)))
+        starts.append(trials)
     random = randoms[0][0].feasible(randoms[0][1])
     found, problems, interrupted = search_all(
         problems, starts, settings.iterations, _threads(settings), progress, executor

@@ -23,6 +23,9 @@ WEIGHTS = (100.0, 2000.0)
 """Weights of the penalties, one after the other: the second leaves violations of parts in a thousand."""
 SHARES = (0.5, 0.5)
 """Shares of the iterations with each weight."""
+TRIALS, TRIAL = 3, 0.32
+"""Random motions of each start, and the share of the iterations that each gets; the best of them goes on. Where a search ends
+differs by several units of the log determinant from motion to motion, and shows after so many iterations."""
 REPAIRS, REPAIR = 8, 0.06
 """Largest number of repetitions with tighter limits, until the fine grid keeps them, and the share of iterations of each."""
 MEMORY = 60
@@ -59,13 +62,13 @@ class Found:
 
 def search(
     problem: Problem,
-    start: Array,
+    starts: Sequence[Array],
     iterations: int,
     stop: threading.Event,
     progress: Callable[[int, float], None] | None = None,
 ) -> Found:
-    """Minimise the objective of a problem from one start; a stop keeps the best variables so far."""
-    best, least, calls = start, np.inf, 0
+    """Minimise the objective of a problem from the best of several motions; a stop keeps the best variables so far."""
+    best, least, calls = starts[0], np.inf, 0
     penalised = problem.limited or not problem.clearance.empty
 
     def value(v: Array, weight: float) -> tuple[float, Array]:
@@ -80,15 +83,21 @@ def search(
             progress(calls, least)
         return objective, gradient
 
-    def descend(weight: float, count: int) -> None:
+    def descend(weight: float, count: int, start: Array | None = None) -> None:
         nonlocal least
-        least = np.inf
+        if start is None:
+            least = np.inf
+            start = best
         options = {"maxiter": count, "maxfun": 2 * count, "maxcor": MEMORY, "ftol": 1e-9, "gtol": 1e-6}
         minimise: Any = minimize  # its overloads do not know functions that return value and gradient
-        minimise(lambda v: value(v, weight), best, jac=True, method="L-BFGS-B", options=options)
+        minimise(lambda v: value(v, weight), start, jac=True, method="L-BFGS-B", options=options)
 
     try:
-        for power, weight, share in zip(POWERS, WEIGHTS, SHARES, strict=True):
+        problem.series.power = POWERS[0]
+        for start in starts if len(starts) > 1 else ():
+            descend(WEIGHTS[0], max(1, round(TRIAL * iterations)), start)
+        shares = (SHARES[0] if len(starts) == 1 else max(SHARES[0] - TRIAL, 0.0), *SHARES[1:])
+        for power, weight, share in zip(POWERS, WEIGHTS, shares, strict=True):
             problem.series.power = power
             descend(weight, max(1, round(share * iterations)))
         for _ in range(REPAIRS if penalised else 0):
@@ -102,7 +111,7 @@ def search(
 
 def search_all(
     problems: Sequence[Problem],
-    starts: Sequence[Array],
+    starts: Sequence[Sequence[Array]],
     iterations: int,
     threads: int,
     progress: Progress | None = None,
