@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -22,6 +25,49 @@ LARGEST_INTEGER = 2**63 - 1
 """TOML promises no larger ones."""
 
 _Default = TypeVar("_Default")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A key that a reader asked for: an entry of the schema of a file.
+
+    Attributes
+    ----------
+    where, path, key : str
+        File, table and key.
+    kind : str
+        Type of the value.
+    default
+        Value without the key, or `MISSING`.
+    choices : tuple of str
+        Texts that are allowed.
+    minimum, maximum, above : float or None
+        Bounds of a number.
+    """
+
+    where: str
+    path: str
+    key: str
+    kind: str
+    default: Any = MISSING
+    choices: tuple[str, ...] = ()
+    minimum: float | None = None
+    maximum: float | None = None
+    above: float | None = None
+
+
+_LISTENER: ContextVar[list[Asked] | None] = ContextVar("listener", default=None)
+
+
+@contextmanager
+def asked_keys() -> Iterator[list[Asked]]:
+    """Collect all keys that readers ask for, in their order: what the reference pages are made of."""
+    found: list[Asked] = []
+    token = _LISTENER.set(found)
+    try:
+        yield found
+    finally:
+        _LISTENER.reset(token)
 
 
 def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
@@ -92,6 +138,12 @@ class Table:
         """Raise this table's error, opened by the file and the table's name."""
         raise self._error(f"{self.prefix} {text}")
 
+    def _note(self, key: str, kind: str, default: Any, **bounds: Any) -> None:
+        """Tell who listens that a key is asked for."""
+        listener = _LISTENER.get()
+        if listener is not None:
+            listener.append(Asked(self._where, self._path, key, kind, default, **bounds))
+
     @property
     def prefix(self) -> str:
         """File and table, as messages open: ``emps.toml: [signal]``."""
@@ -99,11 +151,14 @@ class Table:
 
     def has(self, key: str) -> bool:
         """Whether the table holds `key`; counts as asking for it."""
+        self._note(key, "", None)
         self._asked[key] = None
         return key in self._mapping
 
-    def raw(self, key: str, default: object = MISSING) -> Any:
-        """Value as `tomllib` gives it."""
+    def raw(self, key: str, default: object = MISSING, kind: str | None = None) -> Any:
+        """Value as `tomllib` gives it; `kind` says in words what it may be, where no other method does."""
+        if kind is not None:
+            self._note(key, kind, default)
         self._asked[key] = None
         if key in self._mapping:
             return self._mapping[key]
@@ -122,6 +177,7 @@ class Table:
         above: float | None = None,
     ) -> float | _Default:
         """Finite number within `minimum` <= value <= `maximum`, and value > `above`."""
+        self._note(key, "number", default, minimum=minimum, maximum=maximum, above=above)
         value = self.raw(key, default)
         if key not in self._mapping:
             return default
@@ -137,6 +193,7 @@ class Table:
         maximum: int | None = None,
     ) -> int | _Default:
         """Integer within `minimum` <= value <= `maximum`; 3.0 is not one."""
+        self._note(key, "integer", default, minimum=minimum, maximum=maximum)
         value = self.raw(key, default)
         if key not in self._mapping:
             return default
@@ -151,6 +208,7 @@ class Table:
         self, key: str, default: _Default = MISSING, choices: Sequence[str] | None = None
     ) -> str | _Default:
         """Text, one of `choices` when they are given."""
+        self._note(key, "text", default, choices=tuple(choices or ()))
         value = self.raw(key, default)
         if key not in self._mapping:
             return default
@@ -162,6 +220,7 @@ class Table:
 
     def boolean(self, key: str, default: _Default = MISSING) -> bool | _Default:
         """Truth value, ``true`` or ``false``."""
+        self._note(key, "true or false", default)
         value = self.raw(key, default)
         if key not in self._mapping:
             return default
@@ -173,6 +232,7 @@ class Table:
         self, key: str, length: int | None = None, default: _Default = MISSING
     ) -> list[float] | _Default:
         """List of finite numbers, of the given length when there is one."""
+        self._note(key, "list of numbers", default)
         value = self.raw(key, default)
         if key not in self._mapping:
             return default
@@ -180,6 +240,7 @@ class Table:
 
     def spread(self, key: str, length: int, default: _Default = MISSING) -> list[float] | _Default:
         """List of `length` numbers, or one number that stands for all of them."""
+        self._note(key, "number, or list of numbers", default)
         value = self.raw(key, default)
         if key not in self._mapping:
             return default
@@ -189,6 +250,7 @@ class Table:
 
     def texts(self, key: str, default: _Default = MISSING) -> list[str] | _Default:
         """List of texts."""
+        self._note(key, "list of texts", default)
         value = self.raw(key, default)
         if key not in self._mapping:
             return default
@@ -200,6 +262,7 @@ class Table:
         self, key: str, rows: int, columns: int, default: _Default = MISSING
     ) -> list[list[float]] | _Default:
         """Matrix as a list of rows."""
+        self._note(key, "matrix, row by row", default)
         value = self.raw(key, default)
         if key not in self._mapping:
             return default
@@ -211,6 +274,7 @@ class Table:
 
     def table(self, key: str, default: _Default = MISSING) -> Table | _Default:
         """Sub-table ``[key]``."""
+        self._note(key, "table", default)
         value = self.raw(key, default)
         if key not in self._mapping:
             return default
@@ -220,6 +284,7 @@ class Table:
 
     def tables(self, key: str, default: _Default = MISSING) -> list[Table] | _Default:
         """Array of tables ``[[key]]``; each is named by its place when there are several."""
+        self._note(key, "array of tables", default)
         value = self.raw(key, default)
         if key not in self._mapping:
             return default

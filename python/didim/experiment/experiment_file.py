@@ -216,7 +216,7 @@ def _given(table: Table, **options: Any) -> dict[str, Any]:
 
 
 def _signal_keys(table: Table) -> dict[str, Any]:
-    if isinstance(table.raw("decimation", []), list):
+    if isinstance(table.raw("decimation", [], "integer, or list of integers"), list):
         factors = table.raw("decimation", [])
         if not all(type(factor) is int for factor in factors):
             table.fail(f"decimation must be a list of integers, got {factors!r}")
@@ -251,7 +251,7 @@ def _least_squares_keys(table: Table) -> dict[str, Any]:
 
 
 def _delay_keys(table: Table) -> dict[str, Any]:
-    value = table.raw("compensate_samples", "hold")
+    value = table.raw("compensate_samples", "hold", 'number, list of numbers, "hold" or "estimate"')
     if isinstance(value, list):
         return {"compensate_samples": table.numbers("compensate_samples")}
     return {

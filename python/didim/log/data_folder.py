@@ -156,7 +156,7 @@ def _with_part(value: Any, part: str) -> Any:
 
 def _names(table: Table) -> list[str]:
     """File names of a table: one, or a list with one file for each column."""
-    if not isinstance(table.raw("file"), list):
+    if not isinstance(table.raw("file", kind="text, or list of texts"), list):
         return [table.text("file")]
     names = table.texts("file")
     if not names:
@@ -165,7 +165,9 @@ def _names(table: Table) -> list[str]:
 
 
 def _columns(table: Table, count: int, joints: Sequence[str]) -> list[Column] | None:
-    columns = table.raw("columns", None)
+    columns = table.raw(
+        "columns", None, "list of names, list of numbers from 1, or table of columns by joint"
+    )
     if columns is None:
         return None
     if isinstance(columns, dict):

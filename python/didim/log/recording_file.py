@@ -90,7 +90,7 @@ def read_recording(
     name = table.text("name", name)
     role = cast("Role", table.text("role", "fit", choices=ROLES))
     rate = table.number("rate_hz", None, above=0.0)
-    windows_s = table.raw("windows_s", [])
+    windows_s = table.raw("windows_s", [], "list of [start, stop]")
     payload = table.text("payload", "none")
     own = [key for key in OWN if table.text(key, "shared", choices=["shared", "own"]) == "own"]
     tables = {key: table.table(key, None) for key in SOURCES}
@@ -255,7 +255,7 @@ class _Channel:
     @classmethod
     def effort(cls, source: Source, robot: _Robot, reduction: Array | None) -> _Channel:
         side, matrix = _side(source.table, reduction)
-        if source.table.raw("gain", None) == ESTIMATE:
+        if source.table.raw("gain", None, f'number, list of numbers, or "{ESTIMATE}"') == ESTIMATE:
             factors = current_factors(source.table, len(robot.joint_kinds))
             drives = np.eye(len(robot.joint_kinds)) if matrix is None else matrix
             source.table.done()

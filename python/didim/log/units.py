@@ -32,7 +32,11 @@ _ANGULAR = ("rad", "deg", "count", "N.m", "rad/s", "deg/s")
 
 def _units(table: Table, allowed: Sequence[str], n: int) -> list[str]:
     """One unit for all columns, or a list with one for each."""
-    units = table.texts("unit") if isinstance(table.raw("unit"), list) else [table.text("unit")] * n
+    units = (
+        table.texts("unit")
+        if isinstance(table.raw("unit", kind="text, or list of texts"), list)
+        else [table.text("unit")] * n
+    )
     if len(units) != n:
         table.fail(f"unit must be one text or a list of {n}, got {len(units)}")
     for unit in units:

@@ -250,7 +250,7 @@ def _terms(table: Table, kinds: Sequence[str], default: tuple[FrictionTerm, ...]
 
 def _joints(table: Table, key: str, n: int) -> list[int] | None:
     """Joints of a law, from 0: ``true`` for all, ``false`` for none, or a list of numbers from 1."""
-    value = table.raw(key, None)
+    value = table.raw(key, None, "true, false, or list of joints")
     if value is None:
         return None
     if isinstance(value, bool):
