@@ -167,6 +167,30 @@ def test_the_friction_table_of_the_emps(shared: Path, project: Path, laws: tuple
     assert 100.0 * fit.overall_relative_error == pytest.approx(EMPS[laws], abs=0.05)
 
 
+def test_the_choice_on_the_ur10e(shared: Path) -> None:
+    folder = shared / "data/ur10e"
+    table = np.loadtxt(folder / "free.csv", delimiter=",")[195:4966]
+    t = table[:, 0] - table[0, 0]
+    even = np.arange(0.0, t[-1], 0.01)
+    q, current = (
+        np.column_stack([np.interp(even, t, table[:, column]) for column in columns])
+        for columns in (range(1, 7), range(13, 19))
+    )
+    gains = (10.56, 12.38, 9.95, 10.38, 10.27, 10.31)  # by maximum likelihood, with the loaded log (N.m/A)
+    experiment = didim.Experiment(
+        name="UR10e",
+        robot=didim.load_robot(folder / "ur10e.urdf").with_friction(dead_zone_rad_s=0.01),
+        recordings=(didim.Recording.from_arrays(q, current * gains, rate_hz=100.0),),
+        signal=didim.SignalProcessing(cutoff_hz=8.0, trim_start=50, trim_end=50, decimation=(5,)),
+    )
+    plain, fit = (didim.identify(experiment, didim.IDIMLS(friction=choice)) for choice in (None, "auto"))  # type: ignore[arg-type]
+    before, after = fit.settings["friction"]["held_out_error"]
+    assert 100.0 * plain.overall_relative_error == pytest.approx(3.63, abs=0.02)
+    assert fit.overall_relative_error < (1.0 - 1.0 / 3.0) * plain.overall_relative_error
+    assert after < (1.0 - 1.0 / 3.0) * before
+    assert {"Fl2", "Fl3", "Fa1"} <= {item["parameter"] for item in fit.settings["friction"]["chosen"]}
+
+
 def test_the_choice_on_the_tx40(shared: Path, project: Path) -> None:
     experiment = didim.load_experiment(project / "examples/tx40_log_best.toml", data=shared / "data/tx40")
     fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
