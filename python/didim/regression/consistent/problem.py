@@ -27,8 +27,8 @@ from .prior import Prior
 
 FRICTION_WEIGHT = 1e-3
 """Weight of the log-det terms of friction (nats): no effect on an estimate, and the solver stays inside."""
-LEAST_WEIGHT = 1e-7
-"""Weight of the log-det term of every condition at least (nats), for a unique solution; as in ``cone.rs``."""
+LEAST_WEIGHT = 3e-8
+"""Weight of the log-det term of every condition at least (nats), for a unique solution."""
 
 
 @dataclass(frozen=True)
