@@ -187,7 +187,7 @@ def test_rates_of_feasible_robots_are_below_the_bound_in_every_pose(
     truth[light] *= 1e-3
     x = problem.solve(root, root @ robot.base_parameters.project(truth)).x
     drives = Drives(robot)
-    assert all(item.smallest(x) > -1e-9 for item in simulable_cones(drives, step, rate, damping, v))
+    assert all(item.smallest(x) > -1e-9 for item in simulable_cones(drives, step, rate, damping.tolist(), v))
     friction = np.diag(damping)
     for group in drives.groups:
         sides, shafts = ("",) * len(group), (1.0,) * len(drives.motors(group))

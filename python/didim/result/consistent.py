@@ -156,8 +156,8 @@ class MovedToRobot:
     ) -> Self:
         """Return the nearest robot: all standard parameters physically consistent, with intervals from draws.
 
-        Each standard parameter is marked *identified*, or *from the prior* where another prior would move it by more than its
-        own deviation. ``settings["consistent"]`` keeps the table; the errors of the torques remain those of the estimate.
+        Each standard parameter is marked *identified*, or *from the prior* where another prior would move it by more than 0.3
+        of its own deviation. ``settings["consistent"]`` keeps the table; the errors of the torques remain those of the estimate.
 
         Parameters
         ----------
