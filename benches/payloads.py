@@ -29,6 +29,7 @@ from didim.robot.robot import Robot
 from didim.signal.processing import SignalProcessing
 from didim.signal.segments import Segment
 from didim.studies.loads.payload import identify_payload
+from didim.studies.loads.residual import residual_torques
 
 Array = NDArray[np.float64]
 
@@ -223,7 +224,48 @@ def payload(options: argparse.Namespace) -> None:
     )
 
 
-STUDIES: dict[str, Callable[[argparse.Namespace], None]] = {"gains": gains, "tx40": wrist, "payload": payload}
+def push(options: argparse.Namespace) -> None:
+    """Latency of the observer for 5 N.m at joint 3 of a UR5e, and what it reports on clean logs."""
+    robot, x = ur5e(options.data)
+    fit = known_robot(robot, x, 100)
+    rate, latencies, seen, false_alarms, changes = 500.0, [], 0, 0, 0
+    limits = []
+    for number in range(options.payloads):
+        log = noisy_log(robot, x, 300 + number, rate)
+        found = residual_torques(fit, log)
+        false_alarms += sum(len(item.contacts) for item in found.windows)
+        changes += sum(item.payload_change is not None for item in found.windows)
+        limits.append(np.median(found.windows[0].limits, axis=0))
+        (item,) = log.recordings
+        assert item.tau is not None
+        start = 6.0 + 0.73 * number % 8.0
+        tau = item.tau.copy()
+        tau[(item.t >= start) & (item.t < start + 0.5), 2] -= 5.0
+        pushed = residual_torques(fit, replace(log, recordings=(replace(item, tau=tau),)))
+        near = [
+            contact.start_s - start
+            for contact in pushed.windows[0].contacts
+            if 3 in contact.joints and -0.01 <= contact.start_s - start < 0.5
+        ]
+        seen += bool(near)
+        latencies += near[:1]
+    print(
+        f"clean logs of 20 s: {options.payloads}, contacts reported {false_alarms}, payload changes {changes}"
+    )
+    print(f"limits of the observer, median: {np.round(np.mean(limits, axis=0), 2)} N.m")
+    if latencies:
+        print(
+            f"5 N.m at joint 3: {seen} of {options.payloads} reported, after {1e3 * np.median(latencies):.0f} ms "
+            f"(median), {1e3 * max(latencies):.0f} ms at most"
+        )
+
+
+STUDIES: dict[str, Callable[[argparse.Namespace], None]] = {
+    "gains": gains,
+    "tx40": wrist,
+    "payload": payload,
+    "push": push,
+}
 
 
 def main() -> None:

@@ -27,6 +27,7 @@ from .identify import add as add_identify
 from .init import add as add_init
 from .lists import add as add_lists
 from .loads.payload import add as add_payload
+from .loads.residual import add as add_residual
 from .options import CONVERGED, INTERRUPTED, Parser, refuse
 from .robot import add as add_robot
 from .simulate import add as add_simulate
@@ -103,6 +104,7 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_identify,
     add_validate,
     add_payload,
+    add_residual,
     add_simulate,
     add_study,
     add_export,

@@ -10,6 +10,7 @@ SI, on the joint side. Tested in ``tests/test_plot.py``.
 from __future__ import annotations
 
 from .estimates import convergence, correlation, parameters
+from .external import external
 from .friction import friction
 from .logs import overlay, residuals, torques
 from .skeleton import robot
@@ -18,6 +19,7 @@ from .style import require, svg
 __all__ = [
     "convergence",
     "correlation",
+    "external",
     "friction",
     "overlay",
     "parameters",

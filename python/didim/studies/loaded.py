@@ -13,6 +13,7 @@ from ..experiment.experiment import Experiment
 from ..methods.start import further_of
 from ..regression.logs.parameters import LogParameters
 from ..result.identification import Identification
+from ..robot.payload import NOTHING
 from ..robot.robot import Robot
 
 
@@ -46,6 +47,12 @@ def standard_in(fit: Identification, experiment: Experiment, robot: Robot) -> li
             )
     x = parameters.extended(fit.parameters, further)
     return [parameters.standard(x, number) for number in range(len(experiment.recordings))]
+
+
+def unloaded(experiment: Experiment) -> Experiment:
+    """Return the experiment without payloads and own parameters: for what does not depend on them, where all are known."""
+    plain = tuple(replace(item, payload=NOTHING, own=()) for item in experiment.recordings)
+    return replace(experiment, recordings=plain)
 
 
 def with_gains_of(fit: Identification, experiment: Experiment) -> Experiment:

@@ -32,7 +32,7 @@ from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, segments, trimmed
 from ..signal.spikes import without_spikes
-from .loaded import standard_in, with_gains_of
+from .loaded import standard_in, unloaded, with_gains_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ def predict(
     if as_fitted:
         experiment, delay = fitted_experiment(fit, experiment)
     else:
-        delay = FitSettings().job(experiment).delay()
+        delay = FitSettings().job(unloaded(experiment)).delay()
     # CLOE compares what is simulated, sample by sample.
     raw = motion == "simulated" and compares_raw
     found = []

@@ -6,7 +6,7 @@ Tested in ``tests/test_validate.py``.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from ..experiment.experiment import Experiment
 from ..experiment.specs import ControllerSpec
 from ..loop.closed_loop import Outcome
 from ..result.identification import Identification
-from ..robot.payload import NOTHING
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +157,7 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     from ..experiment.loop import closed_loop
     from ..methods.job import ratio, ratios
     from ..methods.method import FitSettings
-    from .loaded import standard_in, with_gains_of
+    from .loaded import standard_in, unloaded, with_gains_of
     from .prediction import with_friction_of
     from .run import recording_errors
 
@@ -172,9 +171,7 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     if not experiment.recordings:
         raise FitError(f"experiment '{experiment.name}' has no recording to validate on")
     loaded = standard_in(fit, experiment, experiment.robot)
-    # The parameters are known: nothing is told apart by these recordings.
-    plain = [replace(item, payload=NOTHING, own=()) for item in experiment.recordings]
-    job = FitSettings().job(replace(experiment, recordings=tuple(plain)))
+    job = FitSettings().job(unloaded(experiment))
     delay = job.delay()
     # Made-up gains say nothing of the real loop.
     law = experiment.controller

@@ -28,7 +28,7 @@ from ...result.identification import Identification
 from ...result.uncertainty import student_factor
 from ...robot.payload import NOTHING, Payload
 from ...robot.rigid_body import central, pseudo_inertia
-from ..loaded import with_gains_of
+from ..loaded import unloaded, with_gains_of
 from ..prediction import with_friction_of
 from ..validation import same_robot
 from .payload_result import PayloadEstimate
@@ -94,8 +94,7 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
     parameters = LogParameters.of(
         robot, experiment.recordings, experiment.payloads, experiment.flange, checked=False
     )
-    plain = [replace(item, payload=NOTHING, own=()) for item in experiment.recordings]
-    job = FitSettings().job(replace(experiment, recordings=tuple(plain)))
+    job = FitSettings().job(unloaded(experiment))
     delay = job.delay()
     parts = job.parts("fit", delay)
     beta = robot.base_parameters.project(

@@ -1,0 +1,81 @@
+"""Torques from outside along a log."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..studies.loads.residual import Residual
+from .style import FAINT, MODEL, RESIDUAL, line, new_figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+else:  # matplotlib is optional, and slow to load
+    Figure = Any
+
+PANEL_IN = 1.5
+
+
+@styled
+def external(found: Residual) -> Figure:
+    """Draw the torques from outside of each joint over time, with their intervals, the observer and what was detected.
+
+    Parameters
+    ----------
+    found : Residual
+        From `didim.studies.loads.residual.residual_torques`.
+
+    Returns
+    -------
+    Figure
+        A row per joint: the torque along the filtered motion with its 95 % interval, the observer, its limits (dashed), and
+        shaded what was detected. Windows stand one after the other in time.
+
+    Raises
+    ------
+    PlotError
+        Without matplotlib.
+    """
+    n = found.windows[0].torque.shape[1]
+    figure = new_figure(PANEL_IN * n + 0.4)
+    panels = figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
+    starts = np.cumsum([0.0, *(item.observer_t[-1] - item.observer_t[0] for item in found.windows)])
+    for joint, axes in enumerate(panels):
+        for index, (item, start) in enumerate(zip(found.windows, starts[:-1], strict=True)):
+            shift = start - item.observer_t[0]
+            low, high = item.interval()
+            axes.fill_between(item.t + shift, low[:, joint], high[:, joint], color=FAINT, linewidth=0.0)
+            line(
+                axes,
+                [(item.t + shift, item.torque[:, joint])],
+                color=MODEL,
+                label="along the motion" if not index else None,
+            )
+            line(
+                axes,
+                [(item.observer_t + shift, item.observed[:, joint])],
+                color=RESIDUAL,
+                linewidth=0.8,
+                label="observer" if not index else None,
+            )
+            for sign in (-1.0, 1.0):
+                limit = sign * item.limits[:, joint]
+                line(axes, [(item.observer_t + shift, limit)], color=RESIDUAL, linewidth=0.6, linestyle="--")
+            for contact in item.contacts:
+                shade = 0.35 if joint + 1 in contact.joints else 0.12
+                axes.axvspan(
+                    contact.start_s + shift,
+                    contact.stop_s + shift,
+                    color=RESIDUAL,
+                    alpha=shade,
+                    linewidth=0.0,
+                )
+            if item.payload_change is not None:
+                axes.axvline(item.payload_change.start_s + shift, color="black", linewidth=1.0)
+        name = f" ({found.joint_names[joint]})" if found.joint_names else ""
+        axes.set_title(f"joint {joint + 1}{name}")
+        axes.set_ylabel("N.m or N")
+    panels[0].legend(loc="upper right", ncols=2)
+    panels[-1].set_xlabel("time (s)")
+    return figure

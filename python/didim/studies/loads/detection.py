@@ -1,0 +1,176 @@
+"""Contacts and changes of the payload, from torques that the model does not explain. Tested in ``tests/test_residual.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...robot.rigid_body import INERTIAL
+
+APART_S = 0.15
+"""Events that are closer are one."""
+SHORTEST_S = 0.004
+"""Shorter excursions are noise."""
+CANDIDATES = 400
+"""Times at which a change of the payload is looked for."""
+CLEAR_GAIN = 60.0
+"""Gain in squared weighted residual of a change of the payload, of which ten parameters, for it to be reported."""
+CLEAR_SHARE = 0.3
+"""Share of the squared residual after the change that it must explain."""
+CLEAR_SIGMA = 5.0
+"""Standard deviations by which its mass or first moments must differ from zero."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """An interval with a torque from outside.
+
+    Attributes
+    ----------
+    start_s, stop_s : float
+        Times in the recording (s).
+    joints : tuple of int
+        Joints that feel it, from 1, the clearest first.
+    peak : tuple of float
+        Largest torque of each of them (N.m or N).
+    """
+
+    start_s: float
+    stop_s: float
+    joints: tuple[int, ...]
+    peak: tuple[float, ...]
+
+    def __str__(self) -> str:
+        felt = ", ".join(
+            f"joint {joint} {peak:+.3g}" for joint, peak in zip(self.joints, self.peak, strict=True)
+        )
+        return f"torque from outside from {self.start_s:.3f} to {self.stop_s:.3f} s: {felt} N.m or N"
+
+
+@dataclass(frozen=True)
+class PayloadChange:
+    """A payload that changes at a time.
+
+    Attributes
+    ----------
+    start_s : float
+        Time (s).
+    whole : bool
+        Whether the whole window has another payload than the model.
+    change : tuple of 10 float
+        Change of ``XX XY XZ YY YZ ZZ MX MY MZ M`` about the flange; zero where the arm does not show it.
+    std : tuple of 10 float
+        Standard deviations.
+    """
+
+    start_s: float
+    whole: bool
+    change: tuple[float, ...]
+    std: tuple[float, ...]
+
+    def __str__(self) -> str:
+        mass, sigma = self.change[9], self.std[9]
+        when = "in the whole window" if self.whole else f"at {self.start_s:.2f} s"
+        shown = f"mass {mass:+.3g} +- {sigma:.2g} kg, " if sigma > 0.0 else ""
+        moments = ", ".join(f"{value:+.3g}" for value in self.change[6:9])
+        return f"the payload differs from the model {when}: {shown}first moments {moments} kg.m"
+
+
+def contacts(t: Array, torque: Array, limits: Array) -> list[Contact]:
+    """Find intervals in which torques leave their limits.
+
+    Parameters
+    ----------
+    t : (n_samples,) array
+        Times (s).
+    torque, limits : (n_samples, n_dof) arrays
+        Torques from outside, and their limits (N.m or N).
+    """
+    over = np.abs(torque) > limits
+    active = over.any(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
+    spans = [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
+    merged: list[tuple[int, int]] = []
+    for start, stop in spans:
+        if merged and t[start] - t[merged[-1][1] - 1] < APART_S:
+            merged[-1] = (merged[-1][0], stop)
+        else:
+            merged.append((start, stop))
+    found = []
+    for start, stop in merged:
+        if t[stop - 1] - t[start] < SHORTEST_S:
+            continue
+        clear = np.max(np.abs(torque[start:stop]) / limits[start:stop], axis=0)
+        joints = [int(joint) for joint in np.argsort(-clear) if clear[joint] > 1.0]
+        places = [start + int(np.argmax(np.abs(torque[start:stop, joint]))) for joint in joints]
+        found.append(
+            Contact(
+                start_s=float(t[start]),
+                stop_s=float(t[stop - 1]),
+                joints=tuple(joint + 1 for joint in joints),
+                peak=tuple(float(torque[k, joint]) for k, joint in zip(places, joints, strict=True)),
+            )
+        )
+    return found
+
+
+def payload_change(
+    t: Array, residual: Array, columns: Array, weights: Array, names: Sequence[int]
+) -> PayloadChange | None:
+    """Find the time from which on another payload explains the residual; None where none does clearly.
+
+    Parameters
+    ----------
+    t : (n_rows,) array
+        Times (s).
+    residual : (n_rows, n_dof) array
+        Measured less predicted torque (N.m or N).
+    columns : (n_rows, n_dof, k) array
+        Torques per unit of each parameter of a payload.
+    weights : (n_dof,) array
+        Reciprocal of the size of each joint's residual where the model holds.
+    names : sequence of int
+        Places of the k parameters among the ten.
+    """
+    rows = len(t)
+    a = columns * weights[None, :, None]
+    r = residual * weights
+    size = np.sqrt(np.einsum("tjk,tjk->k", a, a))
+    a = a / np.where(size > 0.0, size, 1.0)
+    grams = np.cumsum(np.einsum("tjk,tjl->tkl", a, a)[::-1], axis=0)[::-1]
+    scores = np.cumsum(np.einsum("tjk,tj->tk", a, r)[::-1], axis=0)[::-1]
+    squares = np.cumsum(np.sum(r**2, axis=1)[::-1])[::-1]
+    # Ten parameters of the last rows alone would fit anything.
+    last = rows - max(20, rows // 20)
+    places = np.unique(np.linspace(0, max(0, last), CANDIDATES).astype(int))
+    ridge = 1e-9 * np.trace(grams[0]) / grams.shape[1] * np.eye(grams.shape[1])
+    solutions = np.linalg.solve(grams[places] + ridge, scores[places][:, :, None])[:, :, 0]
+    gains = np.einsum("ck,ck->c", solutions, scores[places])
+    best = int(np.argmax(gains))
+    place, theta = int(places[best]), solutions[best]
+    noise = max((squares[place] - gains[best]) / max(1, (rows - place) * residual.shape[1]), 1.0)
+    std = np.sqrt(noise * np.diag(np.linalg.inv(grams[place] + ridge)))
+    clear = np.abs(theta) > CLEAR_SIGMA * std
+    # A payload stays, a contact ends: the later half of the rows after the change must want it too.
+    half = place + (rows - place) // 2
+    later = 2.0 * theta @ scores[half] - theta @ grams[half] @ theta
+    known = [k for k, index in enumerate(names) if INERTIAL[index] in ("M", "MX", "MY", "MZ")]
+    if (
+        gains[best] < CLEAR_GAIN * noise
+        or gains[best] < CLEAR_SHARE * squares[place]
+        or later < CLEAR_SHARE * squares[half]
+        or not clear[known].any()
+    ):
+        return None
+    change, spread = np.zeros(10), np.zeros(10)
+    scale = np.where(size > 0.0, size, np.inf)
+    change[list(names)], spread[list(names)] = theta / scale, std / scale
+    return PayloadChange(
+        start_s=float(t[place]),
+        whole=place <= rows // 50,
+        change=tuple(change.tolist()),
+        std=tuple(spread.tolist()),
+    )

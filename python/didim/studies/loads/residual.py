@@ -1,0 +1,362 @@
+"""Torques from outside along a log, with a robot that is known. Tested in ``tests/test_residual.py``.
+
+    tau_ext = W beta - tau                 along the filtered motion, with intervals
+    r                                      by the momentum observer, sample by sample, for the detection
+
+Torques from outside are positive where they push the joint forward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..._tools.pickling import Pickled
+from ..._tools.settings import positive
+from ...errors import FitError
+from ...experiment.experiment import Experiment
+from ...log.recording import Recording
+from ...regression.linear_system import linear_system
+from ...regression.logs.parameters import independent
+from ...regression.selection import select
+from ...result.identification import Identification
+from ...result.table import aligned
+from ...result.uncertainty import student_factor
+from ...robot.payload import flange_in_last_frame, last_link
+from ...robot.robot import Robot
+from ...signal.align import align
+from ...signal.segments import segments
+from ...signal.spikes import without_spikes
+from ..loaded import standard_in, with_gains_of
+from ..prediction import predict, with_friction_of
+from ..validation import same_robot
+from .detection import Contact, PayloadChange, contacts, payload_change
+from .observer import BANDWIDTH_HZ, observe
+
+THRESHOLD = 6.0
+"""Standard deviations from which the observer reports a torque from outside."""
+SETTLING = 5.0
+"""Time constants of the observer after the start of a window that are not judged."""
+SLOW = 0.02
+"""Share of a joint's largest speed in the window below which the sign of its friction is not known."""
+NORMAL = 1.4826
+"""Standard deviation over median absolute deviation of normal noise."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExternalTorque(Pickled):
+    """Torques from outside along one window.
+
+    Attributes
+    ----------
+    recording : str
+        Its name.
+    t : (n_rows,) array
+        Times of the filtered rows (s).
+    torque, std : (n_rows, n_dof) arrays
+        Torque from outside (N.m or N), filtered in both directions, and the standard deviation of the prediction.
+    degrees_of_freedom : float
+        Of Student's distribution of its intervals.
+    observer_t : (n_samples,) array
+        Times of the samples (s).
+    observed, limits : (n_samples, n_dof) arrays
+        What the observer sees, and what it must leave to be reported.
+    contacts : tuple of Contact
+        Intervals in which it does, but for those that a change of the payload explains.
+    payload_change : PayloadChange or None
+        Another payload than that of the model, from a time on.
+    """
+
+    recording: str
+    t: Array
+    torque: Array
+    std: Array
+    degrees_of_freedom: float
+    observer_t: Array
+    observed: Array
+    limits: Array
+    contacts: tuple[Contact, ...]
+    payload_change: PayloadChange | None
+
+    def interval(self, level: float = 0.95) -> tuple[Array, Array]:
+        """Return both ends of the intervals of the torque from outside, (n_rows, n_dof) each."""
+        half = student_factor(level, self.degrees_of_freedom) * self.std
+        return self.torque - half, self.torque + half
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Residual(Pickled):
+    """Torques from outside along a log.
+
+    Attributes
+    ----------
+    fit, log, robot : str
+        Result, experiment and robot.
+    windows : tuple of ExternalTorque
+        One for each window.
+    joint_names : tuple of str
+        Names of the joints; empty where the robot has none.
+    settings : mapping
+        Bandwidth of the observer (Hz) and threshold (standard deviations).
+    """
+
+    fit: str
+    log: str
+    robot: str
+    windows: tuple[ExternalTorque, ...]
+    joint_names: tuple[str, ...] = ()
+    settings: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing from outside was seen."""
+        return not any(item.contacts or item.payload_change for item in self.windows)
+
+    def __str__(self) -> str:
+        lines = [f"torques from outside in {self.log}, with the robot {self.robot} of {self.fit} (N.m or N)"]
+        for item in self.windows:
+            n = item.torque.shape[1]
+            rows = [
+                ("", *(f"joint {joint + 1}" for joint in range(n))),
+                ("rms along the motion", *(f"{value:.3f}" for value in _rms(item.torque))),
+                ("sigma of the prediction", *(f"{value:.3f}" for value in _rms(item.std))),
+                ("rms of the observer", *(f"{value:.3f}" for value in _rms(item.observed))),
+                ("its limit, median", *(f"{value:.3f}" for value in np.median(item.limits, axis=0))),
+            ]
+            columns = list(zip(*rows, strict=True))
+            width = max(map(len, columns[0]))
+            cells = [
+                [cell.ljust(width) for cell in columns[0]],
+                *(aligned(column) for column in columns[1:]),
+            ]
+            lines += ["", f"recording '{item.recording}', {item.t[0]:.3f} to {item.t[-1]:.3f} s"]
+            lines += ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
+            told = [str(contact) for contact in item.contacts]
+            if item.payload_change is not None:
+                told.insert(0, str(item.payload_change))
+            lines += told or ["nothing from outside"]
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was found, as plain lists and numbers, without the samples."""
+        return {
+            "fit": self.fit,
+            "log": self.log,
+            "robot": self.robot,
+            "settings": dict(self.settings),
+            "quiet": self.quiet,
+            "windows": [
+                {
+                    "recording": item.recording,
+                    "rms": _rms(item.torque).tolist(),
+                    "std": _rms(item.std).tolist(),
+                    "observer_rms": _rms(item.observed).tolist(),
+                    "observer_limit": np.median(item.limits, axis=0).tolist(),
+                    "contacts": [
+                        {
+                            "start_s": contact.start_s,
+                            "stop_s": contact.stop_s,
+                            "joints": list(contact.joints),
+                            "peak": list(contact.peak),
+                        }
+                        for contact in item.contacts
+                    ],
+                    "payload_change": None
+                    if item.payload_change is None
+                    else {
+                        "start_s": item.payload_change.start_s,
+                        "whole": item.payload_change.whole,
+                        "change": list(item.payload_change.change),
+                        "std": list(item.payload_change.std),
+                    },
+                }
+                for item in self.windows
+            ],
+        }
+
+    def csv(self) -> str:
+        """Return time, torque from outside and its standard deviation of all rows as CSV."""
+        n = self.windows[0].torque.shape[1]
+        head = [
+            "recording",
+            "t_s",
+            *(f"external_{joint + 1}" for joint in range(n)),
+            *(f"std_{joint + 1}" for joint in range(n)),
+        ]
+        lines = [",".join(head)]
+        for item in self.windows:
+            for t, torque, std in zip(item.t, item.torque, item.std, strict=True):
+                numbers = ",".join(f"{value:.6g}" for value in (*torque, *std))
+                lines.append(f"{item.recording},{t:.6f},{numbers}")
+        return "\n".join(lines) + "\n"
+
+
+def residual_torques(
+    fit: Identification,
+    experiment: Experiment,
+    *,
+    bandwidth_hz: float = BANDWIDTH_HZ,
+    threshold: float = THRESHOLD,
+) -> Residual:
+    """Find torques from outside along a log.
+
+    Parameters
+    ----------
+    fit : Identification
+        Robot with its covariance; payloads of the log must be known, from the result or from the tables ``[payload]``.
+    experiment : Experiment
+        The log.
+    bandwidth_hz : float
+        Bandwidth of the momentum observer.
+    threshold : float
+        Standard deviations from which it reports.
+
+    Returns
+    -------
+    Residual
+
+    Raises
+    ------
+    FitError
+        For another robot, an unknown payload, or a result without standard deviations.
+    DidimError
+        As for a validation.
+
+    Notes
+    -----
+    The noise of the observer is the larger of the fit's residual and of its own median absolute deviation in the window, so a
+    push that lasts most of a window raises the limits. ``test_residual.py`` pushes a simulated arm; ``benches/payloads.py``
+    measures the latency, and clean logs.
+    """
+    positive("bandwidth_hz", bandwidth_hz, FitError)
+    positive("threshold", threshold, FitError)
+    experiment = with_gains_of(fit, with_friction_of(fit, experiment))
+    same_robot(fit, experiment)
+    predictions = predict(fit, experiment, role="all", motion="measured", as_fitted=False)
+    loaded = standard_in(fit, experiment, experiment.robot)
+    windows = iter(predictions)
+    found = []
+    for number, recording in enumerate(experiment.recordings):
+        for window in range(len(recording.windows)):
+            prediction = next(windows)
+            if prediction.std is None:
+                raise FitError(
+                    f"the result '{fit.name}' has no standard deviations: without them nothing says what is unusual"
+                )
+            found.append(
+                _window(
+                    fit,
+                    experiment,
+                    recording,
+                    window,
+                    (prediction.t, -prediction.residual, prediction.std, prediction.degrees_of_freedom),
+                    loaded[number],
+                    bandwidth_hz,
+                    threshold,
+                )
+            )
+    return Residual(
+        fit=fit.name,
+        log=experiment.name,
+        robot=fit.robot,
+        windows=tuple(found),
+        joint_names=experiment.robot.joint_names,
+        settings={"bandwidth_hz": bandwidth_hz, "threshold": threshold},
+    )
+
+
+def _window(
+    fit: Identification,
+    experiment: Experiment,
+    recording: Recording,
+    window: int,
+    rows: tuple[Array, Array, Array, float],
+    x: Array,
+    bandwidth_hz: float,
+    threshold: float,
+) -> ExternalTorque:
+    """Observe one window of a recording, and look for contacts and another payload in it."""
+    assert recording.tau is not None  # predict refuses others
+    t, torque, std, freedom = rows
+    start, stop = recording.windows[window]
+    delay = fit.delay.get("compensated_samples", 0.0)
+    shift = tuple(delay) if isinstance(delay, list) else float(delay)
+    (q, times), tau = align(
+        [recording.q[start:stop], recording.t[start:stop, None]],
+        without_spikes(recording.tau[start:stop], experiment.signal),
+        shift,
+    )
+    observed = observe(experiment.robot, x, q, tau, recording.rate_hz, bandwidth_hz=bandwidth_hz)
+    when = times[:, 0]
+    settled = when - when[0] > SETTLING / (2.0 * np.pi * bandwidth_hz)
+    own = NORMAL * np.median(np.abs(observed[settled] - np.median(observed[settled], axis=0)), axis=0)
+    predicted = np.stack([np.interp(when, t, column) for column in std.T], axis=1)
+    limits = threshold * np.maximum(predicted, own) + _reversals(
+        experiment.robot, x, q, recording.rate_hz, bandwidth_hz
+    )
+    seen = np.where(settled[:, None], observed, 0.0)
+    change = _payload_change(fit, experiment, recording, window, x)
+    told = contacts(when, seen, limits)
+    if change is not None:
+        told = [contact for contact in told if contact.stop_s < change.start_s]
+    return ExternalTorque(
+        recording=recording.name,
+        t=t,
+        torque=torque,
+        std=std,
+        degrees_of_freedom=freedom,
+        observer_t=when,
+        observed=seen,
+        limits=limits,
+        contacts=tuple(told),
+        payload_change=change,
+    )
+
+
+def _reversals(robot: Robot, x: Array, q: Array, rate_hz: float, bandwidth_hz: float) -> Array:
+    """Return what a friction that changes its sign early or late adds to the observer, (n_samples, n_dof).
+
+    Coulomb friction of a slow joint is unknown: it passes the observer as a torque from outside does.
+    """
+    from scipy.signal import lfilter
+
+    speed = np.abs(np.gradient(q, axis=0)) * rate_hz
+    slow = speed < SLOW * speed.max(axis=0)
+    coulomb = np.zeros(robot.n_dof)
+    for name, value in zip(robot.parameter_names, x, strict=True):
+        if name.rstrip("0123456789+-") == "Fc":
+            joint = int(name.removeprefix("Fc").rstrip("+-")) - 1
+            coulomb[joint] = max(coulomb[joint], abs(value))
+    share = 1.0 / (1.0 + 2.0 * np.pi * bandwidth_hz / rate_hz)
+    return np.asarray(lfilter([1.0 - share], [1.0, -share], slow * 2.0 * coulomb, axis=0))
+
+
+def _payload_change(
+    fit: Identification, experiment: Experiment, recording: Recording, window: int, x: Array
+) -> PayloadChange | None:
+    """Look for another payload in the rows of a window."""
+    robot = experiment.robot
+    delay = fit.delay.get("compensated_samples", 0.0)
+    shift = tuple(delay) if isinstance(delay, list) else float(delay)
+    part = segments(recording, experiment.signal, shift)[window]
+    beta = robot.base_parameters.project(x)
+    system = linear_system(robot, [part], experiment.signal, select(robot, {}, ()), beta)
+    n = robot.n_dof
+    base = robot.base_parameters.matrix @ last_link(robot, flange_in_last_frame(robot, experiment.flange))
+    names = independent(list(base.T))
+    rows = system.y.size // n
+    columns = (system.w @ base[:, names]).reshape(n, rows, len(names)).transpose(1, 0, 2)
+    residual = (system.y - system.w @ beta).reshape(n, rows).T
+    assert fit.uncertainty is not None  # its predictions have standard deviations
+    size = np.maximum(fit.uncertainty.joint_std, 1e-9 * np.abs(system.y).max())
+    t = np.arange(rows) / rows * (len(part.q) / part.rate_hz)
+    first = recording.t[recording.windows[window][0]] + experiment.signal.trim_start / part.rate_hz
+    return payload_change(first + t, residual, columns, 1.0 / size, names)
+
+
+def _rms(values: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
