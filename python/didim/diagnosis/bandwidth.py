@@ -18,6 +18,9 @@ from .finding import Finding
 LARGEST_LOSS = 0.02
 """Share of the acceleration that may be lost: inertias of a good log are known to 1 or 2 %."""
 
+BAND = 0.999
+"""Share of the power of the velocity that ends the band of the motion."""
+
 
 def check_bandwidth(experiment: Experiment) -> list[Finding]:
     """Tell recordings whose rate is too low for the motion, or for the filters."""
@@ -73,6 +76,10 @@ def _loss(recording: Recording, joint: int, cutoff_hz: float | None) -> float:
     f, x, motion = spectrum(recording, joint)
     if cutoff_hz is not None:
         motion = np.where(f <= cutoff_hz, motion, 0.0)
+    # Single bins of noise far above the motion would decide, since the acceleration weighs them with x^4.
+    speed = np.cumsum(motion * x**2)
+    if speed.size and speed[-1] > 0.0:
+        motion = np.where(speed <= BAND * speed[-1], motion, 0.0)
     weight = motion * x**4
     if not weight.sum() > 0.0:
         return 0.0

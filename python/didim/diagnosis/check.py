@@ -1,9 +1,7 @@
 """`check`: look at a log before it is fitted.
 
-Each check is a function of a module beside this one. Here is their order, and which of them makes others idle: a log that is too
-slow has
-no accelerations to compare, and a contradiction that is reported is corrected before the next check looks. Tested in
-``tests/test_check.py``.
+Each check is a function of a module beside this one. Here is their order, and which of them makes others idle: a contradiction
+that is reported is corrected before the next check looks. Tested in ``tests/test_check.py``.
 """
 
 from __future__ import annotations
@@ -24,13 +22,16 @@ from ..log.recording import Recording
 from ..log.sampling import MINIMUM_SAMPLES, TimeFault
 from ..methods.idim_ls import IDIMLS
 from ..methods.job import Job
+from ..regression.fit import Fit
 from ..regression.least_squares import solve
+from ..regression.linear_system import LinearSystem
 from ..regression.suspicions import driving_friction
 from ..result.identification import Identification
 from ..signal.decimation import decimate, decimation_stages
 from ..signal.segments import Segment
 from ..studies.run import standard_parameters
 from .bandwidth import check_bandwidth
+from .causes import check_causes, check_loop, contradicts, loop_table
 from .channels import check_channels
 from .excitation import check_excitation
 from .finding import Finding, Findings
@@ -44,6 +45,8 @@ from .standstill import check_standstill
 
 MOST_SAMPLES = 30_000
 """Samples that other readings are tried on at most: in three stretches, evenly over a longer log."""
+CERTAIN = 0.2
+"""Share of the residual below which another reading of the columns needs no comparison with hypotheses on the robot file."""
 QUICK_ROWS = 100
 """Rows of each joint that all other readings are tried on first: of the 60 parameters of six joints each has ten."""
 
@@ -97,8 +100,7 @@ def check(
             found += check_spikes(recording)
         recordings.append(_without(recording, of_columns))
     experiment = replace(experiment, recordings=tuple(recordings))
-    slow = check_bandwidth(experiment)
-    found += slow
+    found += check_bandwidth(experiment)
     without = [recording.name for recording in experiment.recordings if recording.tau is None]
     if without:
         found.append(
@@ -109,9 +111,9 @@ def check(
                 recording=without[0],
             )
         )
-    if not slow and not without and any(recording.role == "fit" for recording in experiment.recordings):
+    if not without and any(recording.role == "fit" for recording in experiment.recordings):
         found += _model(experiment, known)
-    return Findings(experiment.name, tuple(found), experiment.robot.joint_names)
+    return Findings(experiment.name, tuple(found), experiment.robot.joint_names, loop_table(experiment))
 
 
 def _without(recording: Recording, findings: Sequence[Finding]) -> Recording:
@@ -183,10 +185,15 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
         probe, quick, robot, recording, timed=timed, noise=_noise(job, parts), known=known is not None
     )
     found = reader.gross()
+    solved = _solved(job, parts)
+    if known is None and reader.left > CERTAIN and solved is not None and contradicts(*solved):
+        cause = check_causes(job, parts)
+        if cause is not None and cause[1] < reader.left:
+            return [cause[0]]
     if found:
         # What else a log declared so wrongly seems to have comes from that.
         return found
-    turned = _driving(job, parts)
+    turned = None if solved is None else driving_friction(*solved)
     if turned is not None:
         return [
             Finding(
@@ -196,17 +203,20 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
                 advice="Turn the sign of the gain or of the column",
             )
         ]
-    found = check_delay(job, declared) or reader.fine()
+    x = None if solved is None else robot.base_parameters.lift(job.selection.expand(solved[1].solution))
+    found = check_loop(experiment, x)
+    found += check_delay(job, declared) or reader.fine()
     found += check_limits(experiment, parts)
     found += check_standstill(robot, parts)
     return found + check_excitation(robot, parts, whole, as_declared(robot.n_dof))
 
 
-def _driving(job: Job, parts: Sequence[Segment]) -> tuple[list[int], str] | None:
+def _solved(job: Job, parts: Sequence[Segment]) -> tuple[LinearSystem, Fit] | None:
+    """Return the linear system of a log and its solution; None where the log does not identify all parameters."""
     system = job.system(parts)
     try:
-        # Thresholds of this check are those of white noise.
-        return driving_friction(system, solve(system, replace(job.settings, uncertainty="white")))
+        # Thresholds of these checks are those of white noise.
+        return system, solve(system, replace(job.settings, uncertainty="white"))
     except RankError:  # reported as parameters that the log does not identify
         return None
 

@@ -42,6 +42,17 @@ Kind = Literal[
     "standstill",
     "no-torque",
     "signal",
+    "gravity",
+    "dh-convention",
+    "a-and-d",
+    "twist-sign",
+    "link-length",
+    "controller",
+    "controller-gain",
+    "controller-delay",
+    "reference-late",
+    "saturation",
+    "feed-forward",
 ]
 """What a finding is about; docs/check.md has a row for each."""
 
@@ -108,11 +119,14 @@ class Findings(Sequence[Finding]):
         The findings.
     joint_names : tuple of str
         Names of the robot's joints; empty where its file has none.
+    closed_loop : tuple of tuple of str
+        Heading and rows of a table: gains that the log shows over the declared ones, by joint; empty without a controller.
     """
 
     experiment: str
     items: tuple[Finding, ...] = ()
     joint_names: tuple[str, ...] = ()
+    closed_loop: tuple[tuple[str, ...], ...] = ()
 
     @overload
     def __getitem__(self, index: int) -> Finding: ...
@@ -129,13 +143,23 @@ class Findings(Sequence[Finding]):
 
     def __str__(self) -> str:
         if not self.items:
-            return f"{self.experiment}: nothing found."
+            return "\n".join([f"{self.experiment}: nothing found.", *self._loop_lines()])
         head = f"{self.experiment}: {len(self)} finding{'' if len(self) == 1 else 's'}"
         lines = [head, *(f"- {item}" for item in self.items)]
         joints = sorted({joint for item in self.items for joint in item.joints})
         if self.joint_names and joints:
             lines.append(f"joints: {', '.join(f'{joint} {self.joint_names[joint - 1]}' for joint in joints)}")
-        return "\n".join(lines)
+        return "\n".join([*lines, *self._loop_lines()])
+
+    def _loop_lines(self) -> list[str]:
+        if not self.closed_loop:
+            return []
+        widths = [max(map(len, column)) for column in zip(*self.closed_loop, strict=True)]
+        rows = [
+            "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))
+            for row in self.closed_loop
+        ]
+        return ["", "the controller as the log shows it, in units of the declared gains:", *rows]
 
     def _repr_html_(self) -> str:
         if not self.items:
@@ -150,6 +174,7 @@ class Findings(Sequence[Finding]):
             "schema": SCHEMA,
             "experiment": self.experiment,
             "findings": [item.to_dict() for item in self.items],
+            "closed_loop": [dict(zip(self.closed_loop[0], row, strict=True)) for row in self.closed_loop[1:]],
         }
 
     def save(self, path: str | Path) -> None:

@@ -239,6 +239,11 @@ class Reader:
         Standard deviation of the noise of the decimated torques; zero where it is not known.
     known : bool
         Whether the parameters are known.
+
+    Attributes
+    ----------
+    left : float
+        Share of the residual that the readings of `gross` leave; 1 without any.
     """
 
     def __init__(
@@ -257,6 +262,7 @@ class Reader:
         self._timed = timed
         self._noise = noise
         self._list = list(candidates(robot, recording))
+        self.left = 1.0
 
     def gross(self) -> list[Finding]:
         """Return the declarations that contradict the log grossly, gravest first."""
@@ -267,6 +273,7 @@ class Reader:
             if result is None:
                 break
             found.append(_finding(*result))
+            self.left *= result[2] / result[1]
             reading = result[0].reading.after(reading)
         return found
 

@@ -20,6 +20,7 @@ from ..regression.consistent.prior import Prior
 from ..regression.selection import Role, Selection
 from ..robot.friction import Friction
 from ..robot.robot import Geometry, JointLimits, Robot
+from .verdict import Reason
 
 LARGE = 1.0
 """Half squared distance per estimated parameter beyond which noise does not explain that an estimate is no robot."""
@@ -65,6 +66,14 @@ def distance_sentence(half_distance: float, n_parameters: int) -> str:
         else "within the noise"
     )
     return f"the estimate is half a squared distance of {half_distance:.4g} from the nearest robot: {meaning}"
+
+
+def distance_reasons(half_distance: float, n_parameters: int) -> list[Reason]:
+    """Return a reason where the nearest robot is further from the estimate than noise explains."""
+    if half_distance <= LARGE * n_parameters:
+        return []
+    sentence = distance_sentence(half_distance, n_parameters)
+    return [Reason(code="no-robot", severity="doubtful", sentence=sentence, value=half_distance)]
 
 
 def record_of(robot: Robot, nearest: NearestRobot, gamma: float) -> dict[str, Any]:
@@ -143,6 +152,7 @@ class MovedToRobot:
     parameter_names: tuple[str, ...]
     settings: Mapping[str, Any]
     remarks: tuple[str, ...]
+    evidence: tuple[Reason, ...]
 
     def consistent(
         self,
@@ -203,6 +213,10 @@ class MovedToRobot:
             covariance=base_covariance(self.covariance, selection.estimated, nearest.covariance),
             parameters=nearest.x,
             warnings=(),
+            evidence=(
+                *(reason for reason in self.evidence if reason.code != "not-physical"),
+                *distance_reasons(nearest.half_distance, len(selection.estimated)),
+            ),
             remarks=(*self.remarks, distance_sentence(nearest.half_distance, len(selection.estimated))),
             uncertainty=None,
             settings={**self.settings, "consistent": record_of(known, nearest, gamma)},

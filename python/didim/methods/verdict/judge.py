@@ -17,8 +17,10 @@ from ..method import MethodSettings
 from .loop import loop_reasons
 from .search import explained
 
-SUSPICIOUS = frozenset({"not-white", "not-physical", "torque-sign", "swapped-torques"})
+SUSPICIOUS = frozenset({"not-white", "not-physical"})
 """Codes of grave reasons that say that the log contradicts its model, but not why."""
+CAUSES = frozenset({"torque-sign", "swapped-torques"})
+"""Codes of reasons that say why."""
 
 
 def judged(
@@ -40,7 +42,8 @@ def judged(
     found: list[Reason] = []
     if fit.n_simulations:
         found += loop_reasons(experiment, fit.parameters if fit.converged else None)
-    if any(reason.code in SUSPICIOUS for reason in fit.verdict.grave):
+    codes = {reason.code for reason in fit.verdict.grave}
+    if codes & SUSPICIOUS and not codes & CAUSES:
         say("the log contradicts its model: looking for the cause")
         found += _causes(experiment, method)
     return replace(fit, evidence=(*found, *fit.evidence)) if found else fit

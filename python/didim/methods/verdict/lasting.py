@@ -25,26 +25,7 @@ CLEARLY = 0.97
 
 def frictions(rows: Rows) -> Iterator[Hypothesis]:
     """Return friction that differs by direction, and friction that falls with speed."""
-    n = rows.robot.n_dof
-    dq = [part.dq for part in rows.parts]
-    top = np.maximum(np.max([np.abs(values).max(axis=0) for values in dq], axis=0), 1e-9)
-    sign = [np.tanh(values / _smoothing(rows, top)) for values in dq]
-    laws = []
-    if rows.robot.friction.model != "asymmetric":
-        laws.append(
-            (
-                "differs by direction",
-                'model = "asymmetric" under [friction]',
-                [np.maximum(v, 0.0) for v in dq],
-            )
-        )
-    for share in SPEEDS:
-        falls = [s * np.exp(-((v / (share * top)) ** 2)) for v, s in zip(dq, sign, strict=True)]
-        laws.append(("falls with speed (Stribeck)", 'a term "stribeck", or friction = "auto"', falls))
-    for number, (what, term, signals) in enumerate(laws):
-        values = rows.reduced(signals)
-        columns = np.zeros((n, values.shape[1], n))
-        columns[np.arange(n), :, np.arange(n)] = values
+    for number, (what, term, columns) in enumerate(laws(rows)):
         products = rows.with_columns(columns)
         joints = _better(rows, products)
         if len(joints):
@@ -57,6 +38,26 @@ def frictions(rows: Rows) -> Iterator[Hypothesis]:
                 simplicity=6 if number == 0 else 7,
                 severity="doubtful",
             )
+
+
+def laws(rows: Rows) -> Iterator[tuple[str, str, Array]]:
+    """Return laws of friction: what they say, how they are declared, and their columns, (n_dof, n_rows, n_dof)."""
+    n = rows.robot.n_dof
+    dq = [part.dq for part in rows.parts]
+    top = np.maximum(np.max([np.abs(values).max(axis=0) for values in dq], axis=0), 1e-9)
+    sign = [np.tanh(values / _smoothing(rows, top)) for values in dq]
+    found = []
+    if rows.robot.friction.model != "asymmetric":
+        one_way = [np.maximum(v, 0.0) for v in dq]
+        found.append(("differs by direction", 'model = "asymmetric" under [friction]', one_way))
+    for share in SPEEDS:
+        falls = [s * np.exp(-((v / (share * top)) ** 2)) for v, s in zip(dq, sign, strict=True)]
+        found.append(("falls with speed (Stribeck)", 'a term "stribeck", or friction = "auto"', falls))
+    for what, term, signals in found:
+        values = rows.reduced(signals)
+        columns = np.zeros((n, values.shape[1], n))
+        columns[np.arange(n), :, np.arange(n)] = values
+        yield what, term, columns
 
 
 def _smoothing(rows: Rows, top: Array) -> Array:
@@ -77,14 +78,15 @@ def _better(rows: Rows, products: Products) -> list[int]:
 
 def delays(rows: Rows, rate_hz: float) -> Iterator[Hypothesis]:
     """Return the torques of all joints late by as much as fits best."""
-    beta = rows.x / rows.declared.scale
+    beta = (rows.x / rows.declared.scale)[: rows.w.shape[2]]
     x = rows.robot.base_parameters.lift(beta)
     slopes = [
         np.gradient(inverse_dynamics(rows.robot, part.q, part.dq, part.ddq, x), axis=0) for part in rows.parts
     ]
     values = rows.reduced(slopes)
     products = rows.with_columns(values[:, :, None])
-    late = -float((products.solution(None, rows.weights, np.ones(len(values))) / products.scale)[-1])
+    place = rows.w.shape[2]
+    late = -float((products.solution(None, rows.weights, np.ones(len(values))) / products.scale)[place])
     if abs(late) < SMALLEST_SAMPLES:
         return
     yield Hypothesis(

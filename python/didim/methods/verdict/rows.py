@@ -1,11 +1,13 @@
 """Rows of a log for hypotheses: fitted on some stretches of time, judged on the others. Tested in ``tests/test_verdict_faults.py``.
 
-A hypothesis changes the columns of the regressor, or the scale of a joint's torque. Its score is the sum of the squared errors
-of torques that it did not see, in units of the residuals of the declared model,
+A hypothesis changes the columns of the regressor, or the scale of a joint's torque. Its score is the geometric mean over the joints
+of the squared errors of torques that it did not see, in units of the residuals of the declared model,
 
-    s = sum_f sum_j |y_jf - g_j W_jf beta_(f)|^2 / sigma_j^2,      beta_(f) fitted without the stretches f                       (1)
+    log s = 1/n sum_j log( sum_f |y_jf - g_j W_jf beta_(f)|^2 / sigma_j^2 ),      beta_(f) fitted without the stretches f   (1)
 
-which follows from ``W_jf^T W_jf``, ``W_jf^T y_jf`` and ``y_jf^T y_jf`` of each joint and fold, once for all factors g.
+which is a likelihood with a variance of its own for each joint: one joint that a hypothesis explains wholly counts for much, as it
+should, where friction that the model lacks stays at the others. (1) follows from ``W_jf^T W_jf``, ``W_jf^T y_jf`` and
+``y_jf^T y_jf`` of each joint and fold, once for all factors g.
 """
 
 from __future__ import annotations
@@ -30,12 +32,14 @@ FOLDS = 2
 """Parts of the log: each is predicted from the other."""
 STRETCHES = 10
 """Stretches of time that the folds take in turn: several reversals each, and no hypothesis fits one motion alone."""
-ROWS = 150
+ROWS = 300
 """Rows of a joint that hypotheses are tried on at least, where the log has them."""
 SAMPLES = 6000
 """Samples that they are tried on at least."""
 SMALLEST_EIGENVALUE = 1e-13
 """Of the products of columns with norm 1, against the largest: below it a combination of columns is rounding."""
+SMALLEST_SQUARES = 1e-6
+"""Lower bound of a joint's part of (1): a log without noise has a finite score."""
 SMALLEST_SHARE = 1e-4
 """Lower bound of a joint's residual as a share of its torque: a log without noise has finite weights."""
 
@@ -83,11 +87,11 @@ class Products:
     def score(self, weights: Array, gain: Array | None = None) -> float:
         """Return (1)."""
         factor = np.ones(self.w.shape[1]) if gain is None else gain
-        total = 0.0
+        squares = np.zeros(len(factor))
         for fold in range(len(self.w)):
             x = self.solution(fold, weights, factor)
-            total += float(weights @ self.squares([fold], x, factor))
-        return total
+            squares += weights * self.squares([fold], x, factor)
+        return float(np.exp(np.mean(np.log(np.maximum(squares, SMALLEST_SQUARES)))))
 
 
 class Rows:

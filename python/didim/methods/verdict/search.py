@@ -17,7 +17,13 @@ from .torque_scale import torque_scales
 
 
 def explained(job: Job, parts: Sequence[Segment]) -> list[Reason]:
-    """Return the hypothesis that explains a log best, as a reason; nothing where none does clearly.
+    """Return the hypothesis that explains a log best, as a reason; nothing where none does clearly; see `explanation`."""
+    found = explanation(job, parts)
+    return [] if found is None else [found[0].reason(found[1])]
+
+
+def explanation(job: Job, parts: Sequence[Segment]) -> tuple[Hypothesis, float] | None:
+    """Return the hypothesis that explains a log best, and the score of the model as declared; None where none does clearly.
 
     Parameters
     ----------
@@ -33,9 +39,9 @@ def explained(job: Job, parts: Sequence[Segment]) -> list[Reason]:
     try:
         rows = Rows(job, parts)
     except DidimError:
-        return []
+        return None
     found = best(list(hypotheses(rows, parts[0].rate_hz)), rows.score)
-    return [] if found is None else [found.reason(rows.score)]
+    return None if found is None else (found, rows.score)
 
 
 def hypotheses(rows: Rows, rate_hz: float) -> Iterator[Hypothesis]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from ...result.verdict import Reason
@@ -20,9 +21,15 @@ def torque_reasons(sentences: Sequence[str]) -> list[Reason]:
             advice="Exchange their columns under [recording.torque]"
             if "exchanged" in sentence
             else "Turn the sign of the gain or of the column under [recording.torque]",
+            joints=_joints(sentence),
         )
         for sentence in sentences
     ]
+
+
+def _joints(sentence: str) -> tuple[int, ...]:
+    """Return the joints that a sentence names before it goes on with "look"."""
+    return tuple(int(number) for number in re.findall(r"\d+", sentence.partition(" look")[0]))
 
 
 def following_reasons(output_error: float, *, updating: bool = True) -> list[Reason]:

@@ -1,0 +1,76 @@
+"""What the verdict's evidence says of a log before it is fitted: the robot file, and the closed loop.
+
+Tested in ``tests/test_check_causes.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..experiment.experiment import Experiment
+from ..methods.job import Job
+from ..methods.verdict.loop import loop_reasons, recovered
+from ..methods.verdict.search import explanation
+from ..methods.verdict.whiteness import NEGLIGIBLE, whiteness
+from ..regression.fit import Fit
+from ..regression.linear_system import LinearSystem
+from ..result.verdict import Reason
+from ..signal.segments import Segment
+from .finding import Finding, Kind
+
+ROBOT_FILE = frozenset(
+    {"gravity", "dh-convention", "a-and-d", "twist-sign", "link-length", "position-sign", "joint-sign"}
+    | {"torque-sign", "drive-gain"}
+)
+"""Codes of hypotheses that are findings; friction is a matter of the model, and delays have a check of their own."""
+
+
+def contradicts(system: LinearSystem, fit: Fit) -> bool:
+    """Whether the residual of a fit lasts, and is not negligible."""
+    share = system.norms(fit.residual) / np.maximum(system.norms(system.measured), np.finfo(float).tiny)
+    coloured = whiteness(fit.residual, system.blocks, len(system.joints)).coloured
+    return any(bool(c) and bool(large) for c, large in zip(coloured, share > NEGLIGIBLE, strict=True))
+
+
+def check_causes(job: Job, parts: Sequence[Segment]) -> tuple[Finding, float] | None:
+    """Return what explains a log that contradicts its model, and the share of the error that it leaves."""
+    found = explanation(job, parts)
+    if found is None or found[0].code not in ROBOT_FILE:
+        return None
+    return _finding(found[0].reason(found[1])), float(np.sqrt(found[0].score / found[1]))
+
+
+def check_loop(experiment: Experiment, x: Array | None) -> list[Finding]:
+    """Return what contradicts the declared controller or reference; `x` as for `loop_reasons`."""
+    return [_finding(reason) for reason in loop_reasons(experiment, x)]
+
+
+def loop_table(experiment: Experiment) -> tuple[tuple[str, ...], ...]:
+    """Return heading and rows of the gains that a log shows over the declared ones; empty without a controller."""
+    found = recovered(experiment)
+    if found is None:
+        return ()
+    head = ("joint", *found.names, "left %")
+    rows = [
+        (
+            str(joint + 1),
+            *(f"{value:.3f}" for value in found.factors[:, joint]),
+            f"{100.0 * found.relative[joint]:.2g}",
+        )
+        for joint in range(found.factors.shape[1])
+    ]
+    return (head, *rows)
+
+
+def _finding(reason: Reason) -> Finding:
+    return Finding(
+        kind=cast(Kind, reason.code),
+        sentence=reason.sentence,
+        advice=reason.advice,
+        joints=reason.joints,
+        value=reason.value,
+    )
