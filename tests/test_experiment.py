@@ -338,7 +338,7 @@ def test_the_command_in_the_head_of_an_example_is_its_own(project: Path) -> None
     assert len(files) >= 4
     for file in files:
         head = file.read_text(encoding="utf-8").partition("schema = 1")[0]
-        named = re.findall(r"didim (?:identify|simulate) (\S+)", head)
+        named = re.findall(r"didim (?:identify|simulate|study) (\S+)", head)
         assert named
         assert set(named) == {f"examples/{file.name}"}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from didim.monte_carlo.methods import method_of
 from didim.monte_carlo.spec import load_study, read_study
 from didim.monte_carlo.study import check_study
 from didim.monte_carlo.tasks import count, random_numbers, tasks
+from didim.monte_carlo.text import HEAD
 from small_study import small_study
 
 
@@ -188,3 +191,39 @@ def test_logs_are_shared_by_scenarios_that_only_process_them() -> None:
     assert drawn({"controller.kp": 1, "simulation.rate_hz": 2}) == drawn(
         {"simulation.rate_hz": 2, "controller.kp": 1}
     )
+
+
+def test_the_example_of_the_page_is_a_study(project: Path) -> None:
+    page = (project / "docs" / "studies.md").read_text(encoding="utf-8")
+    text = page.partition("```toml\n")[2].partition("```")[0]
+    spec = read_study(tomllib.loads(text))
+    check_study(spec)
+    assert len(spec.scenarios) == 6
+    assert [(item.label, item.seeds) for item in spec.methods] == [
+        ("idim-ls", None),
+        ("DIDIM, 5 iterations", 20),
+    ]
+
+
+def test_the_page_explains_every_column(project: Path) -> None:
+    page = (project / "docs" / "studies.md").read_text(encoding="utf-8")
+    table = page.partition("## Figures of merit")[2]
+    explained = {
+        name.strip() for line in re.findall(r"^\| ([^|]+) \|", table, flags=re.M) for name in line.split(",")
+    }
+    assert explained >= set(HEAD) - {"method"}
+
+
+def test_the_benchmark_has_the_15_scenarios_and_one_more(project: Path) -> None:
+    spec = load_study(project / "examples" / "study_tx40.toml")
+    check_study(spec)
+    assert len(spec.scenarios) == 16
+    sampling = {
+        (item.keys["simulation.rate_hz"], str(item.keys.get("signal.decimation"))) for item in spec.scenarios
+    }
+    assert sampling == {(500, "None"), (500, "[4]"), (100, "None")}
+    noises = {
+        (item.keys["measurement.position_noise_deg"], item.keys["measurement.torque_noise_n_m"])
+        for item in spec.scenarios
+    }
+    assert noises == {(1e-4, 0.05), (1e-3, 0.05), (1e-3, 0.1), (1e-2, 0.05), (1e-2, 0.1)}

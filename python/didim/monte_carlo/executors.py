@@ -101,7 +101,7 @@ def pool(
             client = stack.enter_context(_dask_client(workers, address))
             threads = sum(client.nthreads().values())
             # Dask runs the tasks of a lost worker again by itself.
-            yield Pool("dask", lambda: client.get_executor(pure=False), _stop, max(1, threads))
+            yield Pool("dask", lambda: client.get_executor(pure=False), _stop_dask, max(1, threads))
         elif executor == "ray":
             ray = stack.enter_context(_ray_session(workers, address))
             yield Pool(
@@ -167,7 +167,7 @@ def start_worker() -> None:
     """Prepare a process: no warnings of methods on stderr, and no life after that of its parent."""
     warnings.simplefilter("ignore")
     parent = multiprocessing.parent_process()
-    if parent is not None:
+    if parent is not None and parent.sentinel is not None:  # loky has none, and ends its workers itself
         threading.Thread(target=_die_with, args=(parent.sentinel,), daemon=True).start()
 
 
@@ -204,6 +204,11 @@ def _processes(workers: int) -> Executor:
 
 def _stop(executor: Executor, wait_for_it: bool) -> None:
     executor.shutdown(wait=wait_for_it, cancel_futures=True)
+
+
+def _stop_dask(executor: Executor, wait_for_it: bool) -> None:
+    # Without waiting it cancels what it has, and knows no other option.
+    executor.shutdown(wait=wait_for_it)
 
 
 def _leave(executor: Executor, wait_for_it: bool) -> None:
