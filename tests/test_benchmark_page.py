@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,6 @@ from didim.monte_carlo.spec import load_study
 from didim.monte_carlo.tasks import tasks
 from didim.monte_carlo.worker import run_task
 from scripts import script
-from test_documented import tables
 
 
 def test_the_tables_are_those_of_the_figures(project: Path) -> None:
@@ -32,11 +32,9 @@ def test_the_tables_are_those_of_the_figures(project: Path) -> None:
 
 def test_the_noise_of_the_torque_is_as_the_page_says(project: Path) -> None:
     spec = load_study(project / "examples" / "study_tx40.toml")
-    (table,) = (
-        rows
-        for key, rows in tables(project / "docs" / "benchmark.md").items()
-        if key.startswith("position noise (deg)")
-    )
+    page = (project / "docs" / "benchmark.md").read_text(encoding="utf-8")
+    table = re.findall(r"^\| (1e-\d) \| ([^|]+) \| ([^|]+) \|$", page, flags=re.M)
+    assert len(table) == 3
     for level, noise, ratio in table:
         (scenario,) = (item for item in spec.scenarios if item.name == f"{level} deg, 0.05 N.m, 500 Hz")
         truth = truth_of(spec.shared(), scenario.keys)

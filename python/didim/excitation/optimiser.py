@@ -162,6 +162,6 @@ def search_all(
         return [future.result() for future in futures], list(problems), interrupted
 
 
-def search_apart(problem: Problem, start: Array, iterations: int) -> tuple[Found, Problem]:
-    """Run one start in another process, and return its problem too: a search tightens its limits."""
-    return search(problem, start, iterations, threading.Event()), problem
+def search_apart(problem: Problem, starts: Sequence[Array], iterations: int) -> tuple[Found, Problem]:
+    """Run one search in another process, and return its problem too: a search tightens its limits."""
+    return search(problem, starts, iterations, threading.Event()), problem
