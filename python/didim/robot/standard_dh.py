@@ -52,6 +52,14 @@ def read_lengths(joint: Table) -> tuple[float, float]:
     DidimError
         Of the table's class, when one is missing, or `r_m` of the modified convention is there.
     """
+    for key, meant in (
+        ("a", "a_m"),
+        ("d", "d_m"),
+        ("alpha", "alpha_deg or alpha_rad"),
+        ("theta", "theta_deg or theta_rad"),
+    ):
+        if key in joint.content_unread:
+            joint.fail(f"unknown key {key!r}; units stand in the keys: {meant}")
     if joint.has("r_m"):
         joint.fail(
             "r_m belongs to convention 'mdh'; with convention = 'dh' the lengths are the maker's: a_m along x and d_m along z"

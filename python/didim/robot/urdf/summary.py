@@ -54,7 +54,7 @@ def rows_and_frames(robot: Robot) -> str:
     width = max(len(name) for name in (*names, "joint"))
     gravity = " ".join(f"{value:g}" for value in robot.geometry.gravity)
     lines = [
-        f"{robot.name}: {robot.description}",
+        f"{robot.name}: {robot.description}" if robot.description else robot.name,
         f"{counted(robot.n_dof, 'joint')}, {len(robot.base_parameters.names)} base parameters, "
         f"gravity in frame 0 {gravity} m/s^2",
         "",
