@@ -3,7 +3,8 @@
     python benches/payloads.py [--data ../shared/data] [--seeds 40] [--only gains tx40 logs payload push emps ur10e]
 
 gains, tx40: drive gains of a simulated UR5e (and of a TX40 with its coupled wrist, motor side) from two motions, one with a load of
-which only the mass is known: maximum likelihood, ordinary and total least squares.
+which only the mass is known: maximum likelihood, ordinary and total least squares. logs: four logs with their own offsets and one
+payload. payload, push: `didim payload` and `didim residual` on simulated logs. emps: the EMPS log in two parts. ur10e: a real pair.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ import didim
 from didim.log.recording import Recording
 from didim.regression.gains.classical import classical_gains
 from didim.regression.gains.maximum_likelihood import drive_gains, expected_percent, expected_sentence
+from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem, linear_system
+from didim.regression.logs.drift import differences, drifts
 from didim.regression.logs.parameters import LogParameters
 from didim.regression.settings import LeastSquaresSettings
 from didim.robot.payload import Payload, flange_in_last_frame, last_link
@@ -224,6 +227,118 @@ def payload(options: argparse.Namespace) -> None:
     )
 
 
+OFFSETS = (
+    (),
+    (0.8, -0.6, 0.4, 0.2, -0.1, 0.1),
+    (-0.5, 0.3, 0.5, -0.2, 0.15, 0.0),
+    (0.3, 0.9, -0.4, 0.1, 0.1, -0.2),
+)
+"""Offsets of the second, third and fourth log, less those of the first (N.m)."""
+
+
+def logs(options: argparse.Namespace) -> None:
+    """Four logs of a UR5e with their own offsets, two of them with a payload: calibration, and the report of shared offsets."""
+    robot, x = ur5e(options.data)
+    loaded = x + last_link(robot, flange_in_last_frame(robot)) @ LOAD
+    payloads = {"load": Payload(name="load")}
+    items, parts = [], []
+    for number, offsets in enumerate(OFFSETS):
+        values = (loaded if number in (1, 2) else x).copy()
+        for joint, offset in enumerate(offsets):
+            values[robot.parameter_names.index(f"Off{joint + 1}")] += offset
+        q, dq, ddq = motion(number + 1)
+        tau = didim.inverse_dynamics(robot, q, dq, ddq, values)
+        item = Recording.from_arrays(q, tau, rate_hz=40.0, name=f"log {number + 1}")
+        items.append(replace(item, payload="load" if number in (1, 2) else "none", own=("offsets",)))
+        parts.append(
+            Segment(
+                name=item.name, place=item.name, rate_hz=40.0, q=q, dq=dq, ddq=ddq, tau=tau, recording=number
+            )
+        )
+    own = LogParameters.of(robot, items, payloads)
+    shared = LogParameters.of(robot, [replace(item, own=()) for item in items], payloads)
+    system, without = (
+        linear_system(robot, parts, SIGNAL, parameters.select({}, ()), logs=parameters)
+        for parameters in (own, shared)
+    )
+    truth = np.concatenate([robot.base_parameters.project(x), LOAD, *OFFSETS[1:]])
+    scores, reported, false_alarms, sentence = [], 0, 0, ""
+    names = [item.name for item in items]
+    for seed in range(options.seeds):
+        noise = (
+            np.random.default_rng(seed).standard_normal((6, system.y.size // 6))
+            * np.array(TORQUE_NOISE)[:, None]
+        )
+        noisy = replace(system, y=system.y + noise.ravel())
+        fit = solve(noisy, WHITE)
+        scores.append((fit.solution - truth) / np.sqrt(np.diag(fit.covariance)))
+        left_out = replace(without, y=without.y + noise.ravel())
+        found = drifts(differences(left_out, solve(left_out, WHITE), "offset"), names)
+        reported += bool(found)
+        sentence = sentence or "".join(item.sentence for item in found)
+        steady = replace(without, y=without.w @ truth[: without.w.shape[1]] + noise.ravel())
+        false_alarms += bool(drifts(differences(steady, solve(steady, WHITE), "offset"), names))
+    score = np.array(scores)
+    print(
+        f"error/sigma of {score.shape[1]} parameters, {options.seeds} seeds: rms {np.sqrt(np.mean(score**2)):.3f}, within 1.96: "
+        f"{100 * np.mean(np.abs(score) < 1.96):.1f} %; payload {np.sqrt(np.mean(score[:, -28:-18] ** 2)):.3f}, own offsets "
+        f"{np.sqrt(np.mean(score[:, -18:] ** 2)):.3f}"
+    )
+    print(f"own offsets left out: reported in {reported} of {options.seeds}; without drift in {false_alarms}")
+    print(sentence)
+
+
+def emps(options: argparse.Namespace) -> None:
+    """Split the EMPS log in two where it rests, everything shared."""
+    file = Path(__file__).resolve().parents[1] / "examples" / "emps.toml"
+    experiment = didim.load_experiment(file, data=options.data / "emps")
+    (item,) = experiment.recordings
+    whole = didim.identify(experiment, didim.IDIMLS())
+    halves = [
+        replace(
+            item,
+            name=f"part {number}",
+            **{key: getattr(item, key)[rows] for key in ("t", "q", "tau", "q_ref")},
+            windows=(),
+        )
+        for number, rows in enumerate((slice(0, 12069), slice(12069, None)), start=1)
+    ]
+    split = didim.identify(replace(experiment, recordings=tuple(halves)), didim.IDIMLS())
+    for title, fit in (("one log", whole), ("two logs", split)):
+        shown = "  ".join(
+            f"{name} {value:.4f} +- {std:.4f}"
+            for name, value, std in zip(fit.names, fit.beta, fit.std, strict=True)
+        )
+        print(f"{title}: {shown}; {fit.n_rows} rows, relative error {100 * fit.overall_relative_error:.4f} %")
+
+
+def ur10e(options: argparse.Namespace) -> None:
+    """Weigh the load of a real pair: gains, centre, and the mass with gains given."""
+    file = Path(__file__).resolve().parents[1] / "examples" / "ur10e_currents.toml"
+    experiment = didim.load_experiment(file, data=options.data / "ur10e")
+    fit = didim.identify(experiment, didim.IDIMLS())
+    assert fit.further is not None
+    print("\n".join(fit.further.lines(fit.interval_factor())))
+    for kind in ("ols", "tls"):
+        rough = didim.identify(experiment, didim.IDIMLS(gains=kind))
+        assert rough.further is not None
+        print(f"{kind}: {rough.further.gains}")
+    prototype = np.array([10.56, 12.38, 9.95, 10.38, 10.27, 10.31])
+    torques = replace(
+        experiment,
+        recordings=tuple(item.with_gains(prototype) for item in experiment.recordings),
+        payloads={"load": Payload(name="load")},
+    )
+    weighed = didim.identify(torques, didim.IDIMLS())
+    assert weighed.further is not None
+    print(
+        f"mass with the gains of a prototype: {weighed.further.values[-1]:.3f} +- {weighed.further.std[-1]:.3f} kg (2.805)"
+    )
+    free, loaded = (replace(torques, recordings=(item,)) for item in torques.recordings)
+    found = identify_payload(didim.identify(free, didim.IDIMLS()), replace(loaded, payloads=torques.payloads))
+    print(found)
+
+
 def push(options: argparse.Namespace) -> None:
     """Latency of the observer for 5 N.m at joint 3 of a UR5e, and what it reports on clean logs."""
     robot, x = ur5e(options.data)
@@ -265,6 +380,9 @@ STUDIES: dict[str, Callable[[argparse.Namespace], None]] = {
     "tx40": wrist,
     "payload": payload,
     "push": push,
+    "logs": logs,
+    "emps": emps,
+    "ur10e": ur10e,
 }
 
 

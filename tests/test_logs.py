@@ -11,6 +11,7 @@ import pytest
 import didim
 from arm import arm_file, arm_log
 from didim import Experiment, ExperimentError, FitError
+from didim.methods.builder import fitted, solved_status
 from didim.methods.method import Method
 from didim.robot.payload import Payload
 from didim.studies.prediction import predict, relative_errors
@@ -109,14 +110,18 @@ def test_parameters_that_no_recording_tells_are_refused_by_name() -> None:
 
 def test_a_sentence_says_that_own_offsets_were_left_out() -> None:
     drifting = arm_logs([False, True, False], offsets={1: (0.3, 0.0)}, noise=(0.5, 0.3))
-    (sentence,) = didim.identify(drifting, didim.IDIMLS()).remarks
-    assert sentence.startswith("the offsets of joint 1 differ between recordings, most by 0.")
-    assert sentence.endswith("in Off1 of 'log 2': give the recordings offsets = \"own\"")
+    reasons = didim.identify(drifting, didim.IDIMLS()).verdict.grave
+    (reason,) = [item for item in reasons if item.code == "drift"]
+    assert reason.sentence.startswith("the offsets of joint 1 differ between recordings, most by 0.")
+    assert reason.sentence.endswith("in Off1 of 'log 2'")
+    assert reason.advice == 'Give the recordings offsets = "own"'
+    assert reason.joints == (1,)
     for steady in (
         arm_logs([False, True, False], noise=(0.5, 0.3)),
         replace(drifting, recordings=tuple(replace(item, own=("offsets",)) for item in drifting.recordings)),
     ):
-        assert not didim.identify(steady, didim.IDIMLS()).remarks
+        reasons = didim.identify(steady, didim.IDIMLS()).verdict.reasons
+        assert "drift" not in {item.code for item in reasons}
 
 
 def test_offsets_of_their_own_are_as_uncertain_as_they_say() -> None:
@@ -200,3 +205,45 @@ def test_an_experiment_file_names_payloads_and_what_a_recording_has_for_itself(t
     path.write_text(FILE.replace("mass_kg = 0.8", "mass_kg = -1"))
     with pytest.raises(ExperimentError, match="mass_kg"):
         didim.load_experiment(path)
+
+
+def test_the_emps_log_as_two_with_everything_shared_gives_the_published_digits(
+    project: Path, shared: Path
+) -> None:
+    """The rows of the filtered log as those of two recordings; two files are filtered apart, which moves it by 0.2 sigma."""
+    experiment = didim.load_experiment(project / "examples" / "emps.toml", data=shared / "data" / "emps")
+    (item,) = experiment.recordings
+    two = replace(experiment, recordings=(item, replace(item, name="second")))
+    method = didim.IDIMLS()
+    job = method.job(two)
+    (part,) = method.job(experiment).parts("fit", job.delay())
+    system = job.system([part])
+    (block,) = system.blocks
+    middle = block.n_rows // 2
+    blocks = (
+        replace(block, rows=slice(0, middle)),
+        replace(block, rows=slice(middle, block.n_rows), recording=1),
+    )
+    system = replace(system, blocks=blocks)
+    solved = job.solve(system)
+    fit = fitted(
+        job, method, system, solved, status=solved_status(solved), history=[], delay=job.delay(), q=part.q
+    )
+    published = {
+        "M1R": (95.1089, 0.1085),
+        "Fv1": (203.5034, 1.1460),
+        "Fc1": (20.3935, 0.1012),
+        "Off1": (-3.1648, 0.0444),
+    }
+    for name, value, std in zip(fit.names, fit.beta, fit.std, strict=True):
+        assert (round(value, 4), round(std, 4)) == published[name]
+    assert round(100.0 * fit.overall_relative_error, 4) == 4.0834
+    halves = []
+    for name, rows in (("first", slice(0, 12069)), ("second", slice(12069, None))):
+        assert item.tau is not None
+        assert item.q_ref is not None
+        halves.append(
+            replace(item, name=name, t=item.t[rows], q=item.q[rows], tau=item.tau[rows], q_ref=item.q_ref[rows], windows=())
+        )  # fmt: skip
+    split = didim.identify(replace(experiment, recordings=tuple(halves)), method)
+    np.testing.assert_array_less(np.abs(split.beta - fit.beta), 0.2 * fit.std)

@@ -18,7 +18,7 @@ from ..experiment.experiment import Experiment
 from ..model.physics import physical_flags
 from ..regression.fit import Fit
 from ..regression.linear_system import LinearSystem
-from ..regression.logs.drift import Difference, differences, drift_sentences
+from ..regression.logs.drift import Difference, differences, drifts
 from ..regression.solver import solver_record
 from ..result.further import Further
 from ..result.identification import Identification
@@ -218,7 +218,7 @@ def fitted(
         spread.uncertainty,
         np.sqrt(np.diag(job.selection.expand_covariance(spread.covariance))),
     )
-    drifts = _drift(job, system, fit) if status.converged else []
+    moved = _drift(job, system, fit) if status.converged else []
     return identification(
         job,
         method,
@@ -235,16 +235,15 @@ def fitted(
         output_error=output_error,
         settings={
             "solver": solver_record(job.solver_choice, fit),
-            **({"drift": [asdict(item) for item in drifts]} if drifts else {}),
+            **({"drift": [asdict(item) for item in moved]} if moved else {}),
             **(settings or {}),
         },
         remarks=(
             *fit.remarks,
             *remarks,
             *spread.remarks,
-            *drift_sentences(drifts, [item.name for item in job.experiment.recordings]),
         ),
-        evidence=(*evidence, *lasting),
+        evidence=(*evidence, *lasting, *_drift_reasons(job, moved)),
         standard=fit.standard,
     )
 
@@ -261,6 +260,21 @@ def _drift(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
         for kind, key in kinds
         if key not in own
         for item in differences(system, fit, kind, job.settings.blocks)
+    ]
+
+
+def _drift_reasons(job: Job, moved: Sequence[Difference]) -> list[Reason]:
+    """Return reasons to doubt a result whose recordings do not share what they are said to share."""
+    return [
+        Reason(
+            code="drift",
+            severity="doubtful",
+            sentence=item.sentence,
+            advice=item.advice,
+            joints=item.joints,
+            value=item.value,
+        )
+        for item in drifts(moved, [recording.name for recording in job.experiment.recordings])
     ]
 
 

@@ -28,6 +28,8 @@ FALSE_ALARMS = 1e-3
 """Probability that logs without drift are reported, all columns together."""
 NEGLIGIBLE = 0.05
 """Share of a joint's residual below which a difference is not worth parameters of its own."""
+FEWEST = 3
+"""Intervals of a log at least: with fewer nothing is said."""
 DEPENDENT = 1e-9
 """Share of the largest eigenvalue of ``C~^T C~`` below which a combination of the columns is one of the shared parameters."""
 
@@ -74,11 +76,15 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
     kind : {"offset", "friction"}
         Columns that are added.
     blocks : int
-        Intervals of time.
+        Intervals of time for each log.
     """
     numbers = sorted({block.recording for block in system.blocks})
-    parts = [part.rows for part in intervals(system.blocks, blocks)]
-    if len(numbers) < 2 or len(parts) < 3:
+    if len(numbers) < 2:
+        return []
+    times = intervals(system.blocks, blocks * len(numbers))
+    parts = [part.rows for part in times]
+    counts = {number: sum(part.recording == number for part in times) for number in numbers}
+    if min(counts.values()) < FEWEST:
         return []
     columns, places = _columns(system, numbers[1:], kind)
     if not places:
@@ -96,14 +102,16 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     from scipy.special import stdtrit  # not scipy.stats, which takes half a second to load
 
-    limit = float(stdtrit(m - 1, 1.0 - 0.5 * FALSE_ALARMS / len(places)))
+    tail = 1.0 - 0.5 * FALSE_ALARMS / len(places)
+    # A difference has the blocks of its two logs, and no others.
+    limits = [float(stdtrit(counts[number] + counts[numbers[0]] - 2, tail)) for _, _, number in places]
     sizes = system.norms(fit.residual) / np.sqrt([rows.stop - rows.start for rows in system.joints])
     told = []
     for index, (name, joint, number) in enumerate(places):
         rows = np.flatnonzero(columns[:, index])
         value = float(found[index])
         torque = abs(value) * float(np.sqrt(np.mean(columns[rows, index] ** 2)))
-        clear = bool(abs(value) > limit * std[index] > 0.0 and torque > NEGLIGIBLE * sizes[joint])
+        clear = bool(abs(value) > limits[index] * std[index] > 0.0 and torque > NEGLIGIBLE * sizes[joint])
         told.append(Difference(kind, name, joint, number, value, float(std[index]), torque, clear))
     return told
 
@@ -134,8 +142,28 @@ def _columns(
     return (np.stack(columns, axis=1) if columns else np.zeros((system.y.size, 0))), places
 
 
-def drift_sentences(found: Sequence[Difference], names: Sequence[str]) -> list[str]:
-    """Return a sentence on each kind of parameter that differs between logs.
+@dataclass(frozen=True)
+class Drift:
+    """Parameters of one kind that differ clearly between logs.
+
+    Attributes
+    ----------
+    sentence, advice : str
+        What was seen, and what to do.
+    joints : tuple of int
+        Joints concerned, from 1.
+    value : float
+        Largest difference, by the torque that it stands for (SI units).
+    """
+
+    sentence: str
+    advice: str
+    joints: tuple[int, ...]
+    value: float
+
+
+def drifts(found: Sequence[Difference], names: Sequence[str]) -> list[Drift]:
+    """Return each kind of parameter that differs between logs.
 
     Parameters
     ----------
@@ -144,16 +172,21 @@ def drift_sentences(found: Sequence[Difference], names: Sequence[str]) -> list[s
     names : sequence of str
         Names of the recordings of the experiment.
     """
-    sentences = []
+    told = []
     for kind, key in (("offset", "offsets"), ("friction", "friction")):
         clear = [item for item in found if item.kind == kind and item.clear]
         if not clear:
             continue
         worst = max(clear, key=lambda item: item.torque)
         joints = sorted({item.joint + 1 for item in clear})
-        sentences.append(
-            f"{'the offsets' if kind == 'offset' else 'friction'} of joint {', '.join(map(str, joints))} "
-            f"{'differ' if kind == 'offset' else 'differs'} between recordings, most by {worst.value:.3g} +- {worst.std:.2g} in "
-            f"{worst.parameter} of '{names[worst.recording]}': give the recordings {key} = \"own\""
+        what = "the offsets" if kind == "offset" else "the friction coefficients"
+        told.append(
+            Drift(
+                f"{what} of joint {', '.join(map(str, joints))} differ between recordings, most by {worst.value:.3g} +- "
+                f"{worst.std:.2g} in {worst.parameter} of '{names[worst.recording]}'",
+                f'Give the recordings {key} = "own"',
+                tuple(joints),
+                worst.value,
+            )
         )
-    return sentences
+    return told
