@@ -256,7 +256,7 @@ def _cells(entry: Entry) -> list[str]:
     kind = (
         " or ".join(entry.kinds)
         if not entry.choices
-        else ", ".join(f'`"{choice}"`' for choice in entry.choices)
+        else ", ".join(f"`{_toml(choice)}`" for choice in entry.choices)
     )
     details = [part for part in (entry.unit, entry.bounds) if part]
     kind = f"{kind} ({', '.join(details)})" if details else kind
