@@ -147,7 +147,7 @@ def circle(seeds: int) -> None:
         for kind in ("jackknife", "decimated"):
             std, error, percent = [], [], []
             for log in logs:
-                fit = didim.identify(log, didim.DIDIM(physical=False), uncertainty=kind)  # type: ignore[arg-type]
+                fit = didim.identify(log, didim.DIDIM(physical=False), uncertainty=kind)
                 std.append(fit.std)
                 error.append((fit.beta - beta) / fit.std)
                 percent.append(100.0 * fit.std / np.abs(beta))

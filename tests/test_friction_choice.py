@@ -183,7 +183,7 @@ def test_the_choice_on_the_ur10e(shared: Path) -> None:
         recordings=(didim.Recording.from_arrays(q, current * gains, rate_hz=100.0),),
         signal=didim.SignalProcessing(cutoff_hz=8.0, trim_start=50, trim_end=50, decimation=(5,)),
     )
-    plain, fit = (didim.identify(experiment, didim.IDIMLS(friction=choice)) for choice in (None, "auto"))  # type: ignore[arg-type]
+    plain, fit = (didim.identify(experiment, didim.IDIMLS(friction=choice)) for choice in (None, "auto"))
     before, after = fit.settings["friction"]["held_out_error"]
     assert 100.0 * plain.overall_relative_error == pytest.approx(3.63, abs=0.02)
     assert fit.overall_relative_error < (1.0 - 1.0 / 3.0) * plain.overall_relative_error
