@@ -12,8 +12,8 @@ MOST_GAPS = 5
 
 ADVICE = {
     "order": "Sort or mend the time stamps",
-    "gap": "Find the lost samples, or keep what lies before and behind as files of their own",
-    "uneven": "Log at an even rate, or resample; a step may differ by 1 %",
+    "gap": "Find the lost samples, or write resample = true under [recording.time], which takes the stretches between gaps",
+    "uneven": "Write resample = true under [recording.time], or give rate_hz in place of that table if only the stamps jitter",
     "rate": "Correct rate_hz, or leave it out",
 }
 
