@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import didim
+from arm import arm_log, noisy
 from didim.model.consistency import violations
-from didim.model.drive_cones import Drives, simulable_cones
+from didim.model.drive_cones import Drives, friction_cones, simulable_cones
 from didim.model.dynamics import inertia_matrix
 from didim.regression.consistent.bounds import Bounds
 from didim.regression.consistent.prior import Prior, generic_prior, prior_of
@@ -150,3 +152,50 @@ def test_the_real_log_has_the_distance_of_the_oracle(shared: Path) -> None:
     assert sources["Fv1"] == "identified"
     assert violations(conditions_of(experiment.robot), near.parameters) == []
     assert "from the prior" in str(near)
+
+
+def test_further_friction_terms_only_dissipate() -> None:
+    """Each law at its own lowest amplitude still takes power, at every speed; a little less gives some."""
+    robot = didim.load_robot("planar2").with_friction(
+        atan=[1, 2],
+        atan_velocity_rad_s=[0.1, 0.1],
+        stribeck=[1],
+        stribeck_velocity_rad_s=[0.2, 0.2],
+        forward_viscous=[2],
+        load=[1],
+    )
+    conditions = friction_cones(Drives(robot))
+    labels = [condition.label for condition in conditions]
+    assert {"Fa1", "Fa2", "Fs1", "Fl1"} <= set(labels)
+    names = list(robot.parameter_names)
+    speeds = np.linspace(-3.0, 3.0, 601)[:, None] * [1.0, 1.0]
+    rest = np.zeros_like(speeds)
+
+    def worst(**values: float) -> tuple[float, bool]:
+        x = np.zeros(len(names))
+        for name, value in values.items():
+            x[names.index(name)] = value
+        tau = didim.inverse_dynamics(robot, rest, speeds, rest, x)
+        return float((tau * speeds).min()), violations(conditions, x) == []
+
+    for inside, outside in (
+        ({"Fv1": 2.0, "Fa1": -0.19}, {"Fv1": 2.0, "Fa1": -0.25}),
+        ({"Fc1": 1.0, "Fs1": -0.99}, {"Fc1": 1.0, "Fs1": -1.1}),
+        ({"Fv2": 1.0, "Fvp2": -0.99}, {"Fv2": 1.0, "Fvp2": -1.1}),
+    ):
+        power, met = worst(**inside)
+        assert power >= -1e-12, inside
+        assert met, inside
+        power, met = worst(**outside)
+        assert power < 0.0, outside
+        assert not met, outside
+
+
+def test_consistent_estimates_with_further_friction_terms() -> None:
+    experiment = arm_log(2)
+    robot = experiment.robot.with_friction(atan=[1, 2], atan_velocity_rad_s=[0.1, 0.1], load=[1])
+    log = noisy(replace(experiment, robot=robot))
+    fit = didim.identify(log, didim.IDIMLS(physical=True))
+    assert violations(conditions_of(robot), fit.parameters) == []
+    assert fit.parameters[robot.parameter_names.index("Fl1")] >= 0.0
+    assert didim.identify(log).overall_relative_error == pytest.approx(fit.overall_relative_error, rel=0.05)

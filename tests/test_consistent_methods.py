@@ -153,3 +153,43 @@ def test_a_made_up_controller_has_gains_for_didim_and_no_other(
         "not simulated: the experiment has no [controller] and [reference], or made-up gains"
         in capsys.readouterr().out
     )
+
+
+def told(log: Experiment) -> str:
+    """What consistent DIDIM says of a log, whether it ends with a result or an error."""
+    try:
+        return " ".join(identify(log, DIDIM(max_iterations=1)).remarks)
+    except FitError as error:
+        return str(error)
+
+
+@pytest.fixture(scope="module")
+def sound() -> Experiment:
+    experiment = didim.packaged_experiment("tx40")
+    return simulated_log(experiment, experiment.robot.parameter_set("didim_physical"), seed=3)
+
+
+@pytest.mark.parametrize("joint", [1, 3, 6])
+def test_a_reversed_torque_is_named_with_both_residuals(sound: Experiment, joint: int) -> None:
+    (recording,) = sound.recordings
+    assert recording.tau is not None
+    tau = recording.tau.copy()
+    tau[:, joint - 1] *= -1.0
+    text = told(replace(sound, recordings=(replace(recording, tau=tau),)))
+    assert (
+        f"the torque of joint {joint} looks reversed: the residual of physically consistent parameters is "
+        in text
+    )
+    assert " % there (without conditions " in text
+    assert "and reversing that torque would bring it to " in text
+
+
+def test_a_wrong_gravity_is_told(sound: Experiment, tmp_path: Path, project: Path) -> None:
+    text = (project / "python" / "didim" / "packaged" / "robots" / "tx40.toml").read_text(encoding="utf-8")
+    line = next(line for line in text.splitlines() if line.startswith("gravity_m_s2"))
+    file = tmp_path / "turned.toml"
+    file.write_text(text.replace(line, "gravity_m_s2 = [0.0, 0.0, 9.81]"), encoding="utf-8")
+    turned = didim.load_robot(file)
+    found = told(replace(sound, robot=turned.with_smoothing(sound.robot.friction.smoothing)))
+    assert "direction of gravity" in found
+    assert "(without conditions " in found

@@ -21,6 +21,7 @@ from arm import arm_log
 from didim import CLOE, DIDIM, IDIMLS, Experiment
 from didim.loop.reference import Reference
 from didim.methods.method import Method
+from didim.regression.consistent.prior import generic_prior
 from didim.result.iteration import Iteration
 from didim.studies.simulated_log import packaged_experiment
 
@@ -114,6 +115,9 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
     recursive.update(*(np.random.default_rng(1).standard_normal((4, 60, 2))))
     return {
         "CLOE": [CLOE(start="idim-ls", noise=[1.0, 2.0])],
+        "Bounds": [didim.Bounds(total_mass=(10.0, 20.0), masses={2: (1.0, 3.0)})],
+        "Consistent": [didim.Consistent(gamma=0.1, prior="urdf")],
+        "Prior": [generic_prior(robot)],
         "Capsule": [didim.Capsule(link=1, start=(0.0, 0.0, 0.0), end=(0.1, 0.0, 0.0), radius=0.05)],
         "Contrast": [didim.contrast(didim.identify(arm, IDIMLS()), fit)],
         "DIDIM": [DIDIM(fixed={"Fc1": 1.0}, dropped=["Off1"])],

@@ -53,6 +53,9 @@ if TYPE_CHECKING:
     from .model.dynamics import direct_dynamics, inertia_matrix, inverse_dynamics, regressor
     from .monte_carlo.results import StudyResults
     from .monte_carlo.study import study
+    from .regression.consistent.bounds import Bounds
+    from .regression.consistent.prior import Prior
+    from .regression.consistent.solver import Consistent
     from .regression.recursive import Recursive, RecursiveEstimate
     from .regression.settings import LeastSquaresSettings
     from .result.contrast import Contrast, contrast
@@ -78,8 +81,10 @@ __all__ = [
     "IDIMIV",
     "IDIMLS",
     "BaseParameters",
+    "Bounds",
     "Capsule",
     "Comparison",
+    "Consistent",
     "Contrast",
     "Controller",
     "DidimError",
@@ -98,6 +103,7 @@ __all__ = [
     "LeastSquaresSettings",
     "MaximumLikelihood",
     "Payload",
+    "Prior",
     "RankError",
     "Recording",
     "RecordingError",
@@ -166,6 +172,9 @@ _LATER = {
     "Findings": "diagnosis.finding",
     "Friction": "robot.friction",
     "FrictionTerm": "robot.friction",
+    "Bounds": "regression.consistent.bounds",
+    "Consistent": "regression.consistent.solver",
+    "Prior": "regression.consistent.prior",
     "Identification": "result.identification",
     "LeastSquaresSettings": "regression.settings",
     "MaximumLikelihood": "methods.maximum_likelihood",

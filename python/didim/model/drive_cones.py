@@ -42,6 +42,7 @@ class Drives:
         self.coupling = coupling / np.diag(coupling)[:, None]
         self.shaft_friction = robot.friction.coupling == "shaft"
         self.sides = ("+", "-") if robot.friction.model == "asymmetric" else ("",)
+        self.terms = robot.friction.terms
         self.places = places_of(robot)
         self.coupled = [m for m in range(robot.n_dof) if np.count_nonzero(self.coupling[m]) > 1]
         self.groups = _groups(self.coupling)
@@ -181,7 +182,30 @@ def friction_cones(drives: Drives) -> list[Cone]:
             continue
         found += [drives.cone("Fv", group, drives.viscous(group, sides)) for sides in drives.choices(group)]
         found += _coulomb_cones(drives, group)
-    return found
+    return [*found, *further_cones(drives)]
+
+
+def further_cones(drives: Drives) -> list[Cone]:
+    """Return the conditions on the terms beyond viscous and Coulomb friction, so that the sum still dissipates.
+
+    With ``Fv, Fc >= 0`` these are, for a joint with a motor of its own: ``Fa + Fv v >= 0`` of atan, which is convex where it is
+    negative; ``Fs + Fc >= 0`` of Stribeck, which is at most one; ``Ff + Fv >= 0`` forward. Load friction, roots, and all
+    terms of joints that share motors must not be negative themselves. A torque at standstill has no power, and a law of one's
+    own no condition.
+    """
+    shared = {j for group in drives.groups if drives.motors(group) for j in group}
+    found: dict[tuple[tuple[str, float], ...], Cone] = {}
+    for term in drives.terms:
+        if term.law in ("rest", "table"):
+            continue
+        beside = {"atan": "Fv", "stribeck": "Fc", "forward": "Fv"}.get(term.law)
+        for side in drives.sides if term.law != "forward" else drives.sides[:1]:
+            shares = {term.parameter: 1.0}
+            if beside is not None and term.joint not in shared:
+                shares[f"{beside}{term.joint + 1}{side}"] = term.velocity if term.law == "atan" else 1.0
+            condition = cone(drives.places, term.parameter, shares)
+            found.setdefault(tuple(shares.items()), condition)
+    return list(found.values())
 
 
 def _coulomb_cones(drives: Drives, group: Sequence[int]) -> list[Cone]:

@@ -16,6 +16,8 @@ from .solver import triangle_of
 
 CONTRADICTION = 1.5
 """Ratio of the constrained to the plain residual beyond which a cause is looked for."""
+JOINT_CONTRADICTIONS = ((2.0, 0.1), (1.2, 0.5))
+"""The same at a single joint: a ratio, and the relative error beyond which it counts."""
 CLEAR = 0.75
 """Share of the constrained residual that must be left at most for a joint to be named."""
 NOTHING = 0.5
@@ -37,10 +39,18 @@ def diagnosis(system: LinearSystem, fit: Fit, problem: ConstrainedProblem) -> li
     plain, constrained = (fit.record.get(f"{key}_relative_error") for key in ("plain", "constrained"))
     if plain is None or constrained is None or not plain > 0.0:
         return []
-    if constrained <= CONTRADICTION * plain and constrained <= NOTHING:
+    # A light wrist hardly counts in the error of all joints together.
+    every = zip(fit.record["plain_relative_errors"], fit.record["constrained_relative_errors"], strict=True)
+    joint = any(
+        free is not None
+        and any(held > ratio * free and held > least for ratio, least in JOINT_CONTRADICTIONS)
+        for free, held in every
+    )
+    torn = constrained > CONTRADICTION * plain or joint
+    if not torn and constrained <= NOTHING:
         return []
     percent = f"{100.0 * constrained:.3g} % (without conditions {100.0 * plain:.3g} %)"
-    found = [] if constrained <= CONTRADICTION * plain else _reversed(system, problem, plain, constrained)
+    found = _reversed(system, fit, problem) if torn else []
     if found:
         return found
     if constrained > NOTHING:
@@ -54,14 +64,13 @@ def diagnosis(system: LinearSystem, fit: Fit, problem: ConstrainedProblem) -> li
     ]
 
 
-def _reversed(
-    system: LinearSystem, problem: ConstrainedProblem, plain: float, constrained: float
-) -> list[str]:
+def _reversed(system: LinearSystem, fit: Fit, problem: ConstrainedProblem) -> list[str]:
     """Return the joint whose reversed torque leaves much less, or nothing."""
     # Weights of the torques themselves: residuals of the wrong sign would hide the joint.
     scale = per_row(system, 1.0 / joint_sigma(system, system.y))
     measured = system.measured
-    known = measured - system.y
+    known, sizes = measured - system.y, system.norms(measured)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
     shares = []
     for joint in (None, *range(len(system.joints))):
         torque = measured.copy()
@@ -70,15 +79,17 @@ def _reversed(
         right = (torque - known) * scale
         triangle, side = triangle_of(system.w * scale[:, None], right)
         # Rows in units of their noise, as the weight of the prior wants them.
-        noise = constrained
+        noise = fit.record["constrained_relative_error"]
         x = problem.solve(triangle / noise, side / noise).x
-        error = torque - known - system.w @ (problem.matrix @ x)
-        shares.append(float(np.linalg.norm(error) / np.linalg.norm(measured)))
-    best = int(np.argmin(shares[1:]))
-    if shares[best + 1] > CLEAR * min(shares[0], constrained):
+        shares.append(system.norms(torque - known - system.w @ (problem.matrix @ x)) / sizes)
+    # All joints count alike.
+    together = np.sqrt(np.mean(np.square(shares), axis=1))
+    best = int(np.argmin(together[1:]))
+    if together[best + 1] > CLEAR * together[0]:
         return []
+    plain, constrained = (fit.record[f"{key}_relative_errors"][best] for key in ("plain", "constrained"))
     return [
         f"the torque of joint {best + 1} looks reversed: the residual of physically consistent parameters is "
-        f"{100.0 * constrained:.3g} % (without conditions {100.0 * plain:.3g} %), and reversing that torque would bring it to "
-        f"{100.0 * shares[best + 1]:.3g} %"
+        f"{100.0 * constrained:.3g} % there (without conditions {100.0 * plain:.3g} %), and reversing that torque would bring it "
+        f"to {100.0 * shares[best + 1][best]:.3g} %"
     ]

@@ -64,6 +64,9 @@ class Prior:
                 x[place] = 0.1
             elif name.startswith(("Fv", "Fc")):
                 x[place] = 1.0
+        for term in robot.friction.terms:
+            if term.law not in ("rest", "table"):
+                x[places[term.parameter]] = 0.1
         return x
 
 
