@@ -19,7 +19,12 @@ if TYPE_CHECKING:
 
 def add(commands: Commands) -> None:
     """Add the command and its options."""
-    parser = add_command(commands, "base", run, "list the base parameters of a robot and their groupings")
+    parser = add_command(
+        commands,
+        "base",
+        run,
+        "list base parameters and their groupings, pose at q = 0 and reach",
+    )
     parser.add_argument(
         "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
     )
@@ -33,5 +38,10 @@ def run(options: argparse.Namespace) -> int:
     robot = load_robot(options.robot)
     tell(robot.notes)
     base = robot.base_parameters
-    print(f"{robot.name}: {base}" if options.format == "text" else formatted(base, options.format))
+    if options.format == "text":
+        from ..model.reach import pose_lines
+
+        print("\n".join([f"{robot.name}: {base}", "", *pose_lines(robot)]))
+    else:
+        print(formatted(base, options.format))
     return CONVERGED

@@ -1,0 +1,74 @@
+"""Pose of the last frame at q = 0, and how far it reaches: a wrong robot file shows there at once.
+
+Tested in ``tests/test_reach.py``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..robot.robot import Robot
+from .kinematics import frames
+
+POSES = 500
+"""Random poses that the search for the farthest one begins with."""
+SWEEPS = 4
+"""Passes over the joints, each set to the best of `ANGLES` positions."""
+ANGLES = 73
+"""Positions of a joint that are tried: every five degrees of a full turn."""
+SLIDE_M = 1.0
+"""Half the travel of a prismatic joint without limits (m)."""
+
+
+def flange_at_zero(robot: Robot) -> Array:
+    """Return the last frame at q = 0 in frame 0, a homogeneous matrix (4, 4), lengths in m."""
+    return np.asarray(frames(robot, np.zeros((1, robot.n_dof)))[0, -1])
+
+
+def reach(robot: Robot) -> float:
+    """Return the largest distance of the origin of the last frame from that of frame 1 (m), within the limits of the robot file.
+
+    Revolute joints without limits turn freely; prismatic ones without limits move by 1 m either way.
+    """
+    ranges = np.array([_range(robot, joint) for joint in range(robot.n_dof)])
+    rng = np.random.default_rng(0)
+    q = rng.uniform(ranges[:, 0], ranges[:, 1], (POSES, robot.n_dof))
+    best = q[int(np.argmax(_distances(robot, q)))]
+    for _ in range(SWEEPS):
+        for joint in range(robot.n_dof):
+            tried = np.tile(best, (ANGLES, 1))
+            tried[:, joint] = np.linspace(*ranges[joint], ANGLES)
+            tried = np.vstack([best, tried])
+            best = tried[int(np.argmax(_distances(robot, tried)))]
+    return float(_distances(robot, best[None])[0])
+
+
+def pose_lines(robot: Robot) -> list[str]:
+    """Return lines on the pose of the last frame at q = 0, and on the reach."""
+    pose = flange_at_zero(robot)
+    x, y, z = (_number(value) for value in pose[:3, 3])
+    axes = "; ".join(
+        f"{name} along [{', '.join(_number(value) for value in pose[:3, k])}]" for k, name in enumerate("xyz")
+    )
+    return [
+        f"Frame {robot.n_dof} at q = 0, in frame 0: origin [{x}, {y}, {z}] m, {axes}",
+        f"Reach, from the origin of frame 1 to that of frame {robot.n_dof}: {reach(robot):.4g} m",
+    ]
+
+
+def _range(robot: Robot, joint: int) -> tuple[float, float]:
+    limits = robot.limits[joint].position
+    if limits is not None:
+        return limits
+    half = np.pi if robot.geometry.kinds[joint] == "revolute" else SLIDE_M
+    return -half, half
+
+
+def _distances(robot: Robot, q: Array) -> Array:
+    found = frames(robot, q)
+    return np.asarray(np.linalg.norm(found[:, -1, :3, 3] - found[:, 1, :3, 3], axis=1))
+
+
+def _number(value: float) -> str:
+    return f"{0.0 if abs(value) < 5e-10 else value:.4g}"
