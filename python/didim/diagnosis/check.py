@@ -101,6 +101,8 @@ def check(
         recordings.append(_without(recording, of_columns))
     experiment = replace(experiment, recordings=tuple(recordings))
     found += check_bandwidth(experiment)
+    cutoff = experiment.signal.cutoff_hz
+    filtered = cutoff is None or all(cutoff < item.rate_hz / 2.0 for item in experiment.recordings)
     without = [recording.name for recording in experiment.recordings if recording.tau is None]
     if without:
         found.append(
@@ -111,7 +113,7 @@ def check(
                 recording=without[0],
             )
         )
-    if not without and any(recording.role == "fit" for recording in experiment.recordings):
+    if filtered and not without and any(recording.role == "fit" for recording in experiment.recordings):
         found += _model(experiment, known)
     return Findings(experiment.name, tuple(found), experiment.robot.joint_names, loop_table(experiment))
 

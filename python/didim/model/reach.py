@@ -38,7 +38,7 @@ def reach(robot: Robot) -> float:
     for _ in range(SWEEPS):
         for joint in range(robot.n_dof):
             tried = np.tile(best, (ANGLES, 1))
-            tried[:, joint] = np.linspace(*ranges[joint], ANGLES)
+            tried[:, joint] = np.linspace(ranges[joint, 0], ranges[joint, 1], ANGLES)
             tried = np.vstack([best, tried])
             best = tried[int(np.argmax(_distances(robot, tried)))]
     return float(_distances(robot, best[None])[0])
