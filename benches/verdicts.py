@@ -1,6 +1,6 @@
 """Does the verdict name what is wrong, and is it silent where nothing is?
 
-    python benches/verdicts.py [--seeds 10] [--arms arm7 gantry] [--faults WORD ...] [--method idim-ls|didim] [--json FILE]
+    python benches/verdicts.py [--seeds 10] [--arms arm7 gantry] [--faults WORD ...] [--method idim-ls|didim] [--workers 2]
     python benches/verdicts.py --sound [--seeds 4] [--arms arm7 gantry tx40 planar2]
 
 Plants each fault of `tests/verdict_arms.py` in logs of a simulated 7R arm and a gantry with a wrist, whose truth is known, and
@@ -20,6 +20,8 @@ from pathlib import Path
 import numpy as np
 
 import didim
+from didim.monte_carlo.engine import run_all
+from didim.monte_carlo.executors import pool
 from didim.result.verdict import Verdict
 from didim.studies.simulated_log import packaged_experiment, simulated_log
 
@@ -95,6 +97,12 @@ def noisy(log: Log | didim.Experiment, seed: int, level: float) -> didim.Experim
     return replace(log, recordings=(replace(recording, q=q, tau=tau),))
 
 
+def one_fault(task: tuple[str, int, int]) -> tuple[int, int, dict[str, int]]:
+    """Try a fault by the name of its arm, its place among the faults of the arm, and the number of seeds."""
+    name, place, seeds = task
+    return try_fault(ARMS[name], list(faults(ARMS[name]))[place], seeds)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description="Faults that the verdict names, and correct logs that it calls sound."
@@ -105,6 +113,9 @@ def main() -> None:
     parser.add_argument("--method", choices=METHODS, help="faults that this method meets alone")
     parser.add_argument("--sound", action="store_true", help="correct logs instead of faults")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=["idim-ls"], help="for --sound")
+    parser.add_argument(
+        "--workers", type=int, default=1, help="processes for the faults (default: %(default)s)"
+    )
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     table: list[dict[str, object]] = []
@@ -128,13 +139,19 @@ def main() -> None:
                         flush=True,
                     )
     else:
-        for name in arguments.arms:
-            for fault in faults(ARMS[name]):
-                if arguments.faults and not any(word in fault.name for word in arguments.faults):
-                    continue
-                if arguments.method and fault.method != arguments.method:
-                    continue
-                alarmed, right, others = try_fault(ARMS[name], fault, arguments.seeds)
+        tasks = [
+            (name, place, arguments.seeds)
+            for name in arguments.arms
+            for place, fault in enumerate(faults(ARMS[name]))
+            if (not arguments.faults or any(word in fault.name for word in arguments.faults))
+            and arguments.method in (None, fault.method)
+        ]
+        with pool("serial" if arguments.workers == 1 else "process", arguments.workers) as some:
+            for (name, place, _), found, lost in run_all(one_fault, tasks, some):
+                fault = list(faults(ARMS[name]))[place]
+                if lost is not None:
+                    raise SystemExit(f"{name}, {fault.name}: {lost}")
+                alarmed, right, others = found
                 table.append(
                     {
                         "arm": name,
