@@ -256,3 +256,25 @@ def test_a_study_that_is_killed_twice_has_the_same_rows(expected: list[str], tmp
             os.kill(worker, signal.SIGKILL)
         assert process.wait(timeout=120) == 0
     assert sorted(rows.read_text().splitlines()) == expected
+
+
+@pytest.mark.tools
+@pytest.mark.parametrize(
+    ("package", "run"),
+    [("loky", "loky"), ("distributed", "dask"), ("distributed", "vanished"), ("ray", "ray")],
+)
+def test_other_executors_give_the_same_rows(project: Path, package: str, run: str) -> None:
+    pytest.importorskip(package)
+    command = [
+        sys.executable,
+        str(project / "benches" / "study_executors.py"),
+        "--seeds",
+        "2",
+        "--only",
+        "process-1",
+        run,
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith("all the same\n")
+    assert "not run" not in done.stdout
