@@ -247,3 +247,20 @@ def test_the_emps_log_as_two_with_everything_shared_gives_the_published_digits(
         )  # fmt: skip
     split = didim.identify(replace(experiment, recordings=tuple(halves)), method)
     np.testing.assert_array_less(np.abs(split.beta - fit.beta), 0.2 * fit.std)
+
+
+def test_check_knows_payloads_and_leaves_currents_alone() -> None:
+    log = arm_logs([False, True], noise=(0.3, 0.2))
+    # The controller of the log is not looked at here.
+    assert "torque-sign" not in {item.kind for item in didim.check(log)}
+    first, second = log.recordings
+    assert second.tau is not None
+    turned = replace(second, tau=second.tau * [-1.0, 1.0])
+    assert first.tau is not None
+    found = didim.check(replace(log, recordings=(replace(first, tau=first.tau * [-1.0, 1.0]), turned)))
+    assert any(1 in item.joints for item in found)
+    drives = ((1.0, 0.0), (0.0, 1.0))
+    currents = tuple(replace(item, drives=drives) for item in log.recordings)
+    known = {"disc": Payload(name="disc", mass_kg=0.8)}
+    (finding,) = didim.check(replace(log, recordings=currents, payloads=known))
+    assert (finding.kind, finding.sentence[:30]) == ("drive-gain", "the drive gains are to be esti")

@@ -100,9 +100,11 @@ def _shares(
     w = regressor(
         robot, rng.uniform(low, high, shape), rng.normal(0.0, rich[0], shape), rng.normal(0.0, rich[1], shape)
     )
-    names = robot.base_parameters.names
-    columns = [robot.base_parameters.indices[names.index(name)] for name in probe.names]
-    effect = np.max(np.sqrt(np.mean(w[:, :, columns] ** 2, axis=0)) / torque[:, None], axis=0)
+    w = w[:, :, list(robot.base_parameters.indices)]
+    w = np.concatenate([w, w @ probe.parameters.own_columns()], axis=2)
+    names = probe.parameters.names
+    w = w[:, :, [names.index(name) for name in probe.names]]
+    effect = np.max(np.sqrt(np.mean(w**2, axis=0)) / torque[:, None], axis=0)
     information, _, _ = probe.information(reading)
     # A weak prior in these units: it only affects parameters that the log does not identify.
     scaled = information / np.outer(effect, effect) + np.eye(len(effect)) / CAP**2

@@ -84,6 +84,7 @@ class Probe:
             self._yy = self._y @ self._y.T
         self.n_rows = self._y.shape[1]
         self.n_samples = sum(len(part.q) for part in parts)
+        self.parameters = job.parameters
         self.names = [job.parameters.names[k] for k in job.selection.estimated]
         self.viscous = [k for k, name in enumerate(self.names) if name.startswith("Fv")]
 
