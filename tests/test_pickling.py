@@ -21,6 +21,7 @@ from arm import arm_log
 from didim import CLOE, DIDIM, IDIMLS, Experiment
 from didim.loop.reference import Reference
 from didim.methods.method import Method
+from didim.monte_carlo.rows import Rows
 from didim.regression.consistent.prior import generic_prior
 from didim.result.iteration import Iteration
 from didim.studies.simulated_log import packaged_experiment
@@ -146,6 +147,7 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
         "Robot": [robot, didim.load_robot("emps")],
         "SignalProcessing": [didim.SignalProcessing(cutoff_hz=50.0, decimation=(5,))],
         "Simulation": [run],
+        "StudyResults": [didim.StudyResults("empty", Rows(), ("loud",), ("didim",))],
         "Validation": [didim.validate(fit, arm)],
         "Workspace": [didim.Workspace(floor=-0.5, clearance=0.01)],
         "errors": [didim.FitError("one"), didim.RankError("two", (1, 2))],
