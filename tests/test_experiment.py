@@ -358,6 +358,7 @@ def test_tx40_examples(project: Path, shared: Path, file: str) -> None:
         expected = SignalProcessing(
             cutoff_hz=50.0,
             form="transfer-function",
+            ends="first-order",
             trim_start=100,
             trim_end=100,
             decimation=(10, 10),

@@ -15,11 +15,14 @@ from didim.loop.controller import Controller
 from didim.loop.reference import Reference
 from didim.signal.filters import central_differences
 from didim.signal.noise import white_noise
+from didim.signal.processing import Form
 
 Array = NDArray[np.float64]
 
 COUNT = 2.0 * np.pi / 2**17
-"""Step of the encoders (rad)."""
+"""Step of an encoder (rad)."""
+COARSE = 2.0 * np.pi / 2**13
+"""Step of the encoder of a joint that is held stiffly (rad): it shows nothing of what the other joint does to it."""
 
 
 def test_a_joint_at_rest_has_the_noise_of_its_encoder() -> None:
@@ -41,7 +44,7 @@ def test_noise_that_is_not_quantised_is_as_before() -> None:
 
 @pytest.fixture(scope="module")
 def one_joint_at_a_time() -> tuple[Experiment, Array]:
-    """A planar arm whose second joint rests in nine tenths of the log, read by encoders."""
+    """A planar arm whose second joint rests on one count of its encoder in nine tenths of the log."""
     robot = didim.load_robot("planar2")
     rate, t = 500.0, np.arange(0.0, 10.0, 0.002)
     first = 0.8 * np.sin(2.0 * np.pi * 0.5 * t) + 0.3 * np.sin(2.0 * np.pi * 1.7 * t)
@@ -53,14 +56,15 @@ def one_joint_at_a_time() -> tuple[Experiment, Array]:
         robot=robot,
         recordings=(),
         reference=reference,
-        controller=Controller.tuned([10.0] * 2, [0.7] * 2, [1.0, 0.2]),
+        controller=Controller.tuned([10.0, 30.0], [0.7] * 2, [1.0, 0.2]),
         signal=SignalProcessing(cutoff_hz=60.0, trim_start=50, trim_end=50, decimation=(10,)),
         simulation=SimulationSettings(rate_hz=rate, smoothing=(0.05, 0.05), step_s=1e-3, fine_step_s=5e-4),
     )
     log = didim.simulated_log(experiment, robot.parameter_set("reference"), noise=False, refinement=2)
     (recording,) = log.recordings
     assert recording.tau is not None
-    q = np.round(recording.q / COUNT) * COUNT
+    steps = np.array([COUNT, COARSE])
+    q = np.round(recording.q / steps) * steps
     noise = np.random.default_rng(1).standard_normal(recording.tau.shape) * [0.2, 0.1]
     recordings = (replace(recording, q=q, tau=recording.tau + noise),)
     return replace(log, recordings=recordings), robot.set_base("reference")
@@ -68,9 +72,17 @@ def one_joint_at_a_time() -> tuple[Experiment, Array]:
 
 def test_cloe_weights_a_resting_joint_by_its_encoder(one_joint_at_a_time: tuple[Experiment, Array]) -> None:
     log, truth = one_joint_at_a_time
+    q = log.recordings[0].q
+    assert np.mean(np.diff(q[:, 1]) == 0.0) > 0.85
+    np.testing.assert_allclose(white_noise(q)[1], COARSE / np.sqrt(12.0), rtol=0.35)
     fit = identify(log, CLOE(start="idim-ls"))
     assert fit.converged
     assert np.max(np.abs(fit.beta - truth) / fit.std) < 3.0
+    # Most of its fifth differences are zero: by their median, as in version 0.1.0, it would decide the fit alone.
+    median = np.median(np.abs(np.diff(q, 5, axis=0)), axis=0) / 0.6745 / np.sqrt(252.0)
+    assert median[1] == 0.0
+    wrong = identify(log, CLOE(start="idim-ls", noise=[median[0], 1e-9 * np.ptp(q[:, 1])]))
+    assert np.max(np.abs(wrong.beta - truth) / fit.std) > 1000.0
 
 
 # Derivatives at the ends.
@@ -85,8 +97,10 @@ def test_differences_are_exact_for_parabolas_up_to_the_ends() -> None:
     np.testing.assert_allclose(central_differences(dq, 0.1), 6.0, atol=1e-9)
 
 
-def test_windows_without_trimming_spoil_nothing() -> None:
-    """A log without noise, in eight windows that begin and end in motion."""
+@pytest.mark.parametrize("cutoff_hz", [None, 200.0, 100.0])
+@pytest.mark.parametrize("form", ["sections", "transfer-function"])
+def test_windows_without_trimming_spoil_nothing(cutoff_hz: float | None, form: Form) -> None:
+    """A log without noise, in eight windows that begin and end in motion, with a filter and without one."""
     robot = didim.load_robot("planar2").with_smoothing((0.2, 0.2))
     reference = Reference.random_fourier(
         harmonics=6,
@@ -101,12 +115,21 @@ def test_windows_without_trimming_spoil_nothing() -> None:
     tau = didim.inverse_dynamics(robot, *motion, robot.parameter_set("reference"))
     recording = Recording.from_arrays(motion[0], tau, rate_hz=1000.0)
     windows = tuple((1000 * k, 1000 * (k + 1)) for k in range(8))
-    experiment = Experiment(name="ends", robot=robot, recordings=(replace(recording, windows=windows),))
+    experiment = Experiment(
+        name="ends",
+        robot=robot,
+        recordings=(replace(recording, windows=windows),),
+        signal=SignalProcessing(cutoff_hz=cutoff_hz, form=form),
+    )
     truth = robot.set_base("reference")
     scale = np.where(truth != 0.0, np.abs(truth), 1.0)
     fit = identify(experiment, IDIMLS())
     assert np.max(np.abs(fit.beta - truth) / scale) < 0.005
     assert fit.overall_relative_error < 1e-3
+    # A plain odd extension, and differences of first order, have wrong accelerations there.
+    first = replace(experiment, signal=replace(experiment.signal, ends="first-order"))
+    worst = np.max(np.abs(identify(first, IDIMLS()).beta - truth) / scale)
+    assert worst > 10.0 * np.max(np.abs(fit.beta - truth) / scale)
     # The same rows in validation.
     assert didim.validate(fit, experiment).recordings[0].direct_overall == pytest.approx(
         fit.overall_relative_error

@@ -175,6 +175,26 @@ def test_check_prints_its_findings_when_they_cannot_be_saved(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_init_checks_its_file_first_and_never_loses_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(200) / 100.0
+    columns = np.column_stack([t, np.sin(t), np.cos(t), np.sin(2.0 * t), np.cos(2.0 * t)])
+    np.savetxt("log.csv", columns, delimiter=",", header="t,q1,q2,tau1,tau2", comments="")
+    # Before the log is read: this one could not be.
+    Path("wrong.csv").write_text("t,q1\n0,a\n", encoding="utf-8")
+    assert main(["init", "planar2", "wrong.csv", "-o", "absent/log.toml"]) == 2
+    assert "absent" in capsys.readouterr().err
+    code = main(["init", "planar2", "log.csv", "-o", "/dev/full", "--force"])
+    assert code == 1
+    out, err = capsys.readouterr()
+    assert "time stamps" in out
+    assert "No space left on device; the content is in '" in err
+    assert "schema = 1" in Path("full-1").read_text(encoding="utf-8")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_checkpoint_is_not_read_from_a_device(file: Path) -> None:
     experiment = didim.load_experiment(file)
     with pytest.raises(FitError, match="/dev/full: a checkpoint must be a file"):

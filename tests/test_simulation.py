@@ -22,8 +22,9 @@ from scipy.special import ellipj, ellipk
 import didim
 from didim.errors import ShapeError, SimulationError
 from didim.experiment.loop import closed_loop
-from didim.loop.closed_loop import ClosedLoop, Outcome, SimulationStatus
+from didim.loop.closed_loop import ClosedLoop
 from didim.loop.controller import Controller, Digital
+from didim.loop.outcome import Outcome, SimulationStatus
 from didim.loop.reference import Reference
 from didim.loop.simulation import Simulation, StepWarning
 from didim.loop.tuning import mean_inertia

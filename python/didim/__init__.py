@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from .export.sdf import to_sdf
     from .export.urdf import to_urdf
     from .log.recording import Recording
-    from .loop.closed_loop import SimulationStatus
     from .loop.controller import Controller, Digital
+    from .loop.outcome import SimulationStatus
     from .loop.reference import Reference
     from .loop.simulation import Simulation, StepWarning, simulate
     from .methods.cloe.cloe import CLOE
@@ -186,7 +186,7 @@ _LATER = {
     "Robot": "robot.robot",
     "SignalProcessing": "signal.processing",
     "Simulation": "loop.simulation",
-    "SimulationStatus": "loop.closed_loop",
+    "SimulationStatus": "loop.outcome",
     "Status": "result.status",
     "StepWarning": "loop.simulation",
     "StudyResults": "monte_carlo.results",

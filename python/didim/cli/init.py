@@ -14,6 +14,7 @@ from .options import (
     refuse,
     tell,
 )
+from .outputs import Saved
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -70,6 +71,7 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
+    from .._tools.files import write_atomically
     from ..experiment.draft import initialise
 
     chosen = {}
@@ -78,6 +80,7 @@ def run(options: argparse.Namespace) -> int:
         if not sign or not columns:
             return refuse(f"--columns takes KIND=COLUMNS, such as --columns torque=14-19, got {text!r}")
         chosen[kind] = columns
+    saved = Saved()
     path, draft = initialise(
         options.robot,
         options.logs,
@@ -88,11 +91,13 @@ def run(options: argparse.Namespace) -> int:
         values_per_sample=options.values_per_sample,
         topic=options.topic,
         force=options.force,
+        write=lambda path, text: saved.save(path, lambda place: write_atomically(place, text)),
     )
-    print(f"{path}: written")
+    if not saved.failed:
+        print(f"{path}: written")
     tell(draft.notes)
     for sentence in draft.read:
         print(f"- {sentence}")
     for question in draft.questions:
         print(f"didim: open: {question}", file=sys.stderr)
-    return NOT_CONVERGED if draft.questions else CONVERGED
+    return saved.code(NOT_CONVERGED if draft.questions else CONVERGED)

@@ -94,6 +94,7 @@ def check(
     known = None if parameters is None else _standard(experiment, parameters)
     recordings = []
     for recording in experiment.recordings:
+        recording.measured_positions()  # refuses a log without them
         of_columns = check_channels(recording)
         found += of_columns
         if experiment.signal.spikes is None:

@@ -10,12 +10,12 @@ import json
 import math
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from .._tools.files import write_atomically
+from .._tools.files import check_output, write_atomically
 from .._tools.toml import Table
 from .._tools.words import counted
 from ..errors import DidimError, ExperimentError
@@ -40,6 +40,7 @@ def initialise(
     values_per_sample: int | None = None,
     topic: str | None = None,
     force: bool = False,
+    write: Callable[[Path, str], None] = write_atomically,
 ) -> tuple[Path, Draft]:
     """Write an experiment file for a log, or for several of one robot.
 
@@ -63,6 +64,8 @@ def initialise(
         Topic of a ROS bag.
     force : bool
         Overwrite an existing file.
+    write : callable
+        Called with path and text at the end.
 
     Returns
     -------
@@ -75,6 +78,8 @@ def initialise(
         When the file exists, or an option does not fit.
     RobotError, RecordingError
         When robot or log cannot be read.
+    OSError
+        When the file cannot be written to, before the log is read.
     """
     paths = [logs] if isinstance(logs, Path) else list(logs)
     model = load_robot(robot)
@@ -87,6 +92,7 @@ def initialise(
         raise ExperimentError(
             f"--gain takes one number or {model.n_dof}, one for each joint, none of them zero; got {list(gains)}"
         )
+    check_output(path)
     draft = Draft(notes=model.notes)
     writers = []
     for log in paths:
@@ -100,7 +106,7 @@ def initialise(
     text = "\n".join([*head, *body, *transmission])
     recordings, in_torque = _recordings(text, model, path)
     draft.text = "\n".join([text, *_signal(model, recordings, in_torque, draft)]) + "\n"
-    write_atomically(path, draft.text)
+    write(path, draft.text)
     return path, draft
 
 

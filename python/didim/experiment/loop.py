@@ -76,8 +76,9 @@ def closed_loop(
                     f"the window of recording {recording.name!r} begins at {start / rate:g} s, and a reference that is "
                     "a motion of its own begins with the recording: take a window from 0 s on"
                 )
-            if settings.start == "measured" or (settings.start is None and from_recording):
-                q, dq, _ = differentiate(recording.q[start:stop], rate, experiment.signal)
+            shown = from_recording and recording.has_positions
+            if settings.start == "measured" or (settings.start is None and shown):
+                q, dq, _ = differentiate(recording.measured_positions()[start:stop], rate, experiment.signal)
                 state = (q[0], dq[0])
         loop = ClosedLoop.of(
             settings.robot(experiment.robot),
@@ -103,6 +104,8 @@ def measured_motion(
     recording: Recording, window: tuple[int, int], signal: SignalProcessing, robot: Robot
 ) -> Reference | None:
     """Return the measured motion of a window, as it is or filtered; None where it does not show which velocities are near zero."""
+    if not recording.has_positions:
+        return None
     q = recording.q[slice(*window)]
     if len(q) < LEAST_SAMPLES or robot.friction.coulomb != "tanh":
         return None

@@ -63,7 +63,7 @@ class ReferenceSpec:
                     "kind = 'measured' to follow the filtered measured positions"
                 )
             return Reference.sampled(recording.q_ref[start:stop], rate_hz=recording.rate_hz)
-        q, _, _ = differentiate(recording.q[start:stop], recording.rate_hz, signal)
+        q, _, _ = differentiate(recording.measured_positions()[start:stop], recording.rate_hz, signal)
         return Reference.sampled(q, rate_hz=recording.rate_hz)
 
 

@@ -34,7 +34,7 @@ class Recording(Pickled):
     t
         (n_samples,) time stamps in s.
     q
-        (n_samples, n_dof) joint positions in rad or m.
+        (n_samples, n_dof) joint positions in rad or m; NaN throughout without measured ones.
     dq
         (n_samples, n_dof) measured joint velocities in rad/s or m/s, or None: they then take the place of differences of
         the positions.
@@ -51,6 +51,8 @@ class Recording(Pickled):
         "fit", or "held-out" for a recording that only validates.
     windows
         (start, stop) sample slices that are used, in order and without overlap; the whole record by default.
+    has_positions
+        Whether positions were measured. A log without them needs reference positions, and DIDIM alone identifies it.
     digests
         SHA-256 of each file read, by file name.
     notes
@@ -83,6 +85,7 @@ class Recording(Pickled):
     q_ref: Array | None = None
     role: Role = "fit"
     windows: tuple[tuple[int, int], ...] = ()
+    has_positions: bool = True
     digests: Mapping[str, str] = field(default_factory=dict)
     origin: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -96,7 +99,7 @@ class Recording(Pickled):
         for item in self.own:
             one_of(f"{self.name}: own", item, OWN, RecordingError)
         object.__setattr__(self, "rate_hz", checked_rate(self.name, self.rate_hz))
-        q = self._matrix("q", self.q)
+        q = self._matrix("q", self.q) if self.has_positions else self._without_positions()
         if (np.abs(q) > LARGEST_POSITION).any():
             sample, joint = np.argwhere(np.abs(q) > LARGEST_POSITION)[0]
             raise RecordingError(
@@ -148,10 +151,25 @@ class Recording(Pickled):
         object.__setattr__(self, "digests", dict(self.digests))
         object.__setattr__(self, "origin", dict(self.origin))
 
+    def measured_positions(self) -> Array:
+        """Return the measured positions, (n_samples, n_dof).
+
+        Raises
+        ------
+        RecordingError
+            Without any.
+        """
+        if not self.has_positions:
+            raise RecordingError(
+                f"recording '{self.name}' has no measured positions ([recording.position]): only DIDIM with a recorded "
+                "reference does without"
+            )
+        return self.q
+
     @classmethod
     def from_arrays(
         cls,
-        q: ArrayLike,
+        q: ArrayLike | None,
         tau: ArrayLike | None = None,
         *,
         rate_hz: float,
@@ -159,9 +177,17 @@ class Recording(Pickled):
         q_ref: ArrayLike | None = None,
         role: Role = "fit",
     ) -> Recording:
-        """Make a recording of arrays at hand, such as simulated ones: joint side, SI, (n_samples, n_dof)."""
+        """Make a recording of arrays at hand, such as simulated ones: joint side, SI, (n_samples, n_dof).
+
+        `q` is None for a log that has reference positions and no measured ones.
+        """
         rate = checked_rate(name, rate_hz)
-        positions = real_array(f"{name}: q", q, RecordingError)
+        if q is None:
+            if q_ref is None:
+                raise RecordingError(f"{name}: give q, or q_ref for a log without measured positions")
+            positions = np.full(np.shape(q_ref), np.nan)
+        else:
+            positions = real_array(f"{name}: q", q, RecordingError)
         return cls(
             name=name,
             t=clock(len(np.atleast_1d(positions)), rate),
@@ -170,6 +196,7 @@ class Recording(Pickled):
             rate_hz=rate,
             q_ref=None if q_ref is None else real_array(f"{name}: q_ref", q_ref, RecordingError),
             role=role,
+            has_positions=q is not None,
         )
 
     @property
@@ -184,6 +211,11 @@ class Recording(Pickled):
         reduction = np.array(self.drives)
         currents = self.tau @ np.linalg.inv(reduction)
         return replace(self, tau=(currents * gains) @ reduction, drives=None)
+
+    def _without_positions(self) -> Array:
+        if self.q_ref is None:
+            raise RecordingError(f"{self.name}: without measured positions there must be reference positions")
+        return np.full_like(self._matrix("q_ref", self.q_ref), np.nan)
 
     def _windows(self) -> tuple[tuple[int, int], ...]:
         try:

@@ -95,7 +95,7 @@ def read_recording(
     own = [key for key in OWN if table.text(key, "shared", choices=["shared", "own"]) == "own"]
     tables = {key: table.table(key, None) for key in SOURCES}
     table.done()
-    if tables["position"] is None:
+    if tables["position"] is None and tables["reference"] is None:
         table.fail("the table [recording.position] is missing")
     if tables["external"] is not None and tables["torque"] is None:
         table.fail("the table [recording.external] needs [recording.torque] beside it")
@@ -120,18 +120,20 @@ def read_recording(
         table.fail("either rate_hz or the table [recording.time] must be there")
 
     values = {key: channel.read() for key, channel in channels.items()}
-    q = values["position"]
+    # Without measured positions the reference has the samples that all else is compared with.
+    base = "position" if "position" in values else "reference"
+    count = len(values[base])
     digests = {source.file.name: source.file.sha256 for source in sources.values()}
     t = sources["time"].values()[:, 0] * period if "time" in sources else None
     for key, found in {**values, **({} if t is None else {"time": t})}.items():
-        if len(found) != len(q):
+        if len(found) != count:
             raise RecordingError(
                 f"{name}: {key} has {counted(len(found), 'sample')} ({sources[key].place}), "
-                f"position has {len(q)} ({sources['position'].place})"
+                f"{base} has {count} ({sources[base].place})"
             )
-    if len(q) < MINIMUM_SAMPLES:
-        file = sources["position"].place
-        raise RecordingError(f"{file}: at least {MINIMUM_SAMPLES} samples are needed, got {len(q)}")
+    if count < MINIMUM_SAMPLES:
+        file = sources[base].place
+        raise RecordingError(f"{file}: at least {MINIMUM_SAMPLES} samples are needed, got {count}")
     between_gaps: tuple[tuple[int, int], ...] = ()
     notes: tuple[str, ...] = ()
     origin = _origin(sources, channels)
@@ -147,20 +149,20 @@ def read_recording(
             faults += [(name, fault) for fault in wrong]
             rate, t = wrong[0].rate_hz, None
             gaps = [fault.sample for fault in wrong if fault.kind == "gap" and fault.sample is not None]
-            between_gaps = stretches(gaps, len(q))
+            between_gaps = stretches(gaps, count)
         elif wrong:
             raise RecordingError(wrong[0].sentence + _offer(wrong[0], t, rate, sources["time"].place))
         else:
             rate = check_time(t, rate, sources["time"].place)
     assert rate is not None  # a missing rate without time stamps was refused above
-    q = values["position"]
-    windows = slices(table, windows_s, rate, len(q))
+    first = values[base]
+    windows = slices(table, windows_s, rate, len(first))
     if resample:
         windows = _inside(table, windows, between_gaps, rate)
     return Recording(
         name=name,
-        t=clock(len(q), rate) if t is None else t,
-        q=q,
+        t=clock(len(first), rate) if t is None else t,
+        q=values.get("position", np.full_like(first, np.nan)),
         dq=values.get("velocity"),
         tau=values.get("torque"),
         external=values.get("external"),
@@ -168,6 +170,7 @@ def read_recording(
         q_ref=values.get("reference"),
         role=role,
         windows=windows or between_gaps,
+        has_positions=base == "position",
         digests=digests,
         origin=origin,
         notes=notes,

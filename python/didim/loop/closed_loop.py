@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +20,7 @@ from .._tools.threads import core_threads
 from ..errors import SimulationError
 from ..robot.robot import Robot
 from .controller import Controller
+from .outcome import IntegrationError, Outcome, outcomes_of
 from .reference import Reference
 
 STEP = 5e-4
@@ -41,77 +41,6 @@ FINEST = 1e-4
 """Smallest share of the step that a fine step may be: between two steps nothing is heard, not even Ctrl-C."""
 DIVERGENCE = 100.0
 """Tracking error (rad or m) that counts as divergence."""
-LARGE_ERROR = 0.01
-"""Share of the torque (rms) beyond which the integration error calls for a smaller step."""
-
-
-class SimulationStatus(Enum):
-    """How a simulation ended; the value is a sentence for people."""
-
-    COMPLETED = "The simulation ran to its end."
-    DIVERGED = "The simulation diverged: the controller does not hold this robot."
-    INDEFINITE = "The simulation ended: M(q) is not positive definite, so that no such robot exists."
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How the run of one candidate ended.
-
-    Attributes
-    ----------
-    status : SimulationStatus
-        What happened.
-    time_s : float or None
-        When (s), if it ended early.
-    joint : int or None
-        Joint, from 1, where it happened.
-    """
-
-    status: SimulationStatus
-    time_s: float | None = None
-    joint: int | None = None
-
-    @property
-    def completed(self) -> bool:
-        """Whether the run reached its end."""
-        return self.status is SimulationStatus.COMPLETED
-
-    def __str__(self) -> str:
-        if self.status is SimulationStatus.DIVERGED:
-            return (
-                f"diverged at {self.time_s:.4g} s: joint {self.joint} has left its reference; the controller does "
-                "not hold this robot, or the step is too large"
-            )
-        if self.status is SimulationStatus.INDEFINITE:
-            return (
-                f"ended at {self.time_s:.4g} s: M(q) is not positive definite, the inertia that joint {self.joint} "
-                "feels is not positive with these parameters"
-            )
-        return "completed"
-
-
-@dataclass(frozen=True)
-class IntegrationError:
-    """Estimate of the error of the integration, from the same run with half the steps.
-
-    Attributes
-    ----------
-    q : (n_dof,) array
-        Largest position error (rad or m).
-    tau : (n_dof,) array
-        Torque error, rms (N.m or N).
-    tau_relative : float
-        The largest ratio of that to the rms torque of the joint.
-    """
-
-    q: Array
-    tau: Array
-    tau_relative: float
-
-    @property
-    def large(self) -> bool:
-        """Whether the step is too large for what is read from the torques."""
-        return not self.tau_relative <= LARGE_ERROR
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +169,16 @@ class ClosedLoop:
             push = (float(push_hz), values)
         schedule = _schedule(robot, reference, controller, rate, records, steps, None)
         return cls(
-            robot, reference, controller, rate, records, schedule, steps, begin, push, float(divergence)
+            robot,
+            reference,
+            controller,
+            rate,
+            records,
+            schedule,
+            steps,
+            begin,
+            push,
+            float(divergence),
         )
 
     def along(self, motion: Reference) -> ClosedLoop:
@@ -287,7 +225,7 @@ class ClosedLoop:
             arrays, endings = _core.simulate(self.core, x, scale, core_threads(threads))
         except ValueError as reason:
             raise SimulationError(str(reason)) from None
-        outcomes = _outcomes(endings)
+        outcomes = outcomes_of(endings)
         for candidate, outcome in enumerate(outcomes):
             if outcome.time_s is not None:
                 # A run goes on with its neighbours in the lanes: what it gives after its end means nothing.
@@ -325,7 +263,7 @@ class ClosedLoop:
             )
         except ValueError as reason:
             raise SimulationError(str(reason)) from None
-        return costs, _outcomes(endings)
+        return costs, outcomes_of(endings)
 
     def sensitivities(
         self, x: Array, directions: Array, *, gain_scale: Array | None = None, threads: int | None = None
@@ -362,7 +300,7 @@ class ClosedLoop:
             )
         except ValueError as reason:
             raise SimulationError(str(reason)) from None
-        return list(arrays), _outcomes([end])[0]
+        return list(arrays), outcomes_of([end])[0]
 
     def _scale_of(self, x: Array, gain_scale: Array | None, threads: int | None) -> Array:
         """Return the scale of the gains, 1 by default, once the candidates are rows."""
@@ -433,12 +371,3 @@ def _check_steps(steps: tuple[float, Sequence[float]], period: float | None, dur
             raise SimulationError(
                 f"fine_step of joint {joint} is {value:g} s, less than {FINEST:g} of the step of {coarse:g} s"
             )
-
-
-def _outcomes(endings: Sequence[tuple[int, float, int]]) -> tuple[Outcome, ...]:
-    kinds = (SimulationStatus.COMPLETED, SimulationStatus.DIVERGED, SimulationStatus.INDEFINITE)
-    # The core looks 1e-9 of a step inside of it, which is nothing to tell people.
-    return tuple(
-        Outcome(kinds[0]) if kind == 0 else Outcome(kinds[kind], round(time, 9), joint + 1)
-        for kind, time, joint in endings
-    )

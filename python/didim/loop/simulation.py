@@ -17,8 +17,9 @@ from .._tools.arrays import Array, real_array
 from ..errors import ShapeError, SimulationError
 from ..model.dynamics import standard_vector
 from ..robot.robot import Robot
-from .closed_loop import DIVERGENCE, ClosedLoop, IntegrationError, Outcome, SimulationStatus
+from .closed_loop import DIVERGENCE, ClosedLoop
 from .controller import Controller
+from .outcome import IntegrationError, Outcome, SimulationStatus
 from .reference import Reference
 
 

@@ -238,8 +238,10 @@ def _residual_section(fit: Identification, experiment: Experiment, predictions: 
 
 
 def _friction_section(fit: Identification, experiment: Experiment) -> Html:
-    """Show friction over speed, where the log has torques to compare with."""
-    if not any(item.role == "fit" and item.tau is not None for item in experiment.recordings):
+    """Show friction over speed, where the log has positions, and torques to compare with."""
+    if not any(
+        item.role == "fit" and item.tau is not None and item.has_positions for item in experiment.recordings
+    ):
         return Html("")
     return section(
         "Friction",
@@ -311,7 +313,7 @@ def _convergence_section(fit: Identification) -> Html:
 
 def robot_section(experiment: Experiment) -> Html:
     """Show the skeleton of the robot along the first recording."""
-    motion = experiment.recordings[0].q if experiment.recordings else None
+    motion = next((item.q for item in experiment.recordings if item.has_positions), None)
     robot = experiment.robot
     geometry = robot.geometry
     rows = [

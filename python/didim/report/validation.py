@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 import didim.plot as plot
@@ -69,9 +71,13 @@ def _recording_sections(
     head = ["relative error %", *(f"joint {j + 1}" for j in range(n))]
     content = [table(head, rows, numbers=range(1, n + 1))] if rows else []
     if item.direct is not None:
+        measured = tuple(one for one in experiment.recordings if one.has_positions)
+        with_positions = replace(experiment, recordings=measured)
         found = [
             part
-            for part in predict(validation.fit, experiment, role="all", motion="measured", as_fitted=False)
+            for part in predict(
+                validation.fit, with_positions, role="all", motion="measured", as_fitted=False
+            )
             if part.recording == item.name
         ]
         content += [

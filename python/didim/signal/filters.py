@@ -22,6 +22,13 @@ from .._tools.threads import core_threads
 from ..errors import SignalError
 from .processing import Convention, Ends, Form, SignalProcessing, check_order
 
+EXTENSION_PERIODS = 8.0
+"""Length of an extension that keeps the curvature, in periods of the cut-off: the response has decayed to 1e-8 by then."""
+CURVATURE_PERIODS = 2.0
+"""Length of the samples that the curvature at an end is estimated from, in periods of the cut-off: with fewer it has more noise
+than the filtered accelerations, with many more a cubic no longer follows the motion."""
+CURVATURE_DEGREE = 3
+"""Degree of the polynomial that is fitted to them."""
 LARGEST_POLE_ERROR = 1e-5
 """How far rounding may move a pole, as a share of its distance from the unit circle."""
 
@@ -33,6 +40,7 @@ def zero_phase_butterworth(
     order: int = 4,
     padding: Convention = "scipy",
     form: Form = "sections",
+    curved: bool = False,
 ) -> Array:
     """Low-pass filter forward and backward, without delay.
 
@@ -50,6 +58,9 @@ def zero_phase_butterworth(
         Length of the odd extension, see `SignalProcessing`.
     form : {"sections", "transfer-function"}
         How the filter is run, see `SignalProcessing`.
+    curved : bool
+        Keep the curvature of the signals in an extension of `EXTENSION_PERIODS`. An odd extension turns its sign at the ends, so
+        that the second derivative of what is filtered is zero there.
 
     Returns
     -------
@@ -66,7 +77,7 @@ def zero_phase_butterworth(
     Notes
     -----
     ``test_signals.py`` compares it with ``scipy.signal.sosfiltfilt``, and with ``filtfilt`` of the transfer
-    function.
+    function, and the ends of a curved extension with derivatives that are known.
     """
     from scipy.signal import butter, filtfilt, sosfilt_zi, zpk2sos, zpk2tf
 
@@ -100,12 +111,39 @@ def zero_phase_butterworth(
             "the cut-off away from zero and from half the sampling rate"
             + (", lower the order or use form 'sections'" if transfer else "")
         )
+    added = 0
+    if curved and x.shape[0] > CURVATURE_DEGREE + 2:
+        x, added = _extended(x, rate_hz / cutoff_hz, padlen)
+    inside = slice(added, x.shape[0] - added)
     if transfer:
         with np.errstate(over="ignore", invalid="ignore"):  # reported by the next step
-            return np.asarray(filtfilt(b, a, x, axis=0, padlen=padlen))
-    return core_errors(
+            return np.asarray(filtfilt(b, a, x, axis=0, padlen=padlen))[inside]
+    filtered = core_errors(
         lambda: _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen, core_threads())
     )
+    return np.ascontiguousarray(filtered[inside])
+
+
+def _extended(x: Array, period: float, least: int) -> tuple[Array, int]:
+    """Extend signals at both ends, by odd extension and the parabola that keeps their curvature; also the samples added at each.
+
+    ``x[-k] = 2 x[0] - x[k] + c k^2`` with ``c`` the second derivative at the end, of a cubic fitted to the samples there: value and
+    three derivatives go on without a jump.
+    """
+    n = len(x)
+    added = int(min(max(np.ceil(EXTENSION_PERIODS * period), least), n - 1))
+    count = int(min(max(np.ceil(CURVATURE_PERIODS * period) + 1, CURVATURE_DEGREE + 3), n))
+    powers = np.vander(np.linspace(0.0, 1.0, count), CURVATURE_DEGREE + 1, increasing=True)
+    second = 2.0 * np.linalg.pinv(powers)[2] / (count - 1.0) ** 2
+    squares = np.arange(1, added + 1)[:, None] ** 2.0
+
+    def beyond(ordered: Array) -> Array:
+        """Return samples before the first one, the nearest first; exactly constant where the signal is."""
+        curvature = np.tensordot(second, ordered[:count] - ordered[0], axes=1)
+        return np.asarray(2.0 * ordered[0] - ordered[1 : added + 1] + curvature * squares)
+
+    with np.errstate(over="ignore", invalid="ignore"):  # reported by the core
+        return np.concatenate([beyond(x)[::-1], x, beyond(x[::-1])]), added
 
 
 def central_differences(x: Array, dt: float, ends: Ends = "second-order") -> Array:
@@ -189,14 +227,21 @@ def differentiate(
     """
     q = checked_columns(q)
     if signal.cutoff_hz is not None:
-        q = zero_phase_butterworth(q, rate_hz, signal.cutoff_hz, signal.order, signal.padding, signal.form)
+        q = _filtered(q, rate_hz, signal)
     if dq is None:
         dq = central_differences(q, 1.0 / rate_hz, signal.ends)
     elif signal.cutoff_hz is not None:
-        dq = zero_phase_butterworth(
-            checked_columns(dq), rate_hz, signal.cutoff_hz, signal.order, signal.padding, signal.form
-        )
+        dq = _filtered(checked_columns(dq), rate_hz, signal)
     return q, dq, central_differences(dq, 1.0 / rate_hz, signal.ends)
+
+
+def _filtered(x: Array, rate_hz: float, signal: SignalProcessing) -> Array:
+    """Filter positions or measured velocities as the settings say."""
+    assert signal.cutoff_hz is not None
+    curved = signal.ends == "second-order" and signal.padding == "scipy"
+    return zero_phase_butterworth(
+        x, rate_hz, signal.cutoff_hz, signal.order, signal.padding, signal.form, curved
+    )
 
 
 def padding_length(order: int, convention: Convention) -> int:

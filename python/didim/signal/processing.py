@@ -30,15 +30,17 @@ class SignalProcessing:
     order : int
         Its order, of one of the two passes: 1 to 10.
     padding : {"scipy", "matlab"}
-        Samples of odd extension at each end: SciPy's 3 (order + 1), or MATLAB's 3 order.
+        Samples of odd extension at each end: SciPy's 3 (order + 1), or MATLAB's 3 order. Where `ends` is "second-order", a longer
+        extension that keeps the curvature takes the place of SciPy's.
     form : {"sections", "transfer-function"}
         How the Butterworth filter is run. Second-order sections are the sound way. The transfer function is
         that of MATLAB's ``filtfilt(b, a, x)``: where a joint stands still, its rounding noise decides the
         sign of the velocity (docs/tx40.md), so that figures made with it need it.
     ends : {"second-order", "first-order"}
-        Differences at the first and the last sample of a window. One-sided ones of second order are exact for parabolas. Those
-        of first order, applied twice, give half of the acceleration at an end and three quarters beside it: for figures
-        that were made so.
+        Ends of a window: differences at the first and the last sample, and the extension by which the filter goes on beyond
+        them. One-sided differences of second order are exact for parabolas, and the extension keeps the curvature of the positions.
+        Differences of first order, applied twice, give half of the acceleration at an end and three quarters beside it,
+        and a plain odd extension makes it zero: for figures that were made so.
     trim_start, trim_end : int
         Samples left out at the ends once positions are differentiated: there the filter has only the
         extension to go by.

@@ -110,7 +110,7 @@ def motion_of(
     """
     start, stop = window
     dq = None if recording.dq is None else recording.dq[start:stop]
-    return differentiate(recording.q[start:stop], recording.rate_hz, signal, dq)
+    return differentiate(recording.measured_positions()[start:stop], recording.rate_hz, signal, dq)
 
 
 def trimmed(

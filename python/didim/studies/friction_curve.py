@@ -68,7 +68,7 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
     Raises
     ------
     FitError
-        For another robot, or without a recording of role "fit" that has torques.
+        For another robot, or without a recording of role "fit" that has positions and torques.
     """
     experiment, delay = fitted_experiment(fit, with_friction_of(fit, experiment))
     robot = experiment.robot
@@ -76,9 +76,15 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
         raise FitError(
             f"the result is for robot {fit.robot!r} and the experiment for {robot.name!r}: their parameters differ"
         )
-    recordings = [item for item in experiment.recordings if item.role == "fit" and item.tau is not None]
+    recordings = [
+        item
+        for item in experiment.recordings
+        if item.role == "fit" and item.tau is not None and item.has_positions
+    ]
     if not recordings:
-        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit' that has torques")
+        raise FitError(
+            f"experiment '{experiment.name}' has no recording with role 'fit' that has positions and torques"
+        )
     x = fit.parameters
     friction_only = np.zeros(len(x))
     places = list(friction_places(robot))

@@ -19,7 +19,8 @@ from ..experiment.experiment import Experiment
 from ..experiment.loop import closed_loop, outside_limits
 from ..experiment.specs import ReferenceSpec
 from ..log.recording import Recording
-from ..loop.closed_loop import ClosedLoop, Outcome
+from ..loop.closed_loop import ClosedLoop
+from ..loop.outcome import Outcome
 from ..loop.reference import Reference
 from ..loop.simulation import too_large
 from ..robot.parameter_file import is_file, load_parameters
@@ -177,19 +178,23 @@ def recording_errors(
     Returns
     -------
     dict of (n_dof,) arrays
-        ``position``, ``velocity``, ``acceleration`` and, with torques, ``torque``: norms of the difference over norms of what was
-        measured; NaN where nothing was.
+        ``position``, ``velocity`` and ``acceleration`` where positions were measured and, with torques, ``torque``: norms of the
+        difference over norms of the measured signal; NaN where that is zero.
     """
     start, stop = window
     signal = experiment.signal
     kept = slice(signal.trim_start, stop - start - signal.trim_end)
-    raw = recording.q[start:stop]
-    _, dq, ddq = motion_of(recording, window, signal)
-    measured = {"position": raw, "velocity": dq, "acceleration": ddq}
+    measured = {}
+    if recording.has_positions:
+        raw = recording.q[start:stop]
+        _, dq, ddq = motion_of(recording, window, signal)
+        measured = {"position": raw, "velocity": dq, "acceleration": ddq}
     if recording.tau is not None:
         measured["torque"] = recording.tau[start:stop]
     found = {}
-    for (name, values), simulated in zip(measured.items(), arrays, strict=False):
+    of_name = dict(zip(("position", "velocity", "acceleration", "torque"), arrays, strict=True))
+    for name, values in measured.items():
+        simulated = of_name[name]
         size = np.linalg.norm(values[kept], axis=0)
         error = np.linalg.norm(simulated[kept] - values[kept], axis=0)
         found[name] = np.divide(error, size, out=np.full_like(error, np.nan), where=size > 0.0)

@@ -14,7 +14,7 @@ from .._tools.arrays import Array
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..experiment.specs import ControllerSpec
-from ..loop.closed_loop import Outcome
+from ..loop.outcome import Outcome
 from ..result.identification import Identification
 
 
@@ -180,7 +180,7 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     found = []
     for recording, x in zip(experiment.recordings, loaded, strict=True):
         direct, overall = None, float("nan")
-        if recording.tau is not None:
+        if recording.tau is not None and recording.has_positions:
             errors, torques = job.predicted(recording, experiment.robot.base_parameters.project(x), delay)
             direct, overall = ratios(errors, torques), ratio(np.linalg.norm(errors), np.linalg.norm(torques))
         outcome, simulated = None, {}

@@ -336,7 +336,7 @@ def _windows(job: Job, output: Output) -> list[Window]:
             raise FitError(f"recording '{recording.name}' has no torques, which output {output!r} needs")
         for count, (start, stop) in enumerate(recording.windows):
             loop = closed_loop(experiment, recording, (start, stop))
-            q = np.ascontiguousarray(recording.q[start:stop])
+            q = np.ascontiguousarray(recording.measured_positions()[start:stop])
             tau = (
                 np.zeros_like(q)
                 if recording.tau is None

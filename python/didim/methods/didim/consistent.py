@@ -20,7 +20,7 @@ from ..._tools.arrays import Array
 from ..._tools.words import counted
 from ...errors import DidimError, FitError
 from ...experiment.experiment import Experiment
-from ...loop.closed_loop import Outcome
+from ...loop.outcome import Outcome
 from ...model.dynamics import inertia_matrix
 from ...model.safe_step import thinned
 from ...regression.consistent.diagnosis import diagnosis
@@ -36,7 +36,7 @@ from ..builder import fitted
 from ..job import Job, ratio
 from ..start import standard_start
 from ..verdict.torques import contradiction_reasons, following_reasons, torque_reasons
-from .convergence import best_sentence, rule_sentence
+from .convergence import SLOW, Path, best_sentence, rule_sentence, slow_sentence
 from .gains import with_gains
 from .settings import DIDIMSettings
 from .simulability import chosen_steps, damping_of, rates, simulable
@@ -82,6 +82,11 @@ class Direction:
     """Inverse covariance of the estimated base parameters."""
     moved: float
     """Largest change in standard deviations."""
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations of the estimated base parameters."""
+        return np.asarray(np.sqrt(np.diag(self.fit.covariance)))
 
 
 class ConsistentRun:
@@ -144,7 +149,7 @@ class ConsistentRun:
         first_error = point.simulated.error
         history: list[Iteration] = []
         status, ending, last_norm = Status.NOT_CONVERGED, "", np.nan
-        length, before, direction = 1.0, None, None
+        length, before, direction, path = 1.0, None, None, Path()
         while len(history) < method.max_iterations:
             direction = self._direction(point)
             first = self._secant(direction, before, length) if len(history) >= 2 else 1.0
@@ -152,7 +157,8 @@ class ConsistentRun:
             norm = float(np.linalg.norm(direction.fit.residual))
             change, last_norm = ratio(abs(norm - last_norm), last_norm), norm
             error = ratio(norm, np.linalg.norm(direction.system.measured))
-            history.append(_entry(len(history) + 1, direction, point, after, length, change, error))
+            path.add(direction.step, full=length >= 1.0)
+            history.append(_entry(len(history) + 1, direction, point, after, length, change, error, path))
             stopped = self.progress(history[-1])
             if isinstance(after, Outcome):
                 status = Status.NO_STEP
@@ -177,7 +183,12 @@ class ConsistentRun:
             else:
                 status = Status.NOT_CONVERGED
         self.say(counted(self.n_simulations, "simulation"))
-        if status is not Status.CONVERGED:
+        if status is Status.CONVERGED:
+            assert direction is not None
+            slow = path.contraction(direction.std)
+            if slow is not None and slow.remaining_largest > SLOW and error > ROUNDING:
+                self.remarks.append(slow_sentence(slow, len(history)))
+        else:
             point = best
             ending = best_sentence(best.iteration, len(history), best.simulated.error)
         assert direction is not None  # max_iterations is at least 1
@@ -388,7 +399,9 @@ def _entry(
     length: float,
     change: float,
     error: float,
+    path: Path,
 ) -> Iteration:
+    contraction = path.contraction(direction.std)
     reached = isinstance(after, Candidate)
     x = after.x if isinstance(after, Candidate) else point.x
     return Iteration(
@@ -405,8 +418,8 @@ def _entry(
             if reached and isinstance(after, Candidate)
             else np.nan,
             "condition_number": direction.fit.condition_number,
-            "contraction": np.nan,
-            "remaining_sigma": np.nan,
+            "contraction": np.nan if contraction is None else contraction.rate,
+            "remaining_sigma": np.nan if contraction is None else contraction.remaining_largest,
         },
     )
 

@@ -18,6 +18,10 @@ from ..._tools.words import counted
 
 MOST_STEPS = 8
 """Steps that the contraction rate is estimated from; earlier ones are far from the end."""
+SLOW = 0.3
+"""Remaining distance, in standard deviations, beyond which a result says that the iteration contracts slowly."""
+LARGEST_RATE = 0.95
+"""Upper bound of a rate that is expected to rise: the distance must stay an estimate."""
 SAFETY = 1.5
 """Factor on the remaining distance: the slowest direction shows late in the ratio of the steps."""
 
@@ -63,8 +67,9 @@ def contraction_of(steps: Sequence[Array]) -> Contraction:
 
     Notes
     -----
-    The rate is the larger of the last two ratios of norms. The distance is a geometric series with it, or the
-    distance from the point that two directions of contraction extrapolate to, whichever is larger.
+    The rate is the larger of the last two ratios of norms. The distance is a geometric series, or the distance from the point
+    that two directions of contraction extrapolate to, whichever is larger. Where the ratios still rise, because the slowest
+    direction is not yet alone, the series has a rate that rises once more by as much.
     """
     norms = [float(np.linalg.norm(step)) for step in steps]
     ratios = [after / before for before, after in pairwise(norms) if before > 0.0]
@@ -74,7 +79,9 @@ def contraction_of(steps: Sequence[Array]) -> Contraction:
     last = np.abs(steps[-1])
     if not rate < 1.0:
         return Contraction(rate, float("inf"), float("inf"))
-    left = SAFETY * rate / (1.0 - rate)
+    rising = max(0.0, ratios[-1] - ratios[-2]) if len(ratios) > 1 else 0.0
+    expected = max(rate, min(rate + rising, LARGEST_RATE))
+    left = SAFETY * expected / (1.0 - expected)
     rms, largest = left * float(np.sqrt(np.mean(last**2))), left * float(last.max())
     ahead = _extrapolated(steps)
     if ahead is not None:

@@ -19,7 +19,7 @@ from ..._tools.arrays import Array
 from ..._tools.words import counted, listing
 from ...errors import DidimError, FitError, RankError
 from ...experiment.experiment import Experiment
-from ...loop.closed_loop import Outcome, SimulationStatus
+from ...loop.outcome import Outcome, SimulationStatus
 from ...model.safe_step import safe_step
 from ...regression.consistent.solver import ConsistentSolver
 from ...regression.least_squares import solve_partly
@@ -30,7 +30,7 @@ from ...result.status import Status
 from ..job import Job, ratio
 from ..start import FROM_LOG, further_of, standard_start, start_from_log
 from .consistent import ConsistentRun
-from .convergence import Path, best_sentence, rule_sentence, slow_sentence
+from .convergence import SLOW, Path, best_sentence, rule_sentence, slow_sentence
 from .ending import result_at
 from .loops import Loops
 from .settings import DIDIMSettings
@@ -38,8 +38,6 @@ from .windows import Point, Simulated, Solved, Step, checked_positions, segments
 
 ROUNDING = 1e-10
 """Share of the torques below which a residual is rounding."""
-SLOW = 0.3
-"""Remaining distance, in standard deviations, beyond which a result says that the iteration contracts slowly."""
 MOST_HALVINGS = 20
 """How often a step is halved when the simulation after it does not reach its end."""
 

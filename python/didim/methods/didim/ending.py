@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...loop.closed_loop import LARGE_ERROR
+from ...loop.outcome import LARGE_ERROR
 from ...model.safe_step import thinned
 from ...regression.suspicions import suspicions
 from ...result.identification import Identification

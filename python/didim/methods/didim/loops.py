@@ -13,7 +13,8 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..._tools.threads import core_threads
 from ...errors import DidimError
-from ...loop.closed_loop import Outcome
+from ...experiment.experiment import Experiment
+from ...loop.outcome import Outcome
 from ...model.dynamics import inertia_matrix
 from ...result.identification import Identification
 from ..idim_ls import IDIMLS
@@ -46,6 +47,12 @@ class Loops:
         self._usual: list[Window] | None = None
         self._refined = False
         self._direct: Identification | None = None
+
+    @property
+    def measured(self) -> bool:
+        """Whether every recording that is fitted has measured positions."""
+        recordings = self.job.experiment.recordings
+        return all(recording.has_positions for recording in recordings if recording.role == "fit")
 
     def simulate(self, x: Array, scale: Array | None = None, checked: bool = False) -> Simulated | Outcome:
         """Simulate every window with parameters `x`, (n_parameters,), and scaled gains, (n_dof,).
@@ -125,7 +132,10 @@ class Loops:
         return np.where((real > 0.0) & (here > 0.0), here / np.where(real > 0.0, real, 1.0), 1.0)
 
     def direct(self) -> Identification:
-        """Return the IDIM-LS estimate with the settings of the method."""
+        """Return the IDIM-LS estimate with the settings of the method.
+
+        A log without measured positions has the inertias of its joints along the reference, which is all that gains need of it.
+        """
         if self._direct is None:
             method = self.method
             idim = IDIMLS(
@@ -141,12 +151,23 @@ class Loops:
                 fixed=method.fixed,
                 dropped=method.dropped,
             )
-            self._direct = idim.run(self.job.experiment, lambda iteration: False, self.say)
+            self._direct = idim.run(with_positions(self.job.experiment), lambda iteration: False, self.say)
         return self._direct
 
     def suspicions(self) -> list[str]:
         """Return what looks wrong along the measured motion, which no wrong parameter spoils."""
+        if not self.measured:
+            return []
         try:
             return list(self.direct().remarks)
         except DidimError:
             return []
+
+
+def with_positions(experiment: Experiment) -> Experiment:
+    """Return an experiment whose robot is taken to be where its reference is, wherever positions were not measured."""
+    recordings = [
+        item if item.has_positions else replace(item, q=np.asarray(item.q_ref), has_positions=True)
+        for item in experiment.recordings
+    ]
+    return replace(experiment, recordings=tuple(recordings))

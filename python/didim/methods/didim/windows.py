@@ -10,7 +10,8 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...errors import FitError
 from ...experiment.loop import closed_loop
-from ...loop.closed_loop import ClosedLoop, Outcome
+from ...loop.closed_loop import ClosedLoop
+from ...loop.outcome import Outcome
 from ...model.safe_step import thinned
 from ...regression.fit import Fit
 from ...regression.linear_system import LinearSystem

@@ -62,7 +62,7 @@ def stretches_of(experiment: Experiment) -> list[Stretch]:
 def _stretch(experiment: Experiment, recording: Recording, window: tuple[int, int]) -> Stretch:
     loop = closed_loop(experiment, recording, window)
     kept = slice(*window)
-    q = recording.q[kept]
+    q = recording.measured_positions()[kept]
     assert recording.tau is not None
     _, dq, _ = differentiate(q, recording.rate_hz, experiment.signal)
     return Stretch(loop, loop.t[: len(q)], q, dq, recording.tau[kept])

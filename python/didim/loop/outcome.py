@@ -1,0 +1,91 @@
+"""How a simulation ended, and how well it was integrated. Tested in ``tests/test_simulation.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from .._tools.arrays import Array
+
+LARGE_ERROR = 0.01
+"""Share of the torque (rms) beyond which the integration error calls for a smaller step."""
+
+
+class SimulationStatus(Enum):
+    """How a simulation ended; the value is a sentence for people."""
+
+    COMPLETED = "The simulation ran to its end."
+    DIVERGED = "The simulation diverged: the controller does not hold this robot."
+    INDEFINITE = "The simulation ended: M(q) is not positive definite, so that no such robot exists."
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How the run of one candidate ended.
+
+    Attributes
+    ----------
+    status : SimulationStatus
+        What happened.
+    time_s : float or None
+        When (s), if it ended early.
+    joint : int or None
+        Joint, from 1, where it happened.
+    """
+
+    status: SimulationStatus
+    time_s: float | None = None
+    joint: int | None = None
+
+    @property
+    def completed(self) -> bool:
+        """Whether the run reached its end."""
+        return self.status is SimulationStatus.COMPLETED
+
+    def __str__(self) -> str:
+        if self.status is SimulationStatus.DIVERGED:
+            return (
+                f"diverged at {self.time_s:.4g} s: joint {self.joint} has left its reference; the controller does "
+                "not hold this robot, or the step is too large"
+            )
+        if self.status is SimulationStatus.INDEFINITE:
+            return (
+                f"ended at {self.time_s:.4g} s: M(q) is not positive definite, the inertia that joint {self.joint} "
+                "feels is not positive with these parameters"
+            )
+        return "completed"
+
+
+@dataclass(frozen=True)
+class IntegrationError:
+    """Estimate of the error of the integration, from the same run with half the steps.
+
+    Attributes
+    ----------
+    q : (n_dof,) array
+        Largest position error (rad or m).
+    tau : (n_dof,) array
+        Torque error, rms (N.m or N).
+    tau_relative : float
+        The largest ratio of that to the rms torque of the joint.
+    """
+
+    q: Array
+    tau: Array
+    tau_relative: float
+
+    @property
+    def large(self) -> bool:
+        """Whether the step is too large for what is read from the torques."""
+        return not self.tau_relative <= LARGE_ERROR
+
+
+def outcomes_of(endings: Sequence[tuple[int, float, int]]) -> tuple[Outcome, ...]:
+    """Outcomes of the core's endings ``(kind, time, joint)``."""
+    kinds = (SimulationStatus.COMPLETED, SimulationStatus.DIVERGED, SimulationStatus.INDEFINITE)
+    # The core looks 1e-9 of a step inside of it, which is nothing to tell people.
+    return tuple(
+        Outcome(kinds[0]) if kind == 0 else Outcome(kinds[kind], round(time, 9), joint + 1)
+        for kind, time, joint in endings
+    )
