@@ -129,6 +129,11 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
         "BaseParameters": [robot.base_parameters],
         "Comparison": [comparison],
         "Controller": controllers,
+        "ControllerMemory": [
+            didim.ControllerMemory(
+                start="torque", values=(1.0, 2.0), outputs=[[3.0, 4.0]], positions=[[0.1, 0.2]]
+            )
+        ],
         "Digital": [didim.Digital(sample_time_s=1e-3, resolution=(1e-5,))],
         "Excitation": [didim.excite(didim.load_robot("planar2"), excitation)],
         "ExcitationSettings": [excitation],

@@ -1,6 +1,7 @@
 //! What is timed and counted: the TX40, a batch of its samples, and one second of its closed loop.
 
 use didim::closed_loop::control::{Controller, Law, Timing};
+use didim::closed_loop::memory::Memory;
 use didim::closed_loop::observers::{Cost, Measured};
 use didim::closed_loop::reference::{Fourier, Reference};
 use didim::closed_loop::schedule::{Plan, Schedule};
@@ -140,6 +141,7 @@ impl ClosedLoop {
             schedule: &self.schedule,
             external: None,
             start: None,
+            memory: Memory::default(),
             divergence: 100.0,
         };
         let measured =

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from .export.urdf import to_urdf
     from .log.recording import Recording
     from .loop.controller import Controller, Digital
+    from .loop.memory import ControllerMemory
     from .loop.outcome import SimulationStatus
     from .loop.reference import Reference
     from .loop.simulation import Simulation, StepWarning, simulate
@@ -87,6 +88,7 @@ __all__ = [
     "Consistent",
     "Contrast",
     "Controller",
+    "ControllerMemory",
     "DidimError",
     "Digital",
     "Excitation",
@@ -164,6 +166,7 @@ _LATER = {
     "Contrast": "result.contrast",
     "Capsule": "robot.collision",
     "Controller": "loop.controller",
+    "ControllerMemory": "loop.memory",
     "Digital": "loop.controller",
     "Excitation": "excitation.design",
     "ExcitationSettings": "excitation.settings",

@@ -7,14 +7,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from .._tools.arrays import Array
 from ..errors import DidimError, ExperimentError
 from ..log.recording import Recording
 from ..loop.closed_loop import ClosedLoop
+from ..loop.controller import Controller
+from ..loop.memory import BALANCE, ZERO, ControllerMemory, memory_of_log, remembers
 from ..loop.reference import Reference
 from ..robot.robot import Robot
 from ..signal.filters import differentiate
 from ..signal.noise import white_noise
 from ..signal.processing import SignalProcessing
+from ..signal.spikes import without_spikes
 from .experiment import Experiment
 from .specs import ControllerSpec, ReferenceSpec
 
@@ -80,6 +84,7 @@ def closed_loop(
             if settings.start == "measured" or (settings.start is None and shown):
                 q, dq, _ = differentiate(recording.measured_positions()[start:stop], rate, experiment.signal)
                 state = (q[0], dq[0])
+        memory = _memory(experiment, controller, reference, recording, window, state)
         loop = ClosedLoop.of(
             settings.robot(experiment.robot),
             reference,
@@ -91,6 +96,7 @@ def closed_loop(
             start=state,
             external=external,
             divergence=settings.divergence,
+            memory=memory,
         )
         if recording is not None:
             motion = measured_motion(recording, (start, stop), experiment.signal, loop.robot)
@@ -98,6 +104,41 @@ def closed_loop(
         return loop
     except DidimError as error:
         raise ExperimentError(f"{experiment.name}: {error}") from None
+
+
+def _memory(
+    experiment: Experiment,
+    controller: Controller,
+    reference: Reference,
+    recording: Recording | None,
+    window: tuple[int, int] | None,
+    state: tuple[Array, Array] | None,
+) -> ControllerMemory:
+    """State of the controller at the beginning of a window or of a run, as ``[simulation]`` says."""
+    settings = experiment.simulation
+    start, stop = window or (0, 0 if recording is None else len(recording.q))
+    if settings.controller_state is not None:
+        if start > 0:
+            raise ExperimentError(
+                "[simulation.controller_state] is that at the beginning of the recording, and a window begins later: say "
+                "controller_start = 'log'"
+            )
+        return settings.controller_state
+    # Currents of drives with unknown gains are not torques.
+    tau = None if recording is None or recording.drives is not None else recording.tau
+    chosen = settings.controller_start or ("balance" if tau is None else "log")
+    if chosen == "zero":
+        return ZERO
+    if chosen == "balance" or not remembers(controller):
+        return BALANCE
+    if recording is None or tau is None:
+        raise ExperimentError("[simulation] controller_start = 'log' needs a recording with torques")
+    tau = without_spikes(tau[start:stop], experiment.signal)
+    if recording.has_positions:
+        return memory_of_log(controller, reference, recording.rate_hz, recording.q[start:stop], tau, state)
+    # Without measured positions the robot is taken to be where its reference is.
+    times = np.arange(stop - start) / recording.rate_hz
+    return memory_of_log(controller, reference, recording.rate_hz, reference.at(times)[0], tau, state)
 
 
 def measured_motion(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from .._tools.toml import Table
 from ..errors import DidimError, ExperimentError
 from ..loop.closed_loop import DIVERGENCE
 from ..loop.controller import Controller, Digital
+from ..loop.memory import ControllerMemory
 from ..loop.reference import Reference
 from ..loop.tuning import mean_inertia
 from ..model.dynamics import inverse_dynamics
@@ -278,9 +279,35 @@ def read_simulation(table: Table, robot: Robot) -> SimulationSettings:
         divergence=table.number("divergence", DIVERGENCE, above=0.0),
         start=table.text("start", None, choices=("measured", "reference")),
         smoothing=smoothing,
+        controller_start=table.text("controller_start", None, choices=("log", "balance", "zero")),
     )
+    if table.has("controller_state"):
+        if settings.controller_start is not None:
+            table.fail("give controller_start or the table controller_state, not both")
+        settings = replace(settings, controller_state=_state(table.table("controller_state"), robot))
     table.done()
     return settings
+
+
+def _state(table: Table, robot: Robot) -> ControllerMemory:
+    """Read ``[simulation.controller_state]``."""
+    n = robot.n_dof
+
+    def rows(key: str) -> list[list[float]] | None:
+        given = table.raw(key, None)
+        if given is None:
+            return None
+        return table.matrix(key, len(given) if isinstance(given, list) else 1, n)
+
+    integrators = table.spread("integrators", n, [0.0] * n)
+    outputs, positions = rows("outputs"), rows("positions")
+    table.done()
+    return _told(
+        table,
+        lambda: ControllerMemory(
+            start="integrators", values=tuple(integrators), outputs=outputs, positions=positions
+        ),
+    )
 
 
 def _fine_step(table: Table, robot: Robot) -> float | tuple[float, ...] | None:

@@ -17,6 +17,7 @@ from ..errors import ExperimentError
 from ..log.recording import Recording
 from ..loop.closed_loop import DIVERGENCE
 from ..loop.controller import Controller
+from ..loop.memory import ControllerMemory
 from ..loop.reference import Reference
 from ..robot.robot import Robot
 from ..signal.filters import differentiate
@@ -110,6 +111,12 @@ class SimulationSettings:
     start : {"measured", "reference"} or None
         State at time 0: the filtered measured one, or that of the reference. By default measured where the reference
         comes from a recording, which may begin in motion, and the reference's where it is a motion of its own.
+    controller_start : {"log", "balance", "zero"} or None
+        Integrators and outputs on their way at time 0: those with which the law gives the measured torques, those of static
+        balance with the parameters that are simulated, or zero. By default "log" where the recording has torques, otherwise
+        "balance".
+    controller_state : ControllerMemory or None
+        The exact state at the beginning of the recording or of the run, in the place of `controller_start`.
     """
 
     step_s: float | None = None
@@ -119,10 +126,16 @@ class SimulationSettings:
     smoothing: tuple[float, ...] | None = None
     divergence: float = DIVERGENCE
     start: str | None = None
+    controller_start: str | None = None
+    controller_state: ControllerMemory | None = None
 
     def __post_init__(self) -> None:
         if self.start is not None:
             one_of("start", self.start, ("measured", "reference"), ExperimentError)
+        if self.controller_start is not None:
+            one_of("controller_start", self.controller_start, ("log", "balance", "zero"), ExperimentError)
+            if self.controller_state is not None:
+                raise ExperimentError("give controller_start or controller_state, not both")
 
     def robot(self, robot: Robot) -> Robot:
         """Return the robot as it is simulated: with smooth friction, where the settings say so."""

@@ -20,6 +20,7 @@ from .._tools.threads import core_threads
 from ..errors import SimulationError
 from ..robot.robot import Robot
 from .controller import Controller
+from .memory import BALANCE, ControllerMemory
 from .outcome import IntegrationError, Outcome, outcomes_of
 from .reference import Reference
 
@@ -52,6 +53,7 @@ class CoreLoop:
     controller: _core.Controller
     schedule: _core.Schedule
     start: tuple[Sequence[float], Sequence[float]] | None
+    memory: tuple[str, list[float], list[float] | None, list[float] | None]
     external: tuple[float, Array] | None
     divergence: float
 
@@ -82,6 +84,8 @@ class ClosedLoop:
         External torque on the joints (N.m, N).
     divergence : float
         Tracking error (rad or m) that ends a run.
+    memory : ControllerMemory
+        State of the controller at time 0.
     """
 
     robot: Robot
@@ -94,6 +98,7 @@ class ClosedLoop:
     start: tuple[Sequence[float], Sequence[float]] | None = None
     external: tuple[float, Array] | None = None
     divergence: float = DIVERGENCE
+    memory: ControllerMemory = BALANCE
 
     @property
     def core(self) -> CoreLoop:
@@ -104,6 +109,7 @@ class ClosedLoop:
             self.controller.core,
             self.schedule,
             self.start,
+            self.memory.core,
             self.external,
             self.divergence,
         )
@@ -127,6 +133,7 @@ class ClosedLoop:
         start: tuple[ArrayLike, ArrayLike] | None = None,
         external: tuple[float, ArrayLike] | None = None,
         divergence: float = DIVERGENCE,
+        memory: ControllerMemory = BALANCE,
     ) -> ClosedLoop:
         """Decide the steps, and check that everything fits together. Parameters as for `simulate`."""
         n = robot.n_dof
@@ -179,6 +186,7 @@ class ClosedLoop:
             begin,
             push,
             float(divergence),
+            memory.checked(controller),
         )
 
     def along(self, motion: Reference) -> ClosedLoop:

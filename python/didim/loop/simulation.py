@@ -19,6 +19,7 @@ from ..model.dynamics import standard_vector
 from ..robot.robot import Robot
 from .closed_loop import DIVERGENCE, ClosedLoop
 from .controller import Controller
+from .memory import BALANCE, ControllerMemory
 from .outcome import IntegrationError, Outcome, SimulationStatus
 from .reference import Reference
 
@@ -84,6 +85,7 @@ def simulate(
     start: tuple[ArrayLike, ArrayLike] | None = None,
     external: tuple[float, ArrayLike] | None = None,
     divergence: float = DIVERGENCE,
+    memory: ControllerMemory = BALANCE,
     threads: int | None = None,
     check: bool | None = None,
 ) -> Simulation:
@@ -114,6 +116,9 @@ def simulate(
         External torque on the joints (N.m or N), straight lines between samples.
     divergence : float
         Tracking error (rad or m) that ends a run.
+    memory : ControllerMemory
+        State of the controller at time 0: integrators and outputs on their way. By default each candidate begins in static
+        balance. An experiment begins with those of its log, where it has torques.
     threads : int, optional
         All cores by default; the result has the same bits for any number.
     check : bool, optional
@@ -142,6 +147,7 @@ def simulate(
         start=start,
         external=external,
         divergence=divergence,
+        memory=memory,
     )
     candidates, single = candidate_matrix(robot, x)
     scale = _scale(gain_scale, len(candidates), robot.n_dof)

@@ -4,6 +4,7 @@ use super::arrays::{Input, Shape, flat};
 use super::robot::Robot;
 use super::wrong;
 use didim::closed_loop::control::{Controller as CoreController, Digital, Law, Signal, Timing};
+use didim::closed_loop::memory::{Initial, Memory};
 use didim::closed_loop::observers::{Cost, Measured, Observer, Trajectories, Trajectory};
 use didim::closed_loop::point_to_point::PointToPoint;
 use didim::closed_loop::reference::{Fourier, Reference as CoreReference, Target};
@@ -212,8 +213,23 @@ pub(super) struct Setting<'py> {
     controller: Py<Controller>,
     schedule: Py<Schedule>,
     start: Option<(Vec<f64>, Vec<f64>)>,
+    memory: MemoryInput,
     external: Option<SignalInput<'py>>,
     divergence: f64,
+}
+
+/// How the integrators begin ("zero", "balance", "torque" or "integrators") with its numbers, outputs on their way, positions before.
+type MemoryInput = (String, Vec<f64>, Option<Vec<f64>>, Option<Vec<f64>>);
+
+fn memory((kind, values, outputs, positions): &MemoryInput) -> PyResult<Memory<'_>> {
+    let initial = match kind.as_str() {
+        "zero" => Initial::Zero,
+        "balance" => Initial::Balance,
+        "torque" => Initial::Torque(values),
+        "integrators" => Initial::Integrators(values),
+        _ => return Err(PyValueError::new_err(format!("'{kind}' is not a start of a controller"))),
+    };
+    Ok(Memory { initial, outputs: outputs.as_deref(), positions: positions.as_deref() })
 }
 
 /// `(0, end, 0)` completed, `(1, time, joint)` diverged, `(2, time, joint)` indefinite.
@@ -376,6 +392,7 @@ fn with_simulation<T: Send>(
         schedule: &setting.schedule.get().0,
         external: external.as_ref(),
         start: setting.start.as_ref().map(|(q, dq)| (q.as_slice(), dq.as_slice())),
+        memory: memory(&setting.memory)?,
         divergence: setting.divergence,
     };
     // Only the thread that came from Python hears Ctrl-C; what it raises is kept for the way back.

@@ -11,6 +11,7 @@
 //! Tested against closed forms in `rust/tests/closed_loop/laws.rs` and against the EMPS in the Python tests.
 
 use crate::ground::arrays::MAX_DOF;
+use crate::ground::lanes::Lanes;
 use thiserror::Error;
 
 /// A controller that cannot be.
@@ -116,6 +117,15 @@ pub struct Digital {
     pub smoothing: Vec<f64>,
     /// Step of the encoder per joint (rad or m); 0 for an exact one.
     pub resolution: Vec<f64>,
+}
+
+impl Digital {
+    /// Position of joint `j` as its encoder reads it.
+    #[inline(always)]
+    pub fn measured<const L: usize, const F: bool>(&self, j: usize, q: Lanes<L, F>) -> Lanes<L, F> {
+        let resolution = self.resolution[j];
+        if resolution > 0.0 { q.map(|value| (value / resolution).round() * resolution) } else { q }
+    }
 }
 
 /// Samples at a constant rate, `(samples, n)` row-major, the first at time 0; straight lines between them.

@@ -3,6 +3,7 @@
 pub mod control;
 mod elbow;
 pub mod law;
+pub mod memory;
 pub mod observers;
 pub mod point_to_point;
 pub mod reference;

@@ -9,10 +9,11 @@ use crate::ground::lanes::Lanes;
 #[derive(Debug, Clone)]
 pub struct Sampled<const L: usize, const F: bool> {
     /// Measured positions, newest first.
-    history: Vec<[Lanes<L, F>; MAX_DOF]>,
+    pub(super) history: Vec<[Lanes<L, F>; MAX_DOF]>,
     /// Outputs on their way, newest first.
-    queue: Vec<[Lanes<L, F>; MAX_DOF]>,
-    z: [Lanes<L, F>; MAX_DOF],
+    pub(super) queue: Vec<[Lanes<L, F>; MAX_DOF]>,
+    /// Integrators.
+    pub(super) z: [Lanes<L, F>; MAX_DOF],
     differences: Vec<f64>,
 }
 
@@ -43,6 +44,15 @@ impl<const L: usize, const F: bool> Sampled<L, F> {
         &self.differences
     }
 
+    /// Velocity of joint `j` that the next sample sees, once it has measured a position.
+    pub fn velocity_after(&self, j: usize, measured: Lanes<L, F>) -> Lanes<L, F> {
+        let mut velocity = measured.mul_add(Lanes::splat(self.differences[0]), Lanes::zero());
+        for (difference, positions) in self.differences[1..].iter().zip(&self.history) {
+            velocity = positions[j].mul_add(Lanes::splat(*difference), velocity);
+        }
+        velocity
+    }
+
     /// Position and velocity of joint `j` as the last sample saw them.
     #[inline(always)]
     pub fn measured(&self, j: usize) -> (Lanes<L, F>, Lanes<L, F>) {
@@ -65,12 +75,7 @@ impl<const L: usize, const F: bool> Sampled<L, F> {
         self.history.rotate_right(1);
         self.queue.rotate_right(1);
         for (j, one) in laws.iter().enumerate() {
-            let resolution = digital.resolution[j];
-            let measured = if resolution > 0.0 {
-                q[j].map(|value| (value / resolution).round() * resolution)
-            } else {
-                q[j]
-            };
+            let measured = digital.measured(j, q[j]);
             self.history[0][j] = measured;
             let (_, velocity) = self.measured(j);
             let (torque, dz) = law(one, instant, j, measured, velocity, self.z[j]);

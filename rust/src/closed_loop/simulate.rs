@@ -7,6 +7,7 @@
 use crate::closed_loop::control::{Digital, Timing};
 use crate::closed_loop::elbow::OfElbow;
 use crate::closed_loop::law::{Instant, PlainLaws, law};
+use crate::closed_loop::memory::{Initial, aimed_at, first_torque, integrator_for};
 use crate::closed_loop::observers::{Observer, Record};
 use crate::closed_loop::reference::Target;
 use crate::closed_loop::runge_kutta::{PerJoint, Point, Stages};
@@ -141,6 +142,8 @@ struct Loop<'a, const L: usize, const F: bool, S> {
     outcomes: [Outcome; L],
     running: usize,
     stages: Stages<L, F>,
+    /// Torques that the laws are to give first, where the memory of the controller follows from them.
+    begun: Option<PerJoint<L, F>>,
     /// Torques of the drives; those of a digital controller hold between its samples.
     tau: PerJoint<L, F>,
     dz: PerJoint<L, F>,
@@ -184,6 +187,7 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
             outcomes: [Outcome::Completed; L],
             running: L,
             stages: Stages::new(integrates),
+            begun: None,
             tau: nothing,
             dz: nothing,
             target: Target::zero(),
@@ -201,7 +205,56 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
             this.stages.here.dq[j] = Lanes::splat(dq);
             this.scale[j] = lane(|candidate, j| candidate.scale[j], j);
         }
+        this.remember(candidates);
         this
+    }
+
+    /// Sets the integrators, and the torques that the memory of a digital controller follows from.
+    #[cold]
+    fn remember(&mut self, candidates: &[Candidate<'_>]) {
+        let n = self.geometry.n();
+        let simulation = self.simulation;
+        let Point { q, dq, .. } = self.stages.here;
+        // All lanes begin in one state.
+        let state = [q, dq].map(|values| values.map(|value| value.to_array()[0]));
+        let target = aimed_at(&simulation, [&q, &dq], &self.target);
+        for l in 0..L {
+            let x = candidates[l.min(candidates.len().saturating_sub(1))].x;
+            let state = [&state[0][..n], &state[1][..n]];
+            let Some(torque) = first_torque(&simulation, state, &target, x) else { break };
+            let begun = self.begun.get_or_insert([Lanes::zero(); MAX_DOF]);
+            for (lanes, value) in begun.iter_mut().zip(torque) {
+                lanes.0[l] = value;
+            }
+        }
+        let instant = Instant {
+            target: &target,
+            feedforward: simulation.controller.feedforward().map(|_| &self.feedforward),
+            scale: &self.scale,
+        };
+        for (j, one) in simulation.controller.laws().iter().enumerate() {
+            self.stages.here.z[j] = match (simulation.memory.initial, &self.begun) {
+                (_, Some(torque)) => integrator_for(one, &instant, j, q[j], dq[j], torque[j]),
+                (Initial::Integrators(given), None) => Lanes::splat(given[j]),
+                _ => Lanes::zero(),
+            };
+        }
+    }
+
+    /// Memory of a digital controller before its first sample.
+    #[cold]
+    fn sampled(&self, digital: &Digital) -> Sampled<L, F> {
+        let Simulation { controller, memory, .. } = &self.simulation;
+        let Point { q, dq, .. } = &self.stages.here;
+        let mut sampled = Sampled::start(digital, q, dq);
+        let target = aimed_at(&self.simulation, [q, dq], &self.target);
+        let instant = Instant {
+            target: &target,
+            feedforward: controller.feedforward().map(|_| &self.feedforward),
+            scale: &self.scale,
+        };
+        sampled.remember(controller.laws(), digital, memory, &instant, q, self.begun.as_ref());
+        sampled
     }
 
     /// The whole run. The stages of a step are a loop around the one place that evaluates the model: inlined four times and more
@@ -211,9 +264,7 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
         let schedule = self.simulation.schedule;
         let mut sampled = match self.simulation.controller.timing() {
             Timing::Continuous => None,
-            Timing::Digital(digital) => {
-                Some((digital, Sampled::start(digital, &self.stages.here.q, &self.stages.here.dq)))
-            }
+            Timing::Digital(digital) => Some((digital, self.sampled(digital))),
         };
         // A local variable, not a field of `self`: the compiler then stores no unused value.
         let mut direct = Direct::new(&self.geometry);

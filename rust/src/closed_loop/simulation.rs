@@ -1,6 +1,7 @@
 //! The parts of a simulation: a robot, its reference, controller and schedule, the candidates, and how their runs end.
 
-use super::control::{ControlError, Controller, Signal, check_signal};
+use super::control::{ControlError, Controller, Signal, Timing, check_signal};
+use super::memory::{Initial, Memory};
 use super::reference::Reference;
 use super::schedule::Schedule;
 use crate::robot::Robot;
@@ -43,6 +44,8 @@ pub struct Simulation<'a> {
     pub external: Option<&'a Signal>,
     /// Positions and velocities at time 0; those of the reference if None.
     pub start: Option<(&'a [f64], &'a [f64])>,
+    /// What the controller remembers at time 0.
+    pub memory: Memory<'a>,
     /// Tracking error (rad or m) that counts as divergence.
     pub divergence: f64,
 }
@@ -97,6 +100,15 @@ pub(crate) fn check(
     if let Some((q, dq)) = simulation.start {
         length("the initial positions", n, q.len())?;
         length("the initial velocities", n, dq.len())?;
+    }
+    if let Initial::Torque(given) | Initial::Integrators(given) = simulation.memory.initial {
+        length("the initial state of the controller", n, given.len())?;
+    }
+    if let Timing::Digital(digital) = simulation.controller.timing() {
+        let Memory { outputs, positions, .. } = simulation.memory;
+        let (queued, seen) = (digital.delay * n, digital.smoothing.len() * n);
+        length("the outputs on their way", queued, outputs.map_or(queued, <[f64]>::len))?;
+        length("the positions before the start", seen, positions.map_or(seen, <[f64]>::len))?;
     }
     if let Some(external) = simulation.external {
         check_signal("the external torque", external, n)?;

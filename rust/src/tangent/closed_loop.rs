@@ -12,6 +12,7 @@
 use super::partials::partials;
 use crate::closed_loop::control::{Controller, Digital, Law, Timing};
 use crate::closed_loop::law::{Instant, law};
+use crate::closed_loop::memory::{Initial, aimed_at, first_torque, integrator_for};
 use crate::closed_loop::observers::Trajectory;
 use crate::closed_loop::reference::Target;
 use crate::closed_loop::runge_kutta::{Point, Stages};
@@ -94,6 +95,8 @@ struct Run<'a> {
     scale: PerJoint,
     direct: Direct<1, false>,
     stages: Stages<1, false>,
+    /// Torques that the laws are to give first, where the memory of the controller follows from them.
+    begun: Option<PerJoint>,
     tau: PerJoint,
     dz: PerJoint,
     target: Target,
@@ -138,6 +141,7 @@ impl<'a> Run<'a> {
             scale: nothing,
             direct: Direct::new(&geometry),
             stages: Stages::new(integrates),
+            begun: None,
             tau: nothing,
             dz: nothing,
             target: Target::zero(),
@@ -155,7 +159,57 @@ impl<'a> Run<'a> {
             this.stages.here.dq[j] = Lanes::splat(dq);
             this.scale[j] = Lanes::splat(candidate.scale[j]);
         }
+        this.remember();
         this
+    }
+
+    /// Sets the integrators, and their tangents where they follow from the parameters.
+    fn remember(&mut self) {
+        let n = self.geometry.n();
+        let simulation = self.simulation;
+        let Point { q, dq, .. } = self.stages.here;
+        let plain = |values: &PerJoint| values.map(|value| value.0[0]);
+        let (state_q, state_dq) = (plain(&q), plain(&dq));
+        let target = aimed_at(&simulation, [&q, &dq], &self.target);
+        let torque = first_torque(&simulation, [&state_q[..n], &state_dq[..n]], &target, self.candidate.x);
+        self.begun = torque.map(|torque| torque.map(Lanes::splat));
+        let instant = Self::instant(simulation.controller, &target, &self.feedforward, &self.scale);
+        if simulation.memory.initial == Initial::Balance {
+            // The torque of balance is linear in the parameters, with the regressor of the initial state.
+            let shaped =
+                regressor(simulation.robot, &state_q[..n], &state_dq[..n], &target.ddq[..n], &mut self.w);
+            debug_assert!(shaped.is_ok());
+        }
+        let width = self.candidate.x.len();
+        for (j, one) in simulation.controller.laws().iter().enumerate() {
+            self.stages.here.z[j] = match (simulation.memory.initial, &self.begun) {
+                (_, Some(torque)) => integrator_for(one, &instant, j, q[j], dq[j], torque[j]),
+                (Initial::Integrators(given), None) => Lanes::splat(given[j]),
+                _ => Lanes::zero(),
+            };
+            let Some(torque) = &self.begun else { continue };
+            // Beyond the limit the torque does not follow the parameters.
+            if simulation.memory.initial != Initial::Balance
+                || torque[j].0[0].abs() > one.limit * one.gain.abs()
+            {
+                continue;
+            }
+            let per_unit = one.gain * one.integral * self.scale[j].0[0];
+            let row = &self.w[j * width..(j + 1) * width];
+            for tangent in &mut self.tangents {
+                let change: f64 = tangent.direction.iter().map(|&(k, value)| row[k] * value).sum();
+                let z = if per_unit == 0.0 { Lanes::zero() } else { Lanes::splat(change / per_unit) };
+                tangent.stages.here.z[j] = z;
+                if let Some(memory) = &mut tangent.sampled {
+                    memory.z[j] = z;
+                    if simulation.memory.outputs.is_none() {
+                        for output in &mut memory.queue[..memory.digital.delay] {
+                            output[j] = Lanes::splat(change);
+                        }
+                    }
+                }
+            }
+        }
     }
 
     fn run(mut self, cancel: &Cancel<'_>) -> (Outcome, Vec<Trajectory>) {
@@ -163,7 +217,13 @@ impl<'a> Run<'a> {
         let mut sampled = match self.simulation.controller.timing() {
             Timing::Continuous => None,
             Timing::Digital(digital) => {
-                Some(Sampled::start(digital, &self.stages.here.q, &self.stages.here.dq))
+                let Simulation { controller, memory, .. } = &self.simulation;
+                let Point { q, dq, .. } = &self.stages.here;
+                let mut sampled = Sampled::start(digital, q, dq);
+                let target = aimed_at(&self.simulation, [q, dq], &self.target);
+                let instant = Self::instant(controller, &target, &self.feedforward, &self.scale);
+                sampled.remember(controller.laws(), digital, memory, &instant, q, self.begun.as_ref());
+                Some(sampled)
             }
         };
         let end = schedule.end();

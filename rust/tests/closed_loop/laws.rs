@@ -2,6 +2,7 @@
 
 use crate::common::loops::{PD, parameters, pd, reference, rest, robot, run, schedule, slider, whole};
 use didim::closed_loop::control::{Controller, Digital, Law, Signal, Timing};
+use didim::closed_loop::memory::Memory;
 use didim::closed_loop::observers::{Trajectories, Trajectory};
 use didim::closed_loop::point_to_point::PointToPoint;
 use didim::closed_loop::reference::{Reference, Target};
@@ -29,6 +30,7 @@ fn slide(controller: &Controller, reference: &Reference, records: usize, start: 
         schedule: &schedule,
         external: None,
         start: Some((&[start], &[0.0])),
+        memory: Memory::default(),
         divergence: 1e3,
     };
     run(simulation, &[x], 1).1.remove(0)

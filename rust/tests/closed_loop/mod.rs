@@ -1,5 +1,6 @@
 mod control;
 mod laws;
+mod memory;
 mod reference;
 mod schedule;
 mod sensitivities;

@@ -2,6 +2,7 @@
 
 use crate::common::loops::{PD, parameters, reference, robot, slider, whole};
 use didim::closed_loop::control::{Controller, Digital, Law, Signal, Timing};
+use didim::closed_loop::memory::{Initial, Memory};
 use didim::closed_loop::observers::{Trajectories, Trajectory};
 use didim::closed_loop::point_to_point::PointToPoint;
 use didim::closed_loop::reference::Reference;
@@ -31,12 +32,17 @@ fn schedule(robot: &Robot, reference: &Reference, controller: &Controller) -> Sc
 
 /// Exact derivatives along every parameter against central differences of the simulation, relative to the norm of the column.
 fn worst(controller: &Controller, external: Option<&Signal>) -> f64 {
+    worst_from(controller, external, Memory::default())
+}
+
+fn worst_from(controller: &Controller, external: Option<&Signal>, memory: Memory<'_>) -> f64 {
     let (robot, reference) = (robot(0.5), reference());
     let schedule = schedule(&robot, &reference, controller);
     let start = ([0.35, -0.1, 0.1], [0.2, -0.1, 0.0]);
     let simulation = Simulation {
         external,
         start: Some((&start.0, &start.1)),
+        memory,
         ..whole(&robot, &reference, controller, &schedule)
     };
     let (x, scale) = (parameters(&robot, 1.0), [1.1, 0.9, 1.0]);
@@ -157,6 +163,19 @@ fn digital_control() {
     let controller = Controller::new(vec![law; 3], Timing::Digital(digital), None).unwrap();
     let found = worst(&controller, None);
     assert!(found < 1e-6, "{found}");
+}
+
+#[test]
+fn a_start_in_balance_depends_on_the_parameters() {
+    let balance = Memory { initial: Initial::Balance, ..Memory::default() };
+    let law = Law { integral: 50.0, gain: 2.0, position: 150.0, velocity: 10.0, ..LAW };
+    let push = Signal { rate: 10.0, n: 3, values: (0..33).map(|k| f64::from(k).cos()).collect() };
+    let digital = Digital { period: 4e-3, delay: 2, smoothing: vec![0.5, 0.5], resolution: vec![0.0; 3] };
+    for timing in [Timing::Continuous, Timing::Digital(digital)] {
+        let controller = Controller::new(vec![law; 3], timing, None).unwrap();
+        let found = worst_from(&controller, Some(&push), balance);
+        assert!(found < 1e-6, "{found}");
+    }
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Closed loops: robots with a reference and a controller, and their runs.
 
 use didim::closed_loop::control::{Controller, Law, Timing};
+use didim::closed_loop::memory::Memory;
 use didim::closed_loop::observers::{Trajectories, Trajectory};
 use didim::closed_loop::reference::{Fourier, Reference};
 use didim::closed_loop::schedule::{Plan, Schedule};
@@ -96,7 +97,16 @@ pub fn whole<'a>(
     controller: &'a Controller,
     schedule: &'a Schedule,
 ) -> Simulation<'a> {
-    Simulation { robot, reference, controller, schedule, external: None, start: None, divergence: 100.0 }
+    Simulation {
+        robot,
+        reference,
+        controller,
+        schedule,
+        external: None,
+        start: None,
+        memory: Memory::default(),
+        divergence: 100.0,
+    }
 }
 
 pub fn distance(a: &[f64], b: &[f64]) -> f64 {

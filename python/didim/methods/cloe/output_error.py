@@ -213,7 +213,7 @@ class OutputError:
             loop = window.loop
             law = loop.controller
             numbers = (loop.rate_hz, loop.n_records, loop.steps, loop.start, loop.divergence, law.digital)
-            digest.update(repr(numbers).encode())
+            digest.update(repr((*numbers, loop.memory.core)).encode())
             motion = loop.reference.at(loop.t)
             signals = [part for part in (loop.external, law.feedforward) if part is not None]
             push = [np.append(values, rate) for rate, values in signals]

@@ -1,0 +1,210 @@
+"""Memory of a controller when a run begins: its integrators, the outputs on their way, the positions it has measured.
+
+A log rarely begins with its controller: integrators have wound up against gravity, and a digital controller has torques on
+their way. Tested in ``tests/test_controller_start.py`` and in ``rust/tests/closed_loop/memory.rs``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._tools.arrays import Array, real_array
+from .._tools.settings import one_of
+from ..errors import SimulationError
+from .controller import Controller
+from .reference import Reference
+
+MemoryStart = Literal["zero", "balance", "torque", "integrators"]
+
+AVERAGED_S = 0.05
+"""Time over which the integrators of a log are averaged (s), so that the noise of one sample does not set them."""
+LEAST_AVERAGED = 5
+"""Lower bound of the samples that are averaged."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ControllerMemory:
+    """State of a controller at time 0, joint side, SI units.
+
+    Attributes
+    ----------
+    start : {"zero", "balance", "torque", "integrators"}
+        Where the integrators begin: at zero; where the law without errors gives the torque of gravity and friction at the initial
+        velocity (static balance at rest; where a torque is fed forward, with the inertial torque of the reference); where the law
+        gives the torques in `values`; or at `values`. Each candidate has its own balance.
+    values : tuple of float
+        Torques (N.m or N) for "torque"; integrators ``z`` for "integrators" (rad.s or m.s for a PID, rad or m for a cascade). One
+        per joint.
+    outputs : (delay_samples, n_dof) array or None
+        Torques of a digital controller on their way (N.m or N), the next to act first. By default the torque that `start` gives,
+        or zero.
+    positions : (n, n_dof) array or None
+        Positions that a digital controller has measured before (rad or m), one row for each weight of its smoothing, the newest
+        first. By default the robot has moved with its initial velocity.
+
+    Raises
+    ------
+    SimulationError
+        For an unknown start, and for numbers that are not finite.
+    """
+
+    start: MemoryStart = "zero"
+    values: tuple[float, ...] = ()
+    outputs: ArrayLike | None = None
+    positions: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        one_of("start", self.start, ("zero", "balance", "torque", "integrators"), SimulationError)
+        for key in ("values", "outputs", "positions"):
+            given = getattr(self, key)
+            if given is None:
+                continue
+            values = real_array(key, given, SimulationError)
+            if not np.isfinite(values).all():
+                raise SimulationError(f"{key} of a controller's memory must be finite, got {values.tolist()}")
+            if key == "values":
+                if values.ndim != 1:
+                    raise SimulationError(
+                        f"values of a controller's memory must be a list, one per joint, got {given!r}"
+                    )
+                object.__setattr__(self, key, tuple(values.tolist()))
+            else:
+                if values.ndim != 2:
+                    raise SimulationError(
+                        f"{key} of a controller's memory need one column per joint, got shape {values.shape}"
+                    )
+                object.__setattr__(self, key, values)
+
+    def checked(self, controller: Controller) -> ControllerMemory:
+        """Return itself, if it fits a controller.
+
+        Raises
+        ------
+        SimulationError
+            For a wrong number of joints or of rows.
+        """
+        n, digital = controller.n_dof, controller.digital
+        if self.start in ("torque", "integrators") and len(self.values) != n:
+            raise SimulationError(
+                f"values of a controller's memory need {n} numbers, one per joint, got {len(self.values)}"
+            )
+        rows = (0, 0) if digital is None else (digital.delay_samples, len(digital.smoothing))
+        for key, count in zip(("outputs", "positions"), rows, strict=True):
+            given = getattr(self, key)
+            if given is not None and given.shape != (count, n):
+                raise SimulationError(
+                    f"{key} of this controller's memory need shape ({count}, {n}), got {given.shape}"
+                )
+        return self
+
+    @property
+    def core(self) -> tuple[str, list[float], list[float] | None, list[float] | None]:
+        """The memory as the core takes it."""
+        outputs, positions = (
+            None if part is None else np.asarray(part, dtype=np.float64).ravel().tolist()
+            for part in (self.outputs, self.positions)
+        )
+        return self.start, list(self.values), outputs, positions
+
+
+ZERO = ControllerMemory()
+"""A controller that is switched on at time 0."""
+BALANCE = ControllerMemory(start="balance")
+"""A controller that has held the robot before."""
+
+
+def memory_of_log(
+    controller: Controller,
+    reference: Reference,
+    rate_hz: float,
+    q: Array,
+    tau: Array,
+    start: tuple[ArrayLike, ArrayLike] | None = None,
+) -> ControllerMemory:
+    """Return the memory with which a controller gives the measured torques.
+
+    Each sample of the log has its integrator, ``z = (tau - the law without integral) / gain``. Less what the errors have added
+    since time 0, all of them are that of time 0; their mean over the first `AVERAGED_S` is taken. Samples at the limit of the
+    drive say nothing about the integrator and are left out.
+
+    Parameters
+    ----------
+    controller : Controller
+        Its laws.
+    reference : Reference
+        With time 0 at the first sample.
+    rate_hz : float
+        Samples per second.
+    q, tau : (n_samples, n_dof) arrays
+        Measured positions (rad or m) and torques of the drives (N.m or N), joint side.
+    start : (q, dq), optional
+        State that the simulation begins with; that of the reference by default.
+
+    Returns
+    -------
+    ControllerMemory
+        With the first torque of each law, and the torques on their way.
+    """
+    digital = controller.digital
+    period = 1.0 / rate_hz if digital is None else digital.sample_time_s
+    delay = 0 if digital is None else digital.delay_samples
+    possible = math.floor((len(q) - 1) / rate_hz / period + 1e-9) + 1 - delay
+    count = max(1, min(max(LEAST_AVERAGED, math.ceil(AVERAGED_S / period)), possible))
+    times: Array = np.arange(count, dtype=np.float64) * period
+    q_ref, dq_ref, ddq_ref = reference.at(times)
+    here, velocity, _ = Reference.sampled(q, rate_hz=rate_hz).at(np.minimum(times, (len(q) - 1) / rate_hz))
+    begin_q, begin_dq = (
+        (q_ref[0], dq_ref[0]) if start is None else (np.asarray(part, dtype=np.float64) for part in start)
+    )
+    first_dq = begin_dq
+    if digital is not None:
+        weights = np.asarray(digital.smoothing)
+        differences = np.diff(np.concatenate([[0.0], weights, [0.0]])) / period
+        # As the core has it by default: the robot has moved with its initial velocity.
+        back = -period * np.arange(len(weights), 0, -1)[:, None] * begin_dq
+        seen = np.concatenate([here[0] + back, here])
+        lags = [seen[len(weights) - lag :][:count] for lag in range(len(differences))]
+        velocity = np.tensordot(differences, lags, axes=1)
+        first_dq = differences[0] * begin_q + differences[1:] @ (begin_q + back)[::-1]
+    p, d, i, a, w, by_position, by_velocity = controller.laws.T
+    gain = controller.gain
+    fed = _fed_forward(controller, times) / gain
+    e, v = q_ref - here, w * dq_ref - velocity
+    growth = by_position * e + by_velocity * v
+    added = period * (growth[:-1] if digital is not None else 0.5 * (growth[1:] + growth[:-1]))
+    grown = np.concatenate([np.zeros((1, len(p))), np.cumsum(added, axis=0)])
+    # The torque of a sample of the controller is in the first record from its time on.
+    records = np.ceil(np.arange(count + delay) * period * rate_hz - 1e-6).astype(int).clip(0, len(tau) - 1)
+    wanted = tau[records[delay:]] / gain
+    free = p * e + d * v + a * ddq_ref + fed
+    integrating = i != 0.0
+    begun = np.where(integrating, wanted - free, 0.0) / np.where(integrating, i, 1.0) - grown
+    inside = np.abs(wanted) < controller.saturation * (1.0 - 1e-9)
+    inside[:, ~inside.any(axis=0)] = True  # a joint at its limit all along begins at the limit
+    z = np.sum(np.where(inside, begun, 0.0), axis=0) / inside.sum(axis=0)
+    first = p * (q_ref[0] - begin_q) + d * (w * dq_ref[0] - first_dq) + i * z + a * ddq_ref[0] + fed[0]
+    return ControllerMemory(
+        start="torque",
+        values=tuple((gain * first).tolist()),
+        outputs=tau[records[:delay]] if delay else None,
+    )
+
+
+def remembers(controller: Controller) -> bool:
+    """Return whether a controller has a memory that a start can fill: an integrator, or outputs on their way."""
+    late = controller.digital is not None and controller.digital.delay_samples > 0
+    return late or bool(np.any(controller.laws[:, 2] != 0.0))
+
+
+def _fed_forward(controller: Controller, times: Array) -> Array:
+    """Torque that is fed forward at times, (n_times, n_dof)."""
+    if controller.feedforward is None:
+        return np.zeros((len(times), controller.n_dof))
+    rate, values = controller.feedforward
+    clock = np.arange(len(values)) / rate
+    return np.column_stack([np.interp(times, clock, column) for column in values.T])
