@@ -76,7 +76,9 @@ def test_a_log_with_names_loads_at_once(tmp_path: Path, capsys: pytest.CaptureFi
     text = path.read_text(encoding="utf-8")
     assert "# Columns that are not used: temperature" in text
     assert 'unit = "rad" # confirm' in text
-    assert main(["identify", str(path), "--quiet"]) == 0
+    # It loads and is solved; torques that no arm has are called so.
+    assert main(["identify", str(path)]) == 1
+    assert "Verdict: " in capsys.readouterr().out
 
 
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -55,26 +55,23 @@ def conventions(rows: Rows) -> Iterator[Hypothesis]:
     n = len(g.kinds)
     if n < 2:
         return
-    # Modified rows have the twist and the length of the link before: by the standard convention they are those of the row before.
-    as_standard = {"alpha": (0.0, *g.alpha[:-1]), "d": (0.0, *g.d[:-1])}
-    readings: list[tuple[str, str, str, dict[str, object]]] = [
-        (
-            "dh-convention",
-            "the rows of the robot file look as if they were of the standard convention (Denavit-Hartenberg), not the modified one",
-            'Write convention = "dh" in the robot file',
-            dict(as_standard),
+    readings: list[tuple[str, str, str, dict[str, object]]] = []
+    if rows.robot.standard is not None:
+        other = {"alpha": tuple(rows.robot.standard.alpha), "d": tuple(rows.robot.standard.a)}
+        names = ("modified convention (Khalil-Kleinfinger)", "standard one", "mdh")
+    else:
+        # Modified rows have the twist and the length of the link before; standard ones have their own.
+        other = {"alpha": (0.0, *g.alpha[:-1]), "d": (0.0, *g.d[:-1])}
+        names = ("standard convention (Denavit-Hartenberg)", "modified one", "dh")
+    if rows.robot.correspondence is None:  # a URDF has no convention
+        readings.append(
+            (
+                "dh-convention",
+                f"the rows of the robot file look as if they were of the {names[0]}, not the {names[1]}",
+                f'Write convention = "{names[2]}" in the robot file',
+                dict(other),
+            )
         )
-    ]
-    # The last twist of a standard table is not in the robot: right angles are tried.
-    readings += [
-        (
-            "dh-convention",
-            "the rows of the robot file look as if they were of the modified convention (Khalil-Kleinfinger), not the standard one",
-            'Write convention = "mdh" in the robot file',
-            {"alpha": (*g.alpha[1:], last), "d": (*g.d[1:], 0.0)},
-        )
-        for last in (0.0, np.pi / 2.0, -np.pi / 2.0)
-    ]
     exchange = (
         "a-and-d",
         "the lengths a and d of the robot file look exchanged",

@@ -19,6 +19,8 @@ from .search import explained
 
 SUSPICIOUS = frozenset({"not-white", "not-physical"})
 """Codes of grave reasons that say that the log contradicts its model, but not why."""
+ROUNDING = 1e-9
+"""Relative error up to which a residual is that of floating point."""
 CAUSES = frozenset({"torque-sign", "swapped-torques"})
 """Codes of reasons that say why."""
 
@@ -43,7 +45,10 @@ def judged(
     if fit.n_simulations:
         found += loop_reasons(experiment, fit.parameters if fit.converged else None)
     codes = {reason.code for reason in fit.verdict.grave}
-    if codes & SUSPICIOUS and not codes & CAUSES:
+    explicable = (
+        fit.overall_relative_error > ROUNDING
+    )  # hypotheses explain a residual, and of rounding there is nothing to explain
+    if explicable and codes & SUSPICIOUS and not codes & CAUSES:
         say("the log contradicts its model: looking for the cause")
         found += _causes(experiment, method)
     return replace(fit, evidence=(*found, *fit.evidence)) if found else fit
