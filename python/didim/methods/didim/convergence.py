@@ -69,7 +69,7 @@ def contraction_of(steps: Sequence[Array]) -> Contraction:
     -----
     The rate is the larger of the last two ratios of norms. The distance is a geometric series, or the distance from the point
     that two directions of contraction extrapolate to, whichever is larger. Where the ratios still rise, because the slowest
-    direction is not yet alone, the series has a rate that rises once more by as much.
+    direction is not yet alone, the series has a rate that rises once more.
     """
     norms = [float(np.linalg.norm(step)) for step in steps]
     ratios = [after / before for before, after in pairwise(norms) if before > 0.0]
@@ -79,7 +79,8 @@ def contraction_of(steps: Sequence[Array]) -> Contraction:
     last = np.abs(steps[-1])
     if not rate < 1.0:
         return Contraction(rate, float("inf"), float("inf"))
-    rising = max(0.0, ratios[-1] - ratios[-2]) if len(ratios) > 1 else 0.0
+    # A single jump says nothing of the slowest direction: the first steps come from far away.
+    rising = max(0.0, min(ratios[-1] - ratios[-2], ratios[-2] - ratios[-3])) if len(ratios) > 2 else 0.0
     expected = max(rate, min(rate + rising, LARGEST_RATE))
     left = SAFETY * expected / (1.0 - expected)
     rms, largest = left * float(np.sqrt(np.mean(last**2))), left * float(last.max())
