@@ -283,7 +283,7 @@ def test_wrong_arguments(arguments: list[str], message: str, capsys: pytest.Capt
             "torques of joint 1 are too large to be sq",
         ),
         (('unit = "N.m"', 'unit = "A"\ngain = 1e200'), "the torques of joint 1 are too large to be squared"),
-        (('unit = "N.m"', 'unit = "A"\ngain = 1e308'), "recording 1: tau of joint 2 is -inf at sample 0"),
+        (('unit = "N.m"', 'unit = "A"\ngain = 1e308'), "recording 1: tau of joint 1 is -inf at sample 0"),
         (('unit = "N.m"', 'unit = "A"\ngain = 1e-200'), "the torques of joint 1 are too small to be squared"),
         (
             ('unit = "rad"', 'unit = "count"\ncounts_per_rev = 1e-150'),

@@ -17,6 +17,7 @@ import didim
 from didim import DIDIM, IDIMLS, Comparison, FitError, Identification
 from didim.cli.main import main
 from didim.formats import FORMATS, Result, latex_text, render
+from didim.model.reach import pose_lines
 from didim.result.table import PARAMETER_HEAD
 from test_cli import arm as arm_fixture
 from test_cli import identify_arm
@@ -240,9 +241,10 @@ def test_commands(arm: Path, tmp_path: Path, form: str, capsys: pytest.CaptureFi
     fit = Identification.load(tmp_path / "fit.json")
     assert capsys.readouterr() == (f"{render(fit, form)}\n", "")
     assert main(["base", "planar2", "--format", form]) == 0
-    base = didim.load_robot("planar2").base_parameters
-    opening = "planar2: " if form == "text" else ""
-    assert capsys.readouterr() == (f"{opening}{render(base, form)}\n", "")
+    robot = didim.load_robot("planar2")
+    text = render(robot.base_parameters, form)
+    expected = "\n".join([f"planar2: {text}", "", *pose_lines(robot)]) if form == "text" else text
+    assert capsys.readouterr() == (f"{expected}\n", "")
 
 
 def test_compare_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
