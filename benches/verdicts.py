@@ -64,6 +64,10 @@ def try_fault(arm: Arm, fault: Fault, seeds: int) -> tuple[int, int, dict[str, i
     return alarmed, right, others
 
 
+CORRECT = ("tx40", "planar2")
+"""Further robots with correct logs."""
+
+
 def sound_log(name: str, rate_hz: float, motion: int) -> Log | didim.Experiment:
     """A correct log without noise."""
     if name in ARMS:
@@ -81,7 +85,7 @@ def sound_log(name: str, rate_hz: float, motion: int) -> Log | didim.Experiment:
         return simulated_log(packaged, packaged.robot.parameter_set("didim"), noise=False, refinement=1)
     from arm import arm_log
 
-    return arm_log(motion)
+    return arm_log(motion, rate_hz=rate_hz)
 
 
 def noisy(log: Log | didim.Experiment, seed: int, level: float) -> didim.Experiment:
@@ -108,7 +112,7 @@ def main() -> None:
         description="Faults that the verdict names, and correct logs that it calls sound."
     )
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--arms", nargs="+", default=["arm7", "gantry"])
+    parser.add_argument("--arms", nargs="+", choices=(*ARMS, *CORRECT), default=list(ARMS))
     parser.add_argument("--faults", nargs="+", help="words of the names of faults")
     parser.add_argument("--method", choices=METHODS, help="faults that this method meets alone")
     parser.add_argument("--sound", action="store_true", help="correct logs instead of faults")
@@ -118,10 +122,12 @@ def main() -> None:
     )
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
+    if not arguments.sound and not set(arguments.arms).issubset(ARMS):
+        parser.error(f"{' and '.join(CORRECT)} are for --sound: no faults are planted in them")
     table: list[dict[str, object]] = []
     if arguments.sound:
         for name in arguments.arms:
-            for rate_hz in RATES_HZ if name != "planar2" else (500.0,):
+            for rate_hz in RATES_HZ:
                 log = sound_log(name, rate_hz, 0)
                 for method in arguments.methods:
                     total = sound = 0

@@ -46,7 +46,9 @@ decimation = [10]
 """
 
 
-def arm_log(seed: int, *, natural_frequency_hz: float = 10.0, **settings: Any) -> Experiment:
+def arm_log(
+    seed: int, *, natural_frequency_hz: float = 10.0, rate_hz: float = 500.0, **settings: Any
+) -> Experiment:
     """Log of a planar arm without noise that follows a recorded reference: quick to simulate."""
     robot = didim.load_robot("planar2")
     reference = Reference.random_fourier(
@@ -63,9 +65,14 @@ def arm_log(seed: int, *, natural_frequency_hz: float = 10.0, **settings: Any) -
         recordings=(),
         reference=reference,
         controller=Controller.tuned([natural_frequency_hz] * 2, [0.7] * 2, [1.0, 0.2]),
-        signal=SignalProcessing(cutoff_hz=50.0, trim_start=25, trim_end=25, decimation=(10,)),
+        signal=SignalProcessing(
+            cutoff_hz=min(50.0, 0.4 * rate_hz),
+            trim_start=25,
+            trim_end=25,
+            decimation=(round(rate_hz / 50.0),),
+        ),
         simulation=SimulationSettings(
-            rate_hz=500.0, smoothing=(0.02, 0.02), step_s=1e-3, fine_step_s=5e-4, start="reference"
+            rate_hz=rate_hz, smoothing=(0.02, 0.02), step_s=1e-3, fine_step_s=5e-4, start="reference"
         ),
         **settings,
     )

@@ -39,7 +39,7 @@ def gravities(rows: Rows) -> Iterator[Hypothesis]:
         tried.append(direction)
         products = rows.of_robot(with_geometry(rows.robot, gravity=tuple(direction.tolist())))
         if products is not None:
-            text = ", ".join(f"{value:.3g}" for value in direction)
+            text = ", ".join(f"{value + 0.0:.3g}" for value in direction)  # zero has no sign
             yield Hypothesis(
                 code="gravity",
                 sentence=f"gravity looks as if it were [{text}] m/s^2 in frame 0, not {_vector(declared)}",
