@@ -13,6 +13,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,12 +159,25 @@ def wrist(options: argparse.Namespace) -> None:
     gains_study("TX40", robot, x, robot.reduction, motor_gains, noise, options.seeds, 2.0)
 
 
-def known_robot(robot: Robot, x: Array, seed: int, rate: float = 200.0) -> didim.Identification:
+def known_robot(
+    robot: Robot,
+    x: Array,
+    seed: int,
+    rate: float = 200.0,
+    uncertainty: Literal["jackknife", "decimated"] = "jackknife",
+) -> didim.Identification:
     """Result of a log of 20 s without payload, with noise on the torques."""
-    return didim.identify(noisy_log(robot, x, seed, rate), didim.IDIMLS())
+    return didim.identify(noisy_log(robot, x, seed, rate, uncertainty=uncertainty), didim.IDIMLS())
 
 
-def noisy_log(robot: Robot, x: Array, seed: int, rate: float = 200.0, speed: float = 2.0) -> didim.Experiment:
+def noisy_log(
+    robot: Robot,
+    x: Array,
+    seed: int,
+    rate: float = 200.0,
+    speed: float = 2.0,
+    uncertainty: Literal["jackknife", "decimated"] = "jackknife",
+) -> didim.Experiment:
     """Log of 20 s of a random motion, filtered and decimated to 20 Hz."""
     n = robot.n_dof
     reference = didim.Reference.random_fourier(
@@ -182,7 +196,7 @@ def noisy_log(robot: Robot, x: Array, seed: int, rate: float = 200.0, speed: flo
         robot=robot,
         recordings=(Recording.from_arrays(q, tau, rate_hz=rate),),
         signal=SignalProcessing(cutoff_hz=40.0, trim_start=40, trim_end=40, decimation=(10,)),
-        least_squares=LeastSquaresSettings(weights="per-joint"),
+        least_squares=LeastSquaresSettings(weights="per-joint", uncertainty=uncertainty),
     )
 
 
@@ -196,13 +210,14 @@ def payload(options: argparse.Namespace) -> None:
     rng = np.random.default_rng(1)
     scores, bodies, inside = [], [], []
     for number in range(options.payloads):
-        fit = known_robot(robot, x, 100 + number)
+        fit = known_robot(robot, x, 100 + number, uncertainty=options.uncertainty)
         mass = float(np.exp(rng.uniform(np.log(0.2), np.log(5.0))))
         centre = rng.uniform(-0.1, 0.1, 3) + np.array([0.0, 0.0, 0.1])
         arms = rng.uniform(0.02, 0.08, 3) ** 2 * mass
         inertia = np.diag([arms[1] + arms[2], arms[0] + arms[2], arms[0] + arms[1]])
         ten = ten_parameters(body_pseudo_inertia(mass, inertia, pose(np.eye(3), centre)))
-        log = noisy_log(robot, x + last_link(robot, frame) @ ten, 200 + number)
+        loaded = x + last_link(robot, frame) @ ten
+        log = noisy_log(robot, loaded, 200 + number, uncertainty=options.uncertainty)
         found = identify_payload(fit, log)
         scores.append((found.ten - ten) / found.std)
         truth = np.array([mass, *centre, *inertia[np.triu_indices(3)]])
@@ -396,6 +411,12 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--payloads", type=int, default=10)
+    parser.add_argument(
+        "--uncertainty",
+        choices=("jackknife", "decimated"),
+        default="jackknife",
+        help="of the study of payloads: the noise of its logs is white, which decimated takes for granted (default: %(default)s)",
+    )
     parser.add_argument("--only", nargs="+", choices=tuple(STUDIES), default=list(STUDIES))
     options = parser.parse_args()
     for name in options.only:
