@@ -36,10 +36,9 @@ ACCELERATION = (25, 25, 35, 60, 60, 90)
 NOISE = (0.5, 0.5, 0.2, 0.1, 0.1, 0.1)
 
 
-def rich_peaks() -> Array:
-    """Torque peaks of the packaged experiment's random motion: a design must not ask for more."""
-    robot = didim.load_robot("tx40").with_smoothing([0.05] * 6)
-    random = Reference.random_fourier(
+def random_motion() -> Reference:
+    """The random motion of the packaged experiment, as it is."""
+    return Reference.random_fourier(
         harmonics=20,
         period_s=10.0,
         max_position=REACH,
@@ -47,7 +46,12 @@ def rich_peaks() -> Array:
         max_acceleration=ACCELERATION,
         seed=1,
     )
-    motion = random.at(np.linspace(0.0, 10.0, 8001))
+
+
+def rich_peaks() -> Array:
+    """Torque peaks of the packaged experiment's random motion: a design must not ask for more."""
+    robot = didim.load_robot("tx40").with_smoothing([0.05] * 6)
+    motion = random_motion().at(np.linspace(0.0, 10.0, 8001))
     return np.asarray(np.abs(didim.inverse_dynamics(robot, *motion, robot.sets["didim"])).max(axis=0))
 
 
@@ -91,16 +95,7 @@ def tx40(starts: int) -> None:
     print("TX40, 10 s, 20 harmonics, torques at most those of the random motion of seed 1")
     robot = didim.load_robot("tx40")
     smooth = robot.with_smoothing([0.05] * 6)
-    # The random motion of the packaged experiment, which the issue compares with, as it is.
-    random = Reference.random_fourier(
-        harmonics=20,
-        period_s=10.0,
-        max_position=REACH,
-        max_velocity=VELOCITY,
-        max_acceleration=ACCELERATION,
-        seed=1,
-    )
-    motion = random.at(np.arange(4000) / 400.0)
+    motion = random_motion().at(np.arange(4000) / 400.0)
     columns = list(robot.base_parameters.indices)
     w = didim.regressor(smooth, *motion)[:, :, columns] / np.array(NOISE)[:, None]
     w = w.reshape(-1, len(columns)) * np.sqrt(10_000 / 4000)

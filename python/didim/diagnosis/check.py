@@ -28,7 +28,7 @@ from ..regression.linear_system import LinearSystem
 from ..regression.suspicions import driving_friction
 from ..result.identification import Identification
 from ..signal.decimation import decimate, decimation_stages
-from ..signal.segments import Segment
+from ..signal.segments import Segment, stretches
 from ..studies.run import standard_parameters
 from .bandwidth import check_bandwidth
 from .causes import check_causes, check_loop, contradicts, loop_table
@@ -176,7 +176,7 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
     declared = job.declared_delay
     try:
         parts = job.parts("fit", declared)
-        probe = Probe(job, _stretches(parts, MOST_SAMPLES))
+        probe = Probe(job, stretches(parts, MOST_SAMPLES))
         whole = probe if probe.n_samples == sum(len(part.q) for part in parts) else Probe(job, parts)
     except (SignalError, FitError) as error:
         return [
@@ -189,10 +189,10 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
     beta = None
     if known is not None:
         beta = job.parameters.project(job.parameters.extended(known))[job.selection.estimated]
-        probe = Probe(job, _stretches(parts, MOST_SAMPLES), beta)
+        probe = Probe(job, stretches(parts, MOST_SAMPLES), beta)
     (recording, *_) = (item for item in experiment.recordings if item.role == "fit")
     timed = all("time" in item.origin for item in experiment.recordings)
-    quick = Probe(job, _stretches(parts, _quick_samples(job, parts)), beta)
+    quick = Probe(job, stretches(parts, _quick_samples(job, parts)), beta)
     reader = Reader(
         probe, quick, robot, recording, timed=timed, noise=_noise(job, parts), known=known is not None
     )
@@ -238,23 +238,6 @@ def _quick_samples(job: Job, parts: Sequence[Segment]) -> int:
     """Count the samples that leave enough rows of each joint, of a fifth of the motion at least."""
     rows = QUICK_ROWS + 6 * job.signal.edge_rows * len(parts)
     return max(rows * math.prod(job.signal.decimation), sum(len(part.q) for part in parts) // 5)
-
-
-def _stretches(parts: Sequence[Segment], most_samples: int) -> list[Segment]:
-    """Three stretches of a log that has more samples than that, evenly apart."""
-    total = sum(len(part.q) for part in parts)
-    if total <= most_samples:
-        return list(parts)
-    found = []
-    for part in parts:
-        length = int(len(part.q) * most_samples / total / 3)
-        for start in np.linspace(0, len(part.q) - length, 3).astype(int):
-            kept = slice(start, start + length)
-            q, dq, ddq, tau = (
-                np.ascontiguousarray(values[kept]) for values in (part.q, part.dq, part.ddq, part.tau)
-            )
-            found.append(replace(part, q=q, dq=dq, ddq=ddq, tau=tau))
-    return found
 
 
 def _noise(job: Job, parts: Sequence[Segment]) -> Array:

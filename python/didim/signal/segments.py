@@ -168,6 +168,31 @@ def place_of(recording: Recording, window: tuple[int, int]) -> str:
     return place
 
 
+def stretches(parts: Sequence[Segment], most_samples: int) -> list[Segment]:
+    """Return the parts, or three stretches of each, evenly apart, where a log has more samples than that.
+
+    Parameters
+    ----------
+    parts : sequence of Segment
+        Windows of a log.
+    most_samples : int
+        About how many samples the stretches have together.
+    """
+    total = sum(len(part.q) for part in parts)
+    if total <= most_samples:
+        return list(parts)
+    found = []
+    for part in parts:
+        length = int(len(part.q) * most_samples / total / 3)
+        for start in np.linspace(0, len(part.q) - length, 3).astype(int):
+            kept = slice(start, start + length)
+            q, dq, ddq, tau = (
+                np.ascontiguousarray(values[kept]) for values in (part.q, part.dq, part.ddq, part.tau)
+            )
+            found.append(replace(part, q=q, dq=dq, ddq=ddq, tau=tau))
+    return found
+
+
 @contextmanager
 def at_place(place: str) -> Iterator[None]:
     """Open the message of an error with the recording and window that it is about."""

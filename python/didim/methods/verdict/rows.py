@@ -25,7 +25,7 @@ from ...regression.selection import select
 from ...robot.robot import Robot
 from ...signal.decimation import decimate, decimation_stages
 from ...signal.processing import SignalProcessing
-from ...signal.segments import Segment
+from ...signal.segments import Segment, stretches
 from ..job import Job
 
 FOLDS = 2
@@ -196,20 +196,3 @@ def samples_wanted(signal: SignalProcessing, parts: Sequence[Segment]) -> int:
     """Return how many samples hypotheses are tried on."""
     rows = ROWS + 6 * signal.edge_rows * max(1, len(parts))
     return max(SAMPLES, rows * math.prod(signal.decimation))
-
-
-def stretches(parts: Sequence[Segment], most_samples: int) -> list[Segment]:
-    """Return the parts, or three stretches of each, evenly apart, where a log has more samples than that."""
-    total = sum(len(part.q) for part in parts)
-    if total <= most_samples:
-        return list(parts)
-    found = []
-    for part in parts:
-        length = int(len(part.q) * most_samples / total / 3)
-        for start in np.linspace(0, len(part.q) - length, 3).astype(int):
-            kept = slice(start, start + length)
-            q, dq, ddq, tau = (
-                np.ascontiguousarray(values[kept]) for values in (part.q, part.dq, part.ddq, part.tau)
-            )
-            found.append(replace(part, q=q, dq=dq, ddq=ddq, tau=tau))
-    return found

@@ -86,14 +86,7 @@ def drive_gains(
     """
     currents = Currents.of(system, reduction)
     gains = first_gains(currents) if start is None else np.array(start, dtype=np.float64)
-    theta = (
-        np.linalg.lstsq(
-            currents.columns / currents.scale,
-            gains[currents.motor] * currents.current - currents.known,
-            rcond=None,
-        )[0]
-        / currents.scale
-    )
+    theta = _linear(currents, gains)
     errors = _errors(currents, gains, theta)
     cost = _cost(currents, errors)
     n = currents.n_motors
@@ -144,14 +137,7 @@ def expected_percent(system: LinearSystem, reduction: Array) -> Array:
     """
     currents = Currents.of(system, reduction)
     gains = first_gains(currents)
-    theta = (
-        np.linalg.lstsq(
-            currents.columns / currents.scale,
-            gains[currents.motor] * currents.current - currents.known,
-            rcond=None,
-        )[0]
-        / currents.scale
-    )
+    theta = _linear(currents, gains)
     errors = _errors(currents, gains, theta)
     # With one gain for all, the residual has the wrong gains in it; a ratio for each motor leaves the noise.
     for motor in range(currents.n_motors):
@@ -175,6 +161,14 @@ def expected_sentence(percent: Array) -> str:
     weak = [str(joint + 1) for joint, value in enumerate(percent) if not value < WEAK_PERCENT]
     hardly = f"; the known load hardly reaches joint {', '.join(weak)}" if weak else ""
     return f"expected standard deviations of the drive gains, for white noise: {shown} %{hardly}"
+
+
+def _linear(currents: Currents, gains: Array) -> Array:
+    """Estimate the parameters by least squares, for given gains."""
+    torques = gains[currents.motor] * currents.current - currents.known
+    return np.asarray(
+        np.linalg.lstsq(currents.columns / currents.scale, torques, rcond=None)[0] / currents.scale
+    )
 
 
 def _errors(currents: Currents, gains: Array, theta: Array) -> Array:
