@@ -304,3 +304,13 @@ def test_compare_shows_remarks_and_one_kind_of_torque_errors(slack: Experiment) 
         shown = "".join(f"{100.0 * error:9.3f}" for error in errors)
         assert shown in text or name == "start"
     assert comparison.to_dict()["torque_errors"]["didim"] == comparison.torque_errors["didim"].tolist()
+
+
+def test_remarks_of_the_measured_motion_are_not_taken_for_torque_signs() -> None:
+    """A short log makes IDIM-LS remark on its blocks; DIDIM that does not converge must not call that a wrong sign."""
+    log = arm_log(1)
+    log = replace(log, signal=replace(log.signal, decimation=(10, 5)))
+    assert identify(log, IDIMLS()).remarks
+    fit = identify(log, plain_didim(max_iterations=1))
+    assert not fit.converged
+    assert "torque-sign" not in {reason.code for reason in fit.verdict.reasons}

@@ -221,3 +221,14 @@ def test_progress_is_told_on_stderr(
     monkeypatch.setattr("didim.cli.excite.PROGRESS_S", 0.0)
     assert main(["excite", "planar2", str(folder / "excite.toml")]) == 0
     assert re.search(r"^start 1: 5 motions, criterion \d+\.\d$", capsys.readouterr().err, re.M)
+
+
+def test_an_output_that_cannot_be_written_is_refused_before_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def search(*arguments: object, **options: object) -> None:
+        raise AssertionError("the search has begun")
+
+    monkeypatch.setattr("didim.excitation.excite.excite", search)
+    assert main(["excite", "planar2", "-o", str(tmp_path / "nowhere" / "motion.csv")]) == 2
+    assert "nowhere" in capsys.readouterr().err

@@ -302,3 +302,10 @@ def test_a_file_is_not_overwritten_for_several_logs(tmp_path: Path) -> None:
     initialise("ur5e", [log])
     with pytest.raises(ExperimentError, match="--force overwrites it"):
         initialise("ur5e", [log, log])
+
+
+def test_values_per_sample_has_bounds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = tmp_path / "stream.txt"
+    log.write_text("\n".join(["0.1"] * 100) + "\n", encoding="utf-8")
+    assert main(["init", "planar2", str(log), "--values-per-sample", "0"]) == 2
+    assert "--values-per-sample must be a whole number from 1 to 10000, got 0" in capsys.readouterr().err

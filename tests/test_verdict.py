@@ -15,6 +15,7 @@ import didim
 import simulated
 from didim import IDIMLS, Identification, Status, identify
 from didim.cli.main import main
+from didim.methods.verdict.geometry import row_of
 from didim.methods.verdict.physics import physical_reasons
 from didim.methods.verdict.whiteness import whiteness
 from didim.model.physics import Flag, physical_flags
@@ -208,3 +209,20 @@ def test_white_least_squares_have_a_verdict_too(fit: Identification) -> None:
     log = simulated.log(robot, robot.parameter_set("reference"), n_samples=6000, noise=0.1)
     found = identify(simulated.experiment(robot, log), IDIMLS(uncertainty="white"))
     assert found.verdict.sound
+
+
+def test_a_sign_that_noise_hardly_explains_has_advice(fit: Identification) -> None:
+    """Between two and ten sigma a result is doubtful, and says what to do."""
+    flag = Flag("Ia2 is negative, by 3 sigma", ("Ia2",), 3.0)
+    found = replace(fit, warnings=(flag.sentence,), evidence=tuple(physical_reasons([flag]))).verdict
+    assert found.state is State.DOUBTFUL
+    (reason,) = found.grave
+    assert reason.parameters == ("Ia2",)
+    assert "--physical" in reason.advice
+
+
+def test_rows_are_counted_as_the_file_has_them() -> None:
+    """In a standard table the twist and length before joint 3 are of row 2, in a modified one of row 3."""
+    standard, modified = didim.load_robot("ur5e"), didim.load_robot("tx40")
+    assert [row_of(standard, key, 2) for key in ("alpha", "d", "r")] == [2, 2, 3]
+    assert [row_of(modified, key, 2) for key in ("alpha", "d", "r")] == [3, 3, 3]

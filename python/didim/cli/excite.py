@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .options import CONVERGED, INTERRUPTED, add_command, add_report, check_report
+from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -72,16 +73,18 @@ def run(options: argparse.Namespace) -> int:
     settings = ExcitationSettings() if options.settings is None else read_excitation(options.settings, robot)
     if options.wanted is not None:
         settings = replace(settings, wanted=tuple(options.wanted))
+    check_outputs(*options.output, options.report)
     found = excite(robot, settings, progress=None if options.quiet else _progress())
     # The files first: a reader of stdout that stops early must not cost the result.
+    saved = Saved()
     for path in options.output:
-        save(found, path)
+        saved.save(path, lambda place: save(found, place))
     if options.report is not None:
         from ..report import write
 
-        write(options.report, found)
-    print(found)
-    return INTERRUPTED if found.interrupted else CONVERGED
+        saved.save(options.report, lambda place: write(place, found))
+    saved.show(str(found))
+    return saved.code(INTERRUPTED if found.interrupted else CONVERGED)
 
 
 def _progress() -> Callable[[int, int, float], None]:

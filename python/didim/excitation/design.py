@@ -55,7 +55,7 @@ class Excitation(Pickled):
     condition_number, random_condition_number : float
         Of W along both motions.
     log_det : float
-        Log determinant of the information, of each start in turn the best; ``starts`` has them all.
+        Log determinant of the information of the motion.
     starts : tuple of float
         Value of the criterion that each start reached.
     use : mapping of str to (n_dof,) arrays
@@ -155,12 +155,20 @@ class Excitation(Pickled):
             )
         return tuple(sentences)
 
+    @property
+    def gain(self) -> str:
+        """What the design gains, in words."""
+        text = (
+            f"standard deviations are, in the geometric mean, {self.ratio:.2f} of those of the random motion"
+        )
+        # Earlier logs tell both motions the same: their length does not make up for it.
+        return text if self.settings.prior else f"{text}, as after {1.0 / self.ratio**2:.1f} times its length"
+
     def __str__(self) -> str:
         lines = [
             f"{self.robot.name}: {self.reference.duration:g} s, {len(self.names)} base parameters, "
             f"log det of the information {self.log_det:.1f} (random motion {self.random_log_det:.1f})",
-            f"standard deviations are {self.ratio:.2f} of those of the random motion, as after {1.0 / self.ratio**2:.1f} times "
-            "its length",
+            self.gain,
             "",
             self._parameter_table(),
             "",

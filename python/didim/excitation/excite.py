@@ -158,8 +158,8 @@ class _Task:
             return noise_from(self.settings.noise_of, self.smooth, self.rate)
         known = np.isfinite(self.limits.torque)
         self.remarks.append(
-            f"the noise of the torques is taken as {100.0 * TORQUE_SHARE:g} % of the torque limit, 1 N.m where there is none: "
-            "give torque_noise for deviations that can be relied on"
+            f"the noise of the torques is taken as {100.0 * TORQUE_SHARE:g} % of the torque limit after the margin, 1 N.m or N "
+            "where there is none: give torque_noise for deviations that can be relied on"
         )
         return np.where(known, TORQUE_SHARE * np.where(known, self.limits.torque, 1.0), 1.0)
 

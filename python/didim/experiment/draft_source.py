@@ -19,6 +19,7 @@ from ..errors import ExperimentError, RecordingError
 from ..log.array_file import ArrayFile
 from ..log.csv_file import CsvFile
 from ..log.data_file import TEXT, open_data_file
+from ..log.data_folder import MANY_COLUMNS
 from ..log.data_format import DataFile
 from ..log.ros_bag import RosBag
 from ..log.text_files import OneValueALine
@@ -145,6 +146,10 @@ def _text(log: Path, keys: list[str], robot: Robot, values_per_sample: int | Non
         return LogSource(data, [column(name, robot.joint_names) for name in data.names], keys)
     width = len(line.split() if delimiter == " " else line.split(delimiter))
     if values_per_sample is not None:
+        if not 1 <= values_per_sample <= MANY_COLUMNS:
+            raise ExperimentError(
+                f"--values-per-sample must be a whole number from 1 to {MANY_COLUMNS}, got {values_per_sample}"
+            )
         data, width = OneValueALine(data, values_per_sample), values_per_sample
         keys.append(f"values_per_sample = {values_per_sample}")
     elif width == 1:
@@ -182,7 +187,7 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot) -> LogSource:
             continue
         columns += [
             Column(k + 1, kind.what, k + 1, kind.unit, kind.motor, name, name)
-            for k in range(min(shape[1], 10_000))
+            for k in range(min(shape[1], MANY_COLUMNS))
         ]
     return LogSource(data, columns, keys)
 

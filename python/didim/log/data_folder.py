@@ -23,7 +23,7 @@ SOURCES = ("time", "position", "velocity", "torque", "external", "reference")
 """Tables of a recording that name data files."""
 
 MANY_COLUMNS = 10_000
-"""Upper bound of `values_per_sample`."""
+"""Upper bound of `values_per_sample`, and columns of a matrix that are looked at."""
 
 
 @dataclass(frozen=True)

@@ -203,7 +203,7 @@ def _inside(
 ) -> tuple[tuple[int, int], ...]:
     """Refuse a window that has a gap in it."""
     for start, stop in windows:
-        if not any(first <= start and stop <= last + 1 for first, last in between_gaps):
+        if not any(first <= start and stop <= last for first, last in between_gaps):
             there = ", ".join(
                 f"[{first / rate_hz:.6g}, {last / rate_hz:.6g}]" for first, last in between_gaps
             )

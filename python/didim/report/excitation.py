@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..excitation.design import Excitation
+from ..excitation.problem import FINE
 from ..plot.excitation import motion, swept
 from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
 
@@ -13,10 +14,15 @@ def excitation_page(design: Excitation) -> str:
     """Return the report of a design as HTML."""
     level: Level = "caution" if design.interrupted else "good"
     badge = "Interrupted" if design.interrupted else "Designed"
-    sentence = (
-        f"The standard deviations are {design.ratio:.2f} of those of the random motion, as after {1.0 / design.ratio**2:.1f} times "
-        "its length. No limit is exceeded on a grid 20 times finer than that of the optimiser."
+    largest = max(float(values.max()) for values in design.use.values())
+    kept = design.settings.kind == "fourier" and largest <= 1.0
+    limits = (
+        f"No limit is exceeded on a grid {FINE} times finer than that of the optimiser."
+        if kept
+        else f"The largest use of a limit is {100.0 * largest:.1f} %."
     )
+    unchecked = "" if "torque" in design.use else " Torques were not checked."
+    sentence = f"{design.gain[0].upper()}{design.gain[1:]}. {limits}{unchecked}"
     percent = design.relative_std_percent
     tiles = [
         (f"{design.ratio:.2f}", "of the random motion's standard deviations"),
@@ -60,8 +66,7 @@ def _parameter_section(design: Excitation) -> Html:
         [] if percent is None else ["sigma %"]
     )
     rows: list[list[Text]] = []
-    for k, name in enumerate(design.names):
-        std, random = design.std[k], design.random_std[k]
+    for k, (name, std, random) in enumerate(zip(design.names, design.std, design.random_std, strict=True)):
         row: list[Text] = [name, design.units[k], f"{std:.3g}", f"{random:.3g}", f"{std / random:.2f}"]
         if percent is not None:
             row.append(f"{percent[k]:.3g}" if np.isfinite(percent[k]) else "-")

@@ -220,7 +220,9 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     @property
     def verdict(self) -> Verdict:
         """Whether the result is sound, doubtful or wrong, and why: evidence, status, warnings and remarks (docs/verdict.md)."""
-        return Verdict.of([*self.evidence, *derived(self.status, self.warnings, self.remarks)])
+        said = {reason.sentence for reason in self.evidence}
+        warnings = [text for text in self.warnings if text not in said]  # of results without evidence
+        return Verdict.of([*self.evidence, *derived(self.status, warnings, self.remarks)])
 
     @property
     def conclusion(self) -> str:

@@ -24,6 +24,7 @@ from ...result.iteration import Iteration
 from ...result.status import Status
 from ..didim.consistent import ConsistentRun
 from ..didim.didim import DIDIM
+from ..verdict.torques import CONTRADICTIONS
 from .levenberg_marquardt import MOST_ITERATIONS, spread_at, weigh_by_noise
 from .output_error import OutputError
 from .settings import CLOESettings
@@ -78,8 +79,15 @@ def search_consistently(
     remarks = begun.remarks
     if not begun.converged:
         remarks = (*remarks, f"the search starts where consistent DIDIM ended: {begun.status.value}")
+    # What contradicts the torques does so wherever the search ends.
+    contradictions = [
+        reason for reason in begun.evidence if reason.code in CONTRADICTIONS and reason not in found.evidence
+    ]
     return replace(
-        found, settings=settings, remarks=(*found.remarks, *(r for r in remarks if r not in found.remarks))
+        found,
+        settings=settings,
+        remarks=(*found.remarks, *(r for r in remarks if r not in found.remarks)),
+        evidence=(*found.evidence, *contradictions),
     )
 
 

@@ -19,6 +19,7 @@ from ...model.dynamics import inertia_matrix
 from ...result.identification import Identification
 from ..idim_ls import IDIMLS
 from ..job import Delay, Job
+from ..verdict.torques import TORQUE_CODES
 from .settings import DIDIMSettings
 from .windows import Simulated, Window, checked_positions, simulated, windows_of
 
@@ -159,9 +160,10 @@ class Loops:
         if not self.measured:
             return []
         try:
-            return list(self.direct().remarks)
+            found = self.direct().evidence
         except DidimError:
             return []
+        return [reason.sentence for reason in found if reason.code in TORQUE_CODES]
 
 
 def with_positions(experiment: Experiment) -> Experiment:

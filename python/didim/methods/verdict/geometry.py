@@ -101,7 +101,7 @@ def twists(rows: Rows) -> Iterator[Hypothesis]:
         if products is not None:
             yield Hypothesis(
                 code="twist-sign",
-                sentence=f"the twist alpha of row {joint + 1} looks as if its sign were wrong",
+                sentence=f"the twist alpha of row {row_of(rows.robot, 'alpha', joint)} looks as if its sign were wrong",
                 advice="Turn its sign in the robot file",
                 joints=(joint + 1,),
                 score=products.score(rows.weights),
@@ -134,7 +134,10 @@ def twists(rows: Rows) -> Iterator[Hypothesis]:
 def lengths(rows: Rows) -> Iterator[Hypothesis]:
     """Return the best factor of each length."""
     g: Geometry = rows.robot.geometry
-    for key, symbol in (("d", "a (d_m)"), ("r", "d (r_m)")):
+    standard = rows.robot.standard is not None
+    for key, symbol in (
+        (("d", "a (a_m)"), ("r", "d (d_m)")) if standard else (("d", "a (d_m)"), ("r", "d (r_m)"))
+    ):
         values: tuple[float, ...] = getattr(g, key)
         for joint, value in enumerate(values):
             prismatic = key == "r" and g.kinds[joint] == "prismatic"
@@ -160,13 +163,19 @@ def lengths(rows: Rows) -> Iterator[Hypothesis]:
             factor, found = min([(factor, found), *scores.items()], key=lambda item: item[1])
             yield Hypothesis(
                 code="link-length",
-                sentence=f"the length {symbol} of row {joint + 1} looks as if it were {factor * value:.4g} m, not {value:.4g} m",
+                sentence=f"the length {symbol} of row {row_of(rows.robot, key, joint)} looks as if it were {factor * value:.4g} m, "
+                f"not {value:.4g} m",
                 advice="Measure it, or look at the data sheet",
                 joints=(joint + 1,),
                 score=found,
                 simplicity=5,
                 value=factor * value,
             )
+
+
+def row_of(robot: Robot, key: str, joint: int) -> int:
+    """Return the row of the file that a twist or length is in: a standard table has those before a joint in the row before."""
+    return joint if robot.standard is not None and key != "r" else joint + 1
 
 
 def _bottom(scores: dict[float, float]) -> float:

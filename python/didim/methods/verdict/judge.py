@@ -16,13 +16,12 @@ from ..idim_ls import IDIMLS
 from ..method import MethodSettings
 from .loop import loop_reasons
 from .search import explained
+from .torques import TORQUE_CODES
 
 SUSPICIOUS = frozenset({"not-white", "not-physical"})
 """Codes of grave reasons that say that the log contradicts its model, but not why."""
 ROUNDING = 1e-9
 """Relative error up to which a residual is that of floating point."""
-CAUSES = frozenset({"torque-sign", "swapped-torques"})
-"""Codes of reasons that say why."""
 
 
 def judged(
@@ -48,7 +47,7 @@ def judged(
     explicable = (
         fit.overall_relative_error > ROUNDING
     )  # hypotheses explain a residual, and of rounding there is nothing to explain
-    if explicable and codes & SUSPICIOUS and not codes & CAUSES:
+    if explicable and codes & SUSPICIOUS and not codes & TORQUE_CODES:
         say("the log contradicts its model: looking for the cause")
         found += _causes(experiment, method)
     return replace(fit, evidence=(*found, *fit.evidence)) if found else fit

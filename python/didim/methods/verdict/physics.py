@@ -9,11 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...model.physics import Flag
+from ...model.physics import NOISE_SIGMAS, Flag
 from ...result.verdict import Reason
 
-DOUBTFUL_SIGMAS = 4.0
-"""Standard deviations beyond which a forbidden sign makes a result doubtful: noise gives one in a thousand logs of thirty signs."""
 WRONG_SIGMAS = 10.0
 """Standard deviations beyond which it makes a result wrong: no error of the model that sigma includes explains it."""
 
@@ -25,7 +23,7 @@ def physical_reasons(flags: Sequence[Flag]) -> list[Reason]:
         known = np.isfinite(flag.sigmas)
         if not known:
             severity = "doubtful"
-        elif flag.sigmas < DOUBTFUL_SIGMAS:
+        elif flag.sigmas < NOISE_SIGMAS:
             severity = "note"
         else:
             severity = "doubtful" if flag.sigmas < WRONG_SIGMAS else "wrong"

@@ -7,6 +7,10 @@ from collections.abc import Sequence
 
 from ...result.verdict import Reason
 
+TORQUE_CODES = frozenset({"torque-sign", "swapped-torques"})
+"""Codes of the reasons of suspicions: they say what is wrong with the torques."""
+CONTRADICTIONS = TORQUE_CODES | {"no-robot"}
+"""Codes of reasons why no robot explains the torques."""
 ASTRAY = 1.0
 """Output error (12) from which on a simulated robot is further from the log than no torque at all."""
 
