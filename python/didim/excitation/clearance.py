@@ -40,11 +40,6 @@ class Workspace:
     floor: float | None = None
     clearance: float = 0.0
 
-    @property
-    def bounded(self) -> bool:
-        """Whether there are walls or a floor."""
-        return self.lowest is not None or self.highest is not None or self.floor is not None
-
 
 class Clearance:
     """Distances of a robot's links from each other and from the bounds of the workspace.

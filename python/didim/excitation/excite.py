@@ -28,7 +28,7 @@ from .criterion import condition_number, criterion, log_determinant
 from .design import Excitation
 from .export import reference_table
 from .limits import MotionLimits, motion_limits
-from .optimiser import TRIALS, Found, Progress, search_all
+from .optimiser import TRIALS, Progress, search_all
 from .points import PointDesign
 from .prior import noise_from, prior_information
 from .problem import FINE, Information, Problem, scaled
@@ -321,9 +321,9 @@ def _random_shape(basis: SeriesBasis, limits: MotionLimits, offset: Array, seed:
     return np.asarray(np.linalg.lstsq(basis.grid[0], q, rcond=None)[0])
 
 
-def _end(problem: Problem, found: Found) -> Series | None:
+def _end(problem: Problem, variables: Array) -> Series | None:
     """Motion of the best variables within all limits; None where there is none."""
-    series = problem.exact(problem.series.build(found.variables)[0])
+    series = problem.exact(problem.series.build(variables)[0])
     if problem.keeps(series):
         return series
     if not problem.keeps(scaled(series, 0.0)):

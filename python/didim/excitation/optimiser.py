@@ -9,7 +9,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, wait
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -41,32 +40,13 @@ class _StopSearchError(Exception):
     """The user has stopped the search."""
 
 
-@dataclass(frozen=True)
-class Found:
-    """End of one start.
-
-    Attributes
-    ----------
-    variables : array
-        The best ones.
-    objective : float
-        Their objective, with the last weight.
-    evaluations : int
-        Values and gradients computed.
-    """
-
-    variables: Array
-    objective: float
-    evaluations: int
-
-
 def search(
     problem: Problem,
     starts: Sequence[Array],
     iterations: int,
     stop: threading.Event,
     progress: Callable[[int, float], None] | None = None,
-) -> Found:
+) -> Array:
     """Minimise the objective of a problem from the best of several motions; a stop keeps the best variables so far."""
     best, least, calls = starts[0], np.inf, 0
     penalised = problem.limited or not problem.clearance.empty
@@ -106,7 +86,7 @@ def search(
             descend(WEIGHTS[-1], max(1, round(REPAIR * iterations)))
     except _StopSearchError:
         problem.series.power = POWERS[-1]
-    return Found(best, float(least), calls)
+    return best
 
 
 def search_all(
@@ -116,7 +96,7 @@ def search_all(
     threads: int,
     progress: Progress | None = None,
     executor: Executor | None = None,
-) -> tuple[list[Found], list[Problem], bool]:
+) -> tuple[list[Array], list[Problem], bool]:
     """Run all starts on threads, or on an executor of the caller.
 
     Returns
@@ -139,7 +119,7 @@ def search_all(
         return [found for found, _ in ends], [problem for _, problem in ends], False
     stop = threading.Event()
 
-    def one(index: int) -> Found:
+    def one(index: int) -> Array:
         tell = None
         if progress is not None:
 
@@ -162,6 +142,6 @@ def search_all(
         return [future.result() for future in futures], list(problems), interrupted
 
 
-def search_apart(problem: Problem, starts: Sequence[Array], iterations: int) -> tuple[Found, Problem]:
+def search_apart(problem: Problem, starts: Sequence[Array], iterations: int) -> tuple[Array, Problem]:
     """Run one search in another process, and return its problem too: a search tightens its limits."""
     return search(problem, starts, iterations, threading.Event()), problem

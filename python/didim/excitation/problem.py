@@ -81,13 +81,11 @@ class Problem:
         self.series, self.information, self.criterion = series, information, criterion
         self.x, self.clearance = x, clearance
         self.limited = x is not None and bool(np.isfinite(series.limits.torque).any())
-        self.evaluations = 0
         # What the penalties let pass: `tighten` takes off what the fine grid asks for.
         self.torque_share, self.extra_clearance = np.ones(series.n), 0.0
 
     def value(self, v: Array, weight: float) -> tuple[float, Array]:
         """Objective to be minimised, and its gradient; `weight` is that of the penalties."""
-        self.evaluations += 1
         motion, way = self.series.build(v)
         q, dq, ddq, _ = motion.motion()
         information = self.information

@@ -77,10 +77,6 @@ class SeriesBasis:
         """Derivatives on the grid of the optimiser."""
         return self.derivatives(self.samples)
 
-    def variables_of(self, amplitudes: Array) -> Array:
-        """Admissible variables nearest to given amplitudes, ``(n_free, n_dof)`` from ``(2 harmonics, n_dof)``."""
-        return np.asarray(np.linalg.lstsq(self.free, amplitudes, rcond=None)[0])
-
 
 @dataclass(frozen=True, kw_only=True)
 class Series:

@@ -120,7 +120,7 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
     if not SLOWEST <= rate * period <= FASTEST:
         raise RecordingError(
             f"{file}: rate_hz = {rate:.6g} is not a rate to resample at, because the time stamps have {1.0 / period:.6g} Hz; "
-            "leave rate_hz out, and slow the log down with decimation under [signal]"
+            "leave rate_hz out, and lower its rate with decimation under [signal]"
         )
     even = _even(stamps, rate)
     edges = [0, *(np.flatnonzero(steps > GAP * period) + 1).tolist(), len(stamps)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -48,16 +49,18 @@ def run_with_gains(
     expected = expected_sentence(expected_percent(system, reduction))
     say(expected)
     found = drive_gains(system, reduction, job.settings)
-    fit, remarks = found.fit, [expected]
+    fit, solved, remarks = found.fit, found.system, [expected]
     if kind != "maximum-likelihood":
         gains, theta = classical_gains(system, reduction, kind)
         currents = Currents.of(system, reduction)
         torque = currents.columns @ theta + currents.known
         solution = np.concatenate([theta, gains])
+        # Errors are shares of the torques that these gains make of the currents.
+        solved = replace(solved, y=gains[currents.motor] * currents.current)
         fit = Fit(
             solution=solution,
             covariance=np.zeros((solution.size, solution.size)),
-            residual=gains[currents.motor] * currents.current - torque,
+            residual=solved.y - torque,
             weights=fit.weights,
             condition_number=fit.condition_number,
             record={"gains": kind},
@@ -67,14 +70,14 @@ def run_with_gains(
         )
     entry = Iteration(
         iteration=found.iterations,
-        relative_error=ratio(np.linalg.norm(fit.residual), np.linalg.norm(found.system.y)),
+        relative_error=ratio(np.linalg.norm(fit.residual), np.linalg.norm(solved.y)),
         step=0.0,
     )
     progress(entry)
     return fitted(
         job,
         method,
-        found.system,
+        solved,
         fit,
         status=solved_status(fit),
         history=[entry],

@@ -58,11 +58,6 @@ def start_from_log(job: Job, delay: Delay, name: str) -> Array:
     """
     if not job.parameters.simple:
         raise FitError(f"the start {name!r} is for logs that share all parameters: start from 'idim-ls'")
-    if not job.parameters.simple:
-        raise FitError(
-            f"the start {name!r} is made for the robot alone, and recordings have payloads, own offsets or own friction: begin at "
-            "'idim-ls' or 'unit'"
-        )
     system = job.system(job.parts("fit", delay))
     solver = CONSISTENT.for_robot(job.robot, job.selection).on(system)
     assert solver.problem is not None

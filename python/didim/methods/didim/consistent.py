@@ -10,7 +10,7 @@ on, t is a secant step of at most 1, which ends two-cycles. Tested in ``tests/te
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -334,6 +334,7 @@ class ConsistentRun:
         residual = system.y - system.w @ estimate
         fit = replace(direction.fit, solution=estimate, residual=residual, standard=point.x)
         q = np.concatenate([motion[0] for motion in point.simulated.motions])
+        suspected = suspicions(system, fit) if not self.remarks and status.converged else []
         result = fitted(
             job,
             self.method,
@@ -345,9 +346,9 @@ class ConsistentRun:
             q=thinned(q, 2000),
             beta=beta,
             settings=self._settings(),
-            remarks=self._findings(system, fit, status),
+            remarks=self._findings(suspected),
             evidence=[
-                *torque_reasons(self._suspicions(system, fit, status)),
+                *torque_reasons(suspected),
                 *contradiction_reasons(self.contradictions),
                 *following_reasons(point.simulated.error),
             ],
@@ -357,11 +358,8 @@ class ConsistentRun:
             result = replace(result, covariance=np.zeros_like(result.covariance))
         return replace(result, ending=ending, output_error=(first_error, point.simulated.error))
 
-    def _suspicions(self, system: LinearSystem, fit: Fit, status: Status) -> list[str]:
-        return suspicions(system, fit) if not self.remarks and status.converged else []
-
-    def _findings(self, system: LinearSystem, fit: Fit, status: Status) -> list[str]:
-        found = [*self.remarks, *self._suspicions(system, fit, status)]
+    def _findings(self, suspected: Sequence[str]) -> list[str]:
+        found = [*self.remarks, *suspected]
         if getattr(self.experiment.reference, "kind", "") == "measured":
             found.append(
                 "the reference is the measured position: what the controller did to follow the real one is not in it, and "

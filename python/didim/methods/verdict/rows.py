@@ -112,8 +112,6 @@ class Rows:
         One over the mean square of the residual of each joint, as declared.
     score : float
         (1) as declared.
-    relative : float
-        Norm of the residual over that of the torques, all joints together, as declared.
     """
 
     def __init__(self, job: Job, parts: Sequence[Segment]) -> None:
@@ -132,7 +130,6 @@ class Rows:
             squares = self.declared.squares(range(FOLDS), self.x, ones)
             weights = self.n_rows / np.maximum(squares, SMALLEST_SHARE**2 * sizes + np.finfo(float).tiny)
         self.weights = weights
-        self.relative = float(np.sqrt(squares.sum() / max(sizes.sum(), np.finfo(float).tiny)))
         self.score = self.declared.score(weights)
 
     def products(self, w: Array, y: Array | None = None) -> Products:

@@ -76,7 +76,7 @@ def rows_and_frames(robot: Robot) -> str:
     lines += correspondence_lines(robot.own_frames, names)
     lines += [
         "",
-        "robot.to_own_frames(x) and robot.from_own_frames(x) convert standard parameters; "
-        + ("'frames = \"own\"' in a parameter set takes them so." if robot.standard is not None else ""),
+        "robot.to_own_frames(x) and robot.from_own_frames(x) convert standard parameters"
+        + ("; 'frames = \"own\"' in a parameter set takes them so." if robot.standard is not None else "."),
     ]
     return "\n".join(line.rstrip() for line in lines)

@@ -20,6 +20,7 @@ from ..._tools.settings import positive
 from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...log.recording import Recording
+from ...methods.job import Delay
 from ...regression.linear_system import linear_system
 from ...regression.logs.parameters import independent
 from ...regression.selection import select
@@ -283,8 +284,7 @@ def _window(
     assert recording.tau is not None  # predict refuses others
     t, torque, std, freedom = rows
     start, stop = recording.windows[window]
-    delay = fit.delay.get("compensated_samples", 0.0)
-    shift = tuple(delay) if isinstance(delay, list) else float(delay)
+    shift = Delay.recorded(fit.delay).samples
     (q, times), tau = align(
         [recording.q[start:stop], recording.t[start:stop, None]],
         without_spikes(recording.tau[start:stop], experiment.signal),
@@ -340,8 +340,7 @@ def _payload_change(
 ) -> PayloadChange | None:
     """Look for another payload in the rows of a window."""
     robot = experiment.robot
-    delay = fit.delay.get("compensated_samples", 0.0)
-    shift = tuple(delay) if isinstance(delay, list) else float(delay)
+    shift = Delay.recorded(fit.delay).samples
     part = segments(recording, experiment.signal, shift)[window]
     beta = robot.base_parameters.project(x)
     system = linear_system(robot, [part], experiment.signal, select(robot, {}, ()), beta)
