@@ -158,9 +158,7 @@ class Excitation(Pickled):
     @property
     def gain(self) -> str:
         """What the design gains, in words."""
-        text = (
-            f"standard deviations are, in the geometric mean, {self.ratio:.2f} of those of the random motion"
-        )
+        text = f"standard deviations are {self.ratio:.2f} of those of the random motion in the geometric mean"
         # Earlier logs tell both motions the same: their length does not make up for it.
         return text if self.settings.prior else f"{text}, as after {1.0 / self.ratio**2:.1f} times its length"
 
