@@ -16,7 +16,7 @@ from didim.errors import DidimError, ExperimentError, FitError
 from didim.experiment.loop import closed_loop
 from didim.experiment.specs import Measurement
 from didim.result.iteration import Iteration
-from didim.studies.compare import all_methods
+from didim.studies.compare import _key, all_methods
 from didim.studies.comparison import sentence
 from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 
@@ -237,6 +237,27 @@ def test_the_methods_start_where_the_robot_allows(experiment: Experiment) -> Non
     assert (full.start, full.max_iterations, full.variant) == ("unit", None, "literal")
     names = [method.name for method in all_methods(experiment, simplex_iterations=0)]
     assert names == ["idim-ls", "didim", "didim", "cloe-levenberg-marquardt"]
+
+
+def test_methods_of_one_name_have_labels_of_what_differs() -> None:
+    taken: list[str] = []
+    for method in (
+        IDIMLS(),
+        IDIMLS(physical=True),
+        IDIMLS(),
+        DIDIM(),
+        DIDIM(physical=False),
+        DIDIM(physical=False),
+    ):
+        taken.append(_key(method, taken))
+    assert taken == [
+        "idim-ls",
+        "idim-ls-consistent",
+        "idim-ls-plain",
+        "didim",
+        "didim-plain",
+        "didim-plain-2",
+    ]
 
 
 def test_a_method_that_cannot_start_costs_no_other_result(experiment: Experiment) -> None:

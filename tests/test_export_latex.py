@@ -49,6 +49,16 @@ def test_formulas_equal_the_core() -> None:
     )
     smooth = replace(plain.friction, coulomb="tanh", smoothing=(0.2, 0.2), terms=terms)
     check(replace(plain, friction=smooth), 3)
+    # Dead zones that some of the ten speeds are within.
+    check(replace(plain, friction=replace(smooth, dead_zone=(0.5, 0.9))), 3)
+    check(replace(plain, friction=replace(plain.friction, dead_zone=(0.9, 0.5))), 3)
+
+
+def test_a_dead_zone_is_written() -> None:
+    robot = didim.load_robot("planar2")
+    assert r"\theta" not in didim.to_latex(robot)
+    text = didim.to_latex(replace(robot, friction=replace(robot.friction, dead_zone=(0.01, 0.01))))
+    assert text.count(r"\theta\left(\left|{\dot q_{1}}\right| - 0.01\right)") == 1
 
 
 def test_a_planar_arm_as_textbooks_have_it() -> None:

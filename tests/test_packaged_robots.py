@@ -99,12 +99,12 @@ def test_axes_are_those_of_the_makers_own_description(name: str) -> None:
 
 
 # Speeds (deg/s, but for fr3 rad/s) and torques (N.m) of the makers' joint_limits.yaml, which each robot file names.
-MAKERS = {
+MAKERS: dict[str, tuple[list[float], list[float]]] = {
     "ur3e": ([180.0] * 3 + [360.0] * 3, [56.0, 56.0, 28.0, 12.0, 12.0, 12.0]),
     "ur5e": ([180.0] * 6, [150.0] * 3 + [28.0] * 3),
     "ur10e": ([120.0] * 2 + [180.0] * 4, [330.0, 330.0, 150.0, 56.0, 56.0, 56.0]),
     "ur16e": ([120.0] * 2 + [180.0] * 4, [330.0, 330.0, 150.0, 56.0, 56.0, 56.0]),
-    "fr3": (np.rad2deg([2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26]), [87.0] * 4 + [12.0] * 3),
+    "fr3": (np.rad2deg([2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26]).tolist(), [87.0] * 4 + [12.0] * 3),
 }
 
 
@@ -112,7 +112,7 @@ MAKERS = {
 def test_limits_are_those_of_the_maker(name: str) -> None:
     speeds, torques = MAKERS[name]
     limits = didim.load_robot(name).limits
-    np.testing.assert_allclose([item.velocity for item in limits], np.deg2rad(speeds), rtol=1e-6)
+    assert [item.velocity for item in limits] == pytest.approx(np.deg2rad(speeds).tolist(), rel=1e-6)
     assert [item.effort for item in limits] == torques
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ import didim
 from didim.methods.verdict.loop import loop_reasons, recovered
 from didim.result.verdict import State
 from verdict_arms import ARMS, Log, built, faults, planted
+from verdict_arms import experiment as experiment_of
 
 QUICK = {
     "gantry": (
@@ -85,3 +88,27 @@ def test_a_wrong_gain_makes_a_converged_result_wrong(sound: dict[str, Log]) -> N
     assert fit.verdict.state is State.WRONG
     assert fit.verdict.reasons[0].code == "controller-gain"
     assert fit.verdict.reasons[0].joints == (1, 2, 3, 4, 5)
+
+
+def test_gains_of_a_cascade_have_the_names_of_its_file() -> None:
+    """A wrong kv changes all three terms of the law, kp kv, kv and kv/Ti, and one key of the file."""
+    arm = ARMS["gantry"]
+    settings = experiment_of(arm)
+    assert isinstance(settings.controller, didim.Controller)
+    kp, kv = settings.controller.laws[:, 0], settings.controller.laws[:, 1]
+
+    def cascade(gains: np.ndarray) -> didim.Controller:
+        return didim.Controller.cascade(kp / kv, gains, integral_time_s=0.5, reference_velocity=1.0)
+
+    true = cascade(kv)
+    log = Log.of(arm, replace(settings, controller=true)).noisy(1, 0.003)
+    wrong = replace(log, controller=cascade(0.8 * kv))
+    found = recovered(wrong)
+    assert found is not None
+    names, factors, _ = found.keys()
+    assert names == ("kp", "kv", "integral_time_s")
+    np.testing.assert_allclose(factors[:2].T, [[1.0, 1.25]] * 5, atol=0.03)
+    (reason,) = loop_reasons(wrong)
+    assert reason.code == "controller-gain"
+    assert "kv of joints 1, 2, 3, 4 and 5 is 1.2" in reason.sentence
+    assert "kp of" not in reason.sentence

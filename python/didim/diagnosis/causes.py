@@ -13,7 +13,7 @@ import numpy as np
 from .._tools.arrays import Array
 from ..experiment.experiment import Experiment
 from ..methods.job import Job
-from ..methods.verdict.loop import loop_reasons, recovered
+from ..methods.verdict.loop import Recovered, loop_reasons
 from ..methods.verdict.search import explanation
 from ..methods.verdict.whiteness import NEGLIGIBLE, whiteness
 from ..regression.fit import Fit
@@ -44,24 +44,24 @@ def check_causes(job: Job, parts: Sequence[Segment]) -> tuple[Finding, float] | 
     return _finding(found[0].reason(found[1])), float(np.sqrt(found[0].score / found[1]))
 
 
-def check_loop(experiment: Experiment, x: Array | None) -> list[Finding]:
-    """Return what contradicts the declared controller or reference; `x` as for `loop_reasons`."""
-    return [_finding(reason) for reason in loop_reasons(experiment, x)]
+def check_loop(experiment: Experiment, x: Array | None, shown: Recovered | None) -> list[Finding]:
+    """Return what contradicts the declared controller or reference; `x` as for `loop_reasons`, `shown` from `recovered`."""
+    return [] if shown is None else [_finding(reason) for reason in loop_reasons(experiment, x, shown)]
 
 
-def loop_table(experiment: Experiment) -> tuple[tuple[str, ...], ...]:
+def loop_table(shown: Recovered | None) -> tuple[tuple[str, ...], ...]:
     """Return heading and rows of the gains that a log shows over the declared ones; empty without a controller."""
-    found = recovered(experiment)
-    if found is None:
+    if shown is None:
         return ()
-    head = ("joint", *found.names, "left %")
+    names, factors, _ = shown.keys()
+    head = ("joint", *names, "left %")
     rows = [
         (
             str(joint + 1),
-            *(f"{value:.3f}" for value in found.factors[:, joint]),
-            f"{100.0 * found.relative[joint]:.2g}",
+            *(f"{value:.3f}" for value in factors[:, joint]),
+            f"{100.0 * shown.relative[joint]:.2g}",
         )
-        for joint in range(found.factors.shape[1])
+        for joint in range(factors.shape[1])
     ]
     return (head, *rows)
 

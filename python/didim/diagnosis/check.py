@@ -22,6 +22,7 @@ from ..log.recording import Recording
 from ..log.sampling import MINIMUM_SAMPLES, TimeFault
 from ..methods.idim_ls import IDIMLS
 from ..methods.job import Job
+from ..methods.verdict.loop import Recovered, recovered
 from ..regression.fit import Fit
 from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem
@@ -114,9 +115,10 @@ def check(
                 recording=without[0],
             )
         )
+    shown = recovered(experiment)
     if filtered and not without and any(recording.role == "fit" for recording in experiment.recordings):
-        found += _model(experiment, known)
-    return Findings(experiment.name, tuple(found), experiment.robot.joint_names, loop_table(experiment))
+        found += _model(experiment, known, shown)
+    return Findings(experiment.name, tuple(found), experiment.robot.joint_names, loop_table(shown))
 
 
 def _without(recording: Recording, findings: Sequence[Finding]) -> Recording:
@@ -159,7 +161,7 @@ def _standard(experiment: Experiment, parameters: str | Path | Identification | 
     return x
 
 
-def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
+def _model(experiment: Experiment, known: Array | None, shown: Recovered | None) -> list[Finding]:
     """Run the checks that need the model of the robot."""
     # A wrong fixed value must not speak for the log.
     job = IDIMLS(fixed={}).job(experiment)
@@ -217,7 +219,7 @@ def _model(experiment: Experiment, known: Array | None) -> list[Finding]:
         ]
     if job.parameters.simple:
         x = None if solved is None else robot.base_parameters.lift(job.selection.expand(solved[1].solution))
-        found = check_loop(experiment, x)
+        found = check_loop(experiment, x, shown)
     found += check_delay(job, declared) or reader.fine()
     found += check_limits(experiment, parts)
     found += check_standstill(robot, parts)

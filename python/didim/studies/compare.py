@@ -5,7 +5,7 @@ Tested in ``tests/test_compare.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -125,10 +125,7 @@ def compare(
     if methods is None:
         methods = all_methods(experiment)
     for method in methods:
-        # A second simplex is another variant of the first, a second DIDIM the consistent one beside the plain one.
-        key = method.name
-        if key in fits:
-            key = f"{method.name}-{method.variant if isinstance(method, CLOE) else 'consistent'}"
+        key = _key(method, fits)
 
         def told(iteration: Iteration, name: str = key) -> None:
             if callback is not None:
@@ -167,6 +164,26 @@ def compare(
         position_norms(log, sets),
         torque_errors(log, sets),
     )
+
+
+def _key(method: Method, taken: Collection[str]) -> str:
+    """Return the key of a method in a comparison: its name, with what distinguishes it from one of the same name before it."""
+    from ..methods.cloe.cloe import CLOE
+    from ..methods.method import FitSettings
+
+    if method.name not in taken:
+        return method.name
+    key = method.name
+    if isinstance(method, CLOE):
+        key += "-consistent" if method.physical else f"-{method.variant}" if "nelder" in key else ""
+    elif isinstance(method, FitSettings):
+        choice = method.chosen_solver()
+        known = {"least-squares": "plain"}
+        key += f"-{known.get(choice, choice) if isinstance(choice, str) else getattr(choice, 'name', 'own-solver')}"
+    found, number = key, 2
+    while found in taken:
+        found, number = f"{key}-{number}", number + 1
+    return found
 
 
 def position_norms(log: Experiment, parameters: Mapping[str, Array]) -> dict[str, float]:

@@ -23,7 +23,9 @@ from ..result.identification import Identification
 TITLES = {
     "idim-ls": "IDIM-LS",
     "didim": "DIDIM",
+    "idim-ls-consistent": "IDIM-LS, consistent",
     "didim-consistent": "DIDIM, consistent",
+    "didim-plain": "DIDIM, plain",
     "cloe-nelder-mead": "CLOE, Nelder-Mead",
     "cloe-nelder-mead-literal": "CLOE, literal",
     "cloe-nelder-mead-scaled": "CLOE, scaled",

@@ -59,9 +59,17 @@ class _Symbolic:
 
     def sign(self, joint: int, speed: Any) -> Any:
         friction = self.robot.friction
-        if friction.coulomb == "tanh":
-            return self.sympy.tanh(speed / self.number(friction.smoothing[joint]))
-        return self.sympy.sign(speed)
+        smooth = friction.coulomb == "tanh"
+        found = (
+            self.sympy.tanh(speed / self.number(friction.smoothing[joint]))
+            if smooth
+            else self.sympy.sign(speed)
+        )
+        zone = friction.dead_zone[joint]
+        if not zone > 0.0:
+            return found
+        # No friction in the dead zone: the unit step, which LaTeX has as theta.
+        return found * self.sympy.Heaviside(self.sympy.Abs(speed) - self.number(zone))
 
     def positive(self, value: Any) -> Any:
         return self.sympy.Max(value, 0)
@@ -135,7 +143,8 @@ def to_latex(robot: Robot) -> str:
     Returns
     -------
     str
-        An ``align`` environment of ``amsmath``: the torque of each joint, one base parameter a line.
+        An ``align`` environment of ``amsmath``: the torque of each joint, one base parameter a line. The theta of a dead zone is
+        the unit step.
 
     Raises
     ------

@@ -70,6 +70,28 @@ class Recovered:
     relative: Array
     rows: LawRows
 
+    def keys(self) -> tuple[tuple[str, ...], Array, Array]:
+        """Return the keys of ``[controller]`` with their factors and standard deviations, as `factors` and `sigmas`.
+
+        The terms of a cascade are kp kv, kv and kv/Ti; its keys are kp, kv and integral_time_s.
+        """
+        if self.rows.controller.kind != "cascade" or not {"kp", "kv"}.issubset(self.names):
+            return self.names, self.factors, self.sigmas
+        factors, sigmas = self.factors.copy(), self.sigmas.copy()
+        at = {name: k for k, name in enumerate(self.names)}
+        names = list(self.names)
+        size = np.where(self.factors == 0.0, np.finfo(float).tiny, np.abs(self.factors))
+        share = self.sigmas / size
+        for name, key in (("kp", "kp"), ("ki", "integral_time_s")):
+            if name not in at:
+                continue
+            k, v = at[name], at["kv"]
+            top, bottom = (k, v) if name == "kp" else (v, k)
+            factors[k] = self.factors[top] / np.copysign(size[bottom], self.factors[bottom])
+            sigmas[k] = np.abs(factors[k]) * np.hypot(share[k], share[v])
+            names[k] = key
+        return tuple(names), factors, sigmas
+
 
 def declared_loop(experiment: Experiment) -> bool:
     """Whether an experiment declares a real controller that follows a real reference."""
@@ -112,7 +134,9 @@ def recovered(experiment: Experiment) -> Recovered | None:
     return Recovered(rows.names, factors, sigmas, relative, rows)
 
 
-def loop_reasons(experiment: Experiment, x: Array | None = None) -> list[Reason]:
+def loop_reasons(
+    experiment: Experiment, x: Array | None = None, found: Recovered | None = None
+) -> list[Reason]:
     """Return a reason where the log contradicts the declared controller or reference.
 
     Parameters
@@ -121,8 +145,10 @@ def loop_reasons(experiment: Experiment, x: Array | None = None) -> list[Reason]
         With a reference and a controller.
     x : (n_parameters,) array, optional
         Standard parameters, for a torque that is fed forward along the reference.
+    found : Recovered, optional
+        The controller that the log shows, where it is known already.
     """
-    found = recovered(experiment)
+    found = recovered(experiment) if found is None else found
     if found is None:
         return []
     rows = found.rows
@@ -209,15 +235,14 @@ def _gains(found: Recovered, off: list[int]) -> Law:
     rows = found.rows
     torque = np.einsum("kj,krj->rj", found.factors, rows.columns()) + rows.reduced(rows.fed_forward())
     parts, joints = [], set()
-    for k, name in enumerate(found.names):
+    names, factors, sigmas = found.keys()
+    for k, name in enumerate(names):
         changed = [
-            joint
-            for joint in off
-            if abs(found.factors[k, joint] - 1.0) > max(GAIN, GAIN_SIGMAS * found.sigmas[k, joint])
+            joint for joint in off if abs(factors[k, joint] - 1.0) > max(GAIN, GAIN_SIGMAS * sigmas[k, joint])
         ]
         if changed:
             joints |= set(changed)
-            values = found.factors[k, changed]
+            values = factors[k, changed]
             low, high = f"{values.min():.3g}", f"{values.max():.3g}"
             parts.append(
                 f"{name} of {joints_text(changed)} is {low if low == high else f'{low} to {high}'} times the declared one"

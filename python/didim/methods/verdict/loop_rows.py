@@ -97,6 +97,7 @@ class LawRows:
         names = ("kp", "kv", "ki", "acceleration")
         self.names = tuple(name for k, name in enumerate(names) if laws[:, k].any())
         self._columns = [k for k in range(4) if laws[:, k].any()]
+        self._forward: list[Array] | None = None
 
     @property
     def declared_lag_s(self) -> float:
@@ -139,6 +140,8 @@ class LawRows:
 
     def fed_forward(self) -> list[Array]:
         """Torque that the declared controller feeds forward along each stretch, (n, n_dof)."""
+        if self._forward is not None:
+            return self._forward
         declared = self.controller.feedforward
         found = []
         for item in self.stretches:
@@ -148,6 +151,7 @@ class LawRows:
             rate, values = declared
             clock = np.arange(len(values)) / rate
             found.append(np.column_stack([np.interp(item.t, clock, column) for column in values.T]))
+        self._forward = found
         return found
 
     def law(

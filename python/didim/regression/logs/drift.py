@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..._tools.words import joints_text
 from ..fit import Fit
 from ..jackknife import Factors, intervals
 from ..linear_system import LinearSystem
@@ -178,14 +179,14 @@ def drifts(found: Sequence[Difference], names: Sequence[str]) -> list[Drift]:
         if not clear:
             continue
         worst = max(clear, key=lambda item: item.torque)
-        joints = sorted({item.joint + 1 for item in clear})
+        joints = sorted({item.joint for item in clear})
         what = "the offsets" if kind == "offset" else "the friction coefficients"
         told.append(
             Drift(
-                f"{what} of joint {', '.join(map(str, joints))} differ between recordings, most by {worst.value:.3g} +- "
+                f"{what} of {joints_text(joints)} differ between recordings, most by {worst.value:.3g} +- "
                 f"{worst.std:.2g} in {worst.parameter} of '{names[worst.recording]}'",
                 f'Give the recordings {key} = "own"',
-                tuple(joints),
+                tuple(joint + 1 for joint in joints),
                 worst.value,
             )
         )
