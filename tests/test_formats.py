@@ -19,6 +19,7 @@ from didim.cli.main import main
 from didim.formats import FORMATS, Result, latex_text, render
 from didim.model.reach import pose_lines
 from didim.result.table import PARAMETER_HEAD
+from several import arm_logs
 from test_cli import arm as arm_fixture
 from test_cli import identify_arm
 from test_compare import ARM
@@ -122,6 +123,33 @@ def test_csv_reads_back_equal() -> None:
             ("relative_std_percent", fit.relative_std_percent),
         ):
             np.testing.assert_array_equal([number(row[key]) for row in rows], values)
+
+
+def test_parameters_of_single_logs_are_in_every_format() -> None:
+    fit = didim.identify(
+        arm_logs([False, True, True], offsets={2: (0.3, -0.2)}, own=("offsets",), noise=(0.3, 0.2)),
+        didim.IDIMLS(),
+    )
+    found = fit.further
+    assert found is not None
+    rows = rows_of(render(fit, "csv"))[len(fit.names) :]
+    assert [row["name"] for row in rows] == list(found.names)
+    half = fit.interval_factor() * found.std
+    for key, values in (
+        ("value", found.values),
+        ("std", found.std),
+        ("low", found.values - half),
+        ("high", found.values + half),
+        ("std_white", found.std_white),
+    ):
+        np.testing.assert_array_equal([number(row[key]) for row in rows], values)
+    tables = pipe_tables(render(fit, "markdown"))
+    assert [[row[0] for row in table[1:]] for table in tables[1:-1]] == [
+        list(block.names) for block in found.blocks
+    ]
+    assert "payload 'disc', on the flange" in render(fit, "markdown")
+    latex = check_latex(render(fit, "latex"))
+    assert [row[0] for row in latex[-len(found.names) :]] == [latex_text(name) for name in found.names]
 
 
 def test_standard_deviations_that_nobody_knows_are_empty_and_not_zero() -> None:

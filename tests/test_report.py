@@ -35,6 +35,7 @@ from didim.report.page import Html, table
 from didim.result.status import Status
 from didim.studies.comparison import sentence
 from didim.studies.simulated_log import packaged_experiment
+from several import arm_logs
 from simulated import RATE_HZ
 from simulated import experiment as log_experiment
 from simulated import log as simulated_log
@@ -329,6 +330,25 @@ def test_recordings_held_out_are_shown() -> None:
     assert [row[0] for row in rows] == ["fit", "held out: other day"]
     assert float(rows[1][1]) == pytest.approx(100.0 * fit.held_out[0].relative_error[0], abs=1e-4)
     assert "on 'other day', which was kept out of the fit, " in page.text
+
+
+def test_payloads_and_own_offsets_are_shown_with_their_intervals() -> None:
+    experiment = arm_logs([False, True, True], offsets={2: (0.3, -0.2)}, own=("offsets",), noise=(0.3, 0.2))
+    fit = identify(experiment)
+    found = fit.further
+    assert found is not None
+    page = Page.of(report.render(fit, experiment))
+    tables = [rows for rows in page.tables if rows[0][0] == "parameter" and rows[1][0] in ("ZZ", "Off1")]
+    assert [[row[0] for row in rows[1:]] for rows in tables] == [list(block.names) for block in found.blocks]
+    (mass,) = (row for row in tables[0] if row[0] == "M")
+    std, value = found.std[found.names.index("disc.M")], found.by_name["disc.M"]
+    half = fit.interval_factor() * std
+    for cell, expected in zip(
+        (*mass[2:4], *mass[5:7]), (value, std, value - half, value + half), strict=True
+    ):
+        assert float(cell) == pytest.approx(expected, abs=0.1 * std)
+    assert "Payload 'disc', on the flange. Centre of mass: " in page.text
+    assert "Offsets of recording 'log 2', less those of 'log 1'." in page.text
 
 
 # The file and the command.

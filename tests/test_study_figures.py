@@ -112,6 +112,25 @@ def test_failures_are_counted_and_open_runs_judged() -> None:
     )
 
 
+def test_a_missing_sigma_is_neither_an_exact_estimate_nor_a_miss() -> None:
+    rng = np.random.default_rng(8)
+    runs = rows_of(300, rng, bias=1.0)
+    whole = figures_of("s", "m", runs, TRUTH, [])
+    # Half of the runs have no standard deviation of two of the parameters.
+    gaps = [
+        {**row, "std": [None, 0.0, *row["std"][2:]]} if number % 2 else row for number, row in enumerate(runs)
+    ]
+    found = figures_of("s", "m", gaps, TRUTH, [])
+    for figure in ("bias", "rms", "coverage"):
+        part, all_of_them = getattr(found, figure), getattr(whole, figure)
+        assert part.low < all_of_them.value < part.high, figure
+        assert part.value == pytest.approx(all_of_them.value, abs=0.06), figure
+    # A parameter that no run has a standard deviation of does not count at all.
+    never = figures_of("s", "m", [{**row, "std": [0.0, *row["std"][1:]]} for row in runs], TRUTH, [])
+    assert never.rms.value == pytest.approx(whole.rms.value, abs=0.06)
+    assert never.coverage.value == pytest.approx(whole.coverage.value, abs=0.04)
+
+
 def test_one_run_has_no_intervals() -> None:
     found = figures_of("s", "m", rows_of(1, RNG), TRUTH, [])
     assert all(np.isnan(item.low) for item in (found.bias, found.rms, found.coverage, found.torque_error))

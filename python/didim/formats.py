@@ -11,7 +11,9 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from ._tools.arrays import relative_percent
 from .errors import FitError
 from .monte_carlo.results import StudyResults
 from .monte_carlo.text import HEAD, NOTES, cells
@@ -95,38 +97,64 @@ def _identification(fit: Identification, form: str) -> str:
                 "role",
             )
         ]
-        values = zip(
-            fit.names,
-            fit.units,
-            fit.beta,
-            fit.roles,
-            fit.std,
-            fit.relative_std_percent,
-            *fit.confidence_interval(),
-            fit.std_white,
-            strict=True,
-        )
+        values = [
+            *zip(
+                fit.names,
+                fit.units,
+                fit.beta,
+                fit.roles,
+                fit.std,
+                fit.relative_std_percent,
+                *fit.confidence_interval(),
+                fit.std_white,
+                strict=True,
+            ),
+            *_further_values(fit),
+        ]
         for name, unit, value, role, *sigmas in values:
             silent = role == "estimated" and not known
             cells = [""] * len(sigmas) if silent else list(map(_exact, sigmas))
             rows.append((name, unit, _exact(value), *cells, role))
         return _csv(rows)
     head, *body = fit.parameter_rows()
-    grid = Grid((*head[:-1], "remark"), body, "llrrrrrrl")
+    columns = (*head[:-1], "remark")
+    further = [] if fit.further is None else fit.further.tables(fit.interval_factor())
     errors_head, *errors = fit.error_rows()
     title = f"{fit.name}: robot {fit.robot} by {fit.method}"
     notes = [*map(str, fit.verdict.reasons), fit.conclusion, fit.verdict.sentence]
     if form == "latex":
         lines = [" ".join(row) for row in (errors_head, *errors)]
-        return _latex(grid, [title, *lines, *notes])
+        # One tabular: the parameters of single logs have their owner in front.
+        names = [] if fit.further is None else fit.further.names
+        rest = [row for _, (_, *block) in further for row in block]
+        body += [(name, *row[1:]) for name, row in zip(names, rest, strict=True)]
+        titles = [line for above, _ in further for line in above]
+        return _latex(Grid(columns, body, "llrrrrrrl"), [title, *titles, *lines, *notes])
     return "\n\n".join(
         [
             _escaped(title),
-            _markdown(grid),
+            _markdown(Grid(columns, body, "llrrrrrrl")),
+            *(
+                part
+                for above, (_, *block) in further
+                for part in (*map(_escaped, above), _markdown(Grid(columns, block, "llrrrrrrl")))
+            ),
             _markdown(Grid(errors_head, errors, "l" + "r" * (len(errors_head) - 1))),
             *map(_escaped, notes),
         ]
     )
+
+
+def _further_values(fit: Identification) -> list[tuple[Any, ...]]:
+    """Name, unit, value, role and standard deviations of the parameters of single logs, as CSV has them."""
+    found = fit.further
+    if found is None:
+        return []
+    half = fit.interval_factor() * found.std
+    percents = relative_percent(found.std, found.values)
+    roles = ("estimated",) * len(found.values)
+    columns = (found.std, percents, found.values - half, found.values + half, found.std_white)
+    return list(zip(found.names, found.units, found.values, roles, *columns, strict=True))
 
 
 def _comparison(comparison: Comparison, form: str) -> str:

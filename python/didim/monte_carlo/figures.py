@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._tools.arrays import Array
 from ..result.status import Status
@@ -108,10 +107,11 @@ def figures_of(
     alike = [row for row in fits if len(row["beta"]) == len(known)]
     beta, std = (_numbers([row[key] for row in alike], len(known)) for key in ("beta", "std"))
     factor = _numbers([[row["factor"]] for row in alike], 1)
+    # A parameter without a standard deviation or without a true value is not judged: its z is NaN.
     z = np.divide(beta - known, std, out=np.full_like(beta, np.nan), where=std > 0.0)
-    z = z[:, np.isfinite(z).any(axis=0)]
-    judged = np.isfinite(z).any(axis=1)
-    z, within = np.nan_to_num(z[judged]), np.abs(z[judged]) <= factor[judged]
+    judged = np.isfinite(z)
+    z = z[judged.any(axis=1)][:, judged.any(axis=0)]
+    within = np.where(np.isfinite(z), np.abs(z) <= factor[judged.any(axis=1)], np.nan)
     off = np.linalg.norm(np.nan_to_num(beta - known), axis=1) / np.linalg.norm(np.nan_to_num(known))
     torque = _numbers([[row["torque_error"]] for row in fits], 1).ravel()
     return Figures(
@@ -149,46 +149,59 @@ def _bias(z: Array) -> Estimate:
     """Root mean square over parameters of the mean of z over runs, without the scatter of that mean: variance over runs."""
     if not len(z):
         return Estimate(NAN)
-    means, squares = z.mean(axis=0)[None], (z**2).mean(axis=0)[None]
-    raw, value = float(np.mean(means**2)), float(_squared_bias(means, squares, len(z))[0])
+    whole = np.ones((1, len(z))) / len(z)
+    raw, value = (float(squares[0]) for squares in _squared_bias(z, whole))
     if len(z) < 2:
         return Estimate(math.sqrt(max(0.0, value)))
     # A resampled mean scatters around the mean of these runs, and not around what that was freed of.
-    off = _squared_bias(*_resampled_means(z), len(z)) - raw
+    off = _squared_bias(z, _resampled(len(z)))[1] - raw
     low, high = value + np.quantile(off, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
     return Estimate(*(math.sqrt(max(0.0, square)) for square in (value, float(low), float(high))))
 
 
-def _squared_bias(means: Array, squares: Array, runs: int) -> Array:
-    """Mean square over parameters of the bias, from means of z and of z^2, (resamples, b) each."""
-    return np.asarray(np.mean(means**2 - (squares - means**2) / max(runs - 1, 1), axis=1))
+def _squared_bias(z: Array, weights: Array) -> tuple[Array, Array]:
+    """Mean square over parameters of the mean of z, and the same without the scatter of that mean, (resamples,) each.
+
+    A parameter that a resample lacks altogether does not count in it.
+    """
+    known = np.isfinite(z)
+    share = weights @ known
+    values = np.where(known, z, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        means, squares = weights @ values / share, weights @ values**2 / share
+    runs = np.maximum(known.sum(axis=0), 2)
+    return (
+        np.nanmean(means**2, axis=1),
+        np.nanmean(means**2 - (squares - means**2) / (runs - 1), axis=1),
+    )
 
 
 def _rms(z: Array) -> Estimate:
     """Root mean square of z over parameters and runs."""
     if not len(z):
         return Estimate(NAN)
-    value = math.sqrt(float(np.mean(z**2)))
+    known = np.isfinite(z)
+    squares, counts = np.where(known, z**2, 0.0).sum(axis=1), known.sum(axis=1)
+    value = math.sqrt(float(squares.sum() / counts.sum()))
     if len(z) < 2:
         return Estimate(value)
-    found = np.sqrt(np.mean(_resampled_means(z)[1], axis=1))
+    weights = _resampled(len(z))
+    found = np.sqrt(weights @ squares / (weights @ counts))
     low, high = np.quantile(found, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
     return Estimate(value, float(low), float(high))
 
 
-def _resampled_means(z: Array) -> tuple[Array, Array]:
-    """Means of z and z^2 over resampled runs, (resamples, b) each. The same rows give the same resamples, and the same report."""
-    runs = len(z)
+def _resampled(runs: int) -> Array:
+    """Weights of the runs in resamples of them, (resamples, runs). The same rows give the same resamples, and the same report."""
     chosen = np.random.default_rng(runs).integers(0, runs, (RESAMPLES, runs))
-    weights = np.stack([np.bincount(row, minlength=runs) for row in chosen]) / runs
-    return weights @ z, weights @ z**2
+    return np.stack([np.bincount(row, minlength=runs) for row in chosen]) / runs
 
 
-def _mean(shares: NDArray[np.bool_]) -> Estimate:
+def _mean(shares: Array) -> Estimate:
     """Return the mean over runs of the share of parameters: the parameters of one run are correlated, and the runs are not."""
     if not shares.size:
         return Estimate(NAN)
-    per_run = shares.mean(axis=1)
+    per_run = np.nanmean(shares, axis=1)
     value = float(per_run.mean())
     if len(per_run) < 2:
         return Estimate(value)

@@ -40,6 +40,7 @@ def fit_page(fit: Identification, experiment: Experiment) -> str:
         verdict(level, badge, sentence, tiles(fit), findings),
         torque_section(fit, experiment, predictions),
         parameter_section(fit, experiment),
+        further_section(fit),
         _residual_section(fit, experiment, predictions),
         _friction_section(fit, experiment),
         _correlation_section(fit),
@@ -219,6 +220,25 @@ def parameter_section(fit: Identification, experiment: Experiment) -> Html:
             details("What the base parameters are made of", table(["parameter", "sum"], lines, classes=wide))
         )
     return section("Parameters", *content)
+
+
+def further_section(fit: Identification) -> Html:
+    """Show the parameters of single logs: payloads, own offsets and friction, drive gains."""
+    if fit.further is None or not fit.further.blocks:
+        return Html("")
+    content = []
+    for (title, *notes), (head, *rows) in fit.further.tables(fit.interval_factor()):
+        last = len(head) - 1
+        shown = aligned_rows([row[:last] for row in rows], 2)
+        marked = [[*cells, row[last].replace("*", "weak")] for cells, row in zip(shown, rows, strict=True)]
+        content += [
+            paragraph(
+                ". ".join([title[0].upper() + title[1:], *(note[0].upper() + note[1:] for note in notes)])
+                + "."
+            ),
+            table(list(head), marked, numbers=tuple(range(2, last))),
+        ]
+    return section("Parameters of single logs", *content)
 
 
 def _residual_section(fit: Identification, experiment: Experiment, predictions: Sequence[Prediction]) -> Html:

@@ -122,12 +122,14 @@ class Further(Pickled):
         chosen = columns[:, [names.index(item) for item in kept[0].names]] if kept else columns[:, :0]
         return known + chosen @ self.values[part], chosen @ self.covariance_of(part) @ chosen.T
 
-    def lines(self, factor: float) -> list[str]:
-        """Return the lines of a printed result, intervals half as wide as `factor` standard deviations."""
+    def tables(self, factor: float) -> list[tuple[list[str], list[tuple[str, ...]]]]:
+        """Return the lines above each block and the cells of its table, intervals half as wide as `factor` standard deviations.
+
+        The cells are those of `didim.result.table.parameter_rows`, heading included.
+        """
         found = []
         for block in self.blocks:
             part = self.part(block.kind, block.owner)
-            found += ["", *self._titles(block)]
             values, std, white = self.values[part], self.std[part], self.std_white[part]
             ratio = np.divide(std, white, out=np.full_like(std, np.nan), where=white > 0.0)
             rows = parameter_rows(
@@ -141,8 +143,14 @@ class Further(Pickled):
                 ratio,
                 {},
             )
-            found += parameter_lines(rows)
+            found.append((self._titles(block), rows))
         return found
+
+    def lines(self, factor: float) -> list[str]:
+        """Return the lines of a printed result, intervals half as wide as `factor` standard deviations."""
+        return [
+            line for titles, rows in self.tables(factor) for line in ("", *titles, *parameter_lines(rows))
+        ]
 
     def _titles(self, block: ColumnBlock) -> list[str]:
         title = TITLES[block.kind].format(owner=block.owner)

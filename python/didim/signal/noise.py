@@ -142,24 +142,32 @@ def row_noise(signal: SignalProcessing, rate_hz: float) -> tuple[float, float, f
     -----
     The power of filtered white noise is the mean of the squared gain over the circle. ``test_signals.py`` filters noise.
     """
-    total = math.prod(signal.decimation)
+    return _row_noise(signal.decimation, signal.cutoff_hz, signal.order, rate_hz)
+
+
+@lru_cache(maxsize=64)
+def _row_noise(
+    factors: tuple[int, ...], cutoff_hz: float | None, order: int, rate_hz: float
+) -> tuple[float, float, float, float]:
+    """Factors of `row_noise`: maximum likelihood asks for them in every iteration, and the spectra are long."""
+    total = math.prod(factors)
     if total > LARGEST_DECIMATION:
         raise SignalError(f"a decimation by {total} in all is too large, {LARGEST_DECIMATION} is possible")
     size = _CIRCLE * total
     power = np.ones(size)
     before = 1
-    for factor in signal.decimation:
+    for factor in factors:
         # A later stage sees the circle of its own rate, which repeats on that of the log.
         power *= np.tile(_squared_gain(factor, size // before) ** 2, before)
         before *= factor
     angle = 2.0 * np.pi * np.arange(size) / size
     motion = power.copy()
-    if signal.cutoff_hz is not None:
+    if cutoff_hz is not None:
         half = np.minimum(angle, 2.0 * np.pi - angle) / 2.0
         with np.errstate(over="ignore"):  # towards half the rate, where the gain vanishes
-            warped = np.tan(half) / math.tan(np.pi * signal.cutoff_hz / rate_hz)
+            warped = np.tan(half) / math.tan(np.pi * cutoff_hz / rate_hz)
             # Forward and backward: the squared gain of one pass is the gain of both.
-            motion /= (1.0 + warped ** (2 * signal.order)) ** 2
+            motion /= (1.0 + warped ** (2 * order)) ** 2
     slope = (np.sin(angle) * rate_hz) ** 2
     return (
         math.sqrt(power.mean()),
