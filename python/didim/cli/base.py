@@ -12,6 +12,7 @@ from .options import (
     formatted,
     tell,
 )
+from .outputs import Saved
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -23,7 +24,8 @@ def add(commands: Commands) -> None:
         commands,
         "base",
         run,
-        "list base parameters and their groupings, pose at q = 0 and reach",
+        "list the base parameters of a robot, their groupings, its pose at q = 0 and its reach",
+        ("didim base tx40", "didim base arm.urdf --format latex"),
     )
     parser.add_argument(
         "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
@@ -38,10 +40,11 @@ def run(options: argparse.Namespace) -> int:
     robot = load_robot(options.robot)
     tell(robot.notes)
     base = robot.base_parameters
+    saved = Saved()
     if options.format == "text":
         from ..model.reach import pose_lines
 
-        print("\n".join([f"{robot.name}: {base}", "", *pose_lines(robot)]))
+        saved.show("\n".join([f"{robot.name}: {base}", "", *pose_lines(robot)]))
     else:
-        print(formatted(base, options.format))
-    return CONVERGED
+        saved.show(formatted(base, options.format), exact=True)
+    return saved.code(CONVERGED)

@@ -21,13 +21,17 @@ if TYPE_CHECKING:
 def add(commands: Commands) -> None:
     """Add the command and its options."""
     parser = add_command(
-        commands, "check", run, "look at a log before it is fitted: exit code 1 when something is found"
+        commands,
+        "check",
+        run,
+        "look for errors of a log before it is fitted; exit code 1 when something is found",
+        ("didim check log.toml", "didim check log.toml --parameters fit.json --json findings.json"),
     )
     add_experiment(parser)
     parser.add_argument(
         "--parameters",
         metavar="FILE|NAME",
-        help="known parameters, which check the scale of each joint: result of an identification (.json) or its parameters "
+        help="known parameters, to check the scale of each joint: result of an identification (.json) or its parameters "
         "(.toml, .npz), or a parameter set of the robot file",
     )
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the findings as JSON")

@@ -32,7 +32,12 @@ def add(commands: Commands) -> None:
         commands,
         "compare",
         run,
-        "the paper's experiment: all methods on a simulated log, beside the truth",
+        "compare all methods with the truth on a simulated log: the paper's experiment",
+        (
+            "didim compare",
+            "didim compare --nelder-mead none --json out.json",
+            "didim compare --experiment log.toml --contrast",
+        ),
     )
     what = parser.add_mutually_exclusive_group()
     what.add_argument(
@@ -45,37 +50,41 @@ def add(commands: Commands) -> None:
         help="experiment of your own instead, with a [reference]",
     )
     add_data(parser)
-    parser.add_argument(
+    log = parser.add_argument_group("simulated log")
+    log.add_argument(
         "--parameters",
         metavar="NAME",
         default="didim",
         help="parameter set of the robot: the truth (default: %(default)s)",
     )
-    parser.add_argument("--seed", type=int, help="seed of the noise")
-    parser.add_argument(
+    log.add_argument("--seed", type=int, metavar="N", help="seed of the noise")
+    log.add_argument("--no-noise", action="store_true", help="simulate a log without noise")
+    method = parser.add_argument_group("methods")
+    method.add_argument(
         "--nelder-mead",
         choices=("short", "full", "none"),
         default="short",
-        help="the simplex of CLOE: a thousand iterations, as many as the paper's recipe allows (minutes to hours), or not at all",
+        help="the simplex of CLOE: a thousand iterations (short, the default), as many as the paper's recipe allows (full, "
+        "minutes to hours), or not at all",
     )
-    parser.add_argument(
+    method.add_argument(
         "--variant",
         choices=("adaptive", "scaled", "literal"),
         action="append",
-        help="of the simplex (default: adaptive); give it twice to see two beside each other",
+        help="variant of the simplex (default: adaptive); give it twice to compare two",
     )
-    add_regression(parser)
-    parser.add_argument("--no-noise", action="store_true", help="a log without noise")
-    parser.add_argument(
+    method.add_argument(
         "--contrast",
         action="store_true",
-        help="IDIM-LS, IDIM-IV and DIDIM alone, on the log of the experiment if it has one: whether the filter is wrong, or the "
-        "controller",
+        help="only IDIM-LS, IDIM-IV and DIDIM, on the log of the experiment if it has one: their differences tell a wrong filter "
+        "from a wrong controller",
     )
-    parser.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
-    add_format(parser)
-    add_report(parser)
-    parser.add_argument("--quiet", action="store_true", help="print nothing on stderr")
+    add_regression(method)
+    files = parser.add_argument_group("files and printing")
+    files.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
+    add_report(files)
+    add_format(files)
+    files.add_argument("--quiet", action="store_true", help="print nothing on stderr")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -117,7 +126,7 @@ def run(options: argparse.Namespace) -> int:
         from ..report import write
 
         saved.save(options.report, lambda path: write(path, comparison))
-    saved.show(formatted(comparison, options.format))
+    saved.show(formatted(comparison, options.format), exact=options.format != "text")
     if any(fit.status.name == "INTERRUPTED" for fit in comparison.fits.values()):
         return INTERRUPTED
     code = exit_code(comparison.fits["didim"]) if "didim" in comparison.fits else NOT_CONVERGED

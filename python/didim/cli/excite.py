@@ -23,7 +23,14 @@ PROGRESS_S = 1.0
 def add(commands: Commands) -> None:
     """Add the command and its options."""
     parser = add_command(
-        commands, "excite", run, "design the motion that identifies a robot best within its limits"
+        commands,
+        "excite",
+        run,
+        "design the motion that identifies a robot best within its limits",
+        (
+            "didim excite ur5e -o motion.csv",
+            "didim excite arm.toml excite.toml -o motion.script --report motion.html",
+        ),
     )
     parser.add_argument(
         "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
@@ -33,7 +40,7 @@ def add(commands: Commands) -> None:
         metavar="EXCITE.toml",
         type=Path,
         nargs="?",
-        help="what is asked for (default: ten seconds)",
+        help="settings of the design (default: ten seconds, all parameters)",
     )
     parser.add_argument(
         "-o",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from .options import CONVERGED, add_command, refuse, tell
 from .outputs import Saved, check_outputs
+from .terminal.width import fitted
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -20,7 +21,12 @@ def add(commands: Commands) -> None:
         commands,
         "export",
         run,
-        "write identified parameters into the user's URDF, or as MJCF, SDF, C or LaTeX",
+        "write identified parameters into your URDF, or as MJCF, SDF, C or LaTeX",
+        (
+            "didim export fit.json --urdf arm.urdf -o new.urdf",
+            "didim export fit.json --mjcf -o arm.xml",
+            "didim export fit.json --c --prefix arm_ -o arm.h",
+        ),
     )
     parser.add_argument("fit", metavar="FIT.json", type=Path, nargs="?", help="result of an identification")
     parser.add_argument(
@@ -108,7 +114,7 @@ def _written(path: Path | None, content: bytes, report: str = "") -> int:
     if path is None:
         sys.stdout.buffer.write(content)
         if report:
-            print(report, file=sys.stderr)
+            print(fitted(report), file=sys.stderr)
         return CONVERGED
     saved = Saved()
     saved.save(path, lambda path: write_atomically(path, content))

@@ -27,17 +27,22 @@ if TYPE_CHECKING:
 
 def add(commands: Commands) -> None:
     """Add the command and its options."""
-    parser = add_command(commands, "identify", run, "identify the parameters of a robot from an experiment")
+    parser = add_command(
+        commands, "identify", run, "identify the parameters of a robot from an experiment", EXAMPLES
+    )
     add_experiment(parser)
-    parser.add_argument("--method", default="idim-ls", help="method of identification (default: %(default)s)")
-    parser.add_argument(
+    method = parser.add_argument_group("method")
+    method.add_argument(
+        "--method", metavar="NAME", default="idim-ls", help="one of `didim methods` (default: %(default)s)"
+    )
+    method.add_argument(
         "--start",
         metavar="NAME",
         help="initial parameters of didim, idim-iv and cloe: consistent, prior, unit, idim-ls, a set of the robot file, or a "
         "file of parameters",
     )
-    add_regression(parser)
-    physical = parser.add_mutually_exclusive_group()
+    add_regression(method)
+    physical = method.add_mutually_exclusive_group()
     physical.add_argument(
         "--physical",
         action="store_true",
@@ -50,44 +55,57 @@ def add(commands: Commands) -> None:
         dest="physical",
         help="solve without these conditions, as in the paper (default of the other methods)",
     )
-    parser.add_argument(
+    cloe = parser.add_argument_group("method cloe")
+    cloe.add_argument(
         "--optimizer",
         choices=("levenberg-marquardt", "nelder-mead"),
-        help="of cloe (default: levenberg-marquardt)",
+        help="optimizer of the search (default: levenberg-marquardt)",
     )
-    parser.add_argument(
-        "--output", choices=("position", "torque", "both"), help="what cloe compares (default: position)"
+    cloe.add_argument(
+        "--output",
+        choices=("position", "torque", "both"),
+        help="signals that are compared (default: position)",
     )
-    parser.add_argument(
+    cloe.add_argument(
         "--variant",
         choices=("adaptive", "scaled", "literal"),
-        help="of cloe's simplex (default: adaptive); literal: as fminsearch has it",
+        help="variant of the simplex (default: adaptive); literal: as fminsearch has it",
     )
-    parser.add_argument(
+    cloe.add_argument(
         "--starts",
         type=int,
         metavar="N",
-        help="of cloe: search from N points, and say how many reached the best optimum",
+        help="search from N points, and report how many reached the best optimum",
     )
-    parser.add_argument(
+    cloe.add_argument(
         "--checkpoint",
         metavar="FILE.npz",
         type=Path,
-        help="of cloe: save the search to a file as it goes on, and continue it from there",
+        help="save the search to a file while it runs, and resume it from there",
     )
-    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the result as JSON")
-    parser.add_argument(
+    files = parser.add_argument_group("files")
+    files.add_argument("--json", metavar="FILE", type=Path, help="also write the result as JSON")
+    files.add_argument(
         "--save-parameters",
         metavar="FILE.toml|FILE.npz",
         type=Path,
         help="also write the parameters: as a set for a robot file, or as arrays with their covariance",
     )
-    add_format(parser)
-    add_report(parser)
-    add_strict(parser)
-    loudness = parser.add_mutually_exclusive_group()
-    loudness.add_argument("--quiet", action="store_true", help="print no table")
-    loudness.add_argument("--verbose", action="store_true", help="print progress on stderr")
+    add_report(files)
+    printed = parser.add_argument_group("printing")
+    add_format(printed)
+    add_strict(printed)
+    loudness = printed.add_mutually_exclusive_group()
+    loudness.add_argument("--quiet", action="store_true", help="print no table and no progress")
+    loudness.add_argument("--verbose", action="store_true", help="print every iteration on stderr")
+
+
+EXAMPLES = (
+    "didim identify log.toml",
+    "didim identify log.toml --method didim --json fit.json --report fit.html",
+    "didim identify log.toml --physical --save-parameters found.toml",
+)
+"""Examples of the help."""
 
 
 CHOICES = (
@@ -136,5 +154,5 @@ def run(options: argparse.Namespace) -> int:
         saved.save(options.report, lambda path: write(path, fit, experiment))
     if not options.quiet or saved.failed:
         verdict = fit.verdict if options.format == "text" else None
-        saved.show(formatted(fit, options.format), verdict)
+        saved.show(formatted(fit, options.format), verdict, exact=options.format != "text")
     return saved.code(exit_code(fit, strict=options.strict))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ from .options import (
     tell,
 )
 from .outputs import Saved
+from .terminal.messages import message
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 def add(commands: Commands) -> None:
     """Add the command and its options."""
-    parser = add_command(commands, "init", run, "write a first experiment file for a log, to be confirmed")
+    parser = add_command(
+        commands, "init", run, "write a first experiment file for a log, to be confirmed", EXAMPLES
+    )
     parser.add_argument(
         "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
     )
@@ -48,7 +50,7 @@ def add(commands: Commands) -> None:
         metavar="KIND=COLUMNS",
         action="append",
         default=[],
-        help="columns of a signal where their names do not tell: --columns position=2-7 --columns current=14-19; kinds are time, "
+        help="columns of a signal whose names do not say it: --columns position=2-7 --columns current=14-19; kinds are time, "
         "position, velocity, torque, current, voltage, reference",
     )
     parser.add_argument(
@@ -57,16 +59,24 @@ def add(commands: Commands) -> None:
         type=float,
         nargs="+",
         default=[],
-        help="drive gains, N.m or N per A or V: one, or one for each joint",
+        help="drive gains, N.m or N per A or V: one for all joints, or one for each",
     )
     parser.add_argument(
         "--values-per-sample",
         metavar="N",
         type=int,
-        help="of a text with one value a line: values of a sample",
+        help="values in each sample, for a text with one value a line",
     )
-    parser.add_argument("--topic", metavar="TOPIC", help="of a ROS bag with several")
+    parser.add_argument("--topic", metavar="TOPIC", help="topic of joint states, for a ROS bag with several")
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+
+
+EXAMPLES = (
+    "didim init ur5e log.csv",
+    "didim init arm.urdf log1.csv log2.csv -o logs.toml",
+    "didim init ur10e free.csv --columns current=14-19 --gain 14.87 13.26 11.13 10.62 11.03 11.47",
+)
+"""Examples of the help."""
 
 
 def run(options: argparse.Namespace) -> int:
@@ -97,7 +107,7 @@ def run(options: argparse.Namespace) -> int:
         print(f"{path}: written")
     tell(draft.notes)
     for sentence in draft.read:
-        print(f"- {sentence}")
+        saved.show(f"- {sentence}")
     for question in draft.questions:
-        print(f"didim: open: {question}", file=sys.stderr)
+        message(question, "open")
     return saved.code(NOT_CONVERGED if draft.questions else CONVERGED)

@@ -8,6 +8,9 @@ import json
 from typing import TYPE_CHECKING
 
 from .options import CONVERGED, add_command, refuse
+from .outputs import Saved
+from .terminal.color import BOLD, painted
+from .terminal.width import columns
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -17,12 +20,19 @@ def add(commands: Commands) -> None:
     """Add the commands and their options."""
     add_command(commands, "robots", robots, "list the packaged robots")
     add_command(commands, "methods", methods, "list the methods of identification")
-    parser = add_command(commands, "schema", schema, "print every key of robot and experiment files")
+    parser = add_command(
+        commands,
+        "schema",
+        schema,
+        "print every key of robot and experiment files",
+        ("didim schema robot", "didim schema experiment --json > didim.schema.json"),
+    )
     parser.add_argument(
         "file",
+        metavar="FILE",
         choices=("robot", "experiment"),
         nargs="?",
-        help="kind of file (default: both, one after the other)",
+        help="robot or experiment (default: both, one after the other)",
     )
     parser.add_argument(
         "--json",
@@ -37,14 +47,23 @@ def robots(_: argparse.Namespace) -> int:
 
     found = packaged_robots()
     width = max(len(name) for name in found)
-    print(f"{'robot':{width}}  joints  base parameters  description")
+    lines = [f"{'robot':{width}}  joints  base parameters  description"]
     for name, robot in found.items():
         sets = f"; sets {', '.join(robot.sets)}" if robot.sets else ""
-        print(
+        lines.append(
             f"{name:{width}}  {robot.n_dof:6}  {len(robot.base_parameters.names):15}  {robot.description}{sets}"
         )
-    print("\ndidim robot NAME prints the rows of one; any robot file or URDF serves as well as a name.")
-    return CONVERGED
+    saved = Saved()
+    saved.show(
+        "\n".join(
+            [
+                *lines,
+                "",
+                "`didim robot NAME` prints the rows of one. A robot file or a URDF can take the place of a name.",
+            ]
+        )
+    )
+    return saved.code(CONVERGED)
 
 
 def methods(_: argparse.Namespace) -> int:
@@ -52,26 +71,49 @@ def methods(_: argparse.Namespace) -> int:
     from ..methods.identify import METHODS, method_class
 
     width = max(len(name) for name in METHODS)
+    lines = []
     for name in METHODS:
         made = method_class(name)
         # A method from outside the package may have no summary.
         text = getattr(made, "summary", (inspect.getdoc(made) or "").partition("\n")[0])
-        print(f"{name:{width}}  {text}")
-    print("\ndidim identify EXPERIMENT.toml --method NAME runs one.")
-    return CONVERGED
+        lines.append(f"{name:{width}}  {text}")
+    saved = Saved()
+    saved.show("\n".join([*lines, "", "`didim identify EXPERIMENT.toml --method NAME` runs one."]))
+    return saved.code(CONVERGED)
 
 
 def schema(options: argparse.Namespace) -> int:
     """Run ``didim schema``."""
     from ..experiment.schema import FILES, json_schema, page
 
+    saved = Saved()
+    files = [file for file in FILES if options.file in (None, file)]
     if options.json:
         if options.file is None:
             return refuse("--json needs the kind of file: didim schema experiment --json")
-        print(json.dumps(json_schema(options.file), indent=2, ensure_ascii=False))
-        return CONVERGED
-    print(
-        "\n".join(f"## The {file} file\n\n{page(file)}" for file in FILES if options.file in (None, file)),
-        end="",
-    )
-    return CONVERGED
+        saved.show(json.dumps(json_schema(options.file), indent=2, ensure_ascii=False), exact=True)
+    elif columns() is None:
+        saved.show(
+            "\n".join(f"## The {file} file\n\n{page(file)}" for file in files).rstrip("\n"), exact=True
+        )
+    else:
+        saved.show("\n\n".join(_listed(file) for file in files))
+    return saved.code(CONVERGED)
+
+
+def _listed(file: str) -> str:
+    """Return the keys of one kind of file as a list, for a terminal that is too narrow for the tables of the page."""
+    from ..experiment.schema import cells, entries
+
+    lines = [painted(f"The {file} file", BOLD)]
+    path = None
+    for entry in entries(file):
+        if entry.path != path:
+            path = entry.path
+            lines += ["", painted(f"[{path}]" if path else "at the top", BOLD)]
+        key, kind, default, meaning, _ = (cell.replace("`", "") for cell in cells(entry))
+        given = default if default == "required" else f"default {default}"
+        lines += [f"{key}: {kind}{'' if default == '-' else f', {given}'}", f"  {meaning}"]
+        if entry.example:
+            lines.append(f"  {entry.example}")
+    return "\n".join(lines)

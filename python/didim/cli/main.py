@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 from .._tools.threads import core_threads
 from .._tools.version import __version__
-from .._tools.words import printable
 from ..errors import DidimError, RobotWarning
 from .base import add as add_base
 from .check import add as add_check
@@ -28,10 +27,13 @@ from .init import add as add_init
 from .lists import add as add_lists
 from .loads.payload import add as add_payload
 from .loads.residual import add as add_residual
-from .options import CONVERGED, INTERRUPTED, Parser, refuse
+from .options import CONVERGED, INTERRUPTED, refuse
 from .robot import add as add_robot
 from .simulate import add as add_simulate
 from .studies.study import add as add_study
+from .terminal.completion import add as add_completion
+from .terminal.guide import MainParser, Parser, examples
+from .terminal.messages import message as tell_user
 from .validate import add as add_validate
 
 if TYPE_CHECKING:
@@ -68,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return CONVERGED
     except KeyboardInterrupt:
-        print("didim: interrupted", file=sys.stderr)
+        tell_user("interrupted")
         return INTERRUPTED
     except DidimError as error:
         return refuse(str(error))
@@ -82,14 +84,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Print a warning as one line, without the place in the code."""
-    print(f"didim: warning: {printable(' '.join(str(message).split()))}", file=sys.stderr)
+    """Print a warning without the place in the code."""
+    tell_user(str(message), "warning")
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="didim", description="Identify the dynamic parameters of robots.")
+    parser = MainParser(
+        prog="didim",
+        description="Identify masses, inertias and friction of a robot arm from a log of its motion and torques.",
+        epilog=examples(EXAMPLES),
+    )
     parser.add_argument("--version", action="version", version=f"didim {__version__}")
-    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
     for add in COMMANDS:
         add(commands)
     return parser
@@ -110,4 +116,13 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_export,
     add_base,
     add_lists,
+    add_completion,
 )
+
+EXAMPLES = (
+    "didim compare                             the paper's experiment, simulated",
+    "didim init ur5e log.csv                   a first experiment file, log.toml",
+    "didim identify log.toml --json fit.json   parameters, sigma, verdict",
+    "didim export fit.json --urdf arm.urdf -o new.urdf",
+)
+"""Examples of the help."""

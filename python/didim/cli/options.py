@@ -3,58 +3,79 @@
 from __future__ import annotations
 
 import argparse
-import os
-import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 from .._tools.words import printable
+from .terminal.color import VERDICTS, painted
+from .terminal.guide import Formatter
+from .terminal.guide import examples as examples_text
+from .terminal.messages import message
+from .terminal.width import fitted
 
 if TYPE_CHECKING:
     from ..formats import Result
     from ..result.identification import Identification
     from ..result.verdict import Verdict
+    from .terminal.guide import Parser
 
     # The type of what add_subparsers() returns has no public name.
-    Commands = argparse._SubParsersAction["Parser"]
+    Commands = argparse._SubParsersAction[Parser]
+    Options = argparse.ArgumentParser | argparse._ArgumentGroup
 
 CONVERGED, NOT_CONVERGED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit codes."""
-
-
-class Parser(argparse.ArgumentParser):
-    """Parser whose errors are one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Leave with one line."""
-        self.exit(WRONG_INPUT, f"didim: {message}; see `{self.prog} --help`\n")
 
 
 LONGEST_MESSAGE = 1000
 """Characters: a wrong value may be a text or a list of any length."""
 
 
-def refuse(message: str) -> int:
+def refuse(text: str) -> int:
     """Print one line on stderr, and return the exit code of wrong input."""
-    line = printable(" ".join(message.split()))
+    line = printable(" ".join(text.split()))
     if len(line) > LONGEST_MESSAGE:
         line = f"{line[: LONGEST_MESSAGE - 300]} [...] {line[-200:]}"
-    print(f"didim: {line}", file=sys.stderr)
+    message(line)
     return WRONG_INPUT
 
 
 def tell(notes: Iterable[str]) -> None:
     """Print on stderr what reading a file changed, a line each."""
     for note in notes:
-        print(f"didim: note: {printable(note)}", file=sys.stderr)
+        message(note, "note")
 
 
 def add_command(
-    commands: Commands, name: str, run: Callable[[argparse.Namespace], int], help_text: str
+    commands: Commands,
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    help_text: str,
+    examples: Sequence[str] = (),
 ) -> argparse.ArgumentParser:
-    """Add the parser of a command, and the function that runs it."""
-    parser = commands.add_parser(name, help=help_text, description=help_text)
+    """Add the parser of a command, and the function that runs it.
+
+    Parameters
+    ----------
+    commands
+        Commands of the main parser.
+    name : str
+        Name of the command.
+    run : callable
+        Takes the options, returns the exit code.
+    help_text : str
+        Says what the command does, without a full stop.
+    examples : sequence of str
+        Command lines that the help shows below the options.
+    """
+    parser = commands.add_parser(
+        name,
+        help=help_text,
+        description=f"{help_text[:1].upper()}{help_text[1:]}.",
+        epilog=examples_text(examples) if examples else None,
+        formatter_class=Formatter,
+    )
     parser.set_defaults(run=run)
     return parser
 
@@ -75,7 +96,7 @@ def add_data(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_report(parser: argparse.ArgumentParser) -> None:
+def add_report(parser: Options) -> None:
     """Add ``--report``."""
     parser.add_argument(
         "--report",
@@ -93,28 +114,28 @@ def check_report(options: argparse.Namespace) -> None:
         check(options.report)
 
 
-def add_regression(parser: argparse.ArgumentParser) -> None:
+def add_regression(parser: Options) -> None:
     """Add ``--uncertainty`` and ``--solver``, settings that several methods share."""
     parser.add_argument(
         "--uncertainty",
         choices=("jackknife", "decimated", "white"),
-        help="where standard deviations come from (default: that of the experiment file, the jackknife)",
+        help="source of the standard deviations (default: that of the experiment file, else the jackknife)",
     )
     parser.add_argument(
         "--solver",
         metavar="NAME",
-        help="how idim-ls and didim solve the linear system: least-squares, huber, bisquare, total, ridge or consistent "
-        "(default: least-squares, of didim consistent)",
+        help="solver of the linear system in idim-ls and didim: least-squares, huber, bisquare, total, ridge or consistent "
+        "(default: least-squares; consistent for didim)",
     )
 
 
-def add_format(parser: argparse.ArgumentParser) -> None:
+def add_format(parser: Options) -> None:
     """Add ``--format``."""
     parser.add_argument(
         "--format",
         choices=("text", "markdown", "latex", "csv"),
         default="text",
-        help="of what is printed (default: %(default)s)",
+        help="format of the printed table (default: %(default)s)",
     )
 
 
@@ -127,7 +148,7 @@ def formatted(result: Result, form: str) -> str:
     return render(result, form)
 
 
-def add_strict(parser: argparse.ArgumentParser) -> None:
+def add_strict(parser: Options) -> None:
     """Add ``--strict``."""
     parser.add_argument(
         "--strict",
@@ -147,13 +168,9 @@ def exit_code(fit: Identification, *, strict: bool = False) -> int:
     return CONVERGED if fit.status.converged and fit.verdict.state not in refused else NOT_CONVERGED
 
 
-COLORS = {"sound": "32", "doubtful": "33", "wrong": "31"}
-"""Colours of a terminal by verdict: green, yellow and red."""
-
-
-def colored(text: str, verdict: Verdict) -> str:
-    """Return a text whose last line, the verdict, has its colour on a terminal; as it is elsewhere, or with NO_COLOR set."""
-    if not sys.stdout.isatty() or os.environ.get("NO_COLOR"):
-        return text
-    body, line, last = text.rpartition("\n")
-    return f"{body}{line}\033[1;{COLORS[verdict.state.value]}m{last}\033[0m"
+def shown(text: str, verdict: Verdict | None = None) -> str:
+    """Return a text as a terminal shows it: in its width, and the verdict, which ends it, in its colour."""
+    body, line, last = text.rpartition("\nVerdict: ")
+    if verdict is None or not line:
+        return fitted(text)
+    return f"{fitted(body)}\n{painted(fitted(line[1:] + last), VERDICTS[verdict.state.value])}"

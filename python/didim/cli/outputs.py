@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from .._tools.files import check_output, write_atomically, write_elsewhere
 from .._tools.words import printable
-from .options import NOT_CONVERGED, colored
+from .options import NOT_CONVERGED, shown
+from .terminal.messages import message
 
 if TYPE_CHECKING:
     from ..result.verdict import Verdict
@@ -60,11 +61,10 @@ class Saved:
         except OSError as error:
             self._elsewhere(path, write, error)
 
-    def show(self, text: str, verdict: Verdict | None = None) -> None:
-        """Print the result on stdout; on a terminal the last line has the colour of a verdict."""
+    def show(self, text: str, verdict: Verdict | None = None, *, exact: bool = False) -> None:
+        """Print the result on stdout, in the width of a terminal unless `exact`; its verdict is in colour there."""
         try:
-            shown = printable(text)
-            print(shown if verdict is None else colored(shown, verdict))
+            print(printable(text) if exact else shown(printable(text), verdict))
             sys.stdout.flush()
         except BrokenPipeError:
             raise
@@ -87,4 +87,4 @@ class Saved:
             f"the content is in '{place}' instead" if place else "it could not be written elsewhere either"
         )
         reason = error.strerror or str(error)
-        print(f"didim: {printable(what or str(path))}: {reason}; {ending}", file=sys.stderr)
+        message(f"{what or path}: {reason}; {ending}")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .options import CONVERGED, add_command, refuse, tell
 from .outputs import Saved, check_outputs
+from .terminal.messages import message
 
 if TYPE_CHECKING:
     from ..robot.robot import Robot
@@ -22,19 +22,24 @@ def add(commands: Commands) -> None:
         commands,
         "robot",
         run,
-        "say how the frames of a robot correspond to those of its maker, and make a robot file of a URDF",
+        "print the rows and frames of a robot, or make a robot file of a URDF",
+        (
+            "didim robot ur5e",
+            "didim robot arm.urdf -o arm.toml",
+            "didim robot arm.urdf --tip tool0 --lock finger_joint=0.02",
+        ),
     )
     parser.add_argument(
         "robot",
         metavar="ROBOT",
-        help="a URDF; or name of a packaged robot, or path of a robot file, whose rows and frames are printed",
+        help="URDF, robot file, or name of a packaged robot",
     )
     parser.add_argument(
         "-o",
         "--output",
         metavar="ARM.toml",
         type=Path,
-        help="robot file (default: only say what it would be)",
+        help="robot file to write (default: only describe it)",
     )
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
     parser.add_argument(
@@ -46,7 +51,7 @@ def add(commands: Commands) -> None:
         metavar="JOINT=VALUE",
         action="append",
         default=[],
-        help="a joint that stands still, and where (rad or m); may be given several times",
+        help="keep a joint still at a position (rad or m); may be given several times",
     )
     parser.add_argument(
         "--gravity",
@@ -98,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
         snap=SNAP if options.snap is None else options.snap,
     )
     if reading.suspicion is not None and options.snap is None:
-        print(f"didim: warning: {reading.suspicion}", file=sys.stderr)
+        message(reading.suspicion, "warning")
     tell(reading.robot.notes)
     saved = Saved()
     if options.output is not None:
@@ -120,5 +125,5 @@ def _described(options: argparse.Namespace, rows_and_frames: Callable[[Robot], s
         return refuse(f"--lock is for a URDF, and {options.robot} is not one")
     robot = load_robot(options.robot, snap=options.snap)
     tell(robot.notes)
-    print(rows_and_frames(robot))
+    Saved().show(rows_and_frames(robot))
     return CONVERGED

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .._tools.words import printable
 from .options import (
     CONVERGED,
     NOT_CONVERGED,
@@ -15,6 +13,7 @@ from .options import (
     add_experiment,
 )
 from .outputs import Saved, check_outputs
+from .terminal.messages import message
 
 if TYPE_CHECKING:
     from .options import Commands
@@ -26,7 +25,11 @@ def add(commands: Commands) -> None:
         commands,
         "simulate",
         run,
-        "simulate the controlled robot of an experiment, beside its recording",
+        "simulate the controlled robot of an experiment, and compare it with its recording",
+        (
+            "didim simulate log.toml --parameters fit.json",
+            "didim simulate log.toml --parameters didim -o simulated.csv",
+        ),
     )
     add_experiment(parser)
     parser.add_argument(
@@ -49,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
         load_experiment(options.experiment, data=options.data), options.parameters, options.recording
     )
     for sentence in report.warnings:
-        print(f"didim: warning: {printable(sentence)}", file=sys.stderr)
+        message(sentence, "warning")
     saved = Saved()
     saved.save(options.output, report.write)
     saved.show(str(report))

@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 def add(commands: Commands) -> None:
     """Add the command and its options."""
     parser = add_command(
-        commands, "validate", run, "errors of a result on another log, predicted and simulated"
+        commands,
+        "validate",
+        run,
+        "compare a result with another log: predicted and simulated torques",
+        ("didim validate fit.json other.toml --report other.html",),
     )
     parser.add_argument("fit", metavar="FIT.json", type=Path, help="result of an identification")
     add_experiment(parser)

@@ -244,7 +244,7 @@ def page(file: str) -> str:
         lines += ["| key | type | default | meaning | example |", "|---|---|---|---|---|"]
         for entry in entries(file):
             if entry.path == path:
-                lines.append(f"| {' | '.join(_cells(entry))} |")
+                lines.append(f"| {' | '.join(cells(entry))} |")
     return "\n".join(lines[1:]) + "\n"
 
 
@@ -252,7 +252,8 @@ def _joined(path: str, key: str) -> str:
     return f"{path}.{key}" if path else key
 
 
-def _cells(entry: Entry) -> list[str]:
+def cells(entry: Entry) -> list[str]:
+    """Return the cells of a key in the reference: key, type, default, meaning and example."""
     kind = (
         " or ".join(entry.kinds)
         if not entry.choices

@@ -63,6 +63,9 @@ class MaximumLikelihood(MethodSettings):
     """
 
     name: ClassVar[str] = "ml"
+    summary: ClassVar[str] = (
+        "maximum likelihood, with a weight for each sample: to compare with the literature, not for parameters that are reported"
+    )
 
     position_noise: Sequence[float] | None = None
     torque_noise: Sequence[float] | None = None

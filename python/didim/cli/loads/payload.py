@@ -19,7 +19,8 @@ def add(commands: Commands) -> None:
         commands,
         "payload",
         run,
-        "mass, centre and inertia of an unknown payload of a log, with a known robot",
+        "find mass, centre and inertia of an unknown payload, with a known robot",
+        ("didim payload fit.json loaded.toml",),
     )
     parser.add_argument("fit", metavar="FIT.json", type=Path, help="result of an identification")
     parser.add_argument(

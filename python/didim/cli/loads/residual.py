@@ -16,7 +16,14 @@ if TYPE_CHECKING:
 def add(commands: Commands) -> None:
     """Add the command and its options."""
     parser = add_command(
-        commands, "residual", run, "torques from outside along a log: contacts, and changes of the payload"
+        commands,
+        "residual",
+        run,
+        "find torques from outside along a log: contacts, and changes of the payload",
+        (
+            "didim residual fit.json log.toml",
+            "didim residual fit.json log.toml -o torques.csv --plot torques.svg",
+        ),
     )
     parser.add_argument("fit", metavar="FIT.json", type=Path, help="result of an identification")
     parser.add_argument("log", metavar="LOG.toml", type=Path, help="experiment file of the log")
@@ -27,7 +34,11 @@ def add(commands: Commands) -> None:
         "--plot", metavar="FILE.svg", type=Path, help="also draw the torques (needs didim[plot])"
     )
     parser.add_argument(
-        "--bandwidth-hz", metavar="HZ", type=float, default=8.0, help="of the observer (default: %(default)g)"
+        "--bandwidth-hz",
+        metavar="HZ",
+        type=float,
+        default=8.0,
+        help="bandwidth of the observer (default: %(default)g)",
     )
     parser.add_argument(
         "--threshold",

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..._tools.words import counted, printable
+from ..._tools.words import counted
 from ..options import (
     CONVERGED,
     INTERRUPTED,
@@ -21,11 +21,19 @@ from ..options import (
     formatted,
 )
 from ..outputs import Saved, check_outputs
+from ..terminal.messages import message
 
 if TYPE_CHECKING:
     from ...monte_carlo.results import StudyResults
     from ...monte_carlo.study import Progress
     from ..options import Commands
+
+EXAMPLES = (
+    "didim study study.toml -o rows.jsonl",
+    "didim study rows_a.jsonl rows_b.jsonl --report study.html",
+    "didim study study.toml --dask tcp://host:8786",
+)
+"""Examples of the help."""
 
 PROGRESS_S = 2.0
 """Seconds between lines of progress."""
@@ -33,7 +41,7 @@ PROGRESS_S = 2.0
 
 def add(commands: Commands) -> None:
     """Add the command and its options."""
-    parser = add_command(commands, "study", run, "identify many simulated logs by several methods")
+    parser = add_command(commands, "study", run, "identify many simulated logs by several methods", EXAMPLES)
     parser.add_argument(
         "study",
         metavar="STUDY.toml|ROWS.jsonl",
@@ -53,7 +61,7 @@ def add(commands: Commands) -> None:
         "--executor",
         choices=("process", "thread", "serial", "loky"),
         default="process",
-        help="what runs the tasks on this machine (default: %(default)s)",
+        help="executor of the tasks on this machine (default: %(default)s)",
     )
     where.add_argument(
         "--dask", metavar="ADDRESS", help="run on the workers of a Dask scheduler, such as tcp://host:8786"
@@ -96,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         results, code = _run(options)
     for remark in results.rows.remarks:
-        print(f"didim: note: {printable(remark)}", file=sys.stderr)
+        message(remark, "note")
     saved = Saved()
     if options.parquet is not None:
         saved.save(options.parquet, results.write_parquet)
@@ -104,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
         from ...report import write
 
         saved.save(options.report, lambda path: write(path, results))
-    saved.show(formatted(results, options.format))
+    saved.show(formatted(results, options.format), exact=options.format != "text")
     return saved.code(code)
 
 
@@ -138,15 +146,11 @@ def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
             spec, output, executor=executor, workers=options.workers, address=address, progress=progress
         )
     except KeyboardInterrupt:
-        print(
-            f"didim: interrupted; '{printable(str(output))}' has the rows so far, and the same command goes on",
-            file=sys.stderr,
-        )
+        message(f"interrupted; '{output}' has the rows so far, and the same command goes on")
         return StudyResults.read(output), INTERRUPTED
     if lost[0]:
-        print(
-            f"didim: {counted(lost[0], 'task')} lost with the workers that ran them; the same command tries them again",
-            file=sys.stderr,
+        message(
+            f"{counted(lost[0], 'task')} lost with the workers that ran them; the same command tries them again"
         )
     return results, NOT_CONVERGED if lost[0] else CONVERGED
 

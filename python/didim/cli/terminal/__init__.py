@@ -1,0 +1,1 @@
+"""What a terminal asks for: a width, colours, help, completion. Nothing here knows a result."""

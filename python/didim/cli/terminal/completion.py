@@ -1,0 +1,216 @@
+"""``didim completion``: scripts that complete the command line in bash, zsh and fish. Tested in ``tests/test_completion.py``.
+
+The scripts are written from the parsers, so they have every option and every choice. Robots and methods are those of the package.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..options import CONVERGED, add_command
+from .guide import command_sentences
+
+if TYPE_CHECKING:
+    from ..options import Commands
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands,
+        "completion",
+        run,
+        "print the script that completes didim on the command line",
+        (
+            'eval "$(didim completion bash)"              in ~/.bashrc',
+            'eval "$(didim completion zsh)"               in ~/.zshrc, after compinit',
+            "didim completion fish > ~/.config/fish/completions/didim.fish",
+        ),
+    )
+    parser.set_defaults(commands=commands)
+    parser.add_argument("shell", metavar="SHELL", choices=tuple(SCRIPTS), help="bash, zsh or fish")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    print(SCRIPTS[options.shell](list(_commands(options.commands))), end="")
+    return CONVERGED
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option: its names, what follows it (nothing, a file or other value, or one of `words`), and its help."""
+
+    names: tuple[str, ...]
+    takes_value: bool
+    words: tuple[str, ...]
+    text: str
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command: its options, and the words that its first argument may be (none: a file)."""
+
+    name: str
+    text: str
+    options: tuple[Option, ...]
+    words: tuple[str, ...]
+
+
+def _commands(commands: Commands) -> Iterator[Command]:
+    sentences = command_sentences(commands)
+    for name, command in commands.choices.items():
+        options, first = [], None
+        for action in command._actions:
+            if action.option_strings:
+                options.append(
+                    Option(
+                        names=tuple(action.option_strings),
+                        takes_value=action.nargs != 0,
+                        words=_words(action),
+                        text=_sentence(command, action),
+                    )
+                )
+            elif first is None:
+                first = _words(action)
+        yield Command(name, sentences[name], tuple(options), first or ())
+
+
+def _words(action: argparse.Action) -> tuple[str, ...]:
+    """Return the words that an argument may be, as far as they are known."""
+    from ...methods.identify import METHODS
+    from ...robot.robot_file import PACKAGED
+
+    if action.choices:
+        return tuple(map(str, action.choices))
+    if action.metavar == "ROBOT" or action.dest == "robot":
+        return tuple(sorted(path.stem for path in PACKAGED.glob("*.toml")))
+    return tuple(METHODS) if action.dest == "method" else ()
+
+
+def _sentence(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
+    """Return the help of an option up to its first clause, with defaults filled in."""
+    text = parser._get_formatter()._expand_help(action) if action.help else ""
+    return re.split(r" \(|[:;]", text)[0]
+
+
+def bash(commands: Sequence[Command]) -> str:
+    """Return the script for bash; where it has no words, bash completes files."""
+    names = " ".join(command.name for command in commands)
+    values, options, first = [], [], []
+    for command in commands:
+        for option in command.options:
+            if option.takes_value:
+                places = " | ".join(f'"{command.name} {name}"' for name in option.names)
+                words = " ".join(option.words)
+                reply = f'COMPREPLY=($(compgen -W "{words}" -- "$cur"))' if words else "COMPREPLY=()"
+                values.append(f"        {places}) {reply}; return ;;")
+        flags = " ".join(name for option in command.options for name in option.names)
+        options.append(f'        {command.name}) words="{flags}" ;;')
+        if command.words:
+            first.append(f'        {command.name}) words="{" ".join(command.words)}" ;;')
+    lines = [
+        "# bash completion of didim, written by `didim completion bash`",
+        "_didim() {",
+        '    local cur="${COMP_WORDS[COMP_CWORD]}" before="${COMP_WORDS[COMP_CWORD-1]}" words=""',
+        "    COMPREPLY=()",
+        '    if [ "$COMP_CWORD" -eq 1 ]; then',
+        f'        COMPREPLY=($(compgen -W "{names} --help --version" -- "$cur"))',
+        "        return",
+        "    fi",
+        '    case "${COMP_WORDS[1]} $before" in',
+        *values,
+        "    esac",
+        '    if [[ "$cur" == -* ]]; then',
+        '        case "${COMP_WORDS[1]}" in',
+        *(f"    {line}" for line in options),
+        "        esac",
+        '    elif [ "$COMP_CWORD" -eq 2 ]; then',
+        '        case "${COMP_WORDS[1]}" in',
+        *(f"    {line}" for line in first),
+        "        esac",
+        "    fi",
+        '    COMPREPLY=($(compgen -W "$words" -- "$cur"))',
+        "}",
+        "complete -o default -F _didim didim",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def zsh(commands: Sequence[Command]) -> str:
+    """Return the script for zsh."""
+    lines = [
+        "#compdef didim",
+        "# zsh completion of didim, written by `didim completion zsh`",
+        "_didim() {",
+        "    local -a commands",
+        "    commands=(",
+        *(f"        {_quoted(f'{command.name}:{command.text}')}" for command in commands),
+        "    )",
+        "    if (( CURRENT == 2 )); then",
+        "        _describe command commands",
+        "        return",
+        "    fi",
+        "    shift words",
+        "    (( CURRENT-- ))",
+        '    case "$words[1]" in',
+    ]
+    for command in commands:
+        lines += [f"        {command.name})", "            _arguments \\"]
+        for option in command.options:
+            text = option.text.replace("[", "(").replace("]", ")").replace(":", "\\:")
+            for name in option.names:
+                value = f":value:{_zsh_values(option.words)}" if option.takes_value else ""
+                lines.append(f"                {_quoted(f'{name}[{text}]{value}')} \\")
+        if command.words:
+            lines.append(f"                {_quoted(f'1:value:{_zsh_values(command.words)}')} \\")
+        lines += ["                '*:file:_files'", "            ;;"]
+    lines += [
+        "    esac",
+        "}",
+        'if [ "$funcstack[1]" = "_didim" ]; then',
+        '    _didim "$@"',
+        "else",
+        "    compdef _didim didim",
+        "fi",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _zsh_values(words: Sequence[str]) -> str:
+    return f"({' '.join(words)})" if words else "_files"
+
+
+def fish(commands: Sequence[Command]) -> str:
+    """Return the script for fish; where it has no words, fish completes files."""
+    lines = ["# fish completion of didim, written by `didim completion fish`"]
+    lines += [
+        f"complete -c didim -n __fish_use_subcommand -f -a {command.name} -d {_quoted(command.text)}"
+        for command in commands
+    ]
+    for command in commands:
+        head = f"complete -c didim -n '__fish_seen_subcommand_from {command.name}'"
+        if command.words:
+            lines.append(f"{head} -a {_quoted(' '.join(command.words))}")
+        for option in command.options:
+            names = " ".join(
+                f"-l {name[2:]}" if name.startswith("--") else f"-s {name[1:]}" for name in option.names
+            )
+            value = ""
+            if option.takes_value:
+                value = f" -x -a {_quoted(' '.join(option.words))}" if option.words else " -r"
+            lines.append(f"{head} {names}{value} -d {_quoted(option.text)}")
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str) -> str:
+    """Return a text in single quotes, in which no shell expands anything."""
+    return "'" + text.replace("'", "'\\''") + "'"
+
+
+SCRIPTS: dict[str, Callable[[Sequence[Command]], str]] = {"bash": bash, "zsh": zsh, "fish": fish}
+"""Writers of scripts by shell."""

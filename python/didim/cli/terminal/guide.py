@@ -1,0 +1,137 @@
+"""``--help``: short usage, options in groups, examples, lines of a width that reads well. Tested in ``tests/test_terminal.py``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any, NoReturn
+
+from .color import titled
+from .messages import message
+from .width import columns, wrapped
+
+WIDEST_HELP = 100
+"""Columns of help on a wide terminal."""
+
+EXAMPLES = "examples:\n"
+"""Begin of the text below the options, whose lines stay as they are."""
+
+COMMANDS = {
+    "from a log to parameters": ("example", "init", "check", "identify", "validate"),
+    "use the parameters": ("export", "simulate", "payload", "residual"),
+    "robots and motions": ("robots", "robot", "base", "excite"),
+    "methods": ("methods", "compare", "study"),
+}
+"""Commands by what they are for, in the order in which people need them. All others are listed last."""
+
+
+class Formatter(argparse.HelpFormatter):
+    """Formatter of help whose usage only names what must be given."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=26, width=min(columns() or 80, WIDEST_HELP))
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if text.startswith(EXAMPLES):
+            lines = text.split("\n")
+            return "\n".join(part for line in lines for part in wrapped(indent + line, width))
+        return super()._fill_text(text, width, indent)
+
+
+class Parser(argparse.ArgumentParser):
+    """Parser whose errors are one line."""
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self._positionals.title = "arguments"
+
+    def error(self, message: str) -> NoReturn:
+        """Leave with one line."""
+        self.exit(2, f"didim: {message}; see `{self.prog} --help`\n")
+
+    def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
+        """Leave, with a message on stderr."""
+        if message:
+            say(message.removeprefix("didim: "))
+        sys.exit(status)
+
+    def format_usage(self) -> str:
+        """Return the usage: what must be given, and ``[options]`` for all else."""
+        return f"usage: {self._usage()}\n"
+
+    def format_help(self) -> str:
+        """Return the help."""
+        self.usage = self._usage()
+        return super().format_help()
+
+    def print_help(self, file: Any = None) -> None:
+        """Print the help, with bold titles on a terminal."""
+        print(titled(self.format_help()), end="", file=file)
+
+    def _usage(self) -> str:
+        formatter = self._get_formatter()
+        words = [self.prog, "[options]"]
+        for group in self._mutually_exclusive_groups:
+            if group.required:
+                shown = (
+                    f"{action.option_strings[-1]} {action.metavar or ''}".rstrip()
+                    for action in group._group_actions
+                )
+                words.append(f"({' | '.join(shown)})")
+        for action in self._actions:
+            if action.option_strings:
+                if action.required:
+                    words += [action.option_strings[0], str(action.metavar)]
+            elif isinstance(action, argparse._SubParsersAction):
+                words.append("COMMAND ...")
+            else:
+                words.append(formatter._format_args(action, action.dest))
+        lines = wrapped(" ".join(words), min(columns() or 80, WIDEST_HELP) - len("usage: "))
+        return f"\n{' ' * len('usage: ')}".join(lines).replace("%", "%%")
+
+
+class MainParser(Parser):
+    """Parser of ``didim`` itself, whose help lists the commands in groups."""
+
+    def format_help(self) -> str:
+        """Return the help."""
+        width = min(columns() or 80, WIDEST_HELP)
+        lines = [f"usage: {self._usage()}", "", *wrapped(str(self.description), width)]
+        (commands,) = (action for action in self._actions if isinstance(action, argparse._SubParsersAction))
+        sentences = command_sentences(commands)
+        known = {name for names in COMMANDS.values() for name in names}
+        further = tuple(name for name in sentences if name not in known)
+        for title, names in {**COMMANDS, "further": further}.items():
+            lines += ["", f"{title}:"]
+            lines += listed(((name, sentences[name]) for name in names if name in sentences), width)
+        lines += ["", "options:"]
+        lines += listed(
+            [("-h, --help", "show this help; didim COMMAND --help shows that of a command"),
+             ("--version", "show the version")], width
+        )  # fmt: skip
+        return "\n".join([*lines, "", *str(self.epilog).split("\n")]) + "\n"
+
+
+def say(text: str) -> None:
+    """Print an error of the command line on stderr."""
+    message(text)
+
+
+def command_sentences(commands: argparse._SubParsersAction[Parser]) -> dict[str, str]:
+    """Return the line that the help has on each command."""
+    return {choice.dest: str(choice.help) for choice in commands._choices_actions}
+
+
+def listed(rows: Iterable[tuple[str, str]], width: int) -> list[str]:
+    """Return names with a sentence each; the sentences stand in one column."""
+    lines: list[str] = []
+    for name, text in rows:
+        first, *others = wrapped(text, width - 14)
+        lines += [f"  {name:10}  {first}", *(" " * 14 + line for line in others)]
+    return lines
+
+
+def examples(commands: Sequence[str]) -> str:
+    """Return the text with examples that stands below the options."""
+    return EXAMPLES + "\n".join(f"  {command}" for command in commands)

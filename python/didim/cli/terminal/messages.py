@@ -1,0 +1,23 @@
+"""Messages on stderr: one line each, wrapped only where a terminal shows them. Tested in ``tests/test_terminal.py``."""
+
+from __future__ import annotations
+
+import sys
+
+from ..._tools.words import printable
+from .color import CYAN, RED, YELLOW, painted
+from .width import columns, wrapped
+
+KINDS = {"": RED, "warning": YELLOW, "open": YELLOW, "note": CYAN}
+"""Kinds of messages with their colours; errors have no word of their own."""
+
+
+def message(text: str, kind: str = "") -> None:
+    """Print a message on stderr, after the name of the program and its kind."""
+    head = f"didim: {kind}: " if kind else "didim: "
+    line = head + printable(" ".join(text.split()))
+    # Programs read one line a message; people read lines of a terminal.
+    width = columns(sys.stderr) if sys.stderr.isatty() else None
+    lines = [line] if width is None else wrapped(line, width)
+    lines[0] = painted(head.rstrip(), KINDS[kind], sys.stderr) + lines[0][len(head) - 1 :]
+    print("\n".join(lines), file=sys.stderr, flush=True)
