@@ -11,7 +11,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Material announces its successor in every build.
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help demo test test-tools coverage coverage-rust lint bench docs wheel wheel-check clean
+.PHONY: help demo test test-tools coverage coverage-rust lint bench docs wheel sdist wheel-check clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -23,36 +23,37 @@ help:
 	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
 	@echo "make bench   speed of the core, its instructions (where valgrind is installed), and speed beside other programs"
 	@echo "make docs    the documentation, in site/"
-	@echo "make wheel   a wheel for this machine, in dist/"
-	@echo "make wheel-check   the same, and the demo with it in an empty environment, without Rust"
+	@echo "make wheel   a wheel for Linux of this processor, with glibc 2.17 or later (manylinux), in dist/"
+	@echo "make sdist   the sources, in dist/: pip makes a wheel of them where Rust is installed"
+	@echo "make wheel-check   a wheel, and examples and demo with it in empty environments, without Rust"
 	@echo "make clean   remove everything that the targets above made"
 
 $(BIN)/maturin:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "didim needs Python 3.11 or later")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet 'maturin>=1.9,<2'
+	$(BIN)/python -m pip install --quiet 'maturin>=1.9,<2' 'pip>=25.1'
 
 # The package itself, editable: changed Python needs no new build, changed Rust does.
 $(VENV)/.built: $(BIN)/maturin $(RUST)
 	$(BIN)/maturin develop --release
 	@touch $@
 
-# The extras of pyproject.toml: .venv/.extra-test and so on.
-$(VENV)/.extra-%: pyproject.toml | $(VENV)/.built
-	$(BIN)/maturin develop --release --extras $*
+# The dependency groups of pyproject.toml: .venv/.group-test and so on.
+$(VENV)/.group-%: pyproject.toml | $(BIN)/maturin
+	$(BIN)/python -m pip install --quiet --group $*
 	@touch $@
 
 demo: $(VENV)/.built
 	$(BIN)/didim compare
 
-test: $(VENV)/.built $(VENV)/.extra-test
+test: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
-test-tools: $(VENV)/.built $(VENV)/.extra-test
+test-tools: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/python -m pytest -m tools
 
 # Branches too; fails under the share in pyproject.toml.
-coverage: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-coverage
+coverage: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-coverage
 	$(BIN)/coverage erase
 	$(BIN)/coverage run -m pytest
 	$(BIN)/coverage combine --quiet
@@ -62,7 +63,7 @@ coverage: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-coverage
 coverage-rust:
 	RUSTFLAGS="-C no-prepopulate-passes" cargo llvm-cov --summary-only --fail-under-lines 90
 
-lint: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-lint
+lint: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-lint
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets -- -D warnings
 	$(BIN)/ruff check
@@ -70,16 +71,20 @@ lint: $(VENV)/.built $(VENV)/.extra-test $(VENV)/.extra-lint
 	$(BIN)/mypy --strict
 	$(BIN)/python -m mypy.stubtest didim._core
 
-bench: $(VENV)/.built $(VENV)/.extra-peers
+bench: $(VENV)/.built $(VENV)/.group-peers
 	cargo bench
 	cargo bench -- --instructions
 	$(BIN)/python benches/peers.py
 
-docs: $(VENV)/.built $(VENV)/.extra-docs
+docs: $(VENV)/.built $(VENV)/.group-docs
 	$(BIN)/mkdocs build --strict
 
-wheel: $(BIN)/maturin
-	$(BIN)/maturin build --release --strip --out dist
+# zig, a package of PyPI, links with the symbols of an old glibc: the wheel runs on systems older than this one.
+wheel: $(VENV)/.group-wheels
+	$(BIN)/maturin build --release --strip --zig --compatibility manylinux2014 --out dist
+
+sdist: $(BIN)/maturin
+	$(BIN)/maturin sdist --out dist
 
 wheel-check: wheel
 	$(BIN)/python benches/wheel_check.py

@@ -2,7 +2,7 @@
 
     python benches/peers.py [--json FILE] [--data FOLDER]
 
-needs ``pip install didim[peers]`` and gcc; what is absent is said and left out. FOLDER holds the two CSV files of the measured TX40
+needs ``pip install --group peers`` and gcc; what is absent is left out, and said. FOLDER holds the CSV files of the measured TX40
 (examples/tx40_log.toml). Before anything is timed, each peer must compute what ours computes. Then every round measures each
 contestant once, so that a machine that slows down slows all of them. The ratios are what to look at, of the smallest times and
 of the medians: on a busy machine the first say more, and they are held against what is wanted. Peers have links and rotors;

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 def mujoco_model(text: str) -> Any:
     """Compile MJCF or a URDF, whose meshes are absent; constraints (limits, Coulomb friction) are switched off."""
-    mujoco = pytest.importorskip("mujoco", reason="needs mujoco, the extra 'test'")
+    mujoco = pytest.importorskip("mujoco", reason="needs mujoco, the group 'test'")
     if "<robot" in text:
         text = re.sub(
             r"<(visual|collision)\b[^>]*/>|<(visual|collision)\b.*?</\2>", "", text, flags=re.DOTALL
@@ -40,7 +40,7 @@ def mujoco_torques(
     gravity: Sequence[float] | Array | None = None,
 ) -> Array:
     """Torques by ``mj_inverse``, (n_samples, n_dof): rigid bodies, armature and damping."""
-    mujoco = pytest.importorskip("mujoco", reason="needs mujoco, the extra 'test'")
+    mujoco = pytest.importorskip("mujoco", reason="needs mujoco, the group 'test'")
     model = mujoco_model(text)
     if gravity is not None:
         model.opt.gravity[:] = gravity

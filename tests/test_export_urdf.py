@@ -79,7 +79,7 @@ def test_real_descriptions(shared: Path, tmp_path: Path, file: str) -> None:
     first = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, only(robot, x, "Fv", "Fc"))
     second = didim.inverse_dynamics(again, motion.q, motion.dq, motion.ddq, again.parameter_set("urdf"))
     assert np.abs(first - second).max() < 1e-12 * np.abs(first).max()
-    yourdfpy = pytest.importorskip("yourdfpy", reason="needs yourdfpy, the extra 'test'")
+    yourdfpy = pytest.importorskip("yourdfpy", reason="needs yourdfpy, the group 'test'")
     read = yourdfpy.URDF.load(str(out), load_meshes=False, build_scene_graph=False)
     masses = {name: link.inertial.mass for name, link in read.link_map.items() if link.inertial is not None}
     values = dict(zip(robot.parameter_names, x, strict=True))

@@ -40,7 +40,8 @@ LONGEST_FILE = 450
 """Lines of a source file."""
 
 FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
-SOURCES = sorted(PACKAGE.rglob("*.py"))
+# Scripts of packaged examples are users of the package, not a part of it.
+SOURCES = sorted(path for path in PACKAGE.rglob("*.py") if "packaged" not in path.relative_to(PACKAGE).parts)
 
 
 def name_of(path: Path) -> str:

@@ -55,31 +55,34 @@ def test_from_a_log_to_parameters(
     project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = (project / "docs" / "first_log.md").read_text(encoding="utf-8")
-    shutil.copytree(project / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
-    simulate, simulate_other, init, check, identify, init_other, validate = commands(text)
+    example, simulate, simulate_other, init, check, identify, init_other, validate = commands(text)
+    run(example)
+    named = capsys.readouterr().out.split("\n\n", 2)[2].splitlines()
+    assert named == ["cd tx40", simulate, simulate_other, init, check, identify, init_other, validate]
+    monkeypatch.chdir("tx40")
     run(simulate)
     run(simulate_other)
     capsys.readouterr()
     run(init)
     assert capsys.readouterr().out == indented(text, "what it took the columns for:")
     (friction,) = fences(text)
-    with_friction(tmp_path / "log.toml", friction)
+    with_friction(Path("log.toml"), friction)
     run(check)
     assert capsys.readouterr().out == indented(text, f"{check}\n\nprints\n")
-    right = (tmp_path / "log.toml").read_text(encoding="utf-8")
+    right = (Path("log.toml")).read_text(encoding="utf-8")
     assert right.count('unit = "rad"') == 2
-    (tmp_path / "log.toml").write_text(right.replace('unit = "rad"', 'unit = "deg"', 1), encoding="utf-8")
+    (Path("log.toml")).write_text(right.replace('unit = "rad"', 'unit = "deg"', 1), encoding="utf-8")
     run(check, code=1)
     same(capsys.readouterr().out, indented(text, "it would print\n"))
-    (tmp_path / "log.toml").write_text(right, encoding="utf-8")
+    (Path("log.toml")).write_text(right, encoding="utf-8")
     run(identify)
     end = text[text.index("and ends\n") : text.index("## Do they hold")].split("\n\n", 1)[1]
     written = "\n".join(line.removeprefix("    ") for line in end.rstrip().splitlines())
     printed = capsys.readouterr().out
     same(printed[printed.index("relative error %") :].rstrip(), written)
     run(init_other)
-    with_friction(tmp_path / "other.toml", friction)
+    with_friction(Path("other.toml"), friction)
     capsys.readouterr()
     run(validate)
     block = text[text.index("    log, by idim-ls") : text.index("Nearly as good as on")]
@@ -90,16 +93,19 @@ def test_a_new_robot_without_python(project: Path, tmp_path: Path, monkeypatch: 
     page = project / "docs" / "new_robot.md"
     text = page.read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    shutil.copy(project / "python" / "didim" / "packaged" / "robots" / "tx40.toml", "my_robot.toml")
+    base, simulate, init, check, identify, by_didim = (
+        command
+        for command in commands(text)
+        if command not in ("didim compare", "didim robot tx40 -o my_robot.toml", "didim example tx40")
+    )
+    run("didim robot tx40 -o my_robot.toml")
+    run("didim example tx40")
     rows = tables(page)["line was is"]
     assert len(rows) == 3
     for _, before, after in rows:
         replaced(tmp_path / "my_robot.toml", before, after)
-    shutil.copy(project / "examples" / "tx40_simulation.toml", "my_simulation.toml")
+    shutil.copy("tx40/tx40_simulation.toml", "my_simulation.toml")
     replaced(tmp_path / "my_simulation.toml", 'robot = "tx40"', 'robot = "my_robot.toml"')
-    base, simulate, init, check, identify, by_didim = (
-        command for command in commands(text) if command != "didim compare"
-    )
     for command in (base, simulate, init):
         run(command)
     friction, reference = fences(text)

@@ -11,15 +11,18 @@ import numpy as np
 import pytest
 
 import didim
+from didim._tools.arrays import Array
+from didim._tools.examples import example_commands
 from didim.cli.main import main
+from scripts import script
 from test_tutorials import commands, run
-from ur10e import true_parameters, write_logs
 
 
 @pytest.fixture(scope="module")
-def folder(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("ur10e")
-    write_logs(shared / "data" / "ur10e" / "ur10e.urdf", path)
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("example") / "ur10e"
+    run(f"didim example ur10e -o {path}")
+    script(path / "make_logs.py").write_logs(path)
     return path
 
 
@@ -35,12 +38,12 @@ def number(pattern: str, text: str) -> float:
     return float(found.group(1))
 
 
-def gravity_error(robot: didim.Robot, truth: didim.Robot) -> tuple[float, float]:
+def gravity_error(robot: didim.Robot, truth: didim.Robot, parameters: Array) -> tuple[float, float]:
     """Relative and largest error (N.m) of the torque that holds the arm, beside that of the robot which made the log."""
     q = np.random.default_rng(0).uniform(-2.0, 2.0, (200, 6))
     rest = np.zeros_like(q)
     bodies = [not name.startswith(("Ia", "F", "Off")) for name in truth.parameter_names]
-    expected = didim.inverse_dynamics(truth, q, rest, rest, true_parameters(truth) * bodies)
+    expected = didim.inverse_dynamics(truth, q, rest, rest, parameters * bodies)
     tau = didim.inverse_dynamics(robot, q, rest, rest, robot.parameter_set("urdf") * bodies)
     return float(np.linalg.norm(tau - expected) / np.linalg.norm(expected)), float(
         np.abs(tau - expected).max()
@@ -51,8 +54,11 @@ def test_ten_commands(
     folder: Path, text: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(folder)
-    assert len(commands(text)) == 10
-    robot, base, init, check, identify, init_other, validate, urdf, mjcf, again = commands(text)
+    example, *ten = commands(text)
+    assert len(ten) == 10
+    assert example_commands("ur10e") == ["python make_logs.py", *ten]
+    assert example == "didim example ur10e"
+    robot, base, init, check, identify, init_other, validate, urdf, mjcf, again = ten
     run(robot)
     assert number(r"links by (\S+) of the largest", capsys.readouterr().out) < 1e-12
     run(base)
@@ -102,24 +108,28 @@ def test_ten_commands(
             [float(v) for v in row.split()[1:3]], rel=0.01
         )
     masses = np.array([float(row.split()[1]) for row in rows])
-    truth = true_parameters(didim.load_robot("ur10e.urdf"))[9::14][:6]
+    old, new = didim.load_robot("ur10e.urdf"), didim.load_robot("ur10e_new.urdf")
+    parameters = script(folder / "make_logs.py").true_parameters(old)
+    truth = parameters[9::14][:6]
     assert number(r"last link has (\S+) kg", text) == masses[5].round(2)
-    assert number(r"where the truth is (\S+) kg", text) == truth[5].round(2)
-    assert (np.abs(masses / truth - 1.0) < 0.01 * number(r"within (\S+) % of the truth", text)).all()
+    assert number(r"and the truth is (\S+) kg", text) == truth[5].round(2)
+    assert number(r"last links share (\S+) kg", text) == masses[4:].sum().round(2)
+    assert number(r"\((\S+) in truth\)", text) == truth[4:].sum().round(2)
+    others = np.abs(masses / truth - 1.0)[:4]
+    assert (others < 0.01 * number(r"within (\S+) % of the truth", text)).all()
     run(mjcf)
     run(again)
-    old, new = didim.load_robot("ur10e.urdf"), didim.load_robot("ur10e_new.urdf")
-    share, worst = gravity_error(old, old)
+    share, worst = gravity_error(old, old, parameters)
     assert 100.0 * share == pytest.approx(number(r"old URDF is off by (\S+) %", text), abs=0.1)
     assert worst == pytest.approx(number(r"\((\S+) N\.m at the worst", text), abs=0.5)
-    assert 100.0 * gravity_error(new, old)[0] < number(r"the new one by (\S+) %", text)
+    assert 100.0 * gravity_error(new, old, parameters)[0] < number(r"the new one by (\S+) %", text)
     engines(text)
 
 
 def engines(text: str) -> None:
     """Run the block of the page that asks three engines for the same torques."""
     for name in ("mujoco", "pinocchio"):
-        pytest.importorskip(name, reason="needs the extra 'test'")
+        pytest.importorskip(name, reason="needs the group 'test'")
     (block,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     names: dict[str, Any] = {}
     exec(block, names)

@@ -69,6 +69,10 @@ class StudyError(DidimError):
     """A study that cannot be run: a wrong key, rows of something else, or workers that do not answer."""
 
 
+class ExampleError(DidimError):
+    """An example that does not come with the package, or a folder that has its files already."""
+
+
 class ThreadsError(DidimError):
     """A number of threads that cannot be."""
 

@@ -1,10 +1,11 @@
-"""``didim robots``, ``didim methods`` and ``didim schema``: what there is."""
+"""``didim robots``, ``didim methods``, ``didim schema`` and ``didim example``: what there is."""
 
 from __future__ import annotations
 
 import argparse
 import inspect
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .options import CONVERGED, add_command, refuse
@@ -39,6 +40,12 @@ def add(commands: Commands) -> None:
         action="store_true",
         help="as a JSON schema, for editors that check TOML files; needs the kind of file",
     )
+    parser = add_command(commands, "example", example, "copy an example, with the commands to run")
+    parser.add_argument("name", metavar="NAME", nargs="?", help="example (default: list them)")
+    parser.add_argument(
+        "-o", "--output", metavar="FOLDER", type=Path, help="where to (default: a folder NAME, here)"
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite files that are there already")
 
 
 def robots(_: argparse.Namespace) -> int:
@@ -117,3 +124,24 @@ def _listed(file: str) -> str:
         if entry.example:
             lines.append(f"  {entry.example}")
     return "\n".join(lines)
+
+
+def example(options: argparse.Namespace) -> int:
+    """Run ``didim example``."""
+    from .._tools.examples import copy_example, example_commands, packaged_examples
+
+    saved = Saved()
+    if options.name is None:
+        if options.output is not None:
+            return refuse("-o needs the name of an example: didim example tx40 -o FOLDER")
+        found = packaged_examples()
+        width = max(len(name) for name in found)
+        lines = [f"{name:{width}}  {title}" for name, title in found.items()]
+        saved.show("\n".join([*lines, "", "didim example NAME copies the files of one into a folder NAME."]))
+        return saved.code(CONVERGED)
+    folder = options.output or Path(options.name)
+    written = copy_example(options.name, folder, force=options.force)
+    saved.show(f"{folder}: {', '.join(path.name for path in written)}\n\nNow run:\n")
+    # Commands are for copying: whole, however narrow the terminal.
+    saved.show("\n".join([f"cd {folder}", *example_commands(options.name)]), exact=True)
+    return saved.code(CONVERGED)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .._tools.files import write_atomically
 from .options import CONVERGED, add_command, refuse, tell
 from .outputs import Saved, check_outputs
 from .terminal.messages import message
@@ -39,7 +40,7 @@ def add(commands: Commands) -> None:
         "--output",
         metavar="ARM.toml",
         type=Path,
-        help="robot file to write (default: only describe it)",
+        help="robot file to write, of a URDF or as a copy of a packaged one (default: only describe it)",
     )
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
     parser.add_argument(
@@ -71,7 +72,6 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    from .._tools.files import write_atomically
     from ..robot.right_angles import SNAP
     from ..robot.robot_text import robot_text
     from ..robot.urdf.reading import read_urdf
@@ -88,12 +88,8 @@ def run(options: argparse.Namespace) -> int:
             sign = ""
         if not sign or not joint:
             return refuse(f"--lock takes JOINT=VALUE, such as --lock finger_joint=0.02, got {text!r}")
-    if options.output is not None:
-        if options.output.suffix != ".toml":
-            return refuse(f"-o {options.output}: the name of a robot file ends in .toml")
-        if options.output.exists() and not options.force:
-            return refuse(f"{options.output}: the file is there already; --force overwrites it")
-    check_outputs(options.output)
+    if refused := _refused_output(options):
+        return refused
     reading = read_urdf(
         Path(options.robot),
         tip=options.tip,
@@ -116,14 +112,37 @@ def run(options: argparse.Namespace) -> int:
 
 def _described(options: argparse.Namespace, rows_and_frames: Callable[[Robot], str]) -> int:
     """Print rows and frames of a robot that is no URDF."""
-    from ..robot.robot_file import load_robot
+    from ..robot.robot_file import PACKAGED, load_robot
 
-    for name in ("output", "tip", "base", "gravity"):
+    for name in ("tip", "base", "gravity"):
         if getattr(options, name) is not None:
             return refuse(f"--{name} is for a URDF, and {options.robot} is not one")
     if options.lock:
         return refuse(f"--lock is for a URDF, and {options.robot} is not one")
     robot = load_robot(options.robot, snap=options.snap)
+    saved = Saved()
+    if options.output is not None:
+        file = PACKAGED / f"{options.robot}.toml"
+        if not file.is_file():
+            return refuse(
+                f"-o is for a URDF or the name of a packaged robot, and {options.robot} is a file already"
+            )
+        if refused := _refused_output(options):
+            return refused
+        saved.save(options.output, lambda path: write_atomically(path, file.read_bytes()))
+        if not saved.failed:
+            print(f"{options.output}: written")
     tell(robot.notes)
-    Saved().show(rows_and_frames(robot))
-    return CONVERGED
+    saved.show(rows_and_frames(robot))
+    return saved.code(CONVERGED)
+
+
+def _refused_output(options: argparse.Namespace) -> int | None:
+    """Look whether the robot file can be written, before the work; None, or the exit code of wrong input."""
+    if options.output is not None:
+        if options.output.suffix != ".toml":
+            return refuse(f"-o {options.output}: the name of a robot file ends in .toml")
+        if options.output.exists() and not options.force:
+            return refuse(f"{options.output}: the file is there already; --force overwrites it")
+    check_outputs(options.output)
+    return None
