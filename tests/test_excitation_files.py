@@ -199,7 +199,7 @@ def test_the_command_writes_everything(folder: Path, capsys: pytest.CaptureFixtu
     assert code == 0
     assert captured.err == ""
     assert "of those of the random motion" in captured.out
-    assert "share of limits %" in captured.out
+    assert "use of limits %" in captured.out
     assert all(path.stat().st_size > 500 for path in outputs)
     page = report.read_text()
     assert page.count("<img") == 2

@@ -59,7 +59,8 @@ class Excitation(Pickled):
     starts : tuple of float
         Value of the criterion that each start reached.
     use : mapping of str to (n_dof,) arrays
-        Largest share of each limit, by kind, on a grid 20 times finer than the optimiser's.
+        Largest share of each of the user's limits, by kind, on a grid 20 times finer than the optimiser's: at most `margin` of
+        the settings.
     nearest : (str, float) or None
         What comes nearest, and the distance that is left beyond the one to keep (m).
     remarks : tuple of str
@@ -199,9 +200,11 @@ class Excitation(Pickled):
 
     def _use_table(self) -> str:
         n = self.robot.n_dof
-        lines = ["share of limits %" + "".join(f"{f'joint {j + 1}':>9}" for j in range(n))]
+        lines = [f"{'use of limits %':17}" + "".join(f"{f'joint {j + 1}':>9}" for j in range(n))]
         for kind, values in self.use.items():
             lines.append(f"{kind:17}" + "".join(f"{100.0 * value:9.1f}" for value in values))
+        if self.limits.margin < 1.0:
+            lines.append(f"(the margin leaves {100.0 * self.limits.margin:g} % of each limit)")
         return "\n".join(lines)
 
 

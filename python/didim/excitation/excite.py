@@ -15,34 +15,26 @@ from pathlib import Path
 
 import numpy as np
 
-from .._tools.arrays import Array, real_array
-from .._tools.words import did_you_mean
+from .._tools.arrays import Array
 from ..errors import ExcitationError
 from ..loop.reference import Reference
-from ..methods.start import standard_start
-from ..model.dynamics import standard_vector
 from ..robot.robot import Robot
 from ..robot.robot_file import load_robot
-from .clearance import Clearance
-from .criterion import condition_number, criterion, log_determinant
+from .criterion import condition_number, log_determinant
 from .design import Excitation
 from .export import reference_table
-from .limits import MotionLimits, motion_limits
-from .optimiser import TRIALS, Progress, search_all
-from .points import PointDesign
-from .prior import noise_from, prior_information
+from .limits import MotionLimits
+from .points import MOVE_RATE_HZ, PointDesign
 from .problem import FINE, Information, Problem, scaled
 from .ramps import Ramp, ramp
+from .search.starts import TRIALS, Progress, search_all
 from .series import ScaledSeries, Series, SeriesBasis
 from .settings import ExcitationSettings
 from .settings_file import read_excitation
+from .task import Task
 
-TORQUE_SHARE = 0.01
-"""Standard deviation of the torques' noise, as a share of the torque limit, where none is given."""
 TRIAL_SEED = 1_000_003
 """Between the seeds of the random motions of one start: those of other starts are not among them."""
-POSES = 2000
-"""Random poses tried for one at which the robot can rest within all limits."""
 
 
 def excite(
@@ -87,178 +79,20 @@ def excite(
         settings = read_excitation(settings, robot)
     if settings.friction:
         robot = robot.with_friction(**settings.friction)
-    task = _Task(robot, settings)
+    task = Task(robot, settings)
     found = (
         _points(task, progress) if settings.kind == "point-to-point" else _series(task, progress, executor)
     )
     return replace(found, elapsed=time.perf_counter() - began)
 
 
-class _Task:
-    """What all starts share."""
-
-    def __init__(self, robot: Robot, settings: ExcitationSettings) -> None:
-        self.robot, self.settings = robot, settings
-        for term in robot.friction.terms:
-            if term.law == "load":
-                raise ExcitationError(
-                    f"the load friction of joint {term.joint + 1} depends on the torques that are still to be identified: "
-                    "leave it out of the friction of the design"
-                )
-        # The sign of the velocity has no gradient.
-        smooth = [max(settings.smoothing, one) for one in robot.friction.smoothing]
-        self.smooth = robot.with_smoothing(smooth)
-        self.limits = motion_limits(
-            robot,
-            position=settings.position,
-            velocity=settings.velocity,
-            acceleration=settings.acceleration,
-            jerk=settings.jerk,
-            torque=settings.torque,
-            margin=settings.margin,
-        )
-        self.remarks = list(self.limits.assumed)
-        self.x = self._parameters()
-        self.rate = settings.rate_hz if settings.log_rate_hz is None else settings.log_rate_hz
-        self.sigma = self._noise()
-        capsules = (*getattr(robot, "collision", ()), *settings.capsules)
-        self.clearance = Clearance(robot, capsules, settings.workspace)
-        self.start = self._pose("start", settings.start)
-        self.home = self._pose("home", settings.home)
-        base = len(robot.base_parameters.names)
-        prior = np.zeros((base, base))
-        for source in settings.prior:
-            prior = prior + prior_information(source, self.smooth, self.sigma, self.rate)
-        self.prior = prior
-        self.wanted = self._wanted()
-        self.limited = self.x is not None and bool(np.isfinite(self.limits.torque).any())
-
-    def _parameters(self) -> Array | None:
-        given = self.settings.parameters
-        if given is None and "urdf" in self.robot.sets:
-            given = "urdf"
-        if given is None:
-            if np.isfinite(self.limits.torque).any():
-                self.remarks.append(
-                    "torque limits are not checked, for want of parameters: give parameters, such as those of an earlier result"
-                )
-            return None
-        return standard_vector(self.robot, standard_start(self.robot, given))
-
-    def _noise(self) -> Array:
-        given, n = self.settings.torque_noise, self.robot.n_dof
-        if given is not None:
-            values = real_array("torque_noise", given, ExcitationError)
-            if values.shape not in ((), (n,)) or not (values > 0.0).all():
-                raise ExcitationError(
-                    f"torque_noise needs one positive number or {n}, one per joint, got {given!r}"
-                )
-            return np.broadcast_to(values, (n,)).astype(float)
-        if self.settings.noise_of is not None:
-            return noise_from(self.settings.noise_of, self.smooth, self.rate)
-        known = np.isfinite(self.limits.torque)
-        self.remarks.append(
-            f"the noise of the torques is taken as {100.0 * TORQUE_SHARE:g} % of the torque limit after the margin, 1 N.m or N "
-            "where there is none: give torque_noise for deviations that can be relied on"
-        )
-        return np.where(known, TORQUE_SHARE * np.where(known, self.limits.torque, 1.0), 1.0)
-
-    def _pose(self, name: str, given: object) -> Array | None:
-        if given is None:
-            return None
-        pose = real_array(name, given, ExcitationError)  # type: ignore[arg-type]
-        if pose.shape != (self.robot.n_dof,):
-            raise ExcitationError(f"{name} needs {self.robot.n_dof} numbers, one per joint, got {given!r}")
-        for joint, (value, low, high) in enumerate(
-            zip(pose, self.limits.lowest, self.limits.highest, strict=True)
-        ):
-            if not low < value < high:
-                raise ExcitationError(
-                    f"the {name} of joint {joint + 1} is {value:g}, outside what its limits leave it, [{low:g}, {high:g}]"
-                )
-        why = self._cannot_rest(pose)
-        if why:
-            raise ExcitationError(f"the robot cannot rest at its {name}: {why}")
-        return pose
-
-    def _cannot_rest(self, pose: Array) -> str:
-        """Sentence on what forbids a pose, or an empty text."""
-        distances = None if self.clearance.empty else self.clearance.distances(pose[None])[0]
-        if distances is not None and (distances < 0.0).any():
-            column = int(distances.argmin())
-            return f"{self.clearance.describe(column)} are {-1e3 * distances[column]:.3g} mm too near"
-        if self.x is None:
-            return ""
-        rest = np.zeros((1, len(pose)))
-        problem = self.problem(
-            ScaledSeries(SeriesBasis(period_s=1.0, harmonics=4), self.limits, pose, False), bare=True
-        )
-        torques = problem.torques((pose[None], rest, rest, rest))
-        relative = np.abs(torques[0]) / self.limits.torque if torques is not None else np.zeros(len(pose))
-        if (relative > 1.0).any():
-            joint = int(relative.argmax())
-            return (
-                f"joint {joint + 1} needs {relative[joint] * self.limits.torque[joint]:.3g} there, where at most "
-                f"{self.limits.torque[joint]:.3g} N.m or N are allowed"
-            )
-        return ""
-
-    def resting_place(self, seed: int) -> Array:
-        """Pose that a free motion is built about: the middle of the ranges, or a random one where the robot can rest."""
-        middle = (self.limits.lowest + self.limits.highest) / 2.0
-        why = self._cannot_rest(middle)
-        if not why:
-            return np.asarray(middle)
-        rng = np.random.default_rng(seed)
-        for _ in range(POSES):
-            pose = self.limits.lowest + rng.random(len(middle)) * (self.limits.highest - self.limits.lowest)
-            if not self._cannot_rest(pose):
-                return np.asarray(pose)
-        raise ExcitationError(
-            f"the limits leave no room: in none of {POSES} random poses can the robot rest; in the middle, {why}"
-        )
-
-    def _wanted(self) -> Array | None:
-        if not self.settings.wanted:
-            return None
-        names = self.robot.base_parameters.names
-        for name in self.settings.wanted:
-            if name not in names:
-                raise ExcitationError(
-                    f"robot {self.robot.name!r} has no base parameter {name!r}{did_you_mean(name, names)}"
-                )
-        return np.array(sorted({names.index(name) for name in self.settings.wanted}))
-
-    def information(self, samples: float) -> Information:
-        """How information is counted: with the noise, or for the condition number of W without it."""
-        bare = self.settings.criterion == "condition"
-        n = self.robot.n_dof
-        return Information(
-            robot=self.smooth,
-            sigma=np.ones(n) if bare else self.sigma,
-            samples=1.0 if bare else samples,
-            prior=np.zeros_like(self.prior) if bare else self.prior,
-        )
-
-    def problem(self, series: ScaledSeries, *, bare: bool = False) -> Problem:
-        """Return the problem of one start."""
-        samples = self.rate * self.settings.duration_s * self.settings.periods
-        if bare:
-            information = Information(
-                robot=self.smooth, sigma=np.ones(self.robot.n_dof), samples=1.0, prior=np.empty(0)
-            )
-        else:
-            information = self.information(samples)
-        chosen = criterion(self.settings.criterion, None if bare else self.wanted)
-        return Problem(series, information, chosen, self.x, self.clearance)
-
-
-def _series(task: _Task, progress: Progress | None, executor: Executor | None) -> Excitation:
+def _series(task: Task, progress: Progress | None, executor: Executor | None) -> Excitation:
     """Design a Fourier series."""
     settings, limits = task.settings, task.limits
     basis = SeriesBasis(period_s=settings.duration_s, harmonics=settings.harmonics)
     shrinks = task.limited or not task.clearance.empty
-    problems, starts, randoms = [], [], []
+    problems, starts = [], []
+    first: Series | None = None
     for index in range(settings.starts):
         scaling = ScaledSeries(basis, limits, task.start, shrinks)
         problem = task.problem(scaling)
@@ -272,12 +106,14 @@ def _series(task: _Task, progress: Progress | None, executor: Executor | None) -
                 share = (offset - limits.lowest) / (limits.highest - limits.lowest)
                 place = np.log(share / (1.0 - share))
             trials.append(scaling.pack(shape, place))
-            randoms.append((problem, Series(basis=basis, scaled=shape, offset=offset)))
+            if first is None:
+                first = Series(basis=basis, scaled=shape, offset=offset)
         problems.append(problem)
         starts.append(trials)
-    random = randoms[0][0].feasible(randoms[0][1])
+    assert first is not None
+    random = problems[0].feasible(first)
     found, problems, interrupted = search_all(
-        problems, starts, settings.iterations, _threads(settings), progress, executor
+        problems, starts, settings.iterations, settings.seed, _threads(settings), progress, executor
     )
     ends = [_end(problem, one) for problem, one in zip(problems, found, strict=True)]
     values = [
@@ -331,9 +167,14 @@ def _end(problem: Problem, variables: Array) -> Series | None:
     return problem.feasible(series)
 
 
-def _points(task: _Task, progress: Progress | None) -> Excitation:
+def _points(task: Task, progress: Progress | None) -> Excitation:
     """Design a motion from point to point."""
     settings = task.settings
+    if np.isfinite(task.limits.jerk).any():
+        raise ExcitationError(
+            "motions from point to point have trapezoidal velocities, whose jerk has no bound: leave out the jerk limits, or "
+            "design a Fourier series"
+        )
     scaling = ScaledSeries(SeriesBasis(period_s=1.0, harmonics=4), task.limits, task.start, False)
     problem = task.problem(scaling)
     design = PointDesign(problem, settings.points, settings.dwell_s, task.rate, settings.duration_s)
@@ -368,13 +209,14 @@ def _points(task: _Task, progress: Progress | None) -> Excitation:
         q, dq, ddq = reference.at((np.arange(count) + 0.5) * (reference.duration / count))
         return q, dq, ddq, np.zeros_like(q)
 
-    motions = (motion(reference, 100.0), motion(design.reference(first_random), 100.0))
-    fine = motion(reference, 100.0 * FINE)
+    random_motion = motion(design.reference(first_random), MOVE_RATE_HZ)
+    motions = (motion(reference, MOVE_RATE_HZ), random_motion)
+    fine = motion(reference, MOVE_RATE_HZ * FINE)
     return _result(task, problem, reference, table, fine, motions, values, interrupted, reference.duration)
 
 
 def _result(
-    task: _Task,
+    task: Task,
     problem: Problem,
     reference: Reference,
     table: dict[str, object],
@@ -386,10 +228,11 @@ def _result(
 ) -> Excitation:
     """Collect what a reader wants to know of a motion."""
     robot, settings, limits = task.robot, task.settings, task.limits
-    use = limits.use(*fine)
+    whole = limits.whole
+    use = whole.use(*fine)
     torques = problem.torques(fine)
     if torques is not None:
-        use["torque"] = np.asarray(np.abs(torques / limits.torque).max(axis=0))
+        use["torque"] = np.asarray(np.abs(torques / whole.torque).max(axis=0))
     use = {kind: values for kind, values in use.items() if values.any()}
     nearest = None
     if not task.clearance.empty:

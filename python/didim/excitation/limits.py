@@ -6,7 +6,7 @@ Tested in ``tests/test_excitation.py``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,8 @@ class MotionLimits:
         Positions (rad or m).
     velocity, acceleration, jerk, torque : (n_dof,) arrays
         Largest absolute values (per s, s^2, s^3; N.m or N).
+    margin : float
+        Share of the user's limits that these are, of a position's range about its middle.
     assumed : tuple of str
         Sentences on limits that were not given.
     """
@@ -39,7 +41,23 @@ class MotionLimits:
     acceleration: Array
     jerk: Array
     torque: Array
+    margin: float = 1.0
     assumed: tuple[str, ...] = ()
+
+    @property
+    def whole(self) -> MotionLimits:
+        """The user's limits, without the margin."""
+        middle, half = (self.highest + self.lowest) / 2.0, (self.highest - self.lowest) / 2.0 / self.margin
+        return replace(
+            self,
+            lowest=middle - half,
+            highest=middle + half,
+            velocity=self.velocity / self.margin,
+            acceleration=self.acceleration / self.margin,
+            jerk=self.jerk / self.margin,
+            torque=self.torque / self.margin,
+            margin=1.0,
+        )
 
     def use(self, q: Array, dq: Array, ddq: Array, jerk: Array) -> dict[str, Array]:
         """Largest share of each limit that a motion uses, per joint; a position counts from the middle of its range."""
@@ -122,6 +140,7 @@ def motion_limits(
         acceleration=margin * accelerations,
         jerk=margin * _values(robot, "jerk", jerk, [None] * n),
         torque=margin * _values(robot, "torque", torque, [limit.effort for limit in robot.limits]),
+        margin=margin,
         assumed=tuple(assumed),
     )
 

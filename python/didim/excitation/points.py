@@ -13,12 +13,10 @@ from itertools import pairwise
 
 import numpy as np
 
-import didim._core as _core
-
 from .._tools.arrays import Array
 from ..errors import ExcitationError
 from ..loop.reference import Reference
-from .problem import Problem
+from .problem import FINE, Problem
 
 SWEEPS = 3
 """Passes over all points; the gain of a fourth was below one per cent of the first's."""
@@ -28,6 +26,8 @@ MOVE_RATE_HZ = 100.0
 """Samples per second of a move while points are exchanged."""
 TRIES = 400
 """Random points drawn for one that can be reached within all limits."""
+WITHIN = 0.999
+"""Share of the torque limits that moves keep on the fine grid: accelerations jump at corners, which lie between its samples."""
 
 
 @dataclass(frozen=True)
@@ -73,22 +73,20 @@ class PointDesign:
         )
 
     def move(self, a: Array, b: Array) -> _Move:
-        """Information of a move with its rests, and whether it keeps torques and clearances."""
+        """Information of a move with its rests, and whether it keeps torques and clearances on the coarse grid."""
         reference = self.reference(np.stack([a, b]))
-        count = max(8, round(reference.duration * MOVE_RATE_HZ))
-        # In the middle of equal parts: no sample falls on a corner of the velocity.
-        q, dq, ddq = reference.at((np.arange(count) + 0.5) * (reference.duration / count))
-        information = self.problem.information
-        weights = reference.duration * self.rate / count / information.sigma**2
-        matrix = _core.information(
-            information.robot.core, q, dq, ddq, list(information.robot.base_parameters.indices), weights
-        )
-        return _Move(matrix, reference.duration, self.keeps(q, dq, ddq))
+        motion = _sampled(reference, MOVE_RATE_HZ)
+        matrix = self.problem.information.own(*motion, reference.duration * self.rate)
+        return _Move(matrix, reference.duration, self.keeps(*motion))
 
-    def keeps(self, q: Array, dq: Array, ddq: Array) -> bool:
-        """Whether a motion keeps torques and clearances."""
+    def verified(self, a: Array, b: Array) -> bool:
+        """Whether a move keeps torques and clearances on the fine grid too."""
+        return self.keeps(*_sampled(self.reference(np.stack([a, b])), FINE * MOVE_RATE_HZ), WITHIN)
+
+    def keeps(self, q: Array, dq: Array, ddq: Array, share: float = 1.0) -> bool:
+        """Whether a motion keeps a share of the torque limits, and clearances."""
         torques = self.problem.torques((q, dq, ddq, ddq)) if self.problem.limited else None
-        if torques is not None and (np.abs(torques) > self.limits.torque).any():
+        if torques is not None and (np.abs(torques) > share * self.limits.torque).any():
             return False
         clearance = self.problem.clearance
         return clearance.empty or float(clearance.distances(q).min()) >= 0.0
@@ -122,15 +120,20 @@ class PointDesign:
                 around = [j for j in (k - 1, k) if 0 <= j < len(moves)]
                 for candidate in self._draw(rng, CANDIDATES):
                     tried = list(moves)
+                    ends = {
+                        j: (points[j], candidate) if j < k else (candidate, points[j + 1]) for j in around
+                    }
                     for j in around:
-                        ends = (points[j], candidate) if j < k else (candidate, points[j + 1])
-                        tried[j] = self.move(*ends)
+                        tried[j] = self.move(*ends[j])
                     if not all(tried[j].feasible for j in around):
                         continue
                     value = self.value(tried)
-                    if value > best:
+                    if value > best and all(self.verified(*ends[j]) for j in around):
                         best, moves = value, tried
                         points[k] = candidate
+
+    def _passable(self, a: Array, b: Array) -> bool:
+        return self.move(a, b).feasible and self.verified(a, b)
 
     def value(self, moves: Sequence[_Move]) -> float:
         """Criterion of moves that are repeated for as long as the design is to last: quick moves are worth more."""
@@ -156,7 +159,9 @@ class PointDesign:
                     rest = np.zeros_like(candidate)[None]
                     if self.keeps(candidate[None], rest, rest):
                         break
-                elif self.move(points[-1], candidate).feasible:
+                elif self._passable(points[-1], candidate) and (
+                    first is None or len(points) < self.count - 2 or self._passable(candidate, first)
+                ):
                     break
             else:
                 raise ExcitationError(
@@ -166,3 +171,9 @@ class PointDesign:
         if first is not None:
             points.append(first)
         return np.array(points)
+
+
+def _sampled(reference: Reference, rate_hz: float) -> tuple[Array, Array, Array]:
+    """Positions, velocities and accelerations in the middle of equal parts: no sample falls on a corner of the velocity."""
+    count = max(8, round(reference.duration * rate_hz))
+    return reference.at((np.arange(count) + 0.5) * (reference.duration / count))

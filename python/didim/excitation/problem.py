@@ -16,7 +16,7 @@ from ..model.dynamics import inverse_dynamics
 from ..robot.robot import Robot
 from .clearance import Clearance
 from .criterion import Criterion
-from .series import ScaledSeries, Series
+from .series import SAMPLES_PER_PERIOD, ScaledSeries, Series
 
 CLEARANCE_SCALE = 0.1
 """Shortfall (m) that weighs as much as a torque at twice its limit: a millimetre counts as one per cent."""
@@ -45,12 +45,19 @@ class Information:
     samples: float
     prior: Array
 
+    @property
+    def columns(self) -> list[int]:
+        """Columns of the base parameters in the regressor."""
+        return list(self.robot.base_parameters.indices)
+
     def matrix(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Information of a motion given on any uniform grid, the prior included."""
-        share = self.samples / len(q)
-        return self.prior + _core.information(
-            self.robot.core, q, dq, ddq, list(self.robot.base_parameters.indices), share / self.sigma**2
-        )
+        return self.prior + self.own(q, dq, ddq, self.samples)
+
+    def own(self, q: Array, dq: Array, ddq: Array, samples: float) -> Array:
+        """Information of a motion alone, given on any uniform grid and logged with so many samples."""
+        weights = samples / len(q) / self.sigma**2
+        return _core.information(self.robot.core, q, dq, ddq, self.columns, weights)
 
 
 class Problem:
@@ -68,6 +75,11 @@ class Problem:
         Standard parameters for the torques; None where torques are not limited.
     clearance : Clearance
         Distances to keep.
+
+    Attributes
+    ----------
+    thinning : int
+        1 for the whole grid of the series; 2 for every second sample, in half the time.
     """
 
     def __init__(
@@ -83,16 +95,16 @@ class Problem:
         self.limited = x is not None and bool(np.isfinite(series.limits.torque).any())
         # What the penalties let pass: `tighten` takes off what the fine grid asks for.
         self.torque_share, self.extra_clearance = np.ones(series.n), 0.0
+        # Every sample of the grid counts, or every second.
+        self.thinning = 1
 
     def value(self, v: Array, weight: float) -> tuple[float, Array]:
         """Objective to be minimised, and its gradient; `weight` is that of the penalties."""
         motion, way = self.series.build(v)
-        q, dq, ddq, _ = motion.motion()
+        q, dq, ddq = (values[:: self.thinning] for values in motion.motion()[:3])
         information = self.information
-        core, columns = information.robot.core, list(information.robot.base_parameters.indices)
-        weights = information.samples / len(q) / information.sigma**2
-        matrix = information.prior + _core.information(core, q, dq, ddq, columns, weights)
-        value, derivative = self.criterion(matrix)
+        value, derivative = self.criterion(information.matrix(q, dq, ddq))
+        weight *= self.thinning
         objective, torque_weights = -value, None
         if self.limited and self.x is not None:
             largest = self.torque_share * self.series.limits.torque
@@ -102,12 +114,12 @@ class Problem:
                 objective += weight * float((excess**2).sum())
                 torque_weights = 2.0 * weight * excess * np.sign(relative) / largest
         gq, gdq, gddq = _core.information_gradient(
-            core,
+            information.robot.core,
             q,
             dq,
             ddq,
-            columns,
-            weights,
+            information.columns,
+            information.samples / len(q) / information.sigma**2,
             -derivative,
             torque_weights,
             None if torque_weights is None else self.x,
@@ -116,7 +128,15 @@ class Problem:
             short, slope = self.clearance.penalty(q, CLEARANCE_SCALE, self.extra_clearance)
             objective += weight * short
             gq = gq + weight * slope
-        return objective, self.series.back(way, gq, gdq, gddq)
+        return objective, self.series.back(way, *(self._whole(values) for values in (gq, gdq, gddq)))
+
+    def _whole(self, values: Array) -> Array:
+        """Gradient on the whole grid: samples that do not count have none."""
+        if self.thinning == 1:
+            return values
+        found = np.zeros((self.series.basis.samples, self.series.n))
+        found[:: self.thinning] = values
+        return found
 
     def torques(self, motion: tuple[Array, Array, Array, Array]) -> Array | None:
         """Torques of a motion (N.m or N), ``(n_samples, n_dof)``; None without parameters."""
@@ -166,7 +186,7 @@ class Problem:
         coarse, fine = (self._use(series, factor) for factor in (1, FINE))
         # A joint that shrinks for the sake of torques or walls stays as it is, unless it goes too far between the samples.
         full = np.where(coarse > FULL, 1.0, coarse)
-        return scaled(series, full / np.maximum(fine, np.finfo(float).tiny) * (1.0 - ROUNDING))
+        return scaled(series, full / np.maximum(fine, np.finfo(float).tiny) * (1.0 - BETWEEN))
 
     def _use(self, series: Series, factor: int) -> Array:
         limits = self.series.limits
@@ -184,8 +204,9 @@ class Problem:
 
 FULL = 0.975
 """Use of a limit on the optimiser's grid that counts as full: the norm that stands for a maximum leaves one or two per cent."""
-ROUNDING = 1e-9
-"""Share that keeps a motion within its limits when it is sampled at other times."""
+BETWEEN = 1.0 - float(np.cos(np.pi / (FINE * SAMPLES_PER_PERIOD)))
+"""Largest share by which a Fourier series can exceed, between the samples of the fine grid, its largest value on them (Ehlich and
+Zeller): the kinematic limits hold at all times."""
 TIGHTER = 1.3
 """Share of an excess by which the limits of the penalties are tightened: a little is left to chance otherwise."""
 SMALLEST_SCALE = 0.01

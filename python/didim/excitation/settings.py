@@ -43,9 +43,10 @@ class ExcitationSettings:
     dwell_s : float
         Rest at each point (s).
     seed, starts : int
-        Searches, and the seed of their random motions: each goes on from the best of three.
+        Searches, and the seed of their random motions and perturbations.
     iterations : int
-        Measure of the length of a start, which takes about 1.6 times as many, and up to 2.1 when limits have to be tightened.
+        Measure of the length of a start, which evaluates about twice as many motions, and up to 2.5 times when limits have to be
+        tightened.
     threads : int, optional
         Threads for the starts; those of the machine by default. The result does not depend on them.
     criterion : {"information", "condition"}

@@ -46,7 +46,7 @@ def motion(design: Excitation) -> Figure:
     rows, columns = per_row(n, PER_ROW)
     figure = new_figure(2.1 * rows)
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    limits = design.limits
+    limits = design.limits.whole
     middle, half = (limits.highest + limits.lowest) / 2.0, (limits.highest - limits.lowest) / 2.0
     shares = {"position": (q - middle) / half, "velocity": dq / limits.velocity}
     if design.x is not None and np.isfinite(limits.torque).all():
@@ -56,7 +56,9 @@ def motion(design: Excitation) -> Figure:
         if joint >= n:
             axes.set_axis_off()
             continue
-        _joint(axes, t, {kind: values[:, joint] for kind, values in shares.items()}, colors)
+        _joint(
+            axes, t, {kind: values[:, joint] for kind, values in shares.items()}, colors, design.limits.margin
+        )
         axes.set_title(_title(design, joint))
     for axes in grid[-1]:
         axes.set_xlabel("time (s)")
@@ -67,16 +69,18 @@ def motion(design: Excitation) -> Figure:
     return figure
 
 
-def _joint(axes: Axes, t: Array, shares: dict[str, Array], colors: dict[str, str]) -> None:
+def _joint(axes: Axes, t: Array, shares: dict[str, Array], colors: dict[str, str], margin: float) -> None:
     for kind, values in shares.items():
         line(axes, [(t, values)], color=colors[kind], label=kind, linewidth=0.9)
-    for bound in (-1.0, 1.0):
+    # What the margin leaves.
+    for bound in (-margin, margin):
         axes.axhline(bound, color="black", linewidth=0.6, linestyle=":")
 
 
 def _title(design: Excitation, joint: int) -> str:
     unit = units(design.robot.joint_kinds[joint])[0]
-    low, high = design.limits.lowest[joint], design.limits.highest[joint]
+    limits = design.limits.whole
+    low, high = limits.lowest[joint], limits.highest[joint]
     return f"joint {joint + 1}, {low:.3g} to {high:.3g} {unit}"
 
 

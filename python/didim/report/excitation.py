@@ -15,9 +15,10 @@ def excitation_page(design: Excitation) -> str:
     level: Level = "caution" if design.interrupted else "good"
     badge = "Interrupted" if design.interrupted else "Designed"
     largest = max(float(values.max()) for values in design.use.values())
-    kept = design.settings.kind == "fourier" and largest <= 1.0
+    kept = largest <= design.limits.margin * (1.0 + 1e-9)
     limits = (
-        f"No limit is exceeded on a grid {FINE} times finer than that of the optimiser."
+        f"No limit is exceeded on a grid {FINE} times finer than that of the optimiser, with the margin of "
+        f"{100.0 * (1.0 - design.limits.margin):.3g} %."
         if kept
         else f"The largest use of a limit is {100.0 * largest:.1f} %."
     )
@@ -50,7 +51,9 @@ def _motion_section(design: Excitation) -> Html:
     ]
     content = [
         picture(motion(design), "Positions, velocities and torques as shares of their limits"),
-        paragraph("Largest share of each limit, in per cent:"),
+        paragraph(
+            f"Largest use of each limit, in per cent; the margin leaves {100.0 * design.limits.margin:g} %:"
+        ),
         table(["", *(f"joint {j + 1}" for j in range(n))], rows, numbers=range(1, n + 1)),
         picture(swept(design), "Poses that the motion goes through"),
     ]

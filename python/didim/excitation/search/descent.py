@@ -1,0 +1,110 @@
+"""Descent by a quasi-Newton method that can be paused and continued.
+
+Limited-memory BFGS in the two-loop form (Nocedal and Wright, algorithm 7.4) with a backtracking line search. SciPy's needs
+factorizations of twice its memory, for which linear algebra libraries start threads beside those of the other starts, and it
+cannot go on where it has stopped. Tested in ``tests/test_excitation_search.py``.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from ..._tools.arrays import Array
+
+Objective = Callable[[Array], tuple[float, Array]]
+"""Value and gradient at a point."""
+
+MEMORY = 60
+"""Pairs of steps and changes of the gradient that are kept."""
+DECREASE = 1e-4
+"""Share of the decrease that the slope promises which a step must reach (Armijo)."""
+HALVINGS = 15
+"""Shortenings of a step before the memory is given up."""
+CURVED = 1e-10
+"""Smallest cosine between a step and the change of the gradient: below it the pair says nothing on the curvature."""
+CONVERGED = 1e-9
+"""Relative decrease in one step from which the descent has converged."""
+
+
+class Descent:
+    """A descent from one point.
+
+    Parameters
+    ----------
+    objective : callable
+        Value and gradient.
+    x : (n,) array
+        First point.
+
+    Attributes
+    ----------
+    x, value : (n,) array, float
+        Best point so far, and the objective there.
+    converged : bool
+        Whether further evaluations would gain nothing.
+    """
+
+    def __init__(self, objective: Objective, x: Array) -> None:
+        self._objective, self.x = objective, x
+        self.value, self._gradient = objective(x)
+        self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=MEMORY)
+        self.converged = False
+
+    def run(self, evaluations: int) -> None:
+        """Go on for so many evaluations of the objective, and those that end a step; less when it converges."""
+        while evaluations > 0 and not self.converged:
+            evaluations -= self._step()
+
+    def _step(self) -> int:
+        """Take one step, and return the number of evaluations."""
+        way = self._direction()
+        slope = float(self._gradient @ way)
+        if not slope < 0.0:
+            self._give_up()
+            return 0
+        length = 1.0
+        for count in range(1, HALVINGS + 1):
+            x = self.x + length * way
+            value, gradient = self._objective(x)
+            if value <= self.value + DECREASE * length * slope:
+                self._accept(x, value, gradient)
+                return count
+            # Minimum of the parabola through both values and the slope, within bounds.
+            bent = 2.0 * (value - self.value - length * slope)
+            best = -slope * length / bent if np.isfinite(bent) else 0.0
+            length *= min(0.5, max(0.1, best))
+        self._give_up()
+        return HALVINGS
+
+    def _accept(self, x: Array, value: float, gradient: Array) -> None:
+        step, change = x - self.x, gradient - self._gradient
+        product = float(step @ change)
+        if product > CURVED * float(np.sqrt((step @ step) * (change @ change))):
+            self._pairs.append((step, change, 1.0 / product))
+        self.converged = self.value - value <= CONVERGED * max(abs(self.value), abs(value), 1.0)
+        self.x, self.value, self._gradient = x, value, gradient
+
+    def _give_up(self) -> None:
+        """Begin anew with the steepest descent, which is the last resort."""
+        self.converged = not self._pairs
+        self._pairs.clear()
+
+    def _direction(self) -> Array:
+        """Direction of the next step: less the product of the inverse Hessian's estimate and the gradient."""
+        way = self._gradient.copy()
+        shares = []
+        for step, change, inverse in reversed(self._pairs):
+            share = inverse * float(step @ way)
+            shares.append(share)
+            way -= share * change
+        if self._pairs:
+            _, change, inverse = self._pairs[-1]
+            way /= inverse * float(change @ change)
+        else:
+            way *= min(1.0, 1.0 / max(float(np.abs(way).sum()), np.finfo(float).tiny))
+        for (step, change, inverse), share in zip(self._pairs, reversed(shares), strict=True):
+            way += (share - inverse * float(change @ way)) * step
+        return -way

@@ -1,0 +1,221 @@
+"""Several starts in parallel, each a chain of descents with two weights of the penalties.
+
+The criterion has very many maxima, and a descent ends in one of them within some 150 evaluations. A perturbation of the best
+motion and a short descent from there nearly always end higher, so a start is mostly such perturbations (basin hopping): on the
+TX40 they raise the log determinant by five to ten, and bring all starts near each other. A start depends on its seed alone, so the
+result has the same bits for any number of threads. Tested in ``tests/test_excitation_search.py`` and ``tests/test_excitation.py``.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor, wait
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..problem import Problem
+from ..series import POWERS
+from .descent import Descent
+
+WEIGHTS = (100.0, 2000.0)
+"""Weights of the penalties, one after the other: the second leaves violations of parts in a thousand."""
+TRIALS, TRIAL = 3, 0.08
+"""Random motions of each start, and the share of the iterations that each gets; the best of them goes on."""
+FIRST = 0.24
+"""Share of the iterations of the first descent, after its trial."""
+HOP, HOPS = 40, 1.2
+"""Evaluations after each perturbation, and all of them together as a share of the iterations. Twenty are too few to get back to
+the height of the motion that was perturbed."""
+KICK = 0.12
+"""Length of a perturbation over that of the joint's amplitudes: five of six lead higher. 0.2 gains less for the same time, and 0.5
+leads away from what the best motion has reached."""
+LAST = 0.3
+"""Share of the iterations with the second weight, on the whole grid."""
+REPAIRS, REPAIR = 8, 0.06
+"""Largest number of repetitions with tighter limits, until the fine grid keeps them, and the share of iterations of each."""
+THINNED = 2
+"""Every second sample of the grid counts until the last descent: ten per period of the highest harmonic."""
+POLL_S = 0.2
+"""Seconds between looks at the keyboard."""
+
+Progress = Callable[[int, int, float], None]
+"""Called with the start (from 1), the evaluation and the value of the criterion so far."""
+
+
+class _StopSearchError(Exception):
+    """The user has stopped the search."""
+
+
+def search(
+    problem: Problem,
+    starts: Sequence[Array],
+    iterations: int,
+    seed: int,
+    stop: threading.Event,
+    progress: Callable[[int, float], None] | None = None,
+) -> Array:
+    """Minimise the objective of a problem from the best of several motions.
+
+    Parameters
+    ----------
+    problem : Problem
+        It is left with the limits that the search has tightened, and on its whole grid.
+    starts : sequence of (n,) arrays
+        Variables of the random motions.
+    iterations : int
+        Measure of the length: a start takes about twice as many evaluations.
+    seed : int
+        Of the perturbations.
+    stop : threading.Event
+        Ends the search; the best variables so far are returned.
+    progress : callable, optional
+        Called with evaluations and the least objective.
+    """
+    return _Search(problem, iterations, seed, stop, progress).run(starts)
+
+
+class _Search:
+    """One start."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        iterations: int,
+        seed: int,
+        stop: threading.Event,
+        progress: Callable[[int, float], None] | None,
+    ) -> None:
+        self._problem, self._iterations, self._stop, self._progress = problem, iterations, stop, progress
+        self._rng = np.random.default_rng([seed, TRIALS])
+        self._weight, self._calls = WEIGHTS[0], 0
+        self._best, self._least = np.empty(0), np.inf
+
+    def run(self, starts: Sequence[Array]) -> Array:
+        """Return the best variables."""
+        self._best = starts[0]
+        problem = self._problem
+        penalised = problem.limited or not problem.clearance.empty
+        try:
+            problem.series.power, problem.thinning = POWERS[0], THINNED
+            self._climb(starts)
+            problem.series.power, problem.thinning = POWERS[1], 1
+            self._weight = WEIGHTS[1]
+            self._descend(LAST)
+            for _ in range(REPAIRS if penalised else 0):
+                if not problem.tighten(problem.series.build(self._best)[0]):
+                    break
+                self._descend(REPAIR)
+        except _StopSearchError:
+            problem.series.power, problem.thinning = POWERS[1], 1
+        return self._best
+
+    def _climb(self, starts: Sequence[Array]) -> None:
+        """Descend from the best of several motions, then from perturbations of the best one so far."""
+        trials = [Descent(self._value, start) for start in starts]
+        for one in trials:
+            one.run(self._evaluations(TRIAL))
+        best = min(trials, key=lambda one: one.value)
+        best.run(self._evaluations(FIRST))
+        for _ in range(round(HOPS * self._iterations / HOP)):
+            tried = Descent(self._value, self._problem.series.perturbed(best.x, KICK, self._rng))
+            tried.run(HOP)
+            if tried.value < best.value:
+                best = tried
+        best.run(self._evaluations(TRIAL))
+
+    def _descend(self, share: float) -> None:
+        # The objective is another one: values from before say nothing.
+        start, self._least = self._best, np.inf
+        Descent(self._value, start).run(self._evaluations(share))
+
+    def _evaluations(self, share: float) -> int:
+        return max(1, round(share * self._iterations))
+
+    def _value(self, v: Array) -> tuple[float, Array]:
+        if self._stop.is_set():
+            raise _StopSearchError
+        self._calls += 1
+        objective, gradient = self._problem.value(v, self._weight)
+        if objective < self._least:
+            self._best, self._least = v, objective
+        if self._progress is not None:
+            self._progress(self._calls, self._least)
+        return objective, gradient
+
+
+def search_all(
+    problems: Sequence[Problem],
+    starts: Sequence[Sequence[Array]],
+    iterations: int,
+    seed: int,
+    threads: int,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
+) -> tuple[list[Array], list[Problem], bool]:
+    """Run all starts on threads, or on an executor of the caller.
+
+    Parameters
+    ----------
+    problems, starts : sequences
+        A problem for each start, and its random motions.
+    iterations : int
+        As in `search`.
+    seed : int
+        Of the first start; each has the next.
+    threads : int
+        Starts at a time.
+    progress : callable, optional
+        See `Progress`.
+    executor : Executor, optional
+        Runs the starts instead of threads.
+
+    Returns
+    -------
+    found, problems, interrupted
+        The end of each start, its problem with the limits that the search has tightened, and whether the keyboard interrupted
+        them: every start keeps its best then. An executor elsewhere hears nothing of the keyboard and tells no progress.
+    """
+    if executor is not None:
+        sent = [
+            executor.submit(search_apart, problem, start, iterations, seed + index)
+            for index, (problem, start) in enumerate(zip(problems, starts, strict=True))
+        ]
+        try:
+            ends = [future.result() for future in sent]
+        except BaseException:
+            for future in sent:
+                future.cancel()
+            raise
+        return [found for found, _ in ends], [problem for _, problem in ends], False
+    stop = threading.Event()
+
+    def one(index: int) -> Array:
+        tell = None
+        if progress is not None:
+
+            def tell(calls: int, least: float) -> None:
+                progress(index + 1, calls, -least)
+
+        return search(problems[index], starts[index], iterations, seed + index, stop, tell)
+
+    interrupted = False
+    with ThreadPoolExecutor(max_workers=max(1, min(threads, len(starts)))) as pool:
+        futures = [pool.submit(one, index) for index in range(len(starts))]
+        pending = set(futures)
+        while pending:
+            try:
+                pending = wait(pending, timeout=POLL_S).not_done
+            except KeyboardInterrupt:
+                # A second interruption while the threads come to their end leaves as usual.
+                interrupted = True
+                stop.set()
+        return [future.result() for future in futures], list(problems), interrupted
+
+
+def search_apart(
+    problem: Problem, starts: Sequence[Array], iterations: int, seed: int
+) -> tuple[Array, Problem]:
+    """Run one search in another process, and return its problem too: a search tightens its limits."""
+    return search(problem, starts, iterations, seed, threading.Event()), problem
