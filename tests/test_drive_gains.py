@@ -94,6 +94,67 @@ def test_what_a_log_promises_of_the_gains_is_what_it_gives() -> None:
     np.testing.assert_allclose(expected, std, rtol=0.35)
 
 
+def truth_of(experiment: Experiment, gains: Array) -> Array:
+    """Base parameters, payload and gains, in the order of a result."""
+    robot = experiment.robot
+    beta = robot.base_parameters.project(robot.parameter_set("reference"))
+    return np.concatenate([beta, DISC[[5, 6, 7]], gains])
+
+
+def estimate_of(fit: didim.Identification) -> tuple[Array, Array]:
+    """All parameters of a result, and their standard deviations."""
+    assert fit.further is not None
+    return np.concatenate([fit.beta, fit.further.values]), np.concatenate([fit.std, fit.further.std])
+
+
+@pytest.mark.parametrize("reduction", [np.eye(2), WRIST], ids=["joints", "coupled motors"])
+def test_didim_finds_gains_robot_and_payload_without_noise(reduction: Array) -> None:
+    gains = GAINS / np.diag(reduction)
+    experiment = currents(reduction, gains, 0.0 * NOISE)
+    # From unit rotors, which know nothing of the torques, and from IDIM-LS.
+    for start in (None, "idim-ls"):
+        fit = didim.identify(experiment, didim.DIDIM(start=start))
+        assert fit.converged
+        np.testing.assert_allclose(estimate_of(fit)[0], truth_of(experiment, gains), atol=1e-5)
+        assert fit.output_error is not None
+        assert fit.output_error[1] < 1e-6
+    # Along the measured motion the filter of the positions is in the estimate.
+    fit = didim.identify(experiment, didim.IDIMIV())
+    np.testing.assert_allclose(estimate_of(fit)[0], truth_of(experiment, gains), atol=1e-2)
+    assert fit.further is not None
+    np.testing.assert_allclose(fit.further.values[-2:], gains, rtol=1e-3)
+
+
+@pytest.mark.parametrize("method", [didim.IDIMIV(), didim.DIDIM()], ids=lambda item: item.name)
+def test_errors_of_gains_and_all_else_are_as_large_as_sigma_says(method: didim.DIDIM) -> None:
+    scores = []
+    for seed in range(6):
+        experiment = currents(np.eye(2), GAINS, 4.0 * NOISE, seed)
+        value, std = estimate_of(didim.identify(experiment, method))
+        scores.append((value - truth_of(experiment, GAINS)) / std)
+    assert 0.75 < np.sqrt(np.mean(np.square(scores))) < 1.3
+    # With gains that are known the parameters are known better: their part of sigma is in it.
+    fit = didim.identify(experiment, method)
+    known = didim.identify(experiment.with_gains(GAINS), method)
+    assert fit.std[0] > 1.2 * known.std[0]
+
+
+def test_cloe_compares_positions_and_has_the_gains_of_idim_ls() -> None:
+    experiment = currents(np.eye(2), GAINS)
+    fit = didim.identify(experiment, didim.CLOE(start="idim-ls"))
+    direct = didim.identify(experiment, didim.IDIMLS())
+    assert fit.further is not None
+    assert direct.further is not None
+    np.testing.assert_array_equal(fit.further.values[-2:], direct.further.values[-2:])
+    np.testing.assert_array_equal(fit.further.std[-2:], direct.further.std[-2:])
+    value, std = estimate_of(fit)
+    assert np.sqrt(np.mean(((value - truth_of(experiment, GAINS)) / std) ** 2)) < 2.0
+    assert any("positions say nothing of drive gains" in text for text in fit.remarks)
+    # Estimates of the robot are those of CLOE on torques that these gains give.
+    torques = didim.identify(experiment.with_gains(direct.further.values[-2:]), didim.CLOE(start="idim-ls"))
+    np.testing.assert_allclose(fit.beta, torques.beta, rtol=1e-9)
+
+
 def test_results_print_and_keep_gains_and_predict_currents_as_torques(tmp_path: Path) -> None:
     experiment = currents(np.eye(2), GAINS)
     fit = didim.identify(experiment, didim.IDIMLS())
@@ -118,7 +179,13 @@ def test_what_cannot_be_known_is_said() -> None:
     with pytest.raises(FitError, match="ratio of parameters and drive gains alone"):
         didim.identify(replace(experiment, payloads={"disc": Payload(name="disc")}), didim.IDIMLS())
     with pytest.raises(FitError, match="drive gains are unknown: identify them by idim-ls"):
-        didim.identify(experiment, didim.DIDIM())
+        didim.identify(experiment, didim.EKF())
+    with pytest.raises(FitError, match=r"compares torques, and experiment .* has currents"):
+        didim.identify(experiment, didim.CLOE(output="torque"))
+    with pytest.raises(FitError, match="physically consistent solution knows the robot alone"):
+        didim.identify(experiment, didim.DIDIM(physical=True))
+    with pytest.raises(FitError, match="delay of currents with unknown gains is not estimated"):
+        didim.identify(experiment, didim.DIDIM(compensate_samples="estimate"))
     one, two = experiment.recordings
     with pytest.raises(FitError, match="do not both have currents"):
         didim.identify(replace(experiment, recordings=(one, replace(two, drives=None))), didim.IDIMLS())

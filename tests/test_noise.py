@@ -14,7 +14,7 @@ from didim.experiment.specs import SimulationSettings
 from didim.loop.controller import Controller
 from didim.loop.reference import Reference
 from didim.signal.filters import central_differences
-from didim.signal.noise import white_noise
+from didim.signal.noise import stamp_noise, white_noise
 from didim.signal.processing import Form
 
 Array = NDArray[np.float64]
@@ -34,6 +34,23 @@ def test_a_joint_at_rest_has_the_noise_of_its_encoder() -> None:
     np.testing.assert_allclose(noise, COUNT / np.sqrt(12.0), rtol=0.35)
     still = np.zeros((100, 1))
     assert white_noise(still)[0] > 0.0
+
+
+def test_noise_of_time_stamps_grows_with_the_speed_and_that_of_encoders_does_not() -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(8000) / 1000.0
+
+    def positions(t: Array) -> Array:
+        return np.column_stack([0.8 * np.sin(2.0 * np.pi * 0.4 * t), 0.5 * np.cos(2.0 * np.pi * 0.7 * t)])
+
+    encoder = 1e-5 * rng.standard_normal((t.size, 2))
+    for size in (1e-4, 3e-4):
+        taken = t + size * rng.standard_normal(t.size)
+        assert stamp_noise(positions(taken) + encoder, 1000.0) == pytest.approx(size, rel=0.1)
+    # What is left is the error of a share of noise, a tenth of that of the encoder at full speed.
+    assert stamp_noise(positions(t) + encoder, 1000.0) < 0.3 * 1e-5 / 2.0
+    assert stamp_noise(positions(t), 1000.0) < 1e-9
+    assert stamp_noise(np.zeros((100, 2)), 1000.0) == 0.0
 
 
 def test_noise_that_is_not_quantised_is_as_before() -> None:

@@ -52,11 +52,11 @@ def test_without_noise_the_observer_sees_a_low_pass_of_the_push() -> None:
     t = np.arange(0.0, 4.0, 1.0 / rate)
     q, dq, ddq = reference.at(t)
     tau = didim.inverse_dynamics(robot, q, dq, ddq, x)
-    quiet = observe(robot, x, q, tau, rate)
+    quiet = observe(robot, x, q, tau, rate).torque
     assert (np.abs(quiet[200:]).max(axis=0) < 0.02 * np.abs(tau).max(axis=0)).all()
     step = tau.copy()
     step[2000:, 2] -= 5.0
-    seen = observe(robot, x, q, step, rate) - quiet
+    seen = observe(robot, x, q, step, rate).torque - quiet
     np.testing.assert_allclose(seen[2500:, 2], 5.0, rtol=1e-6)
     constant = 1.0 / (2.0 * np.pi * 8.0)
     after = 2000 + round(rate * (constant + 1.4 / (2.0 * np.pi * 100.0)))
@@ -80,6 +80,33 @@ def test_clean_logs_are_quiet_and_a_push_is_reported_within_50_ms(known: didim.I
     assert contact.peak[0] == pytest.approx(5.0, abs=1.0)
     assert found.windows[0].payload_change is None
     assert "torque from outside from 3.0" in str(found)
+
+
+def with_rounded_stamps(log: Experiment, step_s: float) -> Experiment:
+    """The log as sampled at other times than its stamps say: these are those times, rounded."""
+    (item,) = log.recordings
+    t = item.t + np.random.default_rng(0).uniform(-0.5 * step_s, 0.5 * step_s, item.t.size)
+    q = np.column_stack([np.interp(t, item.t, column) for column in item.q.T])
+    return replace(log, recordings=(replace(item, q=q),))
+
+
+def test_rounded_time_stamps_are_no_contacts(known: didim.Identification) -> None:
+    log = with_rounded_stamps(clean(5), 0.002)
+    (window,) = residual_torques(known, log).windows
+    assert not window.contacts
+    # Without the errors of the stamps the limits were left, by the joints that carry the arm.
+    (sound,) = residual_torques(known, clean(5)).windows
+    assert (np.abs(window.observed) > sound.limits).any()
+    # A push while the arm is fast must be as large as these errors.
+    assert residual_torques(known, pushed(log, 3.0, 3.4, 5, 5.0)).windows[0].contacts
+
+
+def test_nothing_touches_a_measured_ur10e(shared: Path) -> None:
+    """Its stamps are rounded to 1 ms, 10 % of the velocity: the observer sees 30 N.m of joint 1 in that."""
+    file = Path(__file__).resolve().parents[1] / "examples" / "ur10e_currents.toml"
+    experiment = didim.load_experiment(file, data=shared / "data" / "ur10e")
+    fit = didim.identify(experiment, didim.IDIMLS())
+    assert residual_torques(fit, experiment).quiet
 
 
 def test_a_payload_that_is_picked_up_is_told_from_a_contact(known: didim.Identification) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from .._tools.arrays import Array
 from ..errors import ExperimentError
 from ..log.recording import Recording
 from ..loop.controller import Controller
@@ -80,6 +81,10 @@ class Experiment:
     def notes(self) -> tuple[str, ...]:
         """Sentences on what reading robot and recordings changed."""
         return (*self.robot.notes, *(note for recording in self.recordings for note in recording.notes))
+
+    def with_gains(self, gains: Array) -> Experiment:
+        """Return the experiment with torques in place of currents, by drive gains (n_dof,)."""
+        return replace(self, recordings=tuple(item.with_gains(gains) for item in self.recordings))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "recordings", tuple(self.recordings))

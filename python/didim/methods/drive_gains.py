@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import FitError
 from ..regression.fit import Fit
 from ..regression.gains.classical import classical_gains
 from ..regression.gains.currents import Currents
@@ -37,15 +36,10 @@ def run_with_gains(
     FitError
         Where nothing is known that sets the scale, and where the currents do not identify all.
     """
-    if job.delay_setting == "estimate":
-        raise FitError(
-            "the delay of currents with unknown gains is not estimated: give compensate_samples, or estimate it with gains near "
-            "the true ones"
-        )
     delay = job.delay()
     parts = job.parts("fit", delay)
     system = job.system(parts)
-    reduction = np.array(next(item.drives for item in job.experiment.recordings if item.drives is not None))
+    reduction = job.reduction
     expected = expected_sentence(expected_percent(system, reduction))
     say(expected)
     found = drive_gains(system, reduction, job.settings)
@@ -56,7 +50,7 @@ def run_with_gains(
         torque = currents.columns @ theta + currents.known
         solution = np.concatenate([theta, gains])
         # Errors are shares of the torques that these gains make of the currents.
-        solved = replace(solved, y=gains[currents.motor] * currents.current)
+        solved = replace(solved, y=gains[currents.motor] * currents.current, known=None)
         fit = Fit(
             solution=solution,
             covariance=np.zeros((solution.size, solution.size)),

@@ -139,7 +139,7 @@ class _InstrumentalIterations(Iterations):
     def observe(self, point: Point) -> LinearSystem:
         """Return (7) along the measured motion, and keep the regressor along the simulated one as instruments."""
         self._solver.system = super().observe(point)
-        return self._measured
+        return self.about(point, self._measured)
 
 
 class _ConsistentInstruments(ConsistentRun):

@@ -137,6 +137,13 @@ class Job:
         return self.solver(system, self.settings, progress)
 
     @property
+    def reduction(self) -> Array:
+        """Reduction matrix of the motors whose currents were logged, (n_dof, n_dof): the identity for currents of the joints."""
+        drives = (item.drives for item in self.experiment.recordings if item.role == "fit")
+        found = next((item for item in drives if item is not None), None)
+        return np.eye(self.robot.n_dof) if found is None else np.array(found)
+
+    @property
     def declared_delay(self) -> Delay:
         """The delay that the settings give: without the estimate that they may ask for."""
         setting = self.delay_setting
@@ -153,6 +160,11 @@ class Job:
         declared = self.declared_delay
         if self.delay_setting != "estimate":
             return declared
+        if self.parameters.n_gains:
+            raise FitError(
+                "the delay of currents with unknown gains is not estimated: give compensate_samples, or estimate it with gains "
+                "near the true ones"
+            )
         estimate = self.estimate_delay()
         return replace(
             declared, samples=estimate.joints if estimate.differs else estimate.samples, estimate=estimate

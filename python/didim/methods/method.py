@@ -149,8 +149,8 @@ class MethodSettings:
         parameters = LogParameters.of(robot, experiment.recordings, experiment.payloads, experiment.flange)
         if parameters.n_gains and not self.estimates_gains:
             raise FitError(
-                f"experiment '{experiment.name}' has currents whose drive gains are unknown: identify them by idim-ls, and write "
-                "them into the file as gain = [...]"
+                f"experiment '{experiment.name}' has currents whose drive gains are unknown: identify them by idim-ls, "
+                "idim-iv or didim, and write them into the file as gain = [...]"
             )
         if parameters.simple:
             return parameters

@@ -52,6 +52,40 @@ def white_noise(values: Array) -> Array:
     return np.asarray(np.maximum(spread, floor))
 
 
+def stamp_noise(q: Array, rate_hz: float) -> float:
+    """Estimate the white noise of a log's time stamps: the part of the noise of its positions that grows with the speed.
+
+    A stamp that is late by ``dt`` moves all joints by their speeds times ``dt``. Stamps that were rounded, or taken by a busy
+    computer, make velocities and accelerations of fast joints noisy.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n_samples, n_dof)
+        Positions of a window, evenly sampled as far as its stamps say; more than five samples.
+    rate_hz : float
+        Sampling rate.
+
+    Returns
+    -------
+    float
+        Standard deviation (s); zero where the noise does not grow with the speed.
+
+    Notes
+    -----
+    Fifth differences d: ``d^2 / 252 = a_j + s^2 dq_j^2`` by least squares, the mean square of each joint as its unit.
+    ``test_noise.py`` checks it on
+    stamps that were rounded.
+    """
+    squares = np.diff(q, 5, axis=0) ** 2 / 252.0
+    speeds = (0.2 * rate_hz * (q[5:] - q[:-5])) ** 2
+    size = squares.mean(axis=0)
+    weight = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    rest = (speeds - speeds.mean(axis=0)) * weight
+    scale = float(np.sum(rest**2))
+    share = float(np.sum(rest * squares * weight)) / scale if scale > 0.0 else 0.0
+    return math.sqrt(max(0.0, share))
+
+
 def _median_moving(differences: Array) -> float:
     """Median of the differences that are not zero: reversals, where friction jumps, hardly change it."""
     moving = differences[differences > 0.0]

@@ -20,6 +20,7 @@ from ...experiment.experiment import Experiment
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
+from .held_gains import has_currents, run_with_held_gains
 from .levenberg_marquardt import search
 from .output_error import OutputError
 from .settings import CLOESettings
@@ -96,6 +97,8 @@ class CLOE(CLOESettings):
         DidimError
             One of its kinds: without a reference or a controller, or for a start with which the robot cannot be simulated.
         """
+        if has_currents(experiment):
+            return run_with_held_gains(self, self.run, experiment, progress, say)
         if self.physical:
             from .consistent import search_consistently
 

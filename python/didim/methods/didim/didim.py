@@ -22,6 +22,7 @@ from ...experiment.experiment import Experiment
 from ...loop.outcome import Outcome, SimulationStatus
 from ...model.safe_step import safe_step
 from ...regression.consistent.solver import ConsistentSolver
+from ...regression.gains.currents import Currents
 from ...regression.least_squares import solve_partly
 from ...regression.linear_system import LinearSystem
 from ...result.identification import Identification
@@ -126,7 +127,21 @@ class Iterations:
 
     def observe(self, point: Point) -> LinearSystem:
         """Return the linear system (7): measured torques, and the regressor along the simulated motion."""
-        return self.job.system(segments_of(self.loops.windows, point.simulated), self.base.project(point.x))
+        system = self.job.system(segments_of(self.loops.windows, point.simulated), self.base.project(point.x))
+        return self.about(point, system)
+
+    def about(self, point: Point, system: LinearSystem) -> LinearSystem:
+        """Return a system as it is, or with unknown drive gains the system that is linear in them about a point.
+
+        The start knows nothing of the torques, so the first system is about the estimate with its gains.
+        """
+        n = self.base.n_gains
+        if not n:
+            return system
+        currents = Currents.of(system, self.job.reduction)
+        values = self.base.project(point.x)[self.job.selection.estimated]
+        gains = values[-n:]
+        return currents.linearised(values[:-n] if point.iteration else currents.parameters(gains), gains)
 
     def solve(self, point: Point, system: LinearSystem) -> Solved:
         """Solve (7) along the motion of a point.
@@ -239,6 +254,9 @@ class Iterations:
             x = start_from_log(self.job, self.loops.delay, start)
         else:
             x, further = standard_start(self.robot, start), further_of(start)
+        if self.base.n_gains:
+            # Of the rows along the measured motion: without gains there are no torques to begin with.
+            further = {**further_of(self.loops.direct()), **further}
         x = self.base.extended(x, further)
         beta = self.base.project(x)
         beta[[role != "estimated" for role in self.job.selection.roles]] = 0.0

@@ -62,7 +62,9 @@ def result_at(
     if not status.converged:
         # (10) holds at the minimum: of any other point it says nothing.
         fit = replace(fit, covariance=np.zeros_like(fit.covariance))
-    found = suspicions(system, fit) if status.converged else loops.suspicions()
+    # With unknown gains the rows are those of the motors, and the sign of a gain is estimated.
+    looked_at = suspicions(system, fit) if not job.parameters.n_gains else []
+    found = looked_at if status.converged else loops.suspicions()
     evidence = [
         *torque_reasons(found),
         *following_reasons(point.simulated.error, updating=method.gain_updating != "never"),

@@ -54,6 +54,7 @@ class DIDIMSettings(FitSettings):
         "least squares along the simulated motion, iterated: needs torques, [controller] and [reference], and no filter"
     )
     motion: ClassVar[Motion] = "simulated"
+    estimates_gains: ClassVar[bool] = True
 
     start: Start | None = None
     tolerance: float = 1e-3

@@ -39,6 +39,15 @@ class Window:
     kept: slice
     """Samples of the window that the torques stand beside."""
     parameters: LogParameters
+    drives: Array | None = None
+    """Reduction matrix of the motors whose currents stand in place of the torques, (n_dof, n_dof)."""
+
+    def torque(self, x: Array) -> Array:
+        """Return the measured torques; with unknown drive gains those that the gains in `x` make of the currents."""
+        if self.drives is None:
+            return self.tau
+        gains = x[len(x) - self.parameters.n_gains :]
+        return np.asarray((self.tau @ np.linalg.inv(self.drives) * gains) @ self.drives)
 
     def standard(self, x: Array) -> Array:
         """Return the standard parameters (p,) of the robot with the payload of this window."""
@@ -135,6 +144,7 @@ def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
                     tau=np.ascontiguousarray(tau[kept]),
                     kept=slice(first + kept.start, first + kept.stop),
                     parameters=job.parameters,
+                    drives=None if recording.drives is None else np.array(recording.drives),
                 )
             )
     if not found:
@@ -153,8 +163,9 @@ def simulated(windows: Sequence[Window], x: Array, scale: Array | None) -> tuple
             return outcomes[0], count
         q, dq, ddq, tau = (values[0][window.kept] for values in arrays)
         motions.append((q, dq, ddq, tau))
-        squares += float(np.sum((window.tau - tau) ** 2))
-        size += float(np.sum(window.tau**2))
+        measured = window.torque(x)
+        squares += float(np.sum((measured - tau) ** 2))
+        size += float(np.sum(measured**2))
     return Simulated(motions, scale, ratio(np.sqrt(squares), np.sqrt(size))), len(windows)
 
 

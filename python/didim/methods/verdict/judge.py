@@ -40,6 +40,8 @@ def judged(
     say : callable
         Called with sentences on the progress.
     """
+    if fit.further is not None and fit.further.gains is not None:
+        experiment = experiment.with_gains(fit.further.gains)
     found: list[Reason] = []
     if fit.n_simulations:
         found += loop_reasons(experiment, fit.parameters if fit.converged else None)

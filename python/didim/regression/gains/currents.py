@@ -8,7 +8,7 @@ where R is not the identity. Tested in ``tests/test_drive_gains.py``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,6 +59,36 @@ class Currents:
             known=moved(known),
             motor=np.repeat(np.arange(n), rows),
         )
+
+    def linearised(self, theta: Array, gains: Array) -> LinearSystem:
+        """Return the rows as a linear system in the parameters and the gains, about some of both.
+
+            K0 e = K0 i - t - T0 - W_m theta + T0/K0 K,     T0 = W_m theta0 + t
+
+        Its rows are errors of the currents times the gains `gains`, so that residuals are torques of the motors, and its measured
+        torques are ``K0 i``. At the solution it is the Gauss-Newton step of the likelihood.
+
+        Parameters
+        ----------
+        theta : (q,) array
+            Parameters.
+        gains : (n,) array
+            Drive gains.
+        """
+        torque = self.columns @ theta + self.known
+        own = gains[self.motor]
+        return replace(
+            self.system,
+            w=np.ascontiguousarray(np.hstack([self.columns, self.motors * (-torque / own)[:, None]])),
+            y=own * self.current - self.known - torque,
+            known=self.known + torque,
+            slopes={},
+        )
+
+    def parameters(self, gains: Array) -> Array:
+        """Estimate the parameters by least squares, for given gains, (q,)."""
+        torques = gains[self.motor] * self.current - self.known
+        return np.asarray(np.linalg.lstsq(self.columns / self.scale, torques, rcond=None)[0] / self.scale)
 
     @property
     def n_motors(self) -> int:

@@ -86,7 +86,7 @@ def drive_gains(
     """
     currents = Currents.of(system, reduction)
     gains = first_gains(currents) if start is None else np.array(start, dtype=np.float64)
-    theta = _linear(currents, gains)
+    theta = currents.parameters(gains)
     errors = _errors(currents, gains, theta)
     cost = _cost(currents, errors)
     n = currents.n_motors
@@ -137,7 +137,7 @@ def expected_percent(system: LinearSystem, reduction: Array) -> Array:
     """
     currents = Currents.of(system, reduction)
     gains = first_gains(currents)
-    theta = _linear(currents, gains)
+    theta = currents.parameters(gains)
     errors = _errors(currents, gains, theta)
     # With one gain for all, the residual has the wrong gains in it; a ratio for each motor leaves the noise.
     for motor in range(currents.n_motors):
@@ -161,14 +161,6 @@ def expected_sentence(percent: Array) -> str:
     weak = [str(joint + 1) for joint, value in enumerate(percent) if not value < WEAK_PERCENT]
     hardly = f"; the known load hardly reaches joint {', '.join(weak)}" if weak else ""
     return f"expected standard deviations of the drive gains, for white noise: {shown} %{hardly}"
-
-
-def _linear(currents: Currents, gains: Array) -> Array:
-    """Estimate the parameters by least squares, for given gains."""
-    torques = gains[currents.motor] * currents.current - currents.known
-    return np.asarray(
-        np.linalg.lstsq(currents.columns / currents.scale, torques, rcond=None)[0] / currents.scale
-    )
 
 
 def _errors(currents: Currents, gains: Array, theta: Array) -> Array:
@@ -201,8 +193,8 @@ def _result(
 ) -> Gains:
     """Linearise at the solution, in units of motor torque, and take its covariance."""
     own = gains[currents.motor]
-    torque = currents.columns @ theta + currents.known
-    columns = np.hstack([currents.columns, currents.motors * (-torque / own)[:, None]])
+    system = currents.linearised(theta, gains)
+    columns = system.w
     errors = _errors(currents, gains, theta)
     weights = 1.0 / np.abs(own * currents.spread(errors)[currents.motor])
     weighted = columns * weights[:, None]
@@ -219,9 +211,6 @@ def _result(
             tuple(int(k) for k in np.flatnonzero(np.abs(right[-1]) > 0.1)),
         )
     inverse_r = (right.T / singular) @ left.T / size[:, None]
-    system = replace(
-        currents.system, w=np.ascontiguousarray(columns), y=own * currents.current, known=None, slopes={}
-    )
     residual = own * errors
     return Gains(
         gains=gains,

@@ -4,10 +4,14 @@
     r = K / (s + K) tau_ext                              from p, tau and N alone
 
 N is gravity, Coriolis and friction; ``M + N`` are the inverse model, and ``dM/dt dq`` is the derivative of p along the motion at
-fixed speed. Every sample uses only those before it. Source: De Luca and Mattone (2003). Tested in ``tests/test_residual.py``.
+fixed speed. Every sample uses only those before it. An error dt of a time stamp moves all joints by their speeds times dt, and
+passes the observer as the momentum times what the observer makes of dt. Source: De Luca and Mattone (2003).
+Tested in ``tests/test_residual.py``.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,6 +27,22 @@ STEP_S = 1e-4
 """Time along which the derivative of the momentum at fixed speed is taken."""
 
 
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What a momentum observer sees.
+
+    Attributes
+    ----------
+    torque : (n_samples, n_dof) array
+        Torques from outside (N.m or N).
+    momentum : (n_samples, n_dof) array
+        Generalised momentum ``M(q) dq`` (kg.m^2/s or kg.m/s).
+    """
+
+    torque: Array
+    momentum: Array
+
+
 def observe(
     robot: Robot,
     x: Array,
@@ -32,8 +52,8 @@ def observe(
     *,
     bandwidth_hz: float = BANDWIDTH_HZ,
     cutoff_hz: float | None = None,
-) -> Array:
-    """Return the torques from outside that a momentum observer sees, (n_samples, n_dof).
+) -> Observed:
+    """Return the torques from outside that a momentum observer sees.
 
     Parameters
     ----------
@@ -50,17 +70,9 @@ def observe(
     cutoff_hz : float, optional
         Cut-off of the filter of the positions; 100 Hz, and at most a fifth of the rate.
     """
-    from scipy.signal import butter, lfilter, lfilter_zi  # half a second
-
-    cutoff = min(CUTOFF_HZ, 0.2 * rate_hz) if cutoff_hz is None else cutoff_hz
-    b, a = butter(2, cutoff / (0.5 * rate_hz))
-    start = lfilter_zi(b, a)[:, None]
-
-    def filtered(values: Array) -> Array:
-        return np.asarray(lfilter(b, a, values, axis=0, zi=start * values[:1])[0])
-
     # The same filter on all, so that torques and motion stay side by side.
-    q, tau = filtered(q), filtered(tau)
+    cutoff = _cutoff(rate_hz, cutoff_hz)
+    q, tau = _filtered(q, rate_hz, cutoff), _filtered(tau, rate_hz, cutoff)
     # Between two samples, where the difference of the positions is the velocity.
     dq = _before(np.diff(q, axis=0) * rate_hz)
     q, tau = (_before(0.5 * (values[1:] + values[:-1])) for values in (q, tau))
@@ -75,9 +87,41 @@ def observe(
     known = tau + turning - inverse_dynamics(robot, q, dq, still, x)
     # r' = K (dp/dt - known - r), by backward differences, each beside the difference of p.
     known = _before(0.5 * (known[1:] + known[:-1]))
-    share = 1.0 / (1.0 + 2.0 * np.pi * bandwidth_hz / rate_hz)
     driving = _before(np.diff(p, axis=0) * rate_hz) - known
-    return np.asarray(lfilter([1.0 - share], [1.0, -share], driving, axis=0, zi=share * driving[:1])[0])
+    return Observed(low_pass(driving, rate_hz, bandwidth_hz), p)
+
+
+def low_pass(values: Array, rate_hz: float, bandwidth_hz: float) -> Array:
+    """Return what the observer makes of torques, (n_samples, n): ``K / (s + K)`` by backward differences."""
+    from scipy.signal import lfilter  # half a second
+
+    share = 1.0 / (1.0 + 2.0 * np.pi * bandwidth_hz / rate_hz)
+    return np.asarray(lfilter([1.0 - share], [1.0, -share], values, axis=0, zi=share * values[:1])[0])
+
+
+def stamp_gain(rate_hz: float, bandwidth_hz: float, cutoff_hz: float | None = None) -> float:
+    """Return the standard deviation of the observer's torque per unit of momentum for white noise of the time stamps (1/s^2).
+
+    It is the gain from noise of positions to their twice differentiated and filtered values, by the impulse response.
+    """
+    length = 16 + round(8.0 * rate_hz / min(bandwidth_hz, _cutoff(rate_hz, cutoff_hz)))
+    impulse = np.zeros((length, 1))
+    impulse[4] = 1.0
+    speed = _before(np.diff(_filtered(impulse, rate_hz, _cutoff(rate_hz, cutoff_hz)), axis=0) * rate_hz)
+    response = low_pass(_before(np.diff(speed, axis=0) * rate_hz), rate_hz, bandwidth_hz)
+    return float(np.sqrt(np.sum(response**2)))
+
+
+def _cutoff(rate_hz: float, cutoff_hz: float | None) -> float:
+    return min(CUTOFF_HZ, 0.2 * rate_hz) if cutoff_hz is None else cutoff_hz
+
+
+def _filtered(values: Array, rate_hz: float, cutoff_hz: float) -> Array:
+    """Filter signals, (n_samples, n), causally, as if they had rested at their first values before."""
+    from scipy.signal import butter, lfilter, lfilter_zi  # half a second
+
+    b, a = butter(2, cutoff_hz / (0.5 * rate_hz))
+    return np.asarray(lfilter(b, a, values, axis=0, zi=lfilter_zi(b, a)[:, None] * values[:1])[0])
 
 
 def _before(values: Array) -> Array:

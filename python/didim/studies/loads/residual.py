@@ -30,13 +30,14 @@ from ...result.uncertainty import student_factor
 from ...robot.payload import flange_in_last_frame, last_link
 from ...robot.robot import Robot
 from ...signal.align import align
+from ...signal.noise import stamp_noise
 from ...signal.segments import segments
 from ...signal.spikes import without_spikes
 from ..loaded import standard_in, with_gains_of
 from ..prediction import predict, with_friction_of
 from ..validation import same_robot
 from .detection import Contact, PayloadChange, contacts, payload_change
-from .observer import BANDWIDTH_HZ, observe
+from .observer import BANDWIDTH_HZ, low_pass, observe, stamp_gain
 
 THRESHOLD = 6.0
 """Standard deviations from which the observer reports a torque from outside."""
@@ -290,14 +291,17 @@ def _window(
         without_spikes(recording.tau[start:stop], experiment.signal),
         shift,
     )
-    observed = observe(experiment.robot, x, q, tau, recording.rate_hz, bandwidth_hz=bandwidth_hz)
+    rate = recording.rate_hz
+    found = observe(experiment.robot, x, q, tau, rate, bandwidth_hz=bandwidth_hz)
+    observed = found.torque
     when = times[:, 0]
     settled = when - when[0] > SETTLING / (2.0 * np.pi * bandwidth_hz)
     own = NORMAL * np.median(np.abs(observed[settled] - np.median(observed[settled], axis=0)), axis=0)
     predicted = np.stack([np.interp(when, t, column) for column in std.T], axis=1)
-    limits = threshold * np.maximum(predicted, own) + _reversals(
-        experiment.robot, x, q, recording.rate_hz, bandwidth_hz
-    )
+    # Errors of the time stamps count by the momentum: they are largest where the arm is fast.
+    late = stamp_noise(q, rate) * stamp_gain(rate, bandwidth_hz) * np.abs(found.momentum)
+    limits = threshold * np.hypot(np.maximum(predicted, own), late)
+    limits += _reversals(experiment.robot, x, q, rate, bandwidth_hz)
     seen = np.where(settled[:, None], observed, 0.0)
     change = _payload_change(fit, experiment, recording, window, x)
     told = contacts(when, seen, limits)
@@ -322,8 +326,6 @@ def _reversals(robot: Robot, x: Array, q: Array, rate_hz: float, bandwidth_hz: f
 
     Coulomb friction of a slow joint is unknown: it passes the observer as a torque from outside does.
     """
-    from scipy.signal import lfilter
-
     speed = np.abs(np.gradient(q, axis=0)) * rate_hz
     slow = speed < SLOW * speed.max(axis=0)
     coulomb = np.zeros(robot.n_dof)
@@ -331,8 +333,7 @@ def _reversals(robot: Robot, x: Array, q: Array, rate_hz: float, bandwidth_hz: f
         if name.rstrip("0123456789+-") == "Fc":
             joint = int(name.removeprefix("Fc").rstrip("+-")) - 1
             coulomb[joint] = max(coulomb[joint], abs(value))
-    share = 1.0 / (1.0 + 2.0 * np.pi * bandwidth_hz / rate_hz)
-    return np.asarray(lfilter([1.0 - share], [1.0, -share], slow * 2.0 * coulomb, axis=0))
+    return low_pass(slow * 2.0 * coulomb, rate_hz, bandwidth_hz)
 
 
 def _payload_change(

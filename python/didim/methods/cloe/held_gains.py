@@ -1,0 +1,96 @@
+"""CLOE with currents: the drive gains of IDIM-LS, held. Tested in ``tests/test_drive_gains.py``.
+
+Positions say nothing of drive gains, and CLOE compares no currents, so the gains are those of the rows along the measured motion.
+What CLOE estimates does not depend on them: its covariance and theirs stand side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from ...errors import FitError
+from ...experiment.experiment import Experiment
+from ...result.further import Further
+from ...result.identification import Identification
+from ...result.iteration import Iteration
+from ..idim_ls import IDIMLS
+from .settings import CLOESettings
+
+Say = Callable[[str], None]
+Progress = Callable[[Iteration], bool]
+
+
+class Run(Protocol):
+    """A run of CLOE on an experiment with torques."""
+
+    def __call__(self, experiment: Experiment, progress: Progress, say: Say, /) -> Identification:
+        """Identify."""
+
+
+def has_currents(experiment: Experiment) -> bool:
+    """Return whether a recording to fit has currents whose drive gains are unknown."""
+    return any(item.drives is not None for item in experiment.recordings if item.role == "fit")
+
+
+def run_with_held_gains(
+    method: CLOESettings, run: Run, experiment: Experiment, progress: Progress, say: Say
+) -> Identification:
+    """Identify the drive gains by IDIM-LS, and all else by CLOE on the torques that they give.
+
+    Raises
+    ------
+    FitError
+        For an output with torques, whose errors would depend on the gains.
+    """
+    if method.output != "position":
+        raise FitError(
+            f"output {method.output!r} compares torques, and experiment '{experiment.name}' has currents: use output "
+            "'position', or identify the drive gains by idim-ls or didim and write them into the file as gain = [...]"
+        )
+    direct = IDIMLS(
+        variance=method.variance,
+        uncertainty=method.uncertainty,
+        blocks=method.blocks,
+        signal=method.signal,
+        compensate_samples=method.compensate_samples,
+        fixed=method.fixed,
+        dropped=method.dropped,
+    ).run(experiment, lambda _: False, say)
+    known = direct.further
+    assert known is not None
+    assert known.gains is not None
+    fit = run(experiment.with_gains(known.gains), progress, say)
+    return replace(
+        fit,
+        further=_with_gains(fit, known),
+        remarks=(
+            *fit.remarks,
+            "positions say nothing of drive gains: these are the gains of IDIM-LS, with its standard deviations",
+        ),
+    )
+
+
+def _with_gains(fit: Identification, direct: Further) -> Further:
+    """Return the further parameters of a result with the drive gains of another one behind them."""
+    part = direct.part("gain")
+    own = fit.further
+    covariance = fit.covariance if own is None else own.covariance
+    n = part.stop - part.start
+    whole = np.zeros((len(covariance) + n,) * 2)
+    whole[:-n, :-n], whole[-n:, -n:] = covariance, direct.covariance_of(part)
+    blocks = tuple(block for block in direct.blocks if block.kind == "gain")
+    if own is None:
+        return Further(
+            blocks=blocks, values=direct.values[part], covariance=whole, std_white=direct.std_white[part]
+        )
+    return replace(
+        own,
+        blocks=(*own.blocks, *blocks),
+        values=np.concatenate([own.values, direct.values[part]]),
+        covariance=whole,
+        std_white=np.concatenate([own.std_white, direct.std_white[part]]),
+    )
