@@ -23,7 +23,7 @@ from didim.errors import FitError, PlotError, ShapeError
 from didim.experiment.specs import SimulationSettings
 from didim.model.kinematics import frames
 from didim.plot.style import MOST_POINTS, line, thin
-from didim.robot.robot import Robot
+from didim.robot.robot import JointLimits, Robot
 from didim.signal.decimation import DECIMATION_RIPPLE_DB
 from didim.signal.noise import noise_correlation
 from didim.signal.processing import SignalProcessing
@@ -285,6 +285,72 @@ def test_intervals_of_one_result(closed: Identification) -> None:
     np.testing.assert_allclose(ends, np.clip(half, 0.01, 1000.0))
     well = np.array([bar.get_hatch() is None for bar in axes.patches])
     np.testing.assert_array_equal(well, closed.relative_std_percent <= 20.0)
+
+
+def test_standardised_parameters(closed: Identification, arm: Experiment) -> None:
+    """The dots are the parameters times the torque that their columns of W make, worked out here from W itself."""
+    (item,) = found = predict(closed, arm)
+    axes = panels(plot.parameters(closed, experiment=arm, predictions=found))[0]
+    dots = [(x, y) for drawn in axes.get_lines()[1:] for x, y in zip(*drawn.get_data(), strict=True)]
+    shown = np.array([x for x, _ in sorted(dots, key=lambda dot: dot[1])])
+    assert item.sizes is not None
+    torque = np.sqrt(np.mean(item.measured**2, axis=0))
+    expected = 100.0 * closed.beta * (item.sizes / torque[:, None]).max(axis=0)
+    np.testing.assert_allclose(shown, expected, rtol=1e-12)
+    # A parameter that acts alone explains as much as the torque falls without it.
+    offset = closed.names.index("Fv2")
+    alone = item.predicted - predict(without(closed, offset), arm, motion="simulated")[0].predicted
+    np.testing.assert_allclose(
+        np.sqrt(np.mean(alone[:, 1] ** 2)), abs(closed.beta[offset]) * item.sizes[1, offset], rtol=0.2
+    )
+    drawn = [segment[:, 0] for part in axes.collections for segment in part.get_segments()]
+    half = 0.5 * np.array([high - low for low, high in drawn])
+    scale = (item.sizes / torque[:, None]).max(axis=0)
+    np.testing.assert_allclose(
+        np.sort(half), np.sort(100.0 * closed.interval_factor() * closed.std * scale), rtol=1e-9
+    )
+
+
+def test_motion_and_its_limits(arm: Experiment) -> None:
+    (recording,) = arm.recordings
+    robot = replace(arm.robot, limits=(JointLimits(position=(-4.0, 4.0), velocity=10.0), JointLimits()))
+    late = replace(recording, t=recording.t + 7.0)
+    axes = panels(plot.motion(replace(arm, robot=robot, recordings=(late,))))
+    assert len(axes) == 4
+    t, q = (np.asarray(values) for values in axes[0].get_lines()[0].get_data())
+    assert 0.0 <= t[0] < 0.2
+    assert axes[1].get_xlim()[0] == 0.0
+    kept = slice(arm.signal.trim_start, len(late.t) - arm.signal.trim_end)
+    assert np.abs(q).max() == pytest.approx(np.abs(recording.q[kept, 0]).max(), rel=0.01)
+    assert [drawn.get_ydata()[0] for drawn in axes[0].get_lines()[1:]] == [-4.0, 4.0]
+    used = 100.0 * np.ptp(recording.q[kept, 0]) / 8.0
+    text = axes[0].get_title(loc="right")
+    assert float(text.split()[1]) == pytest.approx(used, abs=1.0)
+    assert axes[2].get_title(loc="right") == "no limits known"
+    with pytest.raises(PlotError, match="has no positions to draw"):
+        plot.motion(replace(arm, recordings=()))
+
+
+def test_spectra(closed: Identification, arm: Experiment) -> None:
+    (item,) = predict(closed, arm)
+    rate = 1.0 / float(item.t[1] - item.t[0])
+    # A ripple of 0.3 N.m at a fifth of the rate stands out at its frequency, with its power.
+    ripple = 0.3 * np.sin(2.0 * np.pi * 0.2 * rate * item.t)
+    rough = replace(item, measured=item.measured + ripple[:, None])
+    axes = panels(plot.spectra(closed, arm, predictions=[rough]))
+    f, density = (np.asarray(values) for values in axes[0].get_lines()[1].get_data())
+    assert f[np.argmax(density)] == pytest.approx(0.2 * rate, abs=2.0 * f[0])
+    power = float(np.sum(density**2) * (f[1] - f[0]))
+    assert power == pytest.approx(float(np.mean(rough.residual[:, 0] ** 2)), rel=0.2)
+    with pytest.raises(PlotError, match="too short for spectra"):
+        plot.spectra(closed, arm, predictions=[replace(item, t=item.t[:20])])
+
+
+def without(fit: Identification, index: int) -> Identification:
+    """Result whose base parameter is zero, and the standard parameter that it is alone."""
+    parameters = np.array(fit.parameters)
+    parameters[list(fit.parameter_names).index(fit.names[index])] = 0.0
+    return replace(fit, parameters=parameters)
 
 
 def test_deviations_from_the_truth(closed: Identification, direct: Identification, arm: Experiment) -> None:

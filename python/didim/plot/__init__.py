@@ -13,6 +13,7 @@ from .estimates import convergence, correlation, parameters
 from .external import external
 from .friction import friction
 from .logs import overlay, residuals, torques
+from .motion import motion, spectra
 from .skeleton import robot
 from .style import require, svg
 
@@ -21,11 +22,13 @@ __all__ = [
     "correlation",
     "external",
     "friction",
+    "motion",
     "overlay",
     "parameters",
     "require",
     "residuals",
     "robot",
+    "spectra",
     "svg",
     "torques",
 ]

@@ -10,8 +10,10 @@ from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
 from ..errors import PlotError
+from ..experiment.experiment import Experiment
 from ..result.identification import Identification
 from ..result.table import WELL_IDENTIFIED_PERCENT
+from ..studies.prediction import Prediction, explained, predict
 from .style import CYCLE, FAINT, GOOD, MARKERS, RESIDUAL, WIDTH_IN, new_figure, styled
 
 if TYPE_CHECKING:
@@ -23,6 +25,8 @@ else:  # matplotlib is optional, and slow to load
 
 ROWS_PER_COLUMN = 20
 ROW_IN = 0.19
+LINEAR_PERCENT = 1.0
+"""Share of the torque below which the axis of standardised parameters is linear."""
 LOWEST_PERCENT, HIGHEST_PERCENT = 0.01, 1000.0
 SPREAD = 0.5
 """Share of a row over which the points of several methods are spread."""
@@ -153,7 +157,11 @@ def _plain_ticks(axes: Axes) -> None:
 
 @styled
 def parameters(
-    fits: Identification | Mapping[str, Identification], *, truth: ArrayLike | None = None
+    fits: Identification | Mapping[str, Identification],
+    *,
+    truth: ArrayLike | None = None,
+    experiment: Experiment | None = None,
+    predictions: Sequence[Prediction] | None = None,
 ) -> Figure:
     """Draw the base parameters with their 95 % intervals.
 
@@ -163,13 +171,19 @@ def parameters(
         Results of the same base parameters, by the names of the legend.
     truth : (b,) array, optional
         True base parameters.
+    experiment : Experiment, optional
+        The log of a single result, whose parameters are then standardised by the torque that they explain.
+    predictions : sequence of Prediction, optional
+        As for `torques`, where they are known already.
 
     Returns
     -------
     Figure
         With a truth, how far off each estimate is in its own standard deviations: 95 % of them belong in the band. Several
         results without one stand beside the first, in standard deviations of the first, with their intervals. A single
-        result shows half of its 95 % interval in % of the estimate.
+        result with its log shows each parameter as a dot with its 95 % interval, in % of the torque that it explains of the joint
+        where that is most (root mean squares, so that large and small parameters, masses and friction share one axis); without
+        a log, half of the interval in % of the estimate.
 
     Raises
     ------
@@ -187,7 +201,9 @@ def parameters(
     if not certain:
         raise PlotError("no result has a covariance, and so no intervals")
     if truth is None and len(several) == 1:
-        return _intervals(first)
+        if experiment is None:
+            return _intervals(first)
+        return _standardised(first, list(predict(first, experiment) if predictions is None else predictions))
     return _deviations(certain, None if truth is None else np.asarray(truth, dtype=np.float64))
 
 
@@ -206,6 +222,59 @@ def _columns(names: Sequence[str], extra_in: float) -> tuple[Figure, list[tuple[
         ax.tick_params(axis="y", length=0)
         found.append((ax, rows))
     return figure, found
+
+
+def _standardised(fit: Identification, predictions: Sequence[Prediction]) -> Figure:
+    """Dots and intervals in % of the torque that a parameter explains, beyond 1 % on a logarithmic scale."""
+    from matplotlib.ticker import FuncFormatter, NullLocator
+
+    scale = 100.0 * explained(predictions)
+    value, half = fit.beta * scale, fit.interval_factor() * fit.std * scale
+    figure, columns = _columns(fit.names, 1.0)
+    reach = float(np.max(np.abs(value) + half, initial=1.0)) * 1.3
+    well = (fit.std > 0.0) & (fit.relative_std_percent <= WELL_IDENTIFIED_PERCENT)
+    labels = {
+        True: f"well identified (sigma below {WELL_IDENTIFIED_PERCENT:.0f} %)",
+        False: "not well identified",
+    }
+    for ax, rows in columns:
+        ax.axvline(0.0, color="#3a424d", linewidth=0.8)
+        for place in np.arange(len(rows))[1::2]:
+            ax.axhspan(place - 0.5, place + 0.5, color="#000000", alpha=0.035, linewidth=0.0, zorder=0.6)
+        for good, color, face in ((True, GOOD, GOOD), (False, RESIDUAL, "white")):
+            kept = [(place, k) for place, k in enumerate(rows) if bool(well[k]) is good]
+            if not kept:
+                continue
+            places, indices = (list(item) for item in zip(*kept, strict=True))
+            ax.hlines(
+                places,
+                value[indices] - half[indices],
+                value[indices] + half[indices],
+                color=color,
+                linewidth=1.4,
+            )
+            ax.plot(
+                value[indices],
+                places,
+                "o",
+                markersize=4.2,
+                color=color,
+                markerfacecolor=face,
+                label=labels[good],
+            )
+        ax.set_xscale("symlog", linthresh=LINEAR_PERCENT, linscale=0.6)
+        ax.set_xlim(-reach, reach)
+        ticks = [tick for tick in (1.0, 10.0, 100.0, 1000.0) if tick < reach]
+        ax.set_xticks([-tick for tick in reversed(ticks)] + [0.0, *ticks])
+        ax.xaxis.set_minor_locator(NullLocator())
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda number, _: f"{number:g}"))
+        ax.set_xlabel("torque explained (%), 95 % interval")
+        ax.grid(axis="y", visible=False)
+    handles: dict[str, Any] = {}
+    for ax, _ in columns:
+        handles |= {str(item.get_label()): item for item in ax.get_legend_handles_labels()[0]}
+    figure.legend(handles=list(handles.values()), loc="outside upper right", ncols=2)
+    return figure
 
 
 def _intervals(fit: Identification) -> Figure:

@@ -18,7 +18,7 @@ else:  # matplotlib is optional, and slow to load
 
 PANELS_PER_ROW = 3
 PANEL_IN = 2.5
-MOST_MARKS = 200
+MOST_MARKS = 120
 """Rows of the log that a panel shows."""
 
 

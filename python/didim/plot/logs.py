@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -27,7 +27,7 @@ Pieces = list[tuple[Array, Array, Array]]
 
 CONFIDENCE = 1.96
 """Standard deviations on either side of 95 % of a normal distribution."""
-MOST_BAND_POINTS = 1000
+MOST_BAND_POINTS = 300
 """Points of a prediction band: it varies slowly."""
 MOST_LAGS = 40
 PANELS_PER_ROW = 2
@@ -63,7 +63,7 @@ def torques(
     found = list(predict(fit, experiment) if predictions is None else predictions)
     kinds = experiment.robot.joint_kinds
     words = {"measured": "predicted", "simulated": "simulated"}[found[0].motion]
-    pieces = _end_to_end(found)
+    pieces = _end_to_end(found, {item.name: start_of(item) for item in experiment.recordings})
     bands = [
         (t, 0.5 * (high - low))
         for (t, _, _), item in zip(pieces, found, strict=True)
@@ -133,7 +133,7 @@ def overlay(
     error = np.linalg.norm(measured - model, axis=0)
     shares = np.divide(error, size, out=np.full_like(error, np.nan), where=size > 0.0)
     return _compared(
-        [(recording.t[start : start + len(model)], measured, model)],
+        [(recording.t[start : start + len(model)] - recording.t[start], measured, model)],
         labels=("measured", "simulated"),
         names=["position" if place == 0 else "force" if kind == "prismatic" else "torque" for kind in kinds],
         units=[units(kind)[place] for kind in kinds],
@@ -142,10 +142,15 @@ def overlay(
     )
 
 
-def _end_to_end(predictions: Sequence[Prediction]) -> Pieces:
-    """Windows with the times of one recording after the other."""
+def start_of(recording: Recording) -> float:
+    """Time stamp of the first sample that is used, from which pictures count."""
+    return float(recording.t[recording.windows[0][0]])
+
+
+def _end_to_end(predictions: Sequence[Prediction], starts: Mapping[str, float]) -> Pieces:
+    """Windows with the times of one recording after the other, the first from 0."""
     pieces: Pieces = []
-    offset, last, name = 0.0, 0.0, ""
+    offset, last, name = -starts.get(predictions[0].recording, 0.0), 0.0, ""
     for item in predictions:
         if name and item.recording != name:
             offset = last - float(item.t[0])
@@ -170,12 +175,13 @@ def _compared(
     n = len(names)
     rows, columns = per_row(n, PANELS_PER_ROW)
     figure = new_figure(0.4 + (3.6 if n == 1 else 2.5) * rows, gap_in=0.04)
-    outer = figure.add_gridspec(rows, columns)
+    # One grid for all panels, whose time axes stand exactly above each other.
+    grid = figure.add_gridspec(2 * rows, columns, height_ratios=(2.4, 1.0) * rows)
     handles: list[Any] = []
     for joint in range(n):
-        inner = outer[divmod(joint, columns)].subgridspec(2, 1, height_ratios=(2.4, 1.0), hspace=0.0)
-        upper = figure.add_subplot(inner[0])
-        lower = figure.add_subplot(inner[1], sharex=upper)
+        row, column = divmod(joint, columns)
+        upper = figure.add_subplot(grid[2 * row, column])
+        lower = figure.add_subplot(grid[2 * row + 1, column], sharex=upper)
         line(
             upper,
             [(t, measured[:, joint]) for t, measured, _ in pieces],
@@ -210,12 +216,14 @@ def _compared(
         lower.set_ylabel(f"diff. ({units[joint]})")
         upper.tick_params(labelbottom=False)
         lower.margins(x=0.01)
+        lower.set_xlim(left=0.0)
         lower.locator_params(axis="y", nbins=3)
         if joint >= n - columns:
             lower.set_xlabel("time (s), one recording after the other" if several else "time (s)")
         else:
             lower.tick_params(labelbottom=False)
         handles = [*upper.get_lines()[:2], lower.get_lines()[0]]
+    figure.align_ylabels()
     figure.legend(handles=handles, loc="outside upper right", ncols=3)
     return figure
 

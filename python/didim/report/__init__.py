@@ -39,7 +39,7 @@ def render(
     Returns
     -------
     str
-        A whole page. The same result gives the same text.
+        A whole page. The same result gives the same text on the same day, which ``SOURCE_DATE_EPOCH`` sets.
 
     Raises
     ------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +15,7 @@ from .._tools.words import counted
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..plot.estimates import estimate_correlation
+from ..plot.motion import FEWEST_ROWS
 from ..plot.style import percent
 from ..result.delay_lines import delay_lines
 from ..result.identification import Identification
@@ -37,9 +39,10 @@ def fit_page(fit: Identification, experiment: Experiment) -> str:
     level, badge, sentence = judged(fit)
     findings = [*(str(reason) for reason in fit.verdict.reasons), *doubt]
     sections = [
-        verdict(level, badge, sentence, tiles(fit), findings),
+        verdict(level, badge, sentence, [*tiles(fit), *log_tiles(fit, experiment)], findings),
         torque_section(fit, experiment, predictions),
-        parameter_section(fit, experiment),
+        motion_section(experiment),
+        parameter_section(fit, experiment, predictions),
         further_section(fit),
         _residual_section(fit, experiment, predictions),
         _friction_section(fit, experiment),
@@ -111,6 +114,19 @@ def tiles(fit: Identification) -> list[tuple[str, str]]:
     return found
 
 
+def log_tiles(fit: Identification, experiment: Experiment) -> list[tuple[str, str]]:
+    """Return rate and filters of the log: value and label."""
+    rates = sorted({item.rate_hz for item in experiment.recordings})
+    found = [(" and ".join(f"{rate:g} Hz" for rate in rates), "rate of the log")] if len(rates) < 3 else []
+    signal = fit.settings.get("signal")
+    if signal:
+        cutoff = signal.get("cutoff_hz")
+        factor = math.prod(signal.get("decimation") or ())
+        label = "cut-off" if factor == 1 else f"cut-off, 1 row of {factor} samples"
+        found.append((f"{cutoff:g} Hz" if cutoff else "none", label))
+    return found
+
+
 def _predictions(fit: Identification, experiment: Experiment) -> tuple[list[Prediction], list[str]]:
     """Return the torques as the fit has them, or along the measured motion where a simulation ends early, which is then told."""
     silent = [item.name for item in experiment.recordings if item.role == "fit" and item.tau is None]
@@ -158,6 +174,20 @@ def torque_section(fit: Identification, experiment: Experiment, predictions: Seq
     return section("Torques", *content)
 
 
+def motion_section(experiment: Experiment) -> Html:
+    """Show the motion of the log against the limits of the robot."""
+    if not any(item.has_positions for item in experiment.recordings):
+        return Html("")
+    return section(
+        "Motion",
+        paragraph(
+            "Filtered position and speed of each joint. Dotted lines are the limits of the robot file; the titles have the shares "
+            "of range and speed that the motion uses. Parameters of joints that hardly move are hardly identified."
+        ),
+        picture(plot.motion(experiment), "Position and speed of each joint over time, with limits"),
+    )
+
+
 def aligned_rows(rows: Sequence[Sequence[str]], first: int) -> list[list[Text]]:
     """Return rows whose columns from `first` on are aligned on the decimal point."""
     cells = [list(column) for column in zip(*rows, strict=True)]
@@ -172,7 +202,9 @@ def _origin(fit: Identification) -> str:
     return "" if fit.uncertainty is None else f" {fit.uncertainty.origin}"
 
 
-def parameter_section(fit: Identification, experiment: Experiment) -> Html:
+def parameter_section(
+    fit: Identification, experiment: Experiment, predictions: Sequence[Prediction] = ()
+) -> Html:
     """Show the parameters, their intervals, and what they are made of."""
     head, *rows = fit.parameter_rows()
     last = len(head) - 1
@@ -208,9 +240,19 @@ def parameter_section(fit: Identification, experiment: Experiment) -> Html:
         )
     ]
     if fit.std.any():
-        content.append(
-            picture(plot.parameters(fit), "Half of the 95 % interval of each parameter in percent")
-        )
+        standardised = len(predictions) > 0 and predictions[0].measured.any()
+        if standardised:
+            content.append(
+                paragraph(
+                    "The picture shows each parameter and its interval in percent of the torque that it explains, of the joint "
+                    "where that is most. Parameters that the torques depend on lie far from zero; intervals of those that the log "
+                    "leaves open cover zero."
+                )
+            )
+            drawn = plot.parameters(fit, experiment=experiment, predictions=predictions)
+        else:
+            drawn = plot.parameters(fit)
+        content.append(picture(drawn, "Parameters with their 95 % intervals"))
     content.append(listing)
     base = experiment.robot.base_parameters
     if base.names == fit.names:
@@ -244,6 +286,19 @@ def further_section(fit: Identification) -> Html:
 def _residual_section(fit: Identification, experiment: Experiment, predictions: Sequence[Prediction]) -> Html:
     if not predictions:
         return Html("")
+    spectra = []
+    if all(len(item.t) >= FEWEST_ROWS for item in predictions):
+        spectra = [
+            paragraph(
+                "Spectra of the measured torque and of the residual. Noise that is white lies on the grey line; a peak has a cause "
+                "that the model lacks, such as the ripple of a gear, and a slope that rises to low frequencies is a model error "
+                "that moves with the arm."
+            ),
+            picture(
+                plot.spectra(fit, experiment, predictions=predictions),
+                "Spectrum of the residual of each joint",
+            ),
+        ]
     return section(
         "Residuals",
         paragraph(
@@ -254,6 +309,7 @@ def _residual_section(fit: Identification, experiment: Experiment, predictions: 
             plot.residuals(fit, experiment, predictions=predictions),
             "Autocorrelation and distribution of the residual of each joint",
         ),
+        *spectra,
     )
 
 

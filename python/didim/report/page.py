@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import base64
+import os
+import re
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -10,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from .._tools.version import __version__
 from ..plot.style import svg
 
 if TYPE_CHECKING:
@@ -19,14 +23,26 @@ if TYPE_CHECKING:
 Level = Literal["good", "caution", "bad"]
 
 STYLE = """\
-:root { --ink: #1f2630; --soft: #5b6470; --line: #dfe3e8; --good: #00734f; --caution: #8a5a00; --bad: #b3261e; }
+:root {
+  color-scheme: light dark; --ink: #1f2630; --soft: #5b6470; --line: #dfe3e8; --good: #00734f; --caution: #8a5a00; --bad: #b3261e;
+  --paper: #fff; --ground: #f4f5f7; --stripe: #f7f8fa; --link: #005a9c;
+}
+@media (prefers-color-scheme: dark) {
+  :root {
+    --ink: #e3e6ea; --soft: #a2aab4; --line: #3a4048; --good: #4cc9a0; --caution: #e0ac3d; --bad: #f28b82;
+    --paper: #1c2026; --ground: #121519; --stripe: #22272e; --link: #7db8ea;
+  }
+  /* Pictures are drawn on white: lightness turns round, hues stay. */
+  figure img { filter: invert(0.89) hue-rotate(180deg); border-radius: 4px; }
+}
 * { box-sizing: border-box; }
-body { margin: 0; color: var(--ink); background: #f4f5f7; font: 15px/1.5 system-ui, "Segoe UI", "Liberation Sans", sans-serif; }
+body { margin: 0; color: var(--ink); background: var(--ground);
+  font: 15px/1.5 system-ui, "Segoe UI", "Liberation Sans", sans-serif; }
 main { max-width: 1120px; margin: 0 auto; padding: 28px 20px 60px; }
 h1 { margin: 0; font-size: 26px; line-height: 1.25; }
 h2 { margin: 0 0 6px; font-size: 19px; }
 header p { margin: 2px 0 16px; color: var(--soft); }
-section { margin: 16px 0 0; padding: 18px 22px 20px; background: #fff; border: 1px solid var(--line); border-radius: 8px; }
+section { margin: 16px 0 0; padding: 18px 22px 20px; background: var(--paper); border: 1px solid var(--line); border-radius: 8px; }
 section > p { max-width: 84ch; margin: 6px 0; }
 .verdict { border-left: 8px solid; }
 .verdict.good { border-left-color: var(--good); }
@@ -37,8 +53,11 @@ section > p { max-width: 84ch; margin: 6px 0; }
 .caution strong.badge { color: var(--caution); }
 .bad strong.badge { color: var(--bad); }
 .verdict > p { font-size: 17px; }
-.tiles { display: flex; flex-wrap: wrap; gap: 10px; margin: 14px 0 4px; padding: 0; list-style: none; }
-.tiles li { flex: 1 1 130px; padding: 8px 12px; background: #f4f5f7; border-radius: 6px; }
+.tiles {
+  display: grid; grid-template-columns: repeat(auto-fill, minmax(124px, 1fr)); gap: 10px;
+  margin: 14px 0 4px; padding: 0; list-style: none;
+}
+.tiles li { padding: 8px 12px; background: var(--ground); border-radius: 6px; }
 .tiles b { display: block; font-size: 20px; line-height: 1.3; white-space: nowrap; }
 .tiles span { color: var(--soft); font-size: 13px; }
 ul.findings { margin: 6px 0 4px; padding-left: 22px; }
@@ -50,7 +69,7 @@ table { border-collapse: collapse; font-size: 13.5px; }
 th, td { padding: 2px 12px 2px 0; text-align: left; white-space: nowrap; vertical-align: top; }
 thead th { padding-bottom: 4px; white-space: normal; vertical-align: bottom; border-bottom: 1.5px solid var(--soft); }
 thead tr:first-child th.group { padding-top: 2px; border-bottom: 1px solid var(--line); text-align: center; }
-tbody tr:nth-child(even) td { background: #f7f8fa; }
+tbody tr:nth-child(even) td { background: var(--stripe); }
 td.number, th.number { text-align: right; }
 td.number, td.digest, pre {
   font-family: ui-monospace, "DejaVu Sans Mono", "Liberation Mono", Consolas, monospace; font-size: 12.5px;
@@ -62,8 +81,26 @@ td.uncertain { color: var(--caution); }
 td.wide, td.digest { white-space: normal; overflow-wrap: anywhere; }
 pre { overflow-x: auto; margin: 8px 0 0; }
 summary { cursor: pointer; margin-top: 10px; color: var(--soft); }
-@media print { body { background: #fff; } section { border: 0; padding: 8px 0; break-inside: avoid-page; } }
+nav { margin: 14px 0 0; color: var(--soft); font-size: 14px; }
+nav a { display: inline-block; margin: 0 14px 2px 0; color: var(--link); text-decoration: none; }
+nav a:hover { text-decoration: underline; }
+h2 { scroll-margin-top: 12px; }
+@media (max-width: 640px) {
+  main { padding: 14px 8px 40px; }
+  header { padding: 0 6px; }
+  h1 { font-size: 21px; overflow-wrap: anywhere; }
+  section { padding: 14px 12px 16px; }
+  .verdict > p { font-size: 15.5px; }
+  .tiles { grid-template-columns: repeat(auto-fill, minmax(100px, 1fr)); }
+  .tiles b { font-size: 17px; }
+  /* A picture of eleven inches has labels that nobody reads on a phone: it keeps half its size and is pushed aside instead. */
+  figure img.wide { width: auto; max-width: none; height: auto; zoom: 0.72; }
+}
+@media print { nav { display: none; } section { border: 0; padding: 8px 0; break-inside: avoid-page; } }
 """
+
+WIDE_PX = 700
+"""Width of a picture from which a phone pushes it aside."""
 
 # Nothing may be fetched, whatever a file name or a message holds.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -71,9 +108,11 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 @dataclass(frozen=True)
 class Html:
-    """Text that is HTML already; everything else is escaped."""
+    """Text that is HTML already; everything else is escaped. A section has a title, and a name for links."""
 
     text: str
+    title: str = ""
+    name: str = ""
 
 
 Text = str | Html
@@ -84,9 +123,22 @@ def html(text: Text) -> str:
     return text.text if isinstance(text, Html) else escape(text)
 
 
+def today() -> str:
+    """Return the date of a page; ``SOURCE_DATE_EPOCH`` sets it, as for other things that are built twice alike."""
+    given = os.environ.get("SOURCE_DATE_EPOCH", "")
+    now = time.gmtime(int(given)) if given.isdecimal() else time.localtime()
+    return time.strftime("%Y-%m-%d", now)
+
+
 def page(title: str, subtitle: str, sections: Iterable[Html]) -> str:
     """Return the whole page."""
-    body = "\n".join(section.text for section in sections)
+    parts = list(sections)
+    body = "\n".join(part.text for part in parts)
+    places = [(part.name, part.title) for part in parts if part.name]
+    links = "\n".join(f'<a href="#{name}">{escape(text)}</a>' for name, text in places)
+    # The verdict stands above the table of contents.
+    first, _, rest = body.partition("</section>")
+    body = f"{first}</section>\n<nav>\n{links}\n</nav>{rest}" if links and not parts[0].name else body
     return f"""\
 <!DOCTYPE html>
 <html lang="en">
@@ -102,7 +154,7 @@ def page(title: str, subtitle: str, sections: Iterable[Html]) -> str:
 <main>
 <header>
 <h1>{escape(title)}</h1>
-<p>{escape(subtitle)}</p>
+<p>{escape(subtitle)}. Written {today()} by didim {__version__}.</p>
 </header>
 {body}
 </main>
@@ -113,9 +165,9 @@ def page(title: str, subtitle: str, sections: Iterable[Html]) -> str:
 
 def section(title: str, *content: Html) -> Html:
     """Return a part of the page under a heading."""
-    return Html(
-        "\n".join([f"<section>\n<h2>{escape(title)}</h2>", *(part.text for part in content), "</section>"])
-    )
+    name = re.sub(r"\W+", "-", title.lower()).strip("-")
+    head = f'<section>\n<h2 id="{escape(name)}">{escape(title)}</h2>'
+    return Html("\n".join([head, *(part.text for part in content), "</section>"]), title, name)
 
 
 def verdict(
@@ -144,8 +196,9 @@ def picture(figure: Figure, description: str) -> Html:
     """Return a figure, embedded; the description is what a screen reader says."""
     data = base64.b64encode(svg(figure).encode()).decode("ascii")
     width, height = (round(96.0 * inches) for inches in figure.get_size_inches())
+    kind = ' class="wide"' if width > WIDE_PX else ""
     return Html(
-        f'<figure><img width="{width}" height="{height}" alt="{escape(description)}" '
+        f'<figure><img{kind} width="{width}" height="{height}" alt="{escape(description)}" '
         f'src="data:image/svg+xml;base64,{data}"></figure>'
     )
 

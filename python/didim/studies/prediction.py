@@ -58,6 +58,8 @@ class Prediction:
         results without standard deviations.
     degrees_of_freedom : float
         Of Student's distribution of the intervals.
+    sizes : (n_dof, n_base) array or None
+        Root mean square of each column of W over the rows of a joint: torque of a parameter that is 1.
     """
 
     recording: str
@@ -69,6 +71,7 @@ class Prediction:
     noise_correlation: Array | None = None
     std: Array | None = None
     degrees_of_freedom: float = float("inf")
+    sizes: Array | None = None
 
     @property
     def residual(self) -> Array:
@@ -100,6 +103,28 @@ def relative_errors(predictions: Sequence[Prediction]) -> Array:
         for key in ("residual", "measured")
     )
     return ratios(error, size)
+
+
+def explained(predictions: Sequence[Prediction]) -> Array:
+    """Share of the torque that each base parameter explains when it is 1: of the joint where this share is largest.
+
+    Parameters
+    ----------
+    predictions : sequence of Prediction
+        From `predict`.
+
+    Returns
+    -------
+    (n_base,) array
+        Root mean square of the column of W over that of the measured torque, per unit of the parameter.
+    """
+    rows = np.array([len(item.t) for item in predictions], dtype=np.float64)
+    squares = np.array([item.sizes for item in predictions], dtype=np.float64) ** 2
+    column = np.sqrt(np.tensordot(rows, squares, axes=1) / rows.sum())
+    measured = np.concatenate([item.measured for item in predictions])
+    torque = np.sqrt(np.mean(measured**2, axis=0))[:, None]
+    share = np.divide(column, torque, out=np.zeros_like(column), where=torque > 0.0)
+    return np.asarray(share.max(axis=0))
 
 
 def predict(
@@ -298,6 +323,7 @@ def _prediction(
         measured=system.y.reshape(n, -1).T.copy(),
         predicted=(system.w @ beta).reshape(n, -1).T.copy(),
         noise_correlation=noise_correlation(signal),
+        sizes=np.sqrt(np.mean(system.w.reshape(n, -1, system.w.shape[1]) ** 2, axis=1)),
         **_spread(fit, system.w, n),
     )
 

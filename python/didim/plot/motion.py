@@ -1,0 +1,211 @@
+"""Motion of a log against the limits of its robot, and the spectra of what the model leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import PlotError
+from ..experiment.experiment import Experiment
+from ..log.recording import Recording
+from ..result.identification import Identification
+from ..signal.segments import motion_of
+from ..studies.prediction import Prediction, predict
+from .logs import start_of
+from .style import FAINT, MEASURED, MODEL, RESIDUAL, line, new_figure, per_row, styled, units
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+else:  # matplotlib is optional, and slow to load
+    Axes = Figure = Any
+
+PANELS_PER_ROW = 3
+FEWEST_ROWS = 32
+"""Rows of a window whose spectrum is drawn."""
+LONGEST_PIECE = 512
+"""Rows of a piece whose spectrum is taken: the spectrum is the mean over such pieces."""
+PIECES = 4
+"""Pieces of the shortest window, at least: one alone has a spectrum of spikes."""
+LOWEST_SHARE = 1e-4
+"""Share of the largest amplitude at which the axis ends: below are the stop bands of the decimation."""
+
+
+@styled
+def motion(experiment: Experiment) -> Figure:
+    """Draw position and speed of each joint against its limits.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The log; its filters differentiate the positions.
+
+    Returns
+    -------
+    Figure
+        Per joint the position above and the speed below, over time from the first sample that is used, recordings one after the
+        other. Dotted lines are the limits of the robot file, where it has them; the title has the shares that the motion uses.
+
+    Raises
+    ------
+    PlotError
+        For an experiment without positions, or without matplotlib.
+    """
+    recordings = [item for item in experiment.recordings if item.has_positions]
+    if not recordings:
+        raise PlotError(f"experiment '{experiment.name}' has no positions to draw")
+    pieces = _pieces(experiment, recordings)
+    robot = experiment.robot
+    rows, columns = per_row(robot.n_dof, PANELS_PER_ROW)
+    figure = new_figure(0.4 + 2.5 * rows, gap_in=0.05)
+    grid = figure.add_gridspec(2 * rows, columns)
+    for joint, limits in enumerate(robot.limits):
+        row, column = divmod(joint, columns)
+        upper = figure.add_subplot(grid[2 * row, column])
+        lower = figure.add_subplot(grid[2 * row + 1, column], sharex=upper)
+        unit = units(robot.joint_kinds[joint])[0]
+        line(upper, [(t, q[:, joint]) for t, q, _ in pieces], color=MODEL)
+        line(lower, [(t, dq[:, joint]) for t, _, dq in pieces], color=MODEL, linewidth=0.8)
+        speed = max(float(np.abs(dq[:, joint]).max()) for _, _, dq in pieces)
+        low = min(float(q[:, joint].min()) for _, q, _ in pieces)
+        high = max(float(q[:, joint].max()) for _, q, _ in pieces)
+        shares = []
+        if limits.position is not None:
+            _limits(upper, limits.position)
+            shares.append(_share("range", high - low, limits.position[1] - limits.position[0]))
+        if limits.velocity is not None:
+            _limits(lower, (-limits.velocity, limits.velocity))
+            shares.append(_share("speed", speed, limits.velocity))
+        upper.set_title(f"joint {joint + 1}")
+        upper.set_title(
+            ", ".join(shares) or "no limits known", loc="right", fontweight="normal", fontsize=8.0
+        )
+        upper.set_ylabel(unit)
+        lower.set_ylabel(f"{unit}/s")
+        upper.tick_params(labelbottom=False)
+        for axes in (upper, lower):
+            axes.locator_params(axis="y", nbins=4)
+        lower.margins(x=0.01)
+        lower.set_xlim(left=0.0)
+        if joint >= robot.n_dof - columns:
+            lower.set_xlabel("time (s)")
+        else:
+            lower.tick_params(labelbottom=False)
+    figure.align_ylabels()
+    return figure
+
+
+def _pieces(experiment: Experiment, recordings: Sequence[Recording]) -> list[tuple[Array, Array, Array]]:
+    """Return times, filtered positions and speeds of each window."""
+    found: list[tuple[Array, Array, Array]] = []
+    last = 0.0
+    for recording in recordings:
+        offset = last - start_of(recording)
+        for start, stop in recording.windows:
+            q, dq, _ = motion_of(recording, (start, stop), experiment.signal)
+            t = recording.t[start:stop] + offset
+            kept = slice(experiment.signal.trim_start, len(t) - experiment.signal.trim_end)
+            found.append((t[kept], q[kept], dq[kept]))
+            last = float(t[-1])
+    return found
+
+
+def _limits(axes: Axes, bounds: tuple[float, float]) -> None:
+    for bound in bounds:
+        axes.axhline(bound, color=RESIDUAL, linewidth=0.9, linestyle=":")
+
+
+def _share(what: str, used: float, most: float) -> str:
+    return f"{what} {100.0 * used / most:.0f} %"
+
+
+@styled
+def spectra(
+    fit: Identification, experiment: Experiment, *, predictions: Sequence[Prediction] | None = None
+) -> Figure:
+    """Draw the spectra of the measured torque and of the residual, joint by joint.
+
+    Parameters
+    ----------
+    fit, experiment, predictions
+        As for `torques`.
+
+    Returns
+    -------
+    Figure
+        Amplitude spectral densities over frequency, both logarithmic, of the rows that the fit is made of. The thin line is the
+        level of white noise of the size of the residual: peaks above it have a cause that the model lacks.
+
+    Raises
+    ------
+    PlotError
+        For windows of fewer than 32 rows, or without matplotlib.
+    DidimError
+        As for `torques`.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    found = list(predict(fit, experiment) if predictions is None else predictions)
+    kinds = experiment.robot.joint_kinds
+    windows = [item for item in found if len(item.t) >= FEWEST_ROWS]
+    if not windows:
+        raise PlotError(f"the windows of '{experiment.name}' are too short for spectra")
+    f, measured = spectrum(windows, "measured")
+    _, residual = spectrum(windows, "residual")
+    rows, columns = per_row(len(kinds), PANELS_PER_ROW)
+    figure = new_figure(0.4 + 2.2 * rows, gap_in=0.05)
+    for joint, kind in enumerate(kinds):
+        axes = figure.add_subplot(rows, columns, joint + 1)
+        unit = units(kind)[1]
+        axes.loglog(f, measured[:, joint], color=MEASURED, linewidth=1.8, label="measured torque")
+        axes.loglog(f, residual[:, joint], color=RESIDUAL, linewidth=1.0, label="residual")
+        # The same power over the same band, without colour.
+        level = float(np.sqrt(np.mean(residual[:, joint] ** 2)))
+        axes.axhline(level, color=FAINT, linewidth=1.2, label="white noise of its size", zorder=0.5)
+        axes.set_title(f"joint {joint + 1}")
+        axes.set_ylabel(f"{unit}/√Hz")
+        top = float(measured[1:, joint].max())
+        axes.set_ylim(top * LOWEST_SHARE, top * 2.0)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(numticks=6))
+            axis.set_minor_locator(NullLocator())
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.margins(x=0.01)
+        if joint >= len(kinds) - columns:
+            axes.set_xlabel("frequency (Hz)")
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=3)
+    return figure
+
+
+def spectrum(predictions: Sequence[Prediction], key: str) -> tuple[Array, Array]:
+    """Return frequencies (Hz) and amplitude spectral densities (unit of torque / sqrt(Hz)) of a signal of predictions.
+
+    Parameters
+    ----------
+    predictions : sequence of Prediction
+        Windows of one rate, of `FEWEST_ROWS` rows at least.
+    key : str
+        "measured", "predicted" or "residual".
+
+    Returns
+    -------
+    f : (n_frequencies,) array
+        Without zero.
+    density : (n_frequencies, n_dof) array
+        Root of the mean power of all windows, each with the weight of its rows.
+    """
+    from scipy.signal import welch
+
+    shortest = min(len(item.t) for item in predictions)
+    size = min(LONGEST_PIECE, max(FEWEST_ROWS, shortest // PIECES))
+    total, weight = 0.0, 0
+    for item in predictions:
+        rate = 1.0 / float(np.median(np.diff(item.t)))
+        f, power = welch(getattr(item, key), fs=rate, nperseg=size, axis=0)
+        total = total + len(item.t) * power
+        weight += len(item.t)
+    return f[1:], np.sqrt(np.asarray(total) / weight)[1:]
