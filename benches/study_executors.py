@@ -1,23 +1,26 @@
 """The same study on every executor: are its rows the same bytes, what does the machinery cost, and what survives a kill?
 
-    python benches/study_executors.py [--seeds 200] [--only process-1 process-2 thread loky dask ray killed vanished]
+    python benches/study_executors.py [--seeds 200] [--only process-1 process-2 thread loky dask ray mpi killed vanished]
     python benches/study_executors.py --seeds 20 --only process-1 process-2
+    python benches/study_executors.py --tx40 --seeds 10 --only process-1 process-2
 
-runs 4 scenarios of the planar arm with 3 methods on each executor that is installed. ``killed`` kills the program that runs
-a study of two processes, and then one of the workers of the next; ``vanished`` kills one of two workers of Dask. The SHA-256 of
-the sorted rows must be the same for all. The overhead is the processor time of everything that is not a task, program and
-workers together, over that of the tasks. The figures are those of docs/large_studies.md.
+runs 4 scenarios of the planar arm with 3 methods on each executor that is installed; ``mpi`` needs Open MPI. ``killed`` kills the
+program that runs a study of two processes, and then one of the workers of the next; ``vanished`` kills one of two workers of
+Dask. The SHA-256 of the sorted rows must be the same for all. The overhead is the processor time of everything that is not a
+task, program and workers together, over that of the tasks. ``--tx40`` takes three scenarios and methods of the benchmark instead,
+whose tasks are fifty times as long. The figures are those of docs/large_studies.md.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
-import importlib
+import importlib.util
 import json
 import os
 import pickle
 import resource
+import shutil
 import signal
 import socket
 import subprocess
@@ -26,22 +29,30 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from didim.errors import StudyError
 from didim.monte_carlo.rows import read_rows, times_path
-from didim.monte_carlo.spec import StudySpec, canonical, read_study
+from didim.monte_carlo.spec import StudySpec, canonical, load_study, read_study
 from didim.monte_carlo.study import study
 from didim.monte_carlo.tasks import count, tasks
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-RUNS = ("process-1", "process-2", "thread", "loky", "dask", "ray", "killed", "vanished")
+RUNS = ("process-1", "process-2", "thread", "loky", "dask", "ray", "mpi", "killed", "vanished")
 PATIENCE_S = 600.0
+MPI_OPTIONS = ("--allow-run-as-root", "--oversubscribe")
+"""Of Open MPI: in containers, and on fewer processors than processes."""
+TX40_METHODS = ("IDIM-LS, 30 Hz", "IDIM-IV, 30 Hz", "DIDIM")
 
 
-def spec_of(seeds: int) -> StudySpec:
-    """Planar arm, two seconds at 200 Hz: two noises times two controllers."""
+def spec_of(seeds: int, tx40: bool = False) -> StudySpec:
+    """Planar arm, two seconds at 200 Hz: two noises times two controllers; or a part of the benchmark."""
+    if tx40:
+        spec = load_study(EXAMPLES / "study_tx40.toml")
+        methods = tuple(item for item in spec.methods if item.label in TX40_METHODS)
+        return replace(spec, scenarios=spec.scenarios[:3], methods=methods, seeds=seeds)
     return read_study(
         {
             "name": "executors",
@@ -145,10 +156,10 @@ def children(parent: int) -> list[int]:
     return [pid for pid, command in found if b"spawn_main" in command]
 
 
-def killed(seeds: int, path: Path) -> None:
+def killed(spec: StudySpec, options: list[str], path: Path) -> None:
     """Kill the program after a third of the rows, and a worker of the next program after two thirds."""
-    total = count(spec_of(seeds))
-    command = [sys.executable, __file__, "--seeds", str(seeds), "--run", str(path)]
+    total = count(spec)
+    command = [sys.executable, __file__, *options, "--run", str(path)]
     with subprocess.Popen(command) as first:
         wait_for(lambda: rows_in(path) >= total // 3)
         first.send_signal(signal.SIGKILL)
@@ -157,6 +168,17 @@ def killed(seeds: int, path: Path) -> None:
         os.kill(children(second.pid)[0], signal.SIGKILL)
         if second.wait() != 0:
             raise SystemExit("the second program failed")
+
+
+def mpi(options: list[str], path: Path) -> None:
+    """The program and two workers as processes of MPI."""
+    launcher = shutil.which("mpiexec")
+    if launcher is None or importlib.util.find_spec("mpi4py") is None:
+        raise StudyError("needs mpi4py and mpiexec")
+    program = [sys.executable, "-m", "mpi4py.futures", __file__, *options]
+    command = [launcher, *MPI_OPTIONS, "-n", "3", *program, "--executor", "mpi", "--run", str(path)]
+    if subprocess.run(command, check=False).returncode != 0:
+        raise SystemExit("the program under MPI failed")
 
 
 def vanished(spec: StudySpec, path: Path) -> None:
@@ -172,7 +194,7 @@ def vanished(spec: StudySpec, path: Path) -> None:
         study(spec, path, executor="dask", address=address, progress=progress)
 
 
-def run(name: str, spec: StudySpec, seeds: int, path: Path) -> None:
+def run(name: str, spec: StudySpec, options: list[str], path: Path) -> None:
     if name.startswith("process"):
         study(spec, path, executor="process", workers=int(name[-1]))
     elif name == "thread":
@@ -184,8 +206,10 @@ def run(name: str, spec: StudySpec, seeds: int, path: Path) -> None:
             study(spec, path, executor="dask", address=address)
     elif name == "ray":
         study(spec, path, executor="ray", workers=2)
+    elif name == "mpi":
+        mpi(options, path)
     elif name == "killed":
-        killed(seeds, path)
+        killed(spec, options, path)
     else:
         vanished(spec, path)
 
@@ -195,12 +219,17 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seeds", type=int, default=200)
+    parser.add_argument(
+        "--tx40", action="store_true", help="a part of the benchmark, with tasks fifty times as long"
+    )
     parser.add_argument("--only", nargs="+", choices=RUNS, default=RUNS)
     parser.add_argument("--run", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--executor", default="process", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    spec = spec_of(options.seeds)
+    spec = spec_of(options.seeds, options.tx40)
+    same = ["--seeds", str(options.seeds), *(["--tx40"] if options.tx40 else [])]
     if options.run is not None:
-        study(spec, options.run, executor="process", workers=2)
+        study(spec, options.run, executor=options.executor, workers=2)
         return 0
     first = next(tasks(spec))
     size, text = len(pickle.dumps(first)), len(canonical(spec.shared()))
@@ -216,7 +245,7 @@ def main() -> int:
             path = Path(folder) / f"{name}.jsonl"
             start, spent = time.perf_counter(), processor_seconds()
             try:
-                run(name, spec, options.seeds, path)
+                run(name, spec, same, path)
             except StudyError as reason:
                 print(f"{name:10} not run: {reason}")
                 continue

@@ -26,7 +26,7 @@ def noisy_system(seed: int, noise: float, rows: int = 2000) -> tuple[np.ndarray,
 
 def test_the_estimate_is_that_of_the_normal_equations() -> None:
     a, z, y = noisy_system(0, 0.3)
-    found = instrumented(a, z, y)
+    found = instrumented(a, z, y, np.ones(len(y)))
     assert found is not None
     assert found.solution == pytest.approx(np.linalg.solve(z.T @ a, z.T @ y), rel=1e-9)
     # The covariance for white noise of unit size is G^-1 G^-T.
@@ -36,7 +36,7 @@ def test_the_estimate_is_that_of_the_normal_equations() -> None:
 
 def test_with_the_matrix_as_instruments_it_is_least_squares() -> None:
     a, _, y = noisy_system(1, 0.1)
-    found = instrumented(a, a, y)
+    found = instrumented(a, a, y, np.ones(len(y)))
     assert found is not None
     assert found.solution == pytest.approx(np.linalg.lstsq(a, y, rcond=None)[0], rel=1e-9)
 
@@ -45,7 +45,7 @@ def test_instruments_remove_the_bias_of_noise_in_the_matrix() -> None:
     direct, instrumental = [], []
     for seed in range(30):
         a, z, y = noisy_system(seed, 0.3)
-        found = instrumented(a, z, y)
+        found = instrumented(a, z, y, np.ones(len(y)))
         assert found is not None
         direct.append(np.linalg.lstsq(a, y, rcond=None)[0] / TRUTH - 1.0)
         instrumental.append(found.solution / TRUTH - 1.0)
@@ -58,7 +58,7 @@ def test_instruments_that_say_nothing_on_a_parameter_give_no_estimate() -> None:
     a, z, y = noisy_system(2, 0.1)
     z = z.copy()
     z[:, 1] = 0.0
-    assert instrumented(a, z, y) is None
+    assert instrumented(a, z, y, np.ones(len(y))) is None
 
 
 def test_the_strength_is_the_share_that_the_instruments_miss() -> None:

@@ -18,7 +18,7 @@ import pytest
 
 from didim.errors import StudyError
 from didim.monte_carlo.engine import ATTEMPTS, run_all
-from didim.monte_carlo.executors import Pool, SerialExecutor, pool, single_threaded
+from didim.monte_carlo.executors import Pool, SerialExecutor, pool, worker_environment
 from didim.monte_carlo.spec import read_study
 from didim.monte_carlo.study import study
 from small_study import PLACE, small_study
@@ -169,7 +169,7 @@ def test_an_executor_of_the_caller_that_breaks_is_said() -> None:
 def test_workers_have_one_thread_each(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
     monkeypatch.delenv("DIDIM_THREADS", raising=False)
-    with single_threaded():
+    with worker_environment():
         assert (os.environ["OPENBLAS_NUM_THREADS"], os.environ["DIDIM_THREADS"]) == ("1", "1")
     assert os.environ["OPENBLAS_NUM_THREADS"] == "3"
     assert "DIDIM_THREADS" not in os.environ

@@ -115,7 +115,9 @@ class _Instruments:
     ) -> Fit:
         """Solve (7) with the instruments of the same columns."""
         columns = [self.system.names.index(name) for name in system.names]
-        fit, self.diagnosis = solve_with_instruments(system, self.system.w[:, columns], settings)
+        every = columns == list(range(len(self.system.names)))
+        instruments = self.system.w if every else self.system.w[:, columns]
+        fit, self.diagnosis = solve_with_instruments(system, instruments, settings)
         self.names = system.names
         return fit
 

@@ -11,7 +11,7 @@ adds ``V`` to the regression: where W carries noise, V explains part of what W l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,8 @@ from ..weights import joint_sigma, per_row
 
 DEPENDENT = 1e-9
 """Share of a column, or of the largest singular value, below which it adds nothing to the others."""
+ROWS_AT_ONCE = 2000
+"""Rows of matrices that are made for the diagnosis alone: 2 MB with 120 columns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +55,17 @@ class Instrumented:
     solution: Array
 
 
-def instrumented(a: Array, z: Array, y: Array) -> Instrumented | None:
+def instrumented(a: Array, z: Array, y: Array, weights: Array) -> Instrumented | None:
     """Solve a weighted system with weighted instruments.
 
     Parameters
     ----------
     a, z : ndarray, shape (r, b)
-        Weighted observation matrix and weighted instruments.
+        Observation matrix and instruments.
     y : ndarray, shape (r,)
-        Weighted torques.
+        Torques.
+    weights : ndarray, shape (r,)
+        Factor of each row.
 
     Returns
     -------
@@ -72,17 +76,24 @@ def instrumented(a: Array, z: Array, y: Array) -> Instrumented | None:
     -----
     ``test_instrumental.py`` compares with the normal equations, and finds least squares where Z is W.
     """
-    size = np.linalg.norm(a, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    sizes = np.linalg.norm(z, axis=0)
-    left, triangle = np.linalg.qr(z / np.where(sizes > 0.0, sizes, 1.0))
+    # One matrix after the other: on a long log they are what fills the memory of a study's worker.
+    scaled = z * weights[:, None]
+    sizes = np.linalg.norm(scaled, axis=0)
+    scaled /= np.where(sizes > 0.0, sizes, 1.0)
+    left, triangle = np.linalg.qr(scaled)
+    del scaled
     if np.abs(np.diag(triangle)).min() < DEPENDENT:
         return None
+    a = a * weights[:, None]
+    size = np.linalg.norm(a, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
     gram = left.T @ (a / size)
     if np.linalg.cond(gram) * np.finfo(np.float64).eps > DEPENDENT:
         return None
     inverse = np.linalg.inv(gram) / size[:, None]
-    return Instrumented(left=left, inverse=inverse, right=a @ inverse, solution=inverse @ (left.T @ y))
+    return Instrumented(
+        left=left, inverse=inverse, right=a @ inverse, solution=inverse @ (left.T @ (y * weights))
+    )
 
 
 def instrument_strength(a: Array, left: Array) -> Array:
@@ -98,8 +109,22 @@ def instrument_strength(a: Array, left: Array) -> Array:
     Nearly 0: the column has hardly any noise, and least squares has no bias to speak of. Towards 1: the instrument is weak.
     """
     size = np.linalg.norm(a, axis=0)
-    rest = np.linalg.norm(a - left @ (left.T @ a), axis=0)
+    rest = _rest_norms(a, left, left.T @ a)
     return np.asarray(np.divide(rest, size, out=np.zeros_like(size), where=size > 0.0))
+
+
+def _rows_at_once(count: int) -> Iterator[slice]:
+    """Slices of rows: matrices of the size of W are not made anew, since workers of a study have little memory."""
+    for first in range(0, count, ROWS_AT_ONCE):
+        yield slice(first, first + ROWS_AT_ONCE)
+
+
+def _rest_norms(a: Array, left: Array, projected: Array) -> Array:
+    """Norms of the columns of V, what the instruments do not explain of W."""
+    squares = np.zeros(a.shape[1])
+    for rows in _rows_at_once(len(a)):
+        squares += np.square(a[rows] - left[rows] @ projected).sum(axis=0)
+    return np.asarray(np.sqrt(squares))
 
 
 @dataclass(frozen=True)
@@ -140,25 +165,30 @@ def exogeneity_test(a: Array, left: Array, y: Array) -> ExogeneityTest | None:
     ExogeneityTest or None
         None where V adds nothing, or no rows are left.
     """
-    from scipy import stats
+    from scipy.special import fdtrc
 
-    rest = a - left @ (left.T @ a)
-    size, added = np.linalg.norm(a, axis=0), np.linalg.norm(rest, axis=0)
+    projected, size = left.T @ a, np.linalg.norm(a, axis=0)
+    added = _rest_norms(a, left, projected)
     # The rest of a column that the instruments hold entirely is rounding.
     kept = added > DEPENDENT * size
-    augmented = np.column_stack([a / np.where(size > 0.0, size, 1.0), rest[:, kept] / added[kept]])
-    left_of_both, values, _ = np.linalg.svd(augmented, full_matrices=False)
+    scale = np.where(size > 0.0, size, 1.0)
+    # R of [W, V, Y], some rows after the other.
+    triangle = np.zeros((0, a.shape[1] + int(kept.sum()) + 1))
+    for rows in _rows_at_once(len(a)):
+        rest = (a[rows] - left[rows] @ projected)[:, kept] / added[kept]
+        part = np.column_stack([a[rows] / scale, rest, y[rows]])
+        triangle = np.linalg.qr(np.vstack([triangle, part]), mode="r")
+    both, target = triangle[:, :-1], triangle[:, -1]
+    left_of_both, values, _ = np.linalg.svd(both, full_matrices=False)
     rank = int(np.sum(values > DEPENDENT * values[0]))
-    own = np.linalg.qr(a / np.where(size > 0.0, size, 1.0))[0]
     basis = left_of_both[:, :rank]
-    restricted, full = y - own @ (own.T @ y), y - basis @ (basis.T @ y)
+    # The first columns of Q span W: what they leave of Y stands below their rows.
+    restricted, full = target[a.shape[1] :], target - basis @ (basis.T @ target)
     gained, remaining = rank - a.shape[1], y.size - rank
     if gained <= 0 or remaining <= 0 or not full @ full > 0.0:
         return None
     statistic = ((restricted @ restricted - full @ full) / gained) / (full @ full / remaining)
-    return ExogeneityTest(
-        float(statistic), gained, remaining, float(stats.f.sf(statistic, gained, remaining))
-    )
+    return ExogeneityTest(float(statistic), gained, remaining, float(fdtrc(gained, remaining, statistic)))
 
 
 def durbin_watson(residuals: Sequence[Array]) -> float:
@@ -217,11 +247,12 @@ def solve_with_instruments(
     """
     check_solvable(system)
     weights = np.ones(system.y.size)
-    found = _determined(system.w, instruments, system.y)
+    found = _determined(system, instruments, weights)
     residual = system.y - system.w @ found.solution
     for _ in range(1, settings.solutions):
         weights = per_row(system, 1.0 / joint_sigma(system, residual))
-        found = _determined(system.w * weights[:, None], instruments * weights[:, None], system.y * weights)
+        del found  # it is as large as both matrices
+        found = _determined(system, instruments, weights)
         residual = system.y - system.w @ found.solution
     weighted = residual * weights
     if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
@@ -236,20 +267,23 @@ def solve_with_instruments(
         condition_number=float(np.linalg.cond(system.w)),
         factors=Factors(found.left, found.right, found.inverse, weighted),
     )
+    rows = system.w * weights[:, None]
     return fit, Diagnosis(
-        strength=instrument_strength(system.w * weights[:, None], found.left),
-        test=exogeneity_test(system.w * weights[:, None], found.left, system.y * weights),
+        strength=instrument_strength(rows, found.left),
+        test=exogeneity_test(rows, found.left, system.y * weights),
         durbin_watson=np.array(
             [durbin_watson([residual[block.rows] for block in blocks]) for blocks in system.joint_blocks]
         ),
     )
 
 
-def _determined(a: Array, z: Array, y: Array) -> Instrumented:
+def _determined(system: LinearSystem, z: Array, weights: Array) -> Instrumented:
     """Solve with weighted instruments, or raise the error of instruments that depend on each other."""
-    found = instrumented(a, z, y)
+    found = instrumented(system.w, z, system.y, weights)
     if found is None:
-        dependent = _core.least_squares(np.ascontiguousarray(z), y).dependent
+        dependent = _core.least_squares(
+            np.ascontiguousarray(z * weights[:, None]), system.y * weights
+        ).dependent
         raise RankError(
             "the simulated motion does not determine the parameters that the measured one does: joints stick in friction, or the "
             "simulated loop is not that of the log; look at the controller and the reference",
