@@ -162,6 +162,7 @@ def test_further_friction_terms_only_dissipate() -> None:
         stribeck=[1],
         stribeck_velocity_rad_s=[0.2, 0.2],
         forward_viscous=[2],
+        root=[2],
         load=[1],
     )
     conditions = friction_cones(Drives(robot))
@@ -182,6 +183,9 @@ def test_further_friction_terms_only_dissipate() -> None:
         ({"Fv1": 2.0, "Fa1": -0.19}, {"Fv1": 2.0, "Fa1": -0.25}),
         ({"Fc1": 1.0, "Fs1": -0.99}, {"Fc1": 1.0, "Fs1": -1.1}),
         ({"Fv2": 1.0, "Fvp2": -0.99}, {"Fv2": 1.0, "Fvp2": -1.1}),
+        # Two terms share what the viscous friction takes.
+        ({"Fv2": 1.0, "Fvp2": -0.49, "Fa2": -0.05}, {"Fv2": 1.0, "Fvp2": -0.9, "Fa2": -0.09}),
+        ({"Fr2": 0.1}, {"Fr2": -0.1}),
     ):
         power, met = worst(**inside)
         assert power >= -1e-12, inside

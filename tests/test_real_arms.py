@@ -6,14 +6,37 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
+from scipy.linalg import eigvalsh
 
 import didim
-from didim.model.consistency import violations
+from didim._tools.arrays import Array
+from didim.experiment.specs import SimulationSettings
+from didim.loop.outcome import Outcome
+from didim.methods.didim.consistent import ConsistentRun
+from didim.methods.didim.windows import Simulated
+from didim.model.consistency import pseudo_inertias, violations
 from didim.regression.consistent.problem import conditions_of
 from scripts import script
 
 
-def test_consistent_didim_converges_where_least_squares_gives_no_robot(project: Path) -> None:
+def recorded_iterates(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Array, Array, SimulationSettings]]:
+    """Standard parameters, damping and steps of every simulation of consistent DIDIM from now on."""
+    found = []
+    simulate = ConsistentRun._simulate
+
+    def recorded(run: ConsistentRun, x: Array, scale: Array | None = None) -> Simulated | Outcome:
+        found.append((x.copy(), run.damping, run.experiment_at(x).simulation))
+        return simulate(run, x, scale)
+
+    monkeypatch.setattr(ConsistentRun, "_simulate", recorded)
+    return found
+
+
+def test_consistent_didim_converges_where_least_squares_gives_no_robot(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    iterates = recorded_iterates(monkeypatch)
     bench = script(project / "benches" / "real_arms.py")
     arm = bench.random_arm(16)
     direct = didim.identify(arm.log, didim.IDIMLS())
@@ -23,6 +46,19 @@ def test_consistent_didim_converges_where_least_squares_gives_no_robot(project: 
     assert fit.converged
     assert fit.n_iterations <= 6
     assert violations(conditions_of(arm.robot), fit.parameters) == []
+    # Every iterate is a robot, and its fastest rate is one that the steps of its simulation can follow.
+    assert len(iterates) == fit.n_simulations
+    np.testing.assert_array_equal(iterates[-1][0], fit.parameters)
+    fc, fv, joints = (
+        [arm.robot.parameter_names.index(f"{key}{j}") for j in range(1, 8)] for key in ("Fc", "Fv", "Ia")
+    )
+    for x, damping, settings in iterates:
+        assert min(np.linalg.eigvalsh(body)[0] for body in pseudo_inertias(arm.robot, x)) > 0.0
+        assert violations(conditions_of(arm.robot), x) == []
+        friction = np.diag(x[fv] + damping + x[fc] / np.array(arm.robot.friction.smoothing))
+        rate = max(eigvalsh(friction, mass)[-1] for mass in didim.inertia_matrix(arm.robot, q, x))
+        assert rate <= np.max((x[fv] + damping + x[fc] / 0.02) / x[joints]) * (1.0 + 1e-9)
+        assert rate * np.min(np.asarray(settings.fine_step_s, dtype=float)) <= 1.5 * 1.05
     other = replace(arm.other(), controller=None)
     errors = [didim.validate(one, other).recordings[0].direct_overall for one in (direct, fit)]
     assert errors[1] <= 1.05 * errors[0]

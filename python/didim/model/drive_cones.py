@@ -22,6 +22,8 @@ from .consistency import Cone, cone, places_of
 
 EXACT = 1e-12
 """Speeds and coefficients below this are zero but for rounding."""
+BESIDE = {"atan": "Fv", "stribeck": "Fc", "forward": "Fv"}
+"""The friction that may take what a negative term of a law gives."""
 LARGEST_GROUP = 6
 """Joints that may share motors: rows of the largest matrix of the core."""
 
@@ -186,25 +188,40 @@ def friction_cones(drives: Drives) -> list[Cone]:
 
 
 def further_cones(drives: Drives) -> list[Cone]:
-    """Return the conditions on the terms beyond viscous and Coulomb friction, so that the sum still dissipates.
+    """Return the conditions on the terms beyond viscous and Coulomb friction, so that the sum still dissipates at every speed.
 
-    With ``Fv, Fc >= 0`` these are, for a joint with a motor of its own: ``Fa + Fv v >= 0`` of atan, which is convex where it is
-    negative; ``Fs + Fc >= 0`` of Stribeck, which is at most one; ``Ff + Fv >= 0`` forward. Load friction, roots, and all
-    terms of joints that share motors must not be negative themselves. A torque at standstill has no power, and a law of one's
-    own no condition.
+    At a joint with a motor of its own, negative atan terms and forward friction share what ``Fv`` takes:
+    ``Fv + sum Fa/v + Ff >= 0`` for every choice of them, since ``atan(x) <= x``; Stribeck terms share ``Fc``:
+    ``Fc + sum Fs >= 0``. With ``Fv, Fc >= 0`` that is sufficient. Load friction, roots, and all terms of joints that share
+    motors must not be negative themselves. A torque at standstill has no power, and a law of one's own no condition.
     """
     shared = {j for group in drives.groups if drives.motors(group) for j in group}
+    laws = [term for term in drives.terms if term.law not in ("rest", "table")]
     found: dict[tuple[tuple[str, float], ...], Cone] = {}
-    for term in drives.terms:
-        if term.law in ("rest", "table"):
-            continue
-        beside = {"atan": "Fv", "stribeck": "Fc", "forward": "Fv"}.get(term.law)
-        for side in drives.sides if term.law != "forward" else drives.sides[:1]:
-            shares = {term.parameter: 1.0}
-            if beside is not None and term.joint not in shared:
-                shares[f"{beside}{term.joint + 1}{side}"] = term.velocity if term.law == "atan" else 1.0
-            condition = cone(drives.places, term.parameter, shares)
-            found.setdefault(tuple(shares.items()), condition)
+
+    def add(shares: dict[str, float], label: str) -> None:
+        found.setdefault(tuple(shares.items()), cone(drives.places, label, shares))
+
+    for term in laws:
+        if term.joint in shared or term.law not in BESIDE:
+            add({term.parameter: 1.0}, term.parameter)
+    for joint in sorted({term.joint for term in laws} - shared):
+        for side, beside in itertools.product(drives.sides, ("Fv", "Fc")):
+            terms = [term for term in laws if term.joint == joint and BESIDE.get(term.law) == beside]
+            if side == "-":
+                terms = [term for term in terms if term.law != "forward"]
+            for count in range(1, len(terms) + 1):
+                for chosen in itertools.combinations(terms, count):
+                    shares = {
+                        term.parameter: 1.0 / term.velocity if term.law == "atan" else 1.0 for term in chosen
+                    }
+                    # Entries of order one: a single atan term counts by its own size.
+                    size = max(shares.values())
+                    shares[f"{beside}{joint + 1}{side}"] = 1.0
+                    add(
+                        {name: share / size for name, share in shares.items()},
+                        " + ".join(term.parameter for term in chosen),
+                    )
     return list(found.values())
 
 

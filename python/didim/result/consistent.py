@@ -20,6 +20,7 @@ from ..regression.consistent.prior import Prior
 from ..regression.selection import Role, Selection
 from ..robot.friction import Friction
 from ..robot.robot import Geometry, JointLimits, Robot
+from .uncertainty import Uncertainty
 from .verdict import Reason
 
 LARGE = 1.0
@@ -152,6 +153,7 @@ class MovedToRobot:
     parameter_names: tuple[str, ...]
     settings: Mapping[str, Any]
     remarks: tuple[str, ...]
+    uncertainty: Uncertainty | None
     evidence: tuple[Reason, ...]
 
     def consistent(
@@ -166,8 +168,9 @@ class MovedToRobot:
     ) -> Self:
         """Return the nearest robot: all standard parameters physically consistent, with intervals from draws.
 
-        Each standard parameter is marked *identified*, or *from the prior* where another prior would move it by more than 0.3
-        of its own deviation. ``settings["consistent"]`` keeps the table; the errors of the torques remain those of the estimate.
+        Each standard parameter is marked *identified*, or *from the prior* where the log does not hold it, or another prior
+        would move it by more than 0.3 of its own deviation. ``settings["consistent"]`` keeps the table; the errors of the torques
+        remain those of the estimate. Payloads, drive gains and own offsets stay as they are.
 
         Parameters
         ----------
@@ -206,6 +209,7 @@ class MovedToRobot:
             bounds=bounds,
             draws=draws,
             seed=seed,
+            degrees_of_freedom=np.inf if self.uncertainty is None else self.uncertainty.degrees_of_freedom,
         )
         moved: Self = replace(
             self,  # type: ignore[type-var]

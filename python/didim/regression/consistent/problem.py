@@ -27,6 +27,8 @@ from .prior import Prior
 
 FRICTION_WEIGHT = 1e-3
 """Weight of the log-det terms of friction (nats): no effect on an estimate, and the solver stays inside."""
+ROUNDING = 1e-15
+"""Eigenvalue of a scaled curvature, as a share of the largest, below which it is rounding."""
 LEAST_WEIGHT = 3e-8
 """Weight of the log-det term of every condition at least (nats), for a unique solution."""
 
@@ -67,12 +69,16 @@ class Constrained:
         "solved", "stalled" or "limit".
     iterations : int
         Newton systems.
+    multipliers : tuple of (m, m) arrays
+        ``Z`` of each of `ConstrainedProblem.conditions`, for a single solution: ``F Z = weight I``. A condition without
+        unknowns, such as one on dropped parameters, has none: an empty array.
     """
 
     x: Array
     half_distance: float
     ending: str
     iterations: int
+    multipliers: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,21 +147,39 @@ class ConstrainedProblem:
         return np.asarray(self.robot.base_parameters.matrix[self.selection.estimated])
 
     @cached_property
-    def _core(self) -> _core.ConsistentProblem:
-        base = self.robot.base_parameters
+    def unknowns(self) -> Array:
+        """``T`` with ``x = T u``, (p, p): ``u`` are the standard parameters that regroup, then the base parameters.
+
+        The core solves for ``u``. No row of a log touches the first of them, so rounding of a strong log does not cover what
+        a weak prior says.
+        """
+        base, others = self.robot.base_parameters, self._regrouped
+        columns = np.eye(len(self.robot.parameter_names))[:, [*others, *base.indices]]
+        columns[np.ix_(base.indices, range(len(others)))] = -base.matrix[:, others]
+        return columns
+
+    @cached_property
+    def _regrouped(self) -> list[int]:
+        """Standard parameters that no base parameter is named after."""
+        return sorted(set(range(len(self.robot.parameter_names))) - set(self.robot.base_parameters.indices))
+
+    @cached_property
+    def _problem(self) -> _core.ConsistentProblem:
+        p, b = len(self.robot.parameter_names), len(self.selection.roles)
         known = [index for index, role in enumerate(self.selection.roles) if role != "estimated"]
         cones = []
         for condition in self.conditions:
             order = len(condition.constant)
             slope = np.zeros((order, order)) if condition.slope is None else condition.slope
-            cones.append(
-                (list(condition.indices), condition.basis, condition.constant, condition.weight, slope)
-            )
+            shares = self.unknowns[list(condition.indices)]
+            places = np.flatnonzero(shares.any(axis=0))
+            basis = np.ascontiguousarray(np.tensordot(shares[:, places].T, condition.basis, 1))
+            cones.append((places.tolist(), basis, condition.constant, condition.weight, slope))
         try:
             return _core.ConsistentProblem(
-                len(self.robot.parameter_names),
+                p,
                 cones,
-                np.ascontiguousarray(base.matrix[known]),
+                np.eye(p)[p - b :][known],
                 np.ascontiguousarray(self.selection.values[known]),
                 LEAST_WEIGHT,
             )
@@ -170,17 +194,31 @@ class ConstrainedProblem:
         FitError
             When no parameters meet the conditions; the sentence names one of them.
         """
-        return self.solve_many(rows, right[None], threads=1)[0]
+        solved = self._solved(rows, right[None], threads=1)
+        orders = [len(condition.constant) for condition in self.conditions]
+        multipliers = tuple(
+            np.reshape(values, (order, order) if values else 0)
+            for values, order in zip(solved.multipliers(0), orders, strict=True)
+        )
+        return replace(self._found(solved, rows, right[None])[0], multipliers=multipliers)
 
     def solve_many(self, rows: Array, right: Array, threads: int = 2) -> list[Constrained]:
         """Solve for several right sides (m, r), on some threads of the core; the bits do not depend on their number."""
-        a = np.ascontiguousarray(rows @ self.matrix)
+        return self._found(self._solved(rows, right, threads), rows, right)
+
+    def _solved(self, rows: Array, right: Array, threads: int) -> _core.ConsistentSolutions:
+        p, b = len(self.robot.parameter_names), len(self.selection.roles)
+        a = np.zeros((len(rows), p))
+        a[:, [p - b + place for place in self.selection.estimated]] = rows
+        start = np.append(self.start[self._regrouped], self.robot.base_parameters.matrix @ self.start)
         try:
-            solved = self._core.solve(a, np.ascontiguousarray(right), self.start, threads)
+            return self._problem.solve(a, np.ascontiguousarray(right), start, threads)
         except ValueError as reason:
             raise FitError(f"robot {self.robot.name!r}: {reason}") from None
+
+    def _found(self, solved: _core.ConsistentSolutions, rows: Array, right: Array) -> list[Constrained]:
         found = []
-        for x, z, (ending, place), iterations in zip(
+        for u, z, (ending, place), iterations in zip(
             solved.x, right, solved.endings, solved.iterations, strict=True
         ):
             if place is not None:
@@ -188,9 +226,26 @@ class ConstrainedProblem:
                     f"robot {self.robot.name!r}: no parameters meet all conditions; {self.conditions[place].label} contradicts "
                     "the others, or the parameters that are fixed or dropped"
                 )
-            error = a @ x - z
+            x = self.unknowns @ u
+            error = rows @ (self.matrix @ x) - z
             found.append(Constrained(x, 0.5 * float(error @ error), ending, iterations))
         return found
+
+    def covariance(self, rows: Array, x: Array) -> Array:
+        """Covariance of the standard parameters by the curvature of log and prior at ``x``, (p, p).
+
+        Where only a weak prior holds a parameter it is large, however little that parameter moves with the noise.
+        """
+        p, b = len(x), len(self.selection.roles)
+        free = [*range(p - b), *(p - b + place for place in self.selection.estimated)]
+        columns = self.unknowns[:, free]
+        curvature = columns.T @ self.marginal(x) @ columns
+        curvature[p - b :, p - b :] += rows.T @ rows
+        sizes = np.sqrt(np.diag(curvature))
+        sizes = np.where(sizes > 0.0, sizes, 1.0)
+        values, vectors = np.linalg.eigh(curvature / np.outer(sizes, sizes))
+        root = (columns / sizes) @ (vectors / np.sqrt(np.maximum(values, ROUNDING * values[-1])))
+        return np.asarray(root @ root.T)
 
     def marginal(self, x: Array) -> Array:
         """Curvature of the log-det terms at parameters, (p, p): what the prior says there."""
