@@ -177,7 +177,7 @@ def exogeneity_test(a: Array, left: Array, y: Array) -> ExogeneityTest | None:
     for rows in _rows_at_once(len(a)):
         rest = (a[rows] - left[rows] @ projected)[:, kept] / added[kept]
         part = np.column_stack([a[rows] / scale, rest, y[rows]])
-        triangle = np.linalg.qr(np.vstack([triangle, part]), mode="r")
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, part]), mode="r"))
     both, target = triangle[:, :-1], triangle[:, -1]
     left_of_both, values, _ = np.linalg.svd(both, full_matrices=False)
     rank = int(np.sum(values > DEPENDENT * values[0]))
