@@ -118,6 +118,7 @@ def simulated(seeds: int) -> None:
         for name, method in (
             ("weighted least squares", didim.IDIMLS(signal=signal)),
             ("ml, noise given", given),
+            ("ml, two solutions", replace(given, max_iterations=2)),
             ("ml, noise estimated", didim.MaximumLikelihood(signal=signal)),
             ("IDIM-IV", didim.IDIMIV(signal=signal)),
         ):

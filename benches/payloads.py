@@ -232,8 +232,11 @@ def payload(options: argparse.Namespace) -> None:
             f"{mass:6.3f} kg: {found.body[0]:6.3f} +- {found.body_std[0]:.3f} kg, centre {shown} mm "
             f"(true {', '.join(f'{value:.1f}' for value in 1e3 * centre)}), half distance {found.half_distance:.2f}"
         )
+    squares = np.mean(np.square(scores), axis=1)
+    level = float(np.sqrt(np.mean(squares)))
+    chance = float(np.std(squares, ddof=1)) / (2.0 * level * np.sqrt(len(squares)))
     print(
-        f"error/sigma of the ten parameters about the flange: rms {np.sqrt(np.mean(np.square(scores))):.3f}"
+        f"error/sigma of the ten parameters about the flange, {len(squares)} payloads: rms {level:.3f} +- {chance:.3f}"
     )
     body = np.array(bodies)
     print(

@@ -112,6 +112,39 @@ def controls(draws: int) -> None:
             )
 
 
+def chance(name: str, pieces: Sequence[didim.Experiment], draws: int) -> None:
+    """What rms z of these very pieces is by chance: their observation matrices, with noise in place of the measured torques."""
+    rows = []
+    for piece in pieces:
+        job = didim.IDIMLS().job(piece)
+        (part,) = job.parts("fit", job.delay())
+        system = job.system([part])
+        residual = job.solve(system).residual
+        sizes = np.array([np.sqrt(np.mean(residual[joint] ** 2)) for joint in system.joints])
+        rows.append((job, part, system, sizes))
+    for title, time_constant_s in (("white", 0.0), ("AR(1), 66 ms", 0.066)):
+        found, covered = [], []
+        for seed in range(draws):
+            rng = np.random.default_rng(seed)
+            estimates = []
+            for job, part, system, sizes in rows:
+                noise = coloured(rng, part.tau.shape, time_constant_s * part.rate_hz) * sizes
+                kept = decimate(noise, decimation_stages(len(part.tau), job.signal))[job.signal.kept_rows]
+                noisy = replace(system, y=kept.T.ravel(), known=None)
+                fit = solve(noisy, job.settings)
+                spread = spread_of_fit(noisy, fit, job.settings, job.selection)
+                estimates.append((fit.solution, np.diag(spread.covariance)))
+            z = np.concatenate([(a - b) / np.sqrt(c + d) for (a, c), (b, d) in combinations(estimates, 2)])
+            found.append(np.sqrt(np.mean(z**2)))
+            covered.append(np.mean(np.abs(z) < 1.96))
+        low, high = np.quantile(found, [0.05, 0.95])
+        print(
+            f"{name} in {len(pieces)} parts, torques of {title} noise: rms {np.mean(found):.2f} +- {np.std(found, ddof=1):.2f} "
+            f"(90 % of {draws} draws within {low:.2f} to {high:.2f}), within 1.96: {100.0 * np.mean(covered):.1f} %",
+            flush=True,
+        )
+
+
 def of_didim(seeds: int) -> None:
     experiment = didim.packaged_experiment("tx40")
     x = experiment.robot.parameter_set("didim")
@@ -166,6 +199,8 @@ def main() -> None:
                 for kind in ("jackknife", "decimated"):
                     fits = [didim.identify(piece, didim.IDIMLS(uncertainty=kind)) for piece in pieces]
                     print(line(f"{name} in {count} parts, {kind}", distances(fits)), flush=True)
+                if name == "TX40":
+                    chance(name, pieces, options.draws)
             if name == "TX40":
                 cost(experiment)
     controls(options.draws)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
 
 import didim
 from didim import Experiment, FitError, MaximumLikelihood, SignalProcessing, identify
@@ -84,6 +86,57 @@ def test_without_noise_of_the_motion_it_is_least_squares_with_the_noise_of_the_t
     assert fit.method == "ml"
     assert fit.uncertainty is not None
     assert fit.uncertainty.kind == "jackknife"
+
+
+def test_it_is_the_definition_computed_from_the_log_in_other_ways(arm: Experiment) -> None:
+    """Filter, slopes, noise of the rows, weights and solution by other means than those of the package."""
+    log = noisy(arm, 20.0, 2)
+    (item,) = log.recordings
+    assert item.tau is not None
+    sizes, torque_noise = np.array([4e-4, 4e-4]), np.array([0.5, 0.3])
+    sos = butter(log.signal.order, log.signal.cutoff_hz, fs=item.rate_hz, output="sos")
+
+    def motion(q: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        q = sosfiltfilt(sos, q, axis=0)
+        dq = np.gradient(q, 1.0 / item.rate_hz, axis=0)
+        return [rows[50:-50] for rows in (q, dq, np.gradient(dq, 1.0 / item.rate_hz, axis=0))]
+
+    q, dq, ddq = motion(item.q)
+    impulse = np.zeros((len(item.q), 1))
+    impulse[len(item.q) // 2] = 1.0
+    gains = [np.linalg.norm(response) for response in motion(impulse)]
+    robot, tau = log.robot, item.tau[50:-50]
+    base = robot.base_parameters
+    basis = np.array([base.lift(row) for row in np.eye(len(base.names))])
+    w = np.stack([didim.inverse_dynamics(robot, q, dq, ddq, x) for x in basis], axis=2)
+    beta = np.linalg.lstsq(w.reshape(-1, w.shape[2]), tau.ravel(), rcond=None)[0]
+    first = beta
+    for _ in range(20):
+        x = base.lift(beta)
+        covariance = np.tile(np.diag(torque_noise**2), (len(q), 1, 1))
+        for signal, gain in enumerate(gains):
+            for joint in range(2):
+                step = np.zeros((3, 1, 2))
+                step[signal, 0, joint] = 1e-6
+                up, down = (
+                    didim.inverse_dynamics(
+                        robot, q + side * step[0], dq + side * step[1], ddq + side * step[2], x
+                    )
+                    for side in (1.0, -1.0)
+                )
+                slope = (up - down) / 2e-6 * gain * sizes[joint]
+                covariance += slope[:, :, None] * slope[:, None, :]
+        weights = np.linalg.inv(covariance)
+        normal = np.einsum("tia,tij,tjb->ab", w, weights, w)
+        beta = np.linalg.solve(normal, np.einsum("tia,tij,tj->a", w, weights, tau))
+    method = MaximumLikelihood(
+        position_noise=sizes.tolist(), torque_noise=torque_noise.tolist(), compensate_samples=0.0
+    )
+    fit = identify(log, method)
+    assert fit.converged
+    assert np.abs((fit.beta - beta) / fit.std_white).max() < 0.01
+    # The weights matter here: least squares is somewhere else.
+    assert np.abs((first - beta) / fit.std_white).max() > 3.0
 
 
 def test_the_packaged_log_gives_nearly_the_estimate_of_least_squares() -> None:
