@@ -51,6 +51,9 @@ def exchanged(one: int, other: int) -> Edit:
         ("arm.toml", gravity("[0, -9.81, 0]"), "gravity", ()),
         ("free.toml", exchanged(2, 3), "swapped-torques", (2, 3)),
         ("free.toml", exchanged(4, 5), "swapped-torques", (4, 5)),
+        ("arm.toml", gravity("[9.81, 0, 0]"), "gravity", ()),
+        ("free.toml", gain(1, 2.0), "drive-gain", (1,)),
+        ("free.toml", gain(5, 2.0), "drive-gain", (5,)),
         ("free.toml", gain(2, 2.0), "drive-gain", (2,)),
         ("free.toml", gain(3, 2.0), "drive-gain", (3,)),
         ("free.toml", gain(4, 2.0), "drive-gain", (4,)),
@@ -74,7 +77,10 @@ def test_a_planted_fault_is_named(
         assert "[0, 0, -9.81]" in first.sentence
 
 
-def test_as_it_is_nothing_is_wrong(files: Path) -> None:
+def test_as_it_is_nothing_is_wrong_and_the_gain_of_the_last_joint_is_not_checked(files: Path) -> None:
     fit = didim.identify(didim.load_experiment(files / "free.toml"), didim.IDIMLS())
     assert fit.verdict.state.value == "doubtful"
     assert {reason.code for reason in fit.verdict.grave} == {"friction", "not-white"}
+    (note,) = [reason for reason in fit.verdict.reasons if reason.code == "gain-unchecked"]
+    assert note.joints == (6,)
+    assert note.severity == "note"

@@ -14,7 +14,7 @@ from .._tools.arrays import Array
 from ..experiment.experiment import Experiment
 from ..methods.job import Job
 from ..methods.verdict.loop import Recovered, loop_reasons
-from ..methods.verdict.search import explanation
+from ..methods.verdict.search import explained
 from ..methods.verdict.whiteness import NEGLIGIBLE, whiteness
 from ..regression.fit import Fit
 from ..regression.linear_system import LinearSystem
@@ -38,10 +38,10 @@ def contradicts(system: LinearSystem, fit: Fit) -> bool:
 
 def check_causes(job: Job, parts: Sequence[Segment]) -> tuple[Finding, float] | None:
     """Return what explains a log that contradicts its model, and the share of the error that it leaves."""
-    found = explanation(job, parts)
-    if found is None or found[0].code not in ROBOT_FILE:
+    found = explained(job, parts).cause
+    if found is None or found.cause.code not in ROBOT_FILE:
         return None
-    return _finding(found[0].reason(found[1])), float(np.sqrt(found[0].score / found[1]))
+    return _finding(found.reason()), found.left
 
 
 def check_loop(experiment: Experiment, x: Array | None, shown: Recovered | None) -> list[Finding]:

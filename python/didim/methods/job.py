@@ -213,8 +213,8 @@ class Job:
             declared=declared.samples,
         )
 
-    def predicted(self, recording: Recording, beta: Array, delay: Delay | Shift) -> tuple[Array, Array]:
-        """Norms of the errors and of the torques of each joint, predicted along a recording, all windows together.
+    def predicted(self, recording: Recording, beta: Array, delay: Delay | Shift) -> tuple[Array, Array, int]:
+        """Norms of the errors and of the torques of each joint, and its rows, predicted along a recording, all windows together.
 
         `beta` are the base parameters (b,) that the robot has in this recording.
         The friction is that of the experiment, not that of its simulation, as in `didim.studies.prediction.predict`.
@@ -224,7 +224,8 @@ class Job:
         system = linear_system(robot, parts, self.signal, select(robot, {}, ()), beta)
         with at_place(f"recording '{recording.name}'"):
             check_size(system)
-        return system.norms(prediction_error(system, beta)), system.norms(system.y)
+        n_rows = system.y.size // robot.n_dof
+        return system.norms(prediction_error(system, beta)), system.norms(system.y), n_rows
 
     def held_out(self, beta: Array, delay: Delay | Shift) -> list[HeldOut]:
         """Errors of the torques predicted for the recordings kept out, with all parameters of the run, (b + e,)."""
@@ -233,12 +234,13 @@ class Job:
             if recording.role != "held-out":
                 continue
             recording = recording.with_gains(beta[len(beta) - self.parameters.n_gains :])
-            errors, torques = self.predicted(recording, self.parameters.base(beta, number), delay)
+            errors, torques, n_rows = self.predicted(recording, self.parameters.base(beta, number), delay)
             found.append(
                 HeldOut(
                     name=recording.name,
                     relative_error=tuple(float(value) for value in ratios(errors, torques)),
                     overall_relative_error=ratio(np.linalg.norm(errors), np.linalg.norm(torques)),
+                    error_rms=tuple(float(value) for value in errors / np.sqrt(max(1, n_rows))),
                 )
             )
         return found

@@ -351,6 +351,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
                     "name": item.name,
                     "relative_error": [_finite(value) for value in item.relative_error],
                     "overall_relative_error": _finite(item.overall_relative_error),
+                    "error_rms": [_finite(value) for value in item.error_rms],
                 }
                 for item in self.held_out
             ],

@@ -40,8 +40,11 @@ class HeldOut:
         Per joint, 0.07 = 7 %.
     overall_relative_error : float
         Of all joints together.
+    error_rms : tuple of float
+        Per joint, root mean square (N.m or N); empty in results of older versions.
     """
 
     name: str
     relative_error: tuple[float, ...]
     overall_relative_error: float
+    error_rms: tuple[float, ...] = ()

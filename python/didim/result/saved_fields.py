@@ -58,6 +58,7 @@ def fields_of(data: dict[str, Any]) -> dict[str, Any]:
                 name=item["name"],
                 relative_error=tuple(_number(value) for value in item["relative_error"]),
                 overall_relative_error=_number(item["overall_relative_error"]),
+                error_rms=tuple(_number(value) for value in item.get("error_rms", ())),
             )
             for item in data["held_out"]
         ),

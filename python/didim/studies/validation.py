@@ -181,7 +181,7 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     for recording, x in zip(experiment.recordings, loaded, strict=True):
         direct, overall = None, float("nan")
         if recording.tau is not None and recording.has_positions:
-            errors, torques = job.predicted(recording, experiment.robot.base_parameters.project(x), delay)
+            errors, torques, _ = job.predicted(recording, experiment.robot.base_parameters.project(x), delay)
             direct, overall = ratios(errors, torques), ratio(np.linalg.norm(errors), np.linalg.norm(torques))
         outcome, simulated = None, {}
         if closed:

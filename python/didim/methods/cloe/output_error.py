@@ -35,6 +35,7 @@ from ..builder import TorqueErrors, identification, record
 from ..idim_ls import IDIMLS
 from ..job import Delay, Job
 from ..start import FROM_LOG, further_of, standard_start, start_from_log
+from ..verdict.simulated import Piece, beside
 from .checkpoint import Checkpoint
 from .settings import CLOESettings, Output
 
@@ -275,6 +276,7 @@ class OutputError:
         x = self.standard(point[None])[0]
         errors, sizes = np.zeros(self.robot.n_dof), np.zeros(self.robot.n_dof)
         positions, n_rows, cost = [], 0, 0.0
+        pieces: list[Piece] = []
         torques = all(recording.tau is not None for recording in self.job.experiment.recordings)
         delay = self.job.delay() if torques else Delay()
         for window in self.windows:
@@ -288,6 +290,7 @@ class OutputError:
             n_rows += torque[kept].size
             cost += float(np.sum((q[0] - window.q) ** 2))
             positions.append(q[0])
+            pieces.append((window.q, q[0], torque[kept], simulated[kept]))
         self.n_simulations += len(self.windows)
         return identification(
             self.job,
@@ -303,7 +306,10 @@ class OutputError:
             q=thinned(np.concatenate(positions), 2000),
             held_out=torques,
             n_simulations=self.n_simulations,
-            settings={"cloe": {**self.settings(), **settings, "position_error_norm": math.sqrt(cost)}},
+            settings={
+                "cloe": {**self.settings(), **settings, "position_error_norm": math.sqrt(cost)},
+                **({"simulated": beside(self.job.signal, pieces).record()} if torques else {}),
+            },
             remarks=(
                 *remarks,
                 *self.saved.remarks,

@@ -40,7 +40,7 @@ from .convergence import SLOW, Path, best_sentence, rule_sentence, slow_sentence
 from .gains import with_gains
 from .settings import DIDIMSettings
 from .simulability import chosen_steps, damping_of, rates, simulable
-from .windows import Simulated, Window, segments_of, simulated, windows_of
+from .windows import Simulated, Window, motion_record, segments_of, simulated, windows_of
 
 POSITIONS = 60
 """Positions of the log at which rates and inertias are looked at."""
@@ -345,7 +345,10 @@ class ConsistentRun:
             delay=self.delay,
             q=thinned(q, 2000),
             beta=beta,
-            settings=self._settings(),
+            settings={
+                **self._settings(),
+                "simulated": motion_record(job, self.windows, point.simulated),
+            },
             remarks=self._findings(suspected),
             evidence=[
                 *torque_reasons(suspected),

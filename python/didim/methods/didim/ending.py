@@ -20,7 +20,7 @@ from ..verdict.torques import following_reasons, torque_reasons
 from .convergence import step_sentence, stuck_sentence
 from .loops import Loops
 from .settings import DIDIMSettings
-from .windows import Point, Solved
+from .windows import Point, Solved, motion_record
 
 RECORDED = ("tolerance", "sigma_fraction", "max_iterations", "gain_updating", "margin")
 """Settings in the record of a result, beside the start."""
@@ -80,7 +80,10 @@ def result_at(
         delay=loops.delay,
         q=thinned(np.concatenate([motion[0] for motion in point.simulated.motions]), 2000),
         beta=beta,
-        settings=_record(method, job, loops),
+        settings={
+            **_record(method, job, loops),
+            "simulated": motion_record(job, loops.windows, point.simulated),
+        },
         remarks=found,
         evidence=evidence,
         n_simulations=loops.n_simulations,

@@ -20,6 +20,7 @@ from ...signal.align import align
 from ...signal.segments import Segment, kept_samples, place_of
 from ...signal.spikes import without_spikes
 from ..job import Delay, Job, ratio
+from ..verdict.simulated import Piece, beside
 
 CHECKED_POSITIONS = 500
 """Positions along a simulated motion at which M(q) is kept positive definite."""
@@ -167,6 +168,17 @@ def simulated(windows: Sequence[Window], x: Array, scale: Array | None) -> tuple
         squares += float(np.sum((measured - tau) ** 2))
         size += float(np.sum(measured**2))
     return Simulated(motions, scale, ratio(np.sqrt(squares), np.sqrt(size))), len(windows)
+
+
+def motion_record(job: Job, windows: Sequence[Window], motion: Simulated) -> dict[str, list[float]]:
+    """Return what the simulated motion of all windows is beside the measured one, for the record of a result."""
+    pieces: list[Piece] = []
+    for window, (q_s, _, _, tau_s) in zip(windows, motion.motions, strict=True):
+        recording = job.experiment.recordings[window.recording]
+        start, stop = recording.windows[window.window]
+        q = None if recording.q is None else recording.measured_positions()[start:stop][window.kept]
+        pieces.append((q, q_s, window.tau, tau_s))
+    return beside(job.signal, pieces).record()
 
 
 def segments_of(windows: Sequence[Window], motion: Simulated) -> list[Segment]:

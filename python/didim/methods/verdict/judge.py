@@ -12,10 +12,13 @@ from ...errors import DidimError
 from ...experiment.experiment import Experiment
 from ...result.identification import Identification
 from ...result.verdict import Reason
+from ...robot.payload import NOTHING
 from ..idim_ls import IDIMLS
-from ..method import MethodSettings
+from ..method import FitSettings, MethodSettings
+from .held_out import held_out_reasons
 from .loop import loop_reasons
 from .search import explained
+from .simulated import Beside, least_errors, simulated_reasons
 from .torques import TORQUE_CODES
 
 SUSPICIOUS = frozenset({"not-white", "not-physical"})
@@ -45,6 +48,8 @@ def judged(
     found: list[Reason] = []
     if fit.n_simulations:
         found += loop_reasons(experiment, fit.parameters if fit.converged else None)
+        found += _simulated(fit, experiment, method, bool(found))
+    found += held_out_reasons(fit)
     codes = {reason.code for reason in fit.verdict.grave}
     explicable = (
         fit.overall_relative_error > ROUNDING
@@ -55,6 +60,27 @@ def judged(
     return replace(fit, evidence=(*found, *fit.evidence)) if found else fit
 
 
+def _simulated(fit: Identification, experiment: Experiment, method: object, doubted: bool) -> list[Reason]:
+    """Return what the simulated robot says against a result, for logs that share all parameters."""
+    record = fit.settings.get("simulated")
+    shared = all(item.payload == NOTHING and not item.own for item in experiment.recordings)
+    if not (record and fit.converged and shared and isinstance(method, MethodSettings)):
+        return []
+    # Only a system (7) has a residual whose whiteness was tested.
+    doubted = doubted or not isinstance(method, FitSettings) or "not-white" in {r.code for r in fit.evidence}
+    try:
+        job = IDIMLS(
+            signal=method.signal,
+            fixed=method.fixed,
+            dropped=method.dropped,
+            compensate_samples=method.compensate_samples,
+        ).job(experiment)
+    except DidimError:  # settings that are not those of IDIM-LS
+        return []
+    found = Beside.of_record(record)
+    return simulated_reasons(experiment, found, lambda: least_errors(job), doubted=doubted)
+
+
 def _causes(experiment: Experiment, method: object) -> list[Reason]:
     """Return the hypothesis that explains the log, along its measured motion."""
     signal = method.signal if isinstance(method, MethodSettings) else None
@@ -63,6 +89,6 @@ def _causes(experiment: Experiment, method: object) -> list[Reason]:
         job = IDIMLS(signal=signal, fixed={}, dropped=()).job(experiment)
         if not job.parameters.simple:
             return []  # the hypotheses are made for logs that share all parameters
-        return explained(job, job.parts("fit", job.declared_delay))
+        return explained(job, job.parts("fit", job.declared_delay)).reasons()
     except DidimError:  # without positions, or filtered otherwise: there is no measured motion
         return []

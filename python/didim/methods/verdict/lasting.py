@@ -76,14 +76,23 @@ def _better(rows: Rows, products: Products) -> list[int]:
     return [int(joint) for joint in np.flatnonzero(squares[1] < CLEARLY * squares[0])]
 
 
-def delays(rows: Rows, rate_hz: float) -> Iterator[Hypothesis]:
-    """Return the torques of all joints late by as much as fits best."""
+def lasting_columns(rows: Rows) -> Array:
+    """Return the columns of a delay and of all friction laws together, (n_dof, n_rows, m)."""
+    return np.concatenate([_slopes(rows)[:, :, None], *(columns for _, _, columns in laws(rows))], axis=2)
+
+
+def _slopes(rows: Rows) -> Array:
+    """Return the change of each joint's torque in a sample, by the declared model, (n_dof, n_rows)."""
     beta = (rows.x / rows.declared.scale)[: rows.w.shape[2]]
     x = rows.robot.base_parameters.lift(beta)
-    slopes = [
-        np.gradient(inverse_dynamics(rows.robot, part.q, part.dq, part.ddq, x), axis=0) for part in rows.parts
-    ]
-    values = rows.reduced(slopes)
+    return rows.reduced(
+        [np.gradient(inverse_dynamics(rows.robot, p.q, p.dq, p.ddq, x), axis=0) for p in rows.parts]
+    )
+
+
+def delays(rows: Rows, rate_hz: float) -> Iterator[Hypothesis]:
+    """Return the torques of all joints late by as much as fits best."""
+    values = _slopes(rows)
     products = rows.with_columns(values[:, :, None])
     place = rows.w.shape[2]
     late = -float((products.solution(None, rows.weights, np.ones(len(values))) / products.scale)[place])

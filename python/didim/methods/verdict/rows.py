@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -121,6 +122,12 @@ class Rows:
         self.w, self.y = system
         self.n_rows = self.y.shape[1]
         self.fold = self._folds()
+        self.beside: Array | None = None
+        self._kept: dict[str, Array | None] = {}
+        self._weigh()
+
+    def _weigh(self) -> None:
+        """Fit the declared model, and weigh the joints by their residuals."""
         self.declared = self.products(self.w)
         sizes = self.declared.yy.sum(axis=0)
         ones = np.ones(len(sizes))
@@ -132,9 +139,18 @@ class Rows:
         self.weights = weights
         self.score = self.declared.score(weights)
 
+    def widened(self, columns: Array) -> Rows:
+        """Return rows whose every model has further columns beside its own, (n_dof, n_rows, m)."""
+        found = copy(self)
+        found.beside = columns
+        found._weigh()
+        return found
+
     def products(self, w: Array, y: Array | None = None) -> Products:
         """Return the products of columns, (n_dof, n_rows, b), and torques, (n_dof, n_rows), those of the log by default."""
         torque = self.y if y is None else y
+        if self.beside is not None:
+            w = np.concatenate([w, self.beside], axis=2)
         scale = np.sqrt(np.einsum("jrb,jrb->b", w, w))
         scale[scale == 0.0] = 1.0
         scaled = w / scale
@@ -148,10 +164,8 @@ class Rows:
 
     def of_robot(self, robot: Robot) -> Products | None:
         """Return the products for another robot along the same motion; None where it cannot be computed."""
-        try:
-            return self.products(self._system(robot, self.parts)[0])
-        except DidimError:
-            return None
+        columns = self._columns(repr(robot.geometry), robot, self.parts)
+        return None if columns is None else self.products(columns)
 
     def of_motion(self, position: Array, rate: float = 1.0) -> Products | None:
         """Return the products for positions ``A q``, (n_dof, n_dof), and a rate so many times the declared one."""
@@ -164,10 +178,17 @@ class Rows:
             )
             for part in self.parts
         ]
-        try:
-            return self.products(self._system(self.robot, moved)[0])
-        except DidimError:
-            return None
+        columns = self._columns(f"{position.tolist()} {rate}", self.robot, moved)
+        return None if columns is None else self.products(columns)
+
+    def _columns(self, key: str, robot: Robot, parts: Sequence[Segment]) -> Array | None:
+        """Return the columns of a robot along a motion, kept for the rows with further columns; None where there are none."""
+        if key not in self._kept:
+            try:
+                self._kept[key] = self._system(robot, parts)[0]
+            except DidimError:
+                self._kept[key] = None
+        return self._kept[key]
 
     def with_columns(self, columns: Array) -> Products:
         """Return the products with further columns, (n_dof, n_rows, m)."""

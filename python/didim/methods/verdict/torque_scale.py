@@ -1,4 +1,12 @@
-"""Hypothesis: the torque of a joint has another gain, or the other sign. Tested in ``tests/test_verdict_faults.py``."""
+r"""Hypothesis: the torque of a joint has another gain, or the other sign. Tested in ``tests/test_verdict_faults.py``.
+
+The gain of joint j is checked by the parameters that its torque shares with other joints. With ``p_j`` its modelled torque, on its
+own rows, and ``M`` the projection beside all columns W, both weighted by the noise, the log of the gain has the information
+
+    I_j = |M p_j|^2,    sigma_j^2 = m/(m - 1) sum_i (M p_j)_i^T rho_i)^2 / I_j^2
+
+over m intervals of time, where rho is the residual: errors of the model that are correlated in time count as what they are.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +14,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from ..._tools.arrays import Array
+from ..._tools.words import joints_text
+from ...result.verdict import Reason
 from .hypothesis import Hypothesis
 from .rows import Rows
 
@@ -13,6 +24,55 @@ LOGS = np.log([0.4, 0.6, 0.8, 1.25, 1.7, 2.5])
 """Gains that are tried; the best one is refined between its neighbours."""
 SMALLEST = 0.05
 """A gain nearer to 1 is an error of the model as likely as one of the gain."""
+
+
+UNCHECKED_SIGMA = 0.3
+"""Standard deviation of the log of a gain from which a log does not check it: a doubled gain is 2.3 of these."""
+INTERVALS = 20
+"""Intervals of time m, as those of the jackknife."""
+
+
+def unchecked(rows: Rows) -> Reason | None:
+    """Return a note on the joints whose gain the log does not check; None where it checks all."""
+    sigma, share = gain_information(rows)
+    joints = [int(joint) for joint in np.flatnonzero(np.logical_not(sigma < UNCHECKED_SIGMA))]
+    if rows.robot.n_dof < 2 or not joints:
+        return None
+    shares = ", ".join(f"{100.0 * share[joint]:.2g}" for joint in joints)
+    one = len(joints) == 1
+    return Reason(
+        code="gain-unchecked",
+        severity="note",
+        sentence=f"the drive gain{'' if one else 's'} of {joints_text(joints)} cannot be checked by this log: only {shares} % of "
+        f"the torque there depends on parameters that other joints determine",
+        joints=tuple(joint + 1 for joint in joints),
+        value=float(sigma[joints].max()),
+    )
+
+
+def gain_information(rows: Rows) -> tuple[Array, Array]:
+    """Return the standard deviation of the log of each joint's gain, and the share of its torque that checks it, (n_dof,) each."""
+    root = np.sqrt(rows.weights)
+    n, n_rows, b = rows.w.shape
+    columns = (rows.w * root[:, None, None] / rows.declared.scale[:b]).reshape(n * n_rows, b)
+    left, values, _ = np.linalg.svd(columns, full_matrices=False)
+    left = left[:, values > 1e-6 * values[0]]  # as `Rows` has it for the squares
+    y = (rows.y * root[:, None]).reshape(-1)
+    model = left @ (left.T @ y)
+    residual = (y - model).reshape(n, n_rows)
+    sigma, share = np.full(n, np.inf), np.zeros(n)
+    intervals = np.arange(n_rows) * INTERVALS // n_rows
+    for joint in range(n):
+        own = np.zeros((n, n_rows))
+        own[joint] = model.reshape(n, n_rows)[joint]
+        beside = own.reshape(-1) - left @ (left.T @ own.reshape(-1))
+        information = float(beside @ beside)
+        if not information > 0.0:
+            continue
+        scores = np.bincount(intervals, np.sum(beside.reshape(n, n_rows) * residual, axis=0), INTERVALS)
+        sigma[joint] = np.sqrt(INTERVALS / (INTERVALS - 1) * float(scores @ scores)) / information
+        share[joint] = information / float(own[joint] @ own[joint])
+    return sigma, share
 
 
 def torque_scales(rows: Rows) -> Iterator[Hypothesis]:

@@ -1,0 +1,234 @@
+"""The simulated robot beside the measured one: positions, torques, and IDIM-LS. Tested in ``tests/test_verdict_simulated.py``.
+
+From the last simulation of a method follow, of each joint,
+
+    p = |q_s - q| / |q - mean q|,    s = tau_s^T tau / |tau_s|^2,    r = |tau - tau_s| / |tau - W beta_LS|
+
+where q and tau are measured, s are simulated, and the torques are decimated as the log is, their means left out. With the right
+model p is that of encoder noise, s is 1, and r is 1, since IDIM-LS explains what any model of the same robot can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..._tools.words import joints_text
+from ...errors import DidimError
+from ...experiment.experiment import Experiment
+from ...regression.linear_system import LinearSystem
+from ...result.verdict import Reason, Severity
+from ...signal.decimation import decimate, decimation_stages
+from ...signal.processing import SignalProcessing
+from ..job import Job
+from .loop import declared_loop
+
+POSITION = 0.005
+"""Share of a joint's motion that the simulated motion may miss: correct loops miss up to 0.01 %, or 0.1 % with
+a tight filter, and wrong ones 0.3 to 60 %."""
+ASTRAY = 0.1
+"""Share beyond which the result is wrong."""
+SLOPE = 0.005
+"""Deviation of the slope from 1 that is worth a sentence: correct results of CLOE reach 0.0026, with gains 1 % off it is 0.01."""
+SLOPE_SIGMAS = 6.0
+"""Standard deviations by which it must be significant, over intervals of time."""
+INTERVALS = 20
+"""Intervals of time, as those of the jackknife."""
+WORSE = 1.5
+"""Error over that of IDIM-LS that is worth a sentence: correct results reach 1.06, and a gain 10 % off 1.9."""
+NEGLIGIBLE = 0.003
+"""Share of a joint's torque below which more error than IDIM-LS has is that of simulation and filter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Simulated beside measured motion.
+
+    Attributes
+    ----------
+    position : (n_dof,) array
+        p, the share of a joint's motion that the simulated one misses; zero without measured positions.
+    slope, sigma : (n_dof,) arrays
+        s and its standard deviation.
+    error, torque : (n_dof,) arrays
+        Root mean squares of ``tau - tau_s`` and of the measured torque (N.m or N), on the rows of the fit.
+    """
+
+    position: Array
+    slope: Array
+    sigma: Array
+    error: Array
+    torque: Array
+
+    def record(self) -> dict[str, list[float]]:
+        """Return all fields, as JSON knows them; for the settings of a result."""
+        return {key: values.tolist() for key, values in vars(self).items()}
+
+    @classmethod
+    def of_record(cls, record: Mapping[str, Sequence[float]]) -> Beside:
+        """Return what `record` wrote."""
+        return cls(**{key: np.array(values, dtype=np.float64) for key, values in record.items()})
+
+
+Piece = tuple[Array | None, Array, Array, Array]
+"""Positions, measured (None where there are none) and simulated, and torques, measured and simulated, of a window, (n, n_dof)."""
+
+
+def beside(signal: SignalProcessing, pieces: Sequence[Piece]) -> Beside:
+    """Return the simulated beside the measured motion.
+
+    Parameters
+    ----------
+    signal : SignalProcessing
+        Whose decimation the torques get.
+    pieces : sequence of Piece
+        Of each window, on the samples that are kept.
+    """
+    tau = np.concatenate([_decimated(signal, torque) for _, _, torque, _ in pieces])
+    tau_s = np.concatenate([_decimated(signal, torque) for _, _, _, torque in pieces])
+    n = tau.shape[1]
+    missed, moved = np.zeros(n), np.zeros(n)
+    for q, q_s, _, _ in pieces:
+        if q is not None:
+            missed += np.sum((q_s - q) ** 2, axis=0)
+            moved += np.sum((q - q.mean(axis=0)) ** 2, axis=0)
+    position = np.sqrt(missed / np.maximum(moved, np.finfo(float).tiny))
+    slope, sigma = _slope(tau_s, tau)
+    return Beside(position, slope, sigma, _rms(tau - tau_s), _rms(tau))
+
+
+def _decimated(signal: SignalProcessing, values: Array) -> Array:
+    values = np.ascontiguousarray(values)
+    return np.asarray(decimate(values, decimation_stages(len(values), signal))[signal.kept_rows])
+
+
+def _rms(values: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
+def _slope(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the slope of y on x of each column, and its standard deviation over intervals of time."""
+    x, y = x - x.mean(axis=0), y - y.mean(axis=0)
+    size = np.maximum(np.sum(x**2, axis=0), np.finfo(float).tiny)
+    slope = np.sum(x * y, axis=0) / size
+    scores = [part.sum(axis=0) for part in np.array_split(x * (y - slope * x), INTERVALS)]
+    m = len(scores)
+    return slope, np.asarray(np.sqrt(m / (m - 1) * np.sum(np.square(scores), axis=0)) / size)
+
+
+def simulated_reasons(
+    experiment: Experiment, found: Beside, least: Callable[[], Array], *, doubted: bool
+) -> list[Reason]:
+    """Return what the simulated robot of a converged result says against it.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        What the result was made of.
+    found : Beside
+        Its simulated motion.
+    least : callable
+        Returns the errors of IDIM-LS.
+    doubted : bool
+        Whether other evidence is against it: IDIM-LS is run then, or where something is found here.
+    """
+    reasons = [*motion_reasons(experiment, found), *slope_reasons(found)]
+    if reasons or doubted:
+        try:
+            reasons += worse_reasons(found, least())
+        except DidimError:  # a log that IDIM-LS cannot solve
+            return reasons
+    return reasons
+
+
+def motion_reasons(experiment: Experiment, found: Beside) -> list[Reason]:
+    """Return a reason where the simulated motion is not the measured one."""
+    joints = np.flatnonzero(found.position > POSITION)
+    if not len(joints):
+        return []
+    worst = float(found.position.max())
+    real = declared_loop(experiment)
+    severity: Severity = "wrong" if worst > ASTRAY and real else "doubtful"
+    return [
+        Reason(
+            code="simulated-motion",
+            severity=severity,
+            sentence=f"the simulated motion of {joints_text(joints)} misses {_percent(found.position[joints])} % of the measured "
+            "motion, and that of a right closed loop 0.1 % or less",
+            advice="Look at [controller] and [reference]; until then trust IDIM-LS"
+            if real
+            else "The controller is made up: raise its natural_frequency_hz, or trust IDIM-LS",
+            joints=tuple(int(joint) + 1 for joint in joints),
+            value=worst,
+        )
+    ]
+
+
+def slope_reasons(found: Beside) -> list[Reason]:
+    """Return a reason where measured torques are not those of the simulated robot, but for a factor."""
+    off = found.slope - 1.0
+    joints = np.flatnonzero(np.abs(off) > np.maximum(SLOPE, SLOPE_SIGMAS * found.sigma))
+    if not len(joints):
+        return []
+    worst = int(joints[np.argmax(np.abs(off[joints]))])
+    return [
+        Reason(
+            code="torque-slope",
+            severity="doubtful",
+            sentence=f"the measured torques of {joints_text(joints)} are {_factors(found.slope[joints])} times those of the "
+            f"simulated robot (+- {found.sigma[worst]:.1g})",
+            advice="The parameters are off by as much: look at the gains of [controller], and at the drive gains",
+            joints=tuple(int(joint) + 1 for joint in joints),
+            value=float(found.slope[worst]),
+        )
+    ]
+
+
+def worse_reasons(found: Beside, least: Array) -> list[Reason]:
+    """Return a reason where IDIM-LS explains the log better; `least` are its errors, (n_dof,) (N.m or N, root mean squares)."""
+    ratio = found.error / np.maximum(least, np.finfo(float).tiny)
+    joints = np.flatnonzero((ratio > WORSE) & (found.error - least > NEGLIGIBLE * found.torque))
+    if not len(joints):
+        return []
+    own, other = (100.0 * errors[joints] / found.torque[joints] for errors in (found.error, least))
+    return [
+        Reason(
+            code="worse-than-idim-ls",
+            severity="doubtful",
+            sentence=f"the simulated torques of {joints_text(joints)} are off by {_range(own)} %, and IDIM-LS leaves "
+            f"{_range(other)} % on the same rows",
+            advice="The robot's model is not the cause: look at [controller] and [reference], and trust IDIM-LS",
+            joints=tuple(int(joint) + 1 for joint in joints),
+            value=float(ratio[joints].max()),
+        )
+    ]
+
+
+def least_errors(job: Job) -> Array:
+    """Return the errors that plain IDIM-LS leaves, (n_dof,) (N.m or N, root mean squares on its rows).
+
+    Raises
+    ------
+    DidimError
+        For a log that it cannot solve.
+    """
+    system: LinearSystem = job.system(job.parts("fit", job.declared_delay))
+    sizes = [max(1, rows.stop - rows.start) for rows in system.joints]
+    return np.asarray(system.norms(job.solve(system).residual) / np.sqrt(sizes))
+
+
+def _percent(values: Array) -> str:
+    return _range(100.0 * values)
+
+
+def _range(values: Sequence[float] | Array) -> str:
+    low, high = f"{min(values):.2g}", f"{max(values):.2g}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _factors(values: Array) -> str:
+    low, high = f"{values.min():.3f}", f"{values.max():.3f}"
+    return low if low == high else f"{low} to {high}"
