@@ -36,6 +36,8 @@ pub trait Block {
     fn add_slope(&self, gradient: &mut DVector<f64>);
     /// Add `factor tr(Z B_i)`.
     fn add_multiplier(&self, factor: f64, gradient: &mut DVector<f64>);
+    /// Add the sizes of the terms of `tr(Z B_i)`.
+    fn add_multiplier_size(&self, sizes: &mut DVector<f64>);
     /// Add the squares `|B_i|^2` of the scaled basis.
     fn add_squares(&self, diagonal: &mut DVector<f64>);
     /// Add the products `<B_i, B_k>` of the scaled basis to the lower triangle.
@@ -44,7 +46,7 @@ pub trait Block {
     fn distance(&self) -> f64;
     /// Largest `|lambda^2 - gamma|`.
     fn complementarity(&self) -> f64;
-    /// `|F(x) - S|`, relative to the size of `S` at the start.
+    /// `|F(x) - S|`, relative to the terms of `F`.
     fn infeasibility(&self) -> f64;
     /// Aim at `S Z = (gamma + tau) I`, after `corrected` with the second order of the last directions; add to the right side.
     fn aim(&mut self, tau: f64, corrected: bool, right: &mut DVector<f64>);
@@ -95,7 +97,9 @@ struct Fixed<const M: usize> {
     lambda: [f64; M],
     /// `R^-1 B_i R^-T`.
     scaled: Vec<Small<M>>,
-    /// `F(x) - S`, scaled; its norm relative to the slack at the start; that slack's norm.
+    /// `|B_i|`.
+    norms: Vec<f64>,
+    /// `F(x) - S`, scaled; its norm relative to the terms; the slack's norm at the start.
     residual: Small<M>,
     infeasibility: f64,
     size: f64,
@@ -117,9 +121,11 @@ impl<const M: usize> Fixed<M> {
         let zero = Small::<M>::zeros();
         let aims = Aims { sum: zero, slack: zero, multiplier: zero };
         let square = |values: &[f64]| symmetric(&Small::<M>::from_row_slice(values));
+        let basis: Vec<_> = cone.basis.chunks_exact(M * M).map(square).collect();
         Self {
             indices: cone.indices.clone(),
-            basis: cone.basis.chunks_exact(M * M).map(square).collect(),
+            norms: basis.iter().map(Small::<M>::norm).collect(),
+            basis,
             constant: square(&cone.constant),
             weight: cone.weight,
             slope: square(&cone.slope),
@@ -201,7 +207,8 @@ impl<const M: usize> Block for Fixed<M> {
         self.scaling = Small::<M>::from_fn(|i, k| scaling[(i, k)] / quarter[k]);
         self.unscaling = Small::<M>::from_fn(|i, k| unscaling[(i, k)] * quarter[i]);
         let residual = self.constant + self.combine(&self.basis, x) - self.slack;
-        self.infeasibility = residual.norm() / self.size;
+        let terms = self.indices.iter().zip(&self.norms).map(|(&index, norm)| (x[index] * norm).abs());
+        self.infeasibility = residual.norm() / (self.size + terms.sum::<f64>());
         self.residual = symmetric(&(self.unscaling * residual * self.unscaling.transpose()));
         for (scaled, basis) in self.scaled.iter_mut().zip(&self.basis) {
             *scaled = symmetric(&(self.unscaling * basis * self.unscaling.transpose()));
@@ -218,6 +225,12 @@ impl<const M: usize> Block for Fixed<M> {
     fn add_multiplier(&self, factor: f64, gradient: &mut DVector<f64>) {
         for (&index, basis) in self.indices.iter().zip(&self.basis) {
             gradient[index] += factor * self.multiplier.dot(basis);
+        }
+    }
+
+    fn add_multiplier_size(&self, sizes: &mut DVector<f64>) {
+        for (&index, basis) in self.indices.iter().zip(&self.basis) {
+            sizes[index] += self.multiplier.component_mul(basis).abs().sum();
         }
     }
 
