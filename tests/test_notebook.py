@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import didim
-from didim._tools.notebook import page
+from didim._tools.notebook import Printed, page
 from didim.diagnosis.finding import Finding, Findings
 from didim.errors import DidimError
+from didim.result.verdict import Reason, Verdict
 from didim.studies.comparison import Comparison
+from didim.studies.contrasts import Contrasts
+from didim.studies.loads.payload_result import PayloadEstimate
+from didim.studies.loads.residual import Residual
 from test_identification import example
 
 
@@ -83,6 +89,35 @@ def test_numbers_stand_on_the_right() -> None:
     styles = [cell.get("style") for cell in root.iter("td")]
     assert styles == ["text-align: left", "text-align: right"] * 2
     assert page("t", "", []) == "<div><strong>t</strong></div>"
+
+
+def test_what_people_print_shows_itself() -> None:
+    """Every class with a text for people has it in notebooks, with a repr of one line."""
+    found = comparison()
+    log, fit = found.experiment, found.fits["idim-ls"]
+    (recording,) = log.recordings
+    assert repr(log) == "<Experiment 'TX40, simulated': robot 'tx40', 'simulated log' 10 s>"
+    assert cells(log._repr_html_())[:5] == ["simulated log", "fit", "10001", "1000", "10"]
+    assert len(repr(recording)) < 1000
+    assert "q=array(10001, 6)" in repr(recording)
+    verdict = fit.verdict
+    assert fit.verdict.sentence in verdict._repr_html_()
+    doubtful = Verdict((Reason(code="a", severity="doubtful", sentence="1 < 2", advice="Try 3"),))
+    assert cells(doubtful._repr_html_()) == ["doubtful", "1 < 2", "Try 3"]
+    errors = didim.validate(fit, log)
+    assert repr(errors).startswith("<Validation: ")
+    text = "".join(ET.fromstring(errors._repr_html_()).itertext())
+    assert text.split() == str(errors).split()
+    for kind in (didim.Excitation, didim.StudyResults, didim.Contrast, Contrasts, PayloadEstimate, Residual):
+        assert kind._repr_html_ is Printed._repr_html_
+        assert kind.__repr__ is Printed.__repr__
+
+
+def test_figures_show_themselves_without_pyplot() -> None:
+    figure: Any = didim.plot.correlation(example())
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    again = pickle.loads(pickle.dumps(figure))
+    assert again._repr_png_() == figure._repr_png_()
 
 
 def test_without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 from ..errors import DidimError
 
 Rows = Sequence[Sequence[str]]
 """Heading and cells of a table."""
+
+LONGEST_VALUE = 60
+"""Characters that a field takes in a repr."""
 
 
 def page(title: str, *parts: str | Rows) -> str:
@@ -31,6 +35,33 @@ def page(title: str, *parts: str | Rows) -> str:
             continue
         lines.append(f"<pre>{html.escape(part)}</pre>" if isinstance(part, str) else _table(part))
     return "<div>" + "\n".join(lines) + "</div>"
+
+
+class Printed:
+    """Base of a class whose text is made for people: a notebook shows that text, and its repr is one line of it."""
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {str(self).partition(chr(10))[0]}>"
+
+    def _repr_html_(self) -> str:
+        title, _, rest = str(self).partition("\n")
+        return page(title, rest.strip("\n"))
+
+
+class Brief:
+    """Base of a frozen dataclass whose repr has the shapes of arrays in place of their numbers."""
+
+    def __repr__(self) -> str:
+        shown = (f"{item.name}={_brief(getattr(self, item.name))}" for item in fields(self))  # type: ignore[arg-type]
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+
+def _brief(value: object) -> str:
+    shape = getattr(value, "shape", None)
+    if shape is not None:
+        return f"array{tuple(shape)}"
+    text = repr(value)
+    return text if len(text) <= LONGEST_VALUE else f"{type(value).__name__}(...)"
 
 
 def _table(rows: Rows) -> str:

@@ -143,7 +143,9 @@ def run(options: argparse.Namespace) -> int:
         if not hasattr(method, key):
             key = "plain" if key == "physical" and not options.physical else key
             return refuse(f"--{key} is not for method '{options.method}'")
-    fit = identify(experiment, make(**settings), verbose=options.verbose)
+    fit = identify(
+        experiment, make(**settings), verbose=True if options.verbose else False if options.quiet else None
+    )
     # The files first: a reader of stdout that stops early must not cost the result.
     saved = Saved()
     saved.save(options.json, fit.save)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._tools.arrays import Array, relative_percent
+from .._tools.notebook import Printed
 from .._tools.pickling import Pickled
 from ..loop.reference import Reference
 from ..robot.robot import Robot
@@ -26,8 +27,8 @@ INFLATED = 3.0
 """Factor between the standard deviation of a parameter and the one it had if all others were known, likewise."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Excitation(Pickled):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Excitation(Pickled, Printed):
     """A designed motion. Made by `excite`.
 
     Attributes

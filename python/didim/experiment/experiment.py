@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from .._tools.arrays import Array
+from .._tools.notebook import page
 from ..errors import ExperimentError
 from ..log.recording import Recording
 from ..loop.controller import Controller
@@ -20,7 +21,7 @@ from ..signal.processing import SignalProcessing
 from .specs import ControllerSpec, Measurement, ReferenceSpec, SimulationSettings
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Experiment:
     """What an experiment file says; equally well made in Python, from a robot and recordings.
 
@@ -76,6 +77,28 @@ class Experiment:
     measurement: Measurement | None = None
     payloads: Mapping[str, Payload] = field(default_factory=dict)
     flange: Pose | None = None
+
+    def __repr__(self) -> str:
+        named = ", ".join(f"{item.name!r} {item.t[-1] - item.t[0]:g} s" for item in self.recordings)
+        return f"<Experiment {self.name!r}: robot {self.robot.name!r}, {named or 'no recording'}>"
+
+    def _repr_html_(self) -> str:
+        head = ("recording", "role", "samples", "rate (Hz)", "length (s)", "torques", "windows")
+        rows = [
+            (
+                item.name,
+                item.role,
+                str(len(item.t)),
+                f"{item.rate_hz:g}",
+                f"{item.t[-1] - item.t[0]:g}",
+                "no" if item.tau is None else "yes",
+                str(len(item.windows)),
+            )
+            for item in self.recordings
+        ]
+        return page(
+            f"{self.name}: robot {self.robot.name}", [head, *rows] if rows else "", "\n".join(self.notes)
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import LARGEST_POSITION, Array, real_array
+from .._tools.notebook import Brief
 from .._tools.pickling import Pickled
 from .._tools.settings import one_of
 from ..errors import RecordingError
@@ -23,8 +24,8 @@ OWN = ("offsets", "friction")
 """Parameters that a recording may have for itself."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Recording(Pickled):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Recording(Pickled, Brief):
     """Motion and torque of one run.
 
     Attributes

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 import didim._core as _core
 
 from .._tools.arrays import Array, real_array
+from .._tools.notebook import Brief
 from .._tools.pickling import Pickled
 from ..errors import ControllerError
 
@@ -62,8 +63,8 @@ class Digital:
             raise ControllerError(f"resolution must be finite and not negative, got {list(self.resolution)}")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Controller(Pickled):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Controller(Pickled, Brief):
     """The laws of all joints, joint side. Made by `pd`, `pid` or `cascade`.
 
     Attributes

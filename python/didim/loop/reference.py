@@ -16,14 +16,15 @@ from numpy.typing import ArrayLike
 import didim._core as _core
 
 from .._tools.arrays import Array, real_array
+from .._tools.notebook import Brief
 from ..errors import ReferenceError
 
 KNOTS_PER_PERIOD = 100
 """Pieces of a Fourier series per period of its highest harmonic: the series is met to rounding."""
 
 
-@dataclass(frozen=True)
-class Reference:
+@dataclass(frozen=True, repr=False)
+class Reference(Brief):
     """A reference motion, joint side, SI units. Made by one of the class methods.
 
     Attributes

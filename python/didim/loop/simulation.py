@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array, real_array
+from .._tools.notebook import Brief
 from ..errors import ShapeError, SimulationError
 from ..model.dynamics import standard_vector
 from ..robot.robot import Robot
@@ -28,8 +29,8 @@ class StepWarning(UserWarning):
     """The step of a simulation is too large."""
 
 
-@dataclass(frozen=True, eq=False)
-class Simulation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation(Brief):
     """Trajectories of the closed loop at the recording rate, joint side, SI units.
 
     Attributes

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
 
+from .._tools.progress import ProgressLine
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..regression.settings import UncertaintyKind
@@ -53,7 +54,7 @@ def identify(
     *,
     uncertainty: UncertaintyKind | None = None,
     callback: Callable[[Iteration], bool | None] | None = None,
-    verbose: bool = False,
+    verbose: bool | None = None,
 ) -> Identification:
     """Identify the dynamic parameters of an experiment's robot.
 
@@ -67,8 +68,9 @@ def identify(
         Where standard deviations come from, in place of the method's setting (`LeastSquaresSettings`).
     callback : callable, optional
         Called with every `Iteration`; when it returns True the method stops there.
-    verbose : bool
-        Print progress on stderr.
+    verbose : bool, optional
+        True prints every iteration on stderr, False nothing. By default a terminal or a notebook shows one line with the
+        iteration and the time that is left at most, and removes it at the end.
 
     Returns
     -------
@@ -93,18 +95,40 @@ def identify(
 
     method = method.for_logs(experiment) if isinstance(method, FitSettings) else method
 
+    start = time.perf_counter()
+    line = ProgressLine() if verbose is None else None
+
     def say(text: str) -> None:
         if verbose:
             print(f"{method.name}: {text}", file=sys.stderr, flush=True)
+        elif line is not None:
+            line.show(f"{method.name}: {text}")
 
     def progress(iteration: Iteration) -> bool:
-        say(
-            f"iteration {iteration.iteration}: relative error {100.0 * iteration.relative_error:.4f} %, "
-            f"step {100.0 * iteration.step:.3g} %"
-        )
+        error, step = 100.0 * iteration.relative_error, 100.0 * iteration.step
+        text = f"iteration {iteration.iteration}: relative error {error:.4f} %, step {step:.3g} %"
+        most = getattr(method, "max_iterations", None)
+        if line is not None and isinstance(most, int):
+            each = (time.perf_counter() - start) / iteration.iteration
+            text += f", at most {each * max(0, most - iteration.iteration):.0f} s left"
+        say(text)
         return callback is not None and callback(iteration) is True
 
-    start = time.perf_counter()
+    try:
+        return _identified(experiment, method, progress, say, start)
+    finally:
+        if line is not None:
+            line.close()
+
+
+def _identified(
+    experiment: Experiment,
+    method: Method,
+    progress: Callable[[Iteration], bool],
+    say: Callable[[str], None],
+    start: float,
+) -> Identification:
+    """Choose the friction that is open, run the method, and judge the result."""
     experiment, friction = with_known_friction(method, experiment, say)
     fit = method.run(experiment, progress, say)
     if friction is not None:

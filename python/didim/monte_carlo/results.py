@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
+from .._tools.notebook import Printed
 from .._tools.words import counted
 from ..errors import StudyError
 from .figures import Estimate, Figures, figures_of
@@ -16,8 +17,8 @@ from .spec import StudySpec
 from .text import study_lines
 
 
-@dataclass(frozen=True, eq=False)
-class StudyResults:
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyResults(Printed):
     """Results of a study.
 
     Attributes

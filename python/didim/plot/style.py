@@ -29,6 +29,8 @@ CYCLE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 WIDTH_IN = 11.0
+NOTEBOOK_DPI = 80
+"""Dots per inch of a figure that a notebook displays."""
 MOST_POINTS = 1200
 """Points of a line; beyond them a picture shows lowest and highest values instead, which look the same."""
 
@@ -97,9 +99,7 @@ def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]
 
 def new_figure(height_in: float, width_in: float = WIDTH_IN, gap_in: float = 0.02) -> Figure:
     """Return an empty figure that pyplot knows nothing of; the gap is that above and below every panel."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    figure = _shown_figure()(figsize=(width_in, height_in), layout="constrained")
     figure.set_layout_engine("constrained", h_pad=gap_in)
     return figure
 
@@ -118,6 +118,29 @@ def svg(figure: Figure) -> str:
     # Lines need no millionth of a pixel, and hold most of the text.
     short = _PATH.sub(lambda found: _DIGITS.sub(r"\1", found.group()), text.getvalue())
     return _INDENT.sub("\n", short)
+
+
+@functools.cache
+def _shown_figure() -> type[Figure]:
+    """Return a `Figure` that notebooks display by themselves, without pyplot and its magic line."""
+    from matplotlib.figure import Figure
+
+    class ShownFigure(Figure):
+        """Figure with a picture of itself for notebooks."""
+
+        def _repr_png_(self) -> bytes:
+            data = io.BytesIO()
+            self.savefig(data, format="png", dpi=NOTEBOOK_DPI)
+            return data.getvalue()
+
+        def __reduce__(self) -> Any:
+            return (_unpickled, (), self.__getstate__())
+
+    return ShownFigure
+
+
+def _unpickled() -> Figure:
+    return _shown_figure().__new__(_shown_figure())
 
 
 def per_row(count: int, most: int) -> tuple[int, int]:

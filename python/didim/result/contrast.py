@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.notebook import Printed
 from .._tools.words import counted
 from ..errors import FitError
 from .identification import Identification
@@ -26,8 +27,8 @@ SAME_TIME_S = 0.25
 MOST_NAMED = 4
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Contrast:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Contrast(Printed):
     """Difference of two estimates of the same parameters from the same log.
 
     Attributes

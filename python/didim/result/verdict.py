@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal, get_args
 
+from .._tools.notebook import page
 from .._tools.words import counted
 from .status import Status
 
@@ -125,6 +126,10 @@ class Verdict:
     def notes(self) -> tuple[Reason, ...]:
         """What else a reader should know."""
         return tuple(reason for reason in self.reasons if reason.severity == "note")
+
+    def _repr_html_(self) -> str:
+        rows = [(reason.severity, reason.sentence, reason.advice) for reason in self.reasons]
+        return page(self.sentence, [("", "reason", "advice"), *rows] if rows else "")
 
     @property
     def sentence(self) -> str:

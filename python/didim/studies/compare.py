@@ -82,7 +82,7 @@ def compare(
     noise: bool = True,
     seed: int | None = None,
     callback: Callable[[str, Iteration], None] | None = None,
-    verbose: bool = False,
+    verbose: bool | None = None,
 ) -> Comparison:
     """Simulate a log with known parameters and identify it back by several methods.
 
@@ -100,8 +100,8 @@ def compare(
         Of the noise.
     callback : callable, optional
         Called with the method and every iteration.
-    verbose : bool
-        Print progress on stderr.
+    verbose : bool, optional
+        As for `identify`, of each method.
 
     Returns
     -------

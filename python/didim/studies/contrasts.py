@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .._tools.files import write_atomically
+from .._tools.notebook import Printed
 from ..experiment.experiment import Experiment
 from ..methods.didim.didim import DIDIM
 from ..methods.identify import identify
@@ -21,8 +22,8 @@ from ..result.contrast import Contrast, contrast, reading
 from ..result.identification import Identification
 
 
-@dataclass(frozen=True, eq=False)
-class Contrasts:
+@dataclass(frozen=True, eq=False, repr=False)
+class Contrasts(Printed):
     """Three estimates of one log, and their contrasts.
 
     Attributes
@@ -66,14 +67,14 @@ class Contrasts:
         write_atomically(Path(path), text + "\n")
 
 
-def contrasts_of(log: Experiment, *, verbose: bool = False) -> Contrasts:
+def contrasts_of(log: Experiment, *, verbose: bool | None = None) -> Contrasts:
     """Identify a log by IDIM-LS, IDIM-IV and DIDIM, and contrast the estimates.
 
     Parameters
     ----------
     log : Experiment
         With recordings, a reference and a controller.
-    verbose : bool
+    verbose : bool, optional
         Tell on stderr what goes on.
 
     Raises

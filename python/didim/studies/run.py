@@ -13,6 +13,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.files import write_atomically
+from .._tools.notebook import Printed
 from .._tools.words import did_you_mean
 from ..errors import ExperimentError
 from ..experiment.experiment import Experiment
@@ -30,8 +31,8 @@ from ..signal.segments import motion_of
 Arrays = tuple[Array, Array, Array, Array]
 
 
-@dataclass(frozen=True, eq=False)
-class SimulationReport:
+@dataclass(frozen=True, eq=False, repr=False)
+class SimulationReport(Printed):
     """A run and what there is to say about it.
 
     Attributes

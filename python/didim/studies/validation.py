@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.notebook import Printed
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..experiment.specs import ControllerSpec
@@ -45,8 +46,8 @@ class RecordingValidation:
     outcome: Outcome | None
 
 
-@dataclass(frozen=True, eq=False)
-class Validation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Validation(Printed):
     """Errors of a result on the recordings of an experiment."""
 
     fit: Identification

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..._tools.notebook import Printed
 from ..._tools.pickling import Pickled
 from ...result.table import aligned
 from ...result.uncertainty import student_factor
@@ -23,8 +24,8 @@ BODY_FACTORS = np.array([1.0, *(1e3,) * 3, *(1.0,) * 6])
 """SI to the units of pendants."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PayloadEstimate(Pickled):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PayloadEstimate(Pickled, Printed):
     """A payload, in the frame of the flange.
 
     Attributes

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..._tools.notebook import Printed
 from ..._tools.pickling import Pickled
 from ..._tools.settings import positive
 from ...errors import FitError
@@ -90,8 +91,8 @@ class ExternalTorque(Pickled):
         return self.torque - half, self.torque + half
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Residual(Pickled):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Residual(Pickled, Printed):
     """Torques from outside along a log.
 
     Attributes

@@ -1,0 +1,77 @@
+"""One line of progress that replaces itself, on terminals and in notebooks; nowhere else. Tested in ``tests/test_progress.py``."""
+
+from __future__ import annotations
+
+import sys
+import time
+from importlib import import_module
+from typing import Any
+
+DELAY_S = 1.0
+"""Seconds of work before the line appears: short work needs none."""
+EVERY_S = 0.1
+"""Seconds between changes of the line."""
+WIDEST = 78
+"""Characters of the line: one that wraps cannot be replaced."""
+
+
+class ProgressLine:
+    """A line that shows how far a long calculation is.
+
+    On a terminal it is the current line of stderr, in a notebook an output that is updated; `close` removes it. Files and pipes
+    get nothing.
+    """
+
+    def __init__(self) -> None:
+        self._begin = time.monotonic()
+        self._last = 0.0
+        self._shown = False
+        self._display: Any = None
+        self._terminal = _is_terminal()
+        self._notebook = not self._terminal and in_notebook()
+
+    def show(self, text: str) -> None:
+        """Replace the line, once the work takes longer than a moment."""
+        now = time.monotonic()
+        if (
+            not (self._terminal or self._notebook)
+            or now - self._begin < DELAY_S
+            or now - self._last < EVERY_S
+        ):
+            return
+        self._last, self._shown = now, True
+        line = " ".join(text.split())
+        line = line if len(line) <= WIDEST else f"{line[: WIDEST - 3]}..."
+        if self._terminal:
+            print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
+        else:
+            self._update(line)
+
+    def close(self) -> None:
+        """Remove the line."""
+        if self._shown and self._terminal:
+            print("\r\033[K", end="", file=sys.stderr, flush=True)
+        elif self._shown:
+            self._update("")
+        self._shown = False
+
+    def _update(self, line: str) -> None:
+        shown = import_module("IPython.display")  # optional, and without types
+        if self._display is None:
+            self._display = shown.display(shown.Pretty(line), display_id=True)
+        else:
+            self._display.update(shown.Pretty(line))
+
+
+def in_notebook() -> bool:
+    """Whether a notebook runs the program: no module is imported to find out."""
+    ipython = sys.modules.get("IPython")
+    shell = None if ipython is None else ipython.get_ipython()
+    return type(shell).__name__ == "ZMQInteractiveShell"
+
+
+def _is_terminal() -> bool:
+    try:
+        return sys.stderr.isatty()
+    except (AttributeError, ValueError):  # no stderr, or a closed one
+        return False

@@ -1,0 +1,95 @@
+"""The line of progress: on terminals and in notebooks after a moment, replaced, and gone at the end."""
+
+from __future__ import annotations
+
+import io
+import sys
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+import didim
+from didim._tools import progress
+from didim._tools.progress import WIDEST, ProgressLine, in_notebook
+from simulated import experiment, log
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "DELAY_S", 0.0)
+    monkeypatch.setattr(progress, "EVERY_S", 0.0)
+
+
+def test_a_terminal_shows_one_line(at_once: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    line = ProgressLine()
+    line.show("one\ntwo")
+    line.show("x" * 200)
+    line.close()
+    _, first, second, end = terminal.getvalue().split("\r\033[K")
+    assert first == "one two"
+    assert second == "x" * (WIDEST - 3) + "..."
+    assert end == ""
+    assert "\n" not in terminal.getvalue()
+
+
+def test_short_work_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    line = ProgressLine()
+    line.show("one")
+    line.close()
+    assert terminal.getvalue() == ""
+
+
+def test_a_pipe_shows_nothing(at_once: None, capsys: pytest.CaptureFixture[str]) -> None:
+    line = ProgressLine()
+    line.show("one")
+    line.close()
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_notebook_updates_one_output(at_once: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Any] = []
+    handle = SimpleNamespace(update=shown.append)
+
+    def display(item: Any, *, display_id: bool) -> Any:
+        assert display_id
+        shown.append(item)
+        return handle
+
+    module, inner = ModuleType("IPython"), ModuleType("IPython.display")
+    shell = type("ZMQInteractiveShell", (), {})()
+    module.get_ipython = lambda: shell  # type: ignore[attr-defined]
+    inner.Pretty, inner.display = str, display  # type: ignore[attr-defined]
+    assert not in_notebook() or "IPython" in sys.modules
+    monkeypatch.setitem(sys.modules, "IPython", module)
+    monkeypatch.setitem(sys.modules, "IPython.display", inner)
+    assert in_notebook()
+    line = ProgressLine()
+    line.show("one")
+    line.show("two")
+    line.close()
+    assert shown == ["one", "two", ""]
+
+
+@pytest.mark.parametrize(("verbose", "expected"), [(None, True), (False, False)])
+def test_identify_says_how_long_it_takes_at_most(
+    at_once: None, monkeypatch: pytest.MonkeyPatch, *, verbose: bool | None, expected: bool
+) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    robot = didim.load_robot("planar2")
+    measured = experiment(robot, log(robot, robot.parameter_set("reference"), noise=0.1))
+    didim.identify(measured, didim.MaximumLikelihood(), verbose=verbose)
+    text = terminal.getvalue()
+    assert ("iteration 1: relative error" in text) is expected
+    assert (" s left" in text) is expected
+    assert text.endswith("\r\033[K") is expected
