@@ -112,3 +112,13 @@ def test_gains_of_a_cascade_have_the_names_of_its_file() -> None:
     assert reason.code == "controller-gain"
     assert "kv of joints 1, 2, 3, 4 and 5 is 1.2" in reason.sentence
     assert "kp of" not in reason.sentence
+
+
+def test_white_noise_of_the_torques_is_not_another_controller(sound: dict[str, Log]) -> None:
+    """Decimated, the noise is a few percent of the torque: the law is the declared one."""
+    experiment = sound["gantry"].noisy(2, 0.3)
+    found = recovered(experiment)
+    assert found is not None
+    assert (found.relative > 0.04).any()
+    np.testing.assert_allclose(found.rows.noise, found.relative, rtol=0.3)
+    assert loop_reasons(experiment) == []

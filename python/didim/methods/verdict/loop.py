@@ -21,7 +21,7 @@ from ...result.verdict import Reason
 from .loop_rows import LawRows
 
 AGREES = 0.03
-"""Share of a joint's torque that the declared law may leave: differences of filters and noise are below it."""
+"""Share of a joint's torque that the declared law may leave beside the white noise of the torque: that of filters."""
 EXPLAINS = 0.5
 """Share of the squared error that another law must not exceed to be named."""
 ASTRAY = 0.3
@@ -153,7 +153,8 @@ def loop_reasons(
         return []
     rows = found.rows
     declared = rows.error(rows.law())
-    off = [int(joint) for joint in np.flatnonzero(found.relative > AGREES)]
+    beyond_noise = np.sqrt(np.maximum(found.relative**2 - rows.noise**2, 0.0))
+    off = [int(joint) for joint in np.flatnonzero(beyond_noise > AGREES)]
     if not off:
         return []
     weights = 1.0 / np.maximum(np.sum(declared**2, axis=0), np.finfo(float).tiny)

@@ -22,6 +22,7 @@ from ...log.recording import Recording
 from ...loop.closed_loop import ClosedLoop
 from ...signal.decimation import decimate, decimation_stages
 from ...signal.filters import differentiate
+from ...signal.noise import row_noise, white_noise
 from ...signal.processing import SignalProcessing
 
 LARGEST_LAG = 12
@@ -182,6 +183,14 @@ class LawRows:
     def reduced(self, signals: Sequence[Array]) -> Array:
         """Return signals on the rows, (n_rows, n_dof): ends left out, and decimated as the log is."""
         return np.concatenate(list(_decimated(signals, self.signal)))
+
+    @property
+    def noise(self) -> Array:
+        """Share of each joint's torque that white noise of the log's torques leaves on the rows, (n_dof,)."""
+        share = row_noise(self.signal, self.rate_hz)[0]
+        spread = np.median([white_noise(item.tau) for item in self.stretches], axis=0)
+        size = np.std(self.measured, axis=0)
+        return np.asarray(share * spread / np.maximum(size, np.finfo(float).tiny))
 
     def error(self, torque: Array) -> Array:
         """Measured torque less another one, each joint's mean left out, (n_rows, n_dof)."""
