@@ -127,7 +127,7 @@ def test_the_gradient_of_the_problem_is_its_difference(
     )
     problem = Problem(series, information, chosen, planar.parameter_set("reference"), clearance)
     rng = np.random.default_rng(1)
-    for power, thinning in ((8, 1), (64, 1), (64, 2)):
+    for power, thinning in ((8, 1), (64, 1), (64, 4)):
         series.power, problem.thinning = power, thinning
         for _ in range(3):
             v = rng.normal(size=series.size)

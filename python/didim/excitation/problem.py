@@ -79,7 +79,7 @@ class Problem:
     Attributes
     ----------
     thinning : int
-        1 for the whole grid of the series; 2 for every second sample, in half the time.
+        1 for the whole grid of the series; k for every k-th sample, a divisor of 20, in less time.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class Problem:
         self.limited = x is not None and bool(np.isfinite(series.limits.torque).any())
         # What the penalties let pass: `tighten` takes off what the fine grid asks for.
         self.torque_share, self.extra_clearance = np.ones(series.n), 0.0
-        # Every sample of the grid counts, or every second.
+        # Every sample of the grid counts, or every k-th.
         self.thinning = 1
 
     def value(self, v: Array, weight: float) -> tuple[float, Array]:

@@ -45,8 +45,7 @@ class ExcitationSettings:
     seed, starts : int
         Searches, and the seed of their random motions and perturbations.
     iterations : int
-        Measure of the length of a start, which evaluates about twice as many motions, and up to 2.5 times when limits have to be
-        tightened.
+        Measure of the length of a start, which evaluates about four times as many motions, most of them on a coarse grid.
     threads : int, optional
         Threads for the starts; those of the machine by default. The result does not depend on them.
     criterion : {"information", "condition"}
