@@ -1,6 +1,7 @@
 """Sound files that `fuzz.py` mutates: robots, logs, experiments, results and a checkpoint, all small and fast.
 
-A scenario is a command line with the files that it reads; each must end well before it is mutated.
+`fuzz_readers.py` has those of the other readers. A scenario is a command line with the files that it reads; each
+must end well before it is mutated.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import fuzz_readers
 import numpy as np
 from numpy.typing import NDArray
 
@@ -408,6 +410,8 @@ SCENARIOS = (
     _scenario(
         ["init", "arm.toml", "plain.txt", "-o", "out.toml", "--force", "--rate", "250"], "plain.txt", 2
     ),
+    *(_scenario(*row) for row in fuzz_readers.SCENARIOS),
+    *(_scenario(*row) for row in fuzz_readers.BAGS if fuzz_readers.has_bags()),
 )
 
 
@@ -437,11 +441,12 @@ def make(folder: Path) -> None:
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    _arm_logs(folder)
+    motion = _arm_logs(folder)
     _results()
+    fuzz_readers.make(folder, motion)
 
 
-def _arm_logs(folder: Path) -> None:
+def _arm_logs(folder: Path) -> tuple[Array, Array, Array, Array]:
     from scipy.io import savemat
 
     robot = didim.load_robot(folder / "arm.toml")
@@ -465,6 +470,7 @@ def _arm_logs(folder: Path) -> None:
     }
     np.savez(folder / "log.npz", **arrays)
     savemat(folder / "log.mat", arrays)
+    return run.t, q, run.dq, tau
 
 
 def _results() -> None:

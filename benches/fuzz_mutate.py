@@ -93,6 +93,11 @@ def mutate(path: Path, rng: random.Random) -> str:
         ".json": [_json, _json, _json, _json, _number, _bytes, _encoding],
         ".npz": [_npz, _npz, _npz, _zip, _bytes],
         ".mat": [_mat, _mat, _bytes],
+        ".h5": [_hdf5, _hdf5, _bytes],
+        ".jsonl": [_json_line, _json_line, _line, _number, _bytes],
+        ".urdf": [_attribute, _attribute, _element, _number, _number, _line, _bytes, _encoding],
+        ".mcap": [_bytes],
+        ".yaml": [_number, _line, _bytes],
     }
     way = rng.choice(ways[path.suffix])
     try:
@@ -336,6 +341,68 @@ def _zip(raw: bytes, rng: random.Random) -> bytes:
             size = 4 if kind == 2 else 2
             changed[place + at : place + at + size] = value.to_bytes(size, "little")
     return bytes(changed)
+
+
+def _hdf5(raw: bytes, rng: random.Random) -> bytes:
+    import h5py
+
+    with h5py.File(io.BytesIO(raw)) as file:
+        arrays: dict[str, Any] = {name: np.asarray(file[name]) for name in file}
+    _array(arrays, rng)
+    stream = io.BytesIO()
+    with h5py.File(stream, "w") as file:
+        for name, value in arrays.items():
+            plain = value.dtype.kind in "fiubc"
+            file[name] = value if plain else np.zeros(value.shape, "S3")
+    return stream.getvalue()
+
+
+def _json_line(raw: bytes, rng: random.Random) -> bytes:
+    """Change one line of many as JSON."""
+    lines = raw.split(b"\n")
+    place = rng.choice([number for number, line in enumerate(lines) if line])
+    lines[place] = _json(lines[place], rng)
+    return b"\n".join(lines)
+
+
+def _attribute(raw: bytes, rng: random.Random) -> bytes:
+    """Replace, rename or drop an attribute of XML."""
+    text = raw.decode("utf-8")
+    match = rng.choice(list(re.finditer(r' (\w+)="([^"]*)"', text)))
+    values = (
+        "",
+        "x",
+        "nan",
+        "inf",
+        "1 2",
+        "1 2 3",
+        "0 0 0",
+        "1 2 3 4",
+        "-1",
+        "1e300",
+        "base",
+        "fore",
+        "tool",
+        "fixed",
+    )
+    kind = rng.randrange(4)
+    new = f' {match.group(1)}="{rng.choice((*values, "mimic", "prismatic", "planar", "floating"))}"'
+    if kind == 0:
+        new = ""
+    elif kind == 1:
+        new = f' {match.group(1)}x="{match.group(2)}"'
+    return (text[: match.start()] + new + text[match.end() :]).encode()
+
+
+def _element(raw: bytes, rng: random.Random) -> bytes:
+    """Drop, double or rename an element of XML."""
+    text = raw.decode("utf-8")
+    found = list(re.finditer(r"<(\w+)[^<>]*/>|<(link|joint) .*?</(link|joint)>", text, re.DOTALL))
+    match = rng.choice(found)
+    whole = match.group()
+    name = match.group(1) or match.group(2)
+    new = ("", whole + whole, whole.replace(name, "other"), "<!DOCTYPE a><x/>")[rng.randrange(4)]
+    return (text[: match.start()] + new + text[match.end() :]).encode()
 
 
 def _mat(raw: bytes, rng: random.Random) -> bytes:

@@ -108,6 +108,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--frequency", type=float, default=1.0, help="natural frequency of the loop (Hz)")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--plain", action="store_true", help="the DIDIM of the paper")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     from didim.studies.simulated_log import measured
@@ -117,9 +118,12 @@ def main() -> None:
     rows = []
     for seed in range(options.seeds):
         noisy = measured(log, seed)
-        fit = didim.identify(noisy, didim.DIDIM())
+        fit = didim.identify(noisy, didim.DIDIM(physical=not options.plain))
         # From the start again: the parameters of a run that did not converge may not be those of a robot.
-        end = didim.identify(noisy, didim.DIDIM(tolerance=0.0, sigma_fraction=1e-4, max_iterations=60))
+        end = didim.identify(
+            noisy,
+            didim.DIDIM(physical=not options.plain, tolerance=0.0, sigma_fraction=1e-4, max_iterations=60),
+        )
         sigma = np.where(end.std > 0.0, end.std, np.nan)
         off, left = (fit.beta - truth) / sigma, (fit.beta - end.beta) / sigma
         row = {

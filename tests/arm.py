@@ -82,11 +82,11 @@ def arm_log(
     return replace(made, recordings=(recording,), reference=ReferenceSpec("recorded", None, {}))
 
 
-def noisy(log: Experiment) -> Experiment:
+def noisy(log: Experiment, seed: int = 3) -> Experiment:
     """The log with noise on the torques."""
     (recording,) = log.recordings
     assert recording.tau is not None
-    noise = np.random.default_rng(3).standard_normal(recording.tau.shape) * [0.2, 0.1]
+    noise = np.random.default_rng(seed).standard_normal(recording.tau.shape) * [0.2, 0.1]
     return replace(log, recordings=(replace(recording, tau=recording.tau + noise),))
 
 

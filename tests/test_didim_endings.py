@@ -129,20 +129,6 @@ def test_the_remaining_distance_bounds_that_of_a_linear_iteration(rates: tuple[f
     assert growing.remaining_largest == np.inf
 
 
-def test_a_slack_loop_says_how_far_the_fixed_point_may_be(slack: Experiment) -> None:
-    """The rule on the residual stops early; the distance that is left is reported, and is not exceeded."""
-    fit = identify(slack, plain_didim(sigma_fraction=0.0, tolerance=0.025))
-    assert fit.converged
-    assert "on the residual" in fit.ending
-    end = identify(slack, plain_didim(start=fit.beta, tolerance=0.0, sigma_fraction=1e-4, max_iterations=60))
-    assert end.converged
-    left = np.abs(fit.beta - end.beta) / end.std
-    reported = fit.history[-1].more["remaining_sigma"]
-    assert 0.5 < left.max() <= reported < 20.0 * left.max()
-    (remark,) = [text for text in fit.remarks if text.startswith("slow contraction: each step is 0.")]
-    assert f"the fixed point may still be {reported:.2g} sigma away" in remark
-
-
 def test_a_stiff_loop_says_nothing_of_contraction(arm: Experiment) -> None:
     fit = identify(arm, plain_didim())
     assert fit.remarks == ()

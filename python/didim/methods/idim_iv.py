@@ -25,7 +25,7 @@ from ..regression.linear_system import LinearSystem
 from ..regression.settings import LeastSquaresSettings
 from ..result.identification import Identification
 from ..result.iteration import Iteration
-from .didim.consistent import Candidate, ConsistentRun
+from .didim.consistent import ConsistentRun
 from .didim.didim import Iterations
 from .didim.settings import DIDIMSettings
 from .didim.windows import Point
@@ -152,7 +152,7 @@ class _ConsistentInstruments(ConsistentRun):
         """The instruments of the last solution."""
         return _Instruments()
 
-    def solved(self, point: Candidate) -> tuple[LinearSystem, Fit]:
+    def solved(self, point: Point) -> tuple[LinearSystem, Fit]:
         """Return the rows along the measured motion, and the robot nearest to the estimate of the instruments."""
         self.instruments.system = self.observed(point)
         free = self.instruments(self.measured, self.job.settings)

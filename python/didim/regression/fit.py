@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from .._tools.arrays import Array
 from .jackknife import Factors
 
@@ -54,3 +56,8 @@ class Fit:
     standard: Array | None = None
     remarks: tuple[str, ...] = ()
     record: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations, shape (b,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))

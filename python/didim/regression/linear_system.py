@@ -79,10 +79,7 @@ def linear_system(
         with at_place(part.place):
             stages = decimation_stages(part.q.shape[0], signal)
             w = _observation(robot, part, columns, stages, beta)
-            y = decimate(part.tau, stages)[signal.kept_rows].T
-        if y.shape[1] == 0:
-            raise FitError(f"{part.place}: decimation leaves nothing of {counted(part.q.shape[0], 'sample')}")
-        y_parts.append(y)
+        y_parts.append(_torques(part, signal))
         w = w.reshape(n_dof, -1, len(columns))[:, signal.kept_rows]
         if logs is not None and not logs.simple:
             known_payload = logs.base_known(part.recording)
@@ -119,6 +116,20 @@ def linear_system(
         names=tuple(names[index] for index in estimated),
         known=known,
     )
+
+
+def torque_rows(parts: Sequence[Segment], signal: SignalProcessing) -> Array:
+    """Return the torques of segments in the rows of (7), (r,): those of known parameters included."""
+    return np.concatenate([_torques(part, signal) for part in parts], axis=1).reshape(-1)
+
+
+def _torques(part: Segment, signal: SignalProcessing) -> Array:
+    """Return the decimated torques of a segment, (n_dof, n_kept)."""
+    with at_place(part.place):
+        y = decimate(part.tau, decimation_stages(part.tau.shape[0], signal))[signal.kept_rows].T
+    if y.shape[1] == 0:
+        raise FitError(f"{part.place}: decimation leaves nothing of {counted(part.q.shape[0], 'sample')}")
+    return y
 
 
 def _observation(

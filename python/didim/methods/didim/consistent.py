@@ -40,7 +40,8 @@ from .convergence import SLOW, Path, best_sentence, rule_sentence, slow_sentence
 from .gains import with_gains
 from .settings import DIDIMSettings
 from .simulability import chosen_steps, damping_of, rates, simulable
-from .windows import Simulated, Window, motion_record, segments_of, simulated, windows_of
+from .slack import Loop, Settled, settled
+from .windows import Point, Simulated, Window, motion_record, segments_of, simulated, windows_of
 
 POSITIONS = 60
 """Positions of the log at which rates and inertias are looked at."""
@@ -58,15 +59,6 @@ SAME = 1e-9
 """Logarithm of a factor of the gains below which it is 1."""
 STARTS = ("consistent", "idim-ls")
 """Names of the consistent solution along the measured motion: the robot nearest to the estimate of IDIM-LS."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """An iterate with its simulation."""
-
-    x: Array
-    simulated: Simulated
-    iteration: int
 
 
 @dataclass(frozen=True)
@@ -105,6 +97,7 @@ class ConsistentRun:
         self.delay = job.delay()
         self.n_simulations = 0
         self.remarks: list[str] = []
+        self.slow: tuple[str, ...] = ()
         self.prepared: dict[tuple[object, object], list[Window]] = {}
         """Windows by the steps of their loops."""
         self.experiment = job.experiment
@@ -119,7 +112,8 @@ class ConsistentRun:
             # Without positions the motion is that of the reference, as long as nothing is simulated.
             parts = self._references()
         self.measured = job.system(parts)
-        self.q = _spread(np.concatenate([part.q for part in parts]))
+        q = np.concatenate([part.q for part in parts])
+        self.q = np.ascontiguousarray(q[:: max(1, len(q) // POSITIONS)])
         first = solver.on(self.measured)
         direct = first(self.measured, job.settings)
         assert direct.standard is not None
@@ -150,6 +144,7 @@ class ConsistentRun:
         history: list[Iteration] = []
         status, ending, last_norm = Status.NOT_CONVERGED, "", np.nan
         length, before, direction, path = 1.0, None, None, Path()
+        end, patience = None, 0
         while len(history) < method.max_iterations:
             direction = self._direction(point)
             first = self._secant(direction, before, length) if len(history) >= 2 else 1.0
@@ -173,28 +168,58 @@ class ConsistentRun:
             rested = direction.moved <= method.sigma_fraction
             steady = change <= method.tolerance and direction.moved <= NEAR
             exact = error <= ROUNDING
-            if length >= first and point.simulated.error < 1.0 and (exact or rested or steady):
+            if (
+                len(history) >= patience
+                and length >= first
+                and point.simulated.error < 1.0
+                and (exact or rested or steady)
+            ):
                 status = Status.CONVERGED
                 ending = rule_sentence(
                     direction.moved, method.sigma_fraction, change, method.tolerance, exact=exact
                 )
-                if method.stop:
-                    break
+                if method.stop or len(history) >= method.max_iterations:
+                    end = None if exact else self._settled(point, direction, history, path)
+                    if end is None or end.reached:
+                        break
+                    status, patience = Status.NOT_CONVERGED, 2 * len(history)
             else:
                 status = Status.NOT_CONVERGED
-        self.say(counted(self.n_simulations, "simulation"))
-        if status is Status.CONVERGED:
-            assert direction is not None
-            slow = path.contraction(direction.std)
-            if slow is not None and slow.remaining_largest > SLOW and error > ROUNDING:
-                self.remarks.append(slow_sentence(slow, len(history)))
-        else:
+        assert direction is not None  # max_iterations is at least 1
+        if status is Status.CONVERGED and end is not None:
+            history, last = end.continued(history), end.place
+            point = Point(last.x, last.simulated, len(history))
+            direction = replace(direction, system=last.system, fit=last.fit)
+        elif status is not Status.CONVERGED:
             point = best
             ending = best_sentence(best.iteration, len(history), best.simulated.error)
-        assert direction is not None  # max_iterations is at least 1
+        self.say(counted(self.n_simulations, "simulation"))
         return self._finish(point, direction, status, ending, history, first_error)
 
-    def _begin(self) -> Candidate:
+    def _settled(
+        self, point: Point, direction: Direction, history: list[Iteration], path: Path
+    ) -> Settled | None:
+        """Go on to the fixed point in a slack loop; with instruments the iteration is another one."""
+        if self.method.motion != "simulated":
+            return None
+        slow = path.contraction(direction.std)
+        end, count = settled(
+            Loop(self.job, self.windows, self.base, lambda system: self.solver(system, self.job.settings)),
+            point.x,
+            point.simulated,
+            slow,
+            history,
+            self.method.max_iterations,
+            self.progress,
+        )
+        self.n_simulations += count
+        if end is not None:
+            self.slow = end.remarks
+        elif slow is not None and slow.remaining_largest > SLOW:
+            self.slow = (slow_sentence(slow, len(history)),)
+        return end
+
+    def _begin(self) -> Point:
         x = self._start()
         scale = self._gain_scale(x)
         found = self._simulate(x, scale)
@@ -203,7 +228,7 @@ class ConsistentRun:
             raise FitError(
                 f"consistent DIDIM cannot start from these parameters: the simulation {found}{why}"
             )
-        return Candidate(x, found, 0)
+        return Point(x, found, 0)
 
     def _start(self) -> Array:
         """Return standard parameters to start from, those of a robot."""
@@ -251,7 +276,7 @@ class ConsistentRun:
         self.n_simulations += count
         return found
 
-    def _direction(self, point: Candidate) -> Direction:
+    def _direction(self, point: Point) -> Direction:
         """Solve (7) along the motion of an iterate, under the conditions."""
         system, fit = self.solved(point)
         assert fit.standard is not None
@@ -263,11 +288,11 @@ class ConsistentRun:
             system, fit, fit.standard, step, _inverse(fit.covariance), float(moved.max(initial=0.0))
         )
 
-    def observed(self, point: Candidate) -> LinearSystem:
+    def observed(self, point: Point) -> LinearSystem:
         """Return (7) along the motion of an iterate."""
         return self.job.system(segments_of(self.windows, point.simulated), self.base.project(point.x))
 
-    def solved(self, point: Candidate) -> tuple[LinearSystem, Fit]:
+    def solved(self, point: Point) -> tuple[LinearSystem, Fit]:
         """Return the rows of an iterate, and their solution under the conditions."""
         system = self.observed(point)
         return system, self.solver(system, self.job.settings)
@@ -282,14 +307,12 @@ class ConsistentRun:
         share = float(direction.step @ direction.metric @ before.step) / old
         return float(np.clip(length / max(1.0 - share, 1e-3), SHORTEST, 1.0))
 
-    def _advance(
-        self, point: Candidate, direction: Direction, length: float
-    ) -> tuple[float, Candidate | Outcome]:
+    def _advance(self, point: Point, direction: Direction, length: float) -> tuple[float, Point | Outcome]:
         """Step towards the solution; shorter where a run ends early or the torques fit clearly worse."""
         joints = direction.system.joints
         weights = np.array([direction.fit.weights[joint.start] for joint in joints])
         cost = self._cost(point.simulated, weights)
-        tried: list[tuple[float, float, Candidate]] = []
+        tried: list[tuple[float, float, Point]] = []
         ended: Outcome | None = None
         for _ in range(MOST_HALVINGS + 1):
             x = point.x + length * (direction.target - point.x) if length < 1.0 else direction.target
@@ -299,7 +322,7 @@ class ConsistentRun:
                 self.say(f"with a step of {length:.3g} the simulation {found}; half of it")
             else:
                 after = self._cost(found, weights)
-                tried.append((after, length, Candidate(x, found, point.iteration + 1)))
+                tried.append((after, length, Point(x, found, point.iteration + 1)))
                 # The first motion may be that of other gains: its cost says nothing.
                 free = point.simulated.scale is not None or direction.moved <= self.method.sigma_fraction
                 if free or after <= RISE * cost:
@@ -321,7 +344,7 @@ class ConsistentRun:
 
     def _finish(
         self,
-        point: Candidate,
+        point: Point,
         direction: Direction,
         status: Status,
         ending: str,
@@ -362,7 +385,7 @@ class ConsistentRun:
         return replace(result, ending=ending, output_error=(first_error, point.simulated.error))
 
     def _findings(self, suspected: Sequence[str]) -> list[str]:
-        found = [*self.remarks, *suspected]
+        found = [*self.remarks, *self.slow, *suspected]
         if getattr(self.experiment.reference, "kind", "") == "measured":
             found.append(
                 "the reference is the measured position: what the controller did to follow the real one is not in it, and "
@@ -395,16 +418,15 @@ class ConsistentRun:
 def _entry(
     number: int,
     direction: Direction,
-    point: Candidate,
-    after: Candidate | Outcome,
+    point: Point,
+    after: Point | Outcome,
     length: float,
     change: float,
     error: float,
     path: Path,
 ) -> Iteration:
     contraction = path.contraction(direction.std)
-    reached = isinstance(after, Candidate)
-    x = after.x if isinstance(after, Candidate) else point.x
+    x = after.x if isinstance(after, Point) else point.x
     return Iteration(
         iteration=number,
         relative_error=error,
@@ -415,18 +437,12 @@ def _entry(
             "largest_change_in_sigma": direction.moved,
             "residual_change": change,
             "output_error_before": point.simulated.error,
-            "output_error_after": after.simulated.error
-            if reached and isinstance(after, Candidate)
-            else np.nan,
+            "output_error_after": after.simulated.error if reached and isinstance(after, Point) else np.nan,
             "condition_number": direction.fit.condition_number,
             "contraction": np.nan if contraction is None else contraction.rate,
             "remaining_sigma": np.nan if contraction is None else contraction.remaining_largest,
         },
     )
-
-
-def _spread(q: Array) -> Array:
-    return np.ascontiguousarray(q[:: max(1, len(q) // POSITIONS)])
 
 
 def _inverse(covariance: Array) -> Array:

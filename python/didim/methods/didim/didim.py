@@ -35,6 +35,7 @@ from .convergence import SLOW, Path, best_sentence, rule_sentence, slow_sentence
 from .ending import result_at
 from .loops import Loops
 from .settings import DIDIMSettings
+from .slack import Loop, settled
 from .windows import Point, Simulated, Solved, Step, checked_positions, segments_of
 
 ROUNDING = 1e-10
@@ -107,6 +108,7 @@ class Iterations:
         self._remarks: list[str] = []
         self._stuck: dict[int, str] = {}
         self._path = Path()
+        self._patience = 0
         self._last_norm = float("nan")
         self._best: Point | None = None
         self._first_error = float("nan")
@@ -213,24 +215,21 @@ class Iterations:
             usual = self.loops.take_usual_steps(point.x)
             if usual is not None:
                 return replace(point, simulated=usual)
-            self.status, self.over = Status.CONVERGED, self.over or self.method.stop
+            self.status = Status.CONVERGED
+            if self.over or self.method.stop:
+                return self._settle(point, solved)
         return point
 
     def result(self, point: Point) -> Identification:
         """Put together the result: the last point if the iterations converged, the best one otherwise."""
-        self.say(counted(self.loops.n_simulations, "simulation"))
         solved, best = self._solved, self._best
         assert solved is not None  # every run makes an iteration, and has simulated its start
         assert best is not None
-        if self.status is Status.CONVERGED:
-            # Of the last solution; a shortened step cannot be the last.
-            slow = self._path.contraction(solved.std)
-            if slow is not None and slow.remaining_largest > SLOW and not self._exact:
-                self._remarks.append(slow_sentence(slow, len(self.history)))
-        else:
+        if self.status is not Status.CONVERGED:
             point = best
             self._ending = best_sentence(best.iteration, len(self.history), best.simulated.error)
             solved = self.solve(best, self.observe(best))
+        self.say(counted(self.loops.n_simulations, "simulation"))
         return result_at(
             point,
             solved,
@@ -242,6 +241,36 @@ class Iterations:
             stuck=self._stuck,
             remarks=self._remarks,
         )
+
+    def _settle(self, point: Point, solved: Solved) -> Point:
+        """End the run, at the fixed point in a slack loop; with instruments or unknown gains the iteration is another one."""
+        self.over = True
+        if self._exact or self.method.motion != "simulated" or self.base.n_gains:
+            return point
+        method, slow = self.method, self._path.contraction(solved.std)
+        end, count = settled(
+            Loop(self.job, self.loops.windows, self.base, self.job.solve),
+            point.x,
+            point.simulated,
+            slow,
+            self.history,
+            method.max_iterations,
+            self.progress,
+        )
+        self.loops.n_simulations += count
+        if end is None:
+            if slow is not None and slow.remaining_largest > SLOW:
+                self._remarks.append(slow_sentence(slow, len(self.history)))
+            return point
+        if not end.reached:
+            self.status, self._patience = Status.NOT_CONVERGED, 2 * len(self.history)
+            self.over = len(self.history) >= method.max_iterations
+            self._remarks += end.remarks if self.over else ()
+            return point
+        self.history = end.continued(self.history)
+        self._remarks += end.remarks
+        self._solved = replace(solved, system=end.place.system, fit=end.place.fit)
+        return Point(end.place.x, end.place.simulated, len(self.history))
 
     def _start(self) -> Array:
         """Return the standard parameters to start from, with fixed and dropped ones at their values."""
@@ -338,6 +367,7 @@ class Iterations:
         change = entry.more["residual_change"]
         # A diverging robot may have steady residuals; it is further from the log than no torque at all.
         sound = step.length == 1.0 and point.simulated.error < 1.0 and not solved.kept
+        sound = sound and len(self.history) >= self._patience
         # Without noise the residual, and the sigmas made of it, end as rounding.
         self._exact = entry.relative_error <= ROUNDING
         if not sound or not (

@@ -30,7 +30,8 @@ class DIDIMSettings(FitSettings):
         2.5 %).
     sigma_fraction : float
         Or when no parameter changes by more than this fraction of its standard deviation. The result names the rule that
-        fired, and the distance from the fixed point where slow contraction leaves more than 0.3 sigma.
+        fired. A slack loop then goes on to the fixed point by Newton's method, and has the standard deviations of that point
+        (`didim.methods.didim.slack`).
     max_iterations : int
         Least-squares solutions at most.
     gain_updating : {"first", "always", "never"}

@@ -22,6 +22,8 @@ from ...signal.spikes import without_spikes
 from ..job import Delay, Job, ratio
 from ..verdict.simulated import Piece, beside
 
+ABREAST = 8
+"""Candidates that are simulated at once: a few lanes of the core for each thread, and no more memory than they need."""
 CHECKED_POSITIONS = 500
 """Positions along a simulated motion at which M(q) is kept positive definite."""
 
@@ -155,19 +157,47 @@ def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
 
 def simulated(windows: Sequence[Window], x: Array, scale: Array | None) -> tuple[Simulated | Outcome, int]:
     """Simulate every window with standard parameters, (n_parameters,), gains scaled by joint; also the number of simulations."""
-    motions, squares, size = [], 0.0, 0.0
+    motions = []
     for count, window in enumerate(windows, start=1):
         arrays, outcomes = window.loop.run(
             window.standard(x)[None], gain_scale=None if scale is None else scale[None]
         )
         if not outcomes[0].completed:
             return outcomes[0], count
-        q, dq, ddq, tau = (values[0][window.kept] for values in arrays)
-        motions.append((q, dq, ddq, tau))
+        motions.append(_motion(window, arrays, 0))
+    return _of_motions(windows, x, motions, scale), len(windows)
+
+
+def simulated_all(windows: Sequence[Window], candidates: Sequence[Array]) -> list[Simulated | Outcome]:
+    """Simulate every window with each of many candidates, (n_parameters,), side by side."""
+    found: list[Simulated | Outcome] = []
+    for first in range(0, len(candidates), ABREAST):
+        some = candidates[first : first + ABREAST]
+        runs = [window.loop.run(np.stack([window.standard(x) for x in some])) for window in windows]
+        for k in range(len(some)):
+            ended = [outcomes[k] for _, outcomes in runs if not outcomes[k].completed]
+            motions = [_motion(window, arrays, k) for window, (arrays, _) in zip(windows, runs, strict=True)]
+            found.append(ended[0] if ended else _of_motions(windows, some[k], motions, None))
+    return found
+
+
+def _motion(window: Window, arrays: Sequence[Array], candidate: int) -> tuple[Array, Array, Array, Array]:
+    q, dq, ddq, tau = (values[candidate][window.kept] for values in arrays)
+    return q, dq, ddq, tau
+
+
+def _of_motions(
+    windows: Sequence[Window],
+    x: Array,
+    motions: list[tuple[Array, Array, Array, Array]],
+    scale: Array | None,
+) -> Simulated:
+    squares, size = 0.0, 0.0
+    for window, (_, _, _, tau) in zip(windows, motions, strict=True):
         measured = window.torque(x)
         squares += float(np.sum((measured - tau) ** 2))
         size += float(np.sum(measured**2))
-    return Simulated(motions, scale, ratio(np.sqrt(squares), np.sqrt(size))), len(windows)
+    return Simulated(motions, scale, ratio(np.sqrt(squares), np.sqrt(size)))
 
 
 def motion_record(job: Job, windows: Sequence[Window], motion: Simulated) -> dict[str, list[float]]:

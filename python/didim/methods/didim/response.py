@@ -1,0 +1,139 @@
+r"""How the torques of the simulated robot answer to its parameters, beside the regressor along its motion.
+
+DIDIM takes ``d tau_s / d beta`` for the regressor W: it neglects how the motion depends on the parameters. In a tight loop it
+hardly does. In a slack one it does, and with ``S = d tau_s / d beta`` in the rows of (7), ``A`` and ``A_S`` the weighted W and S,
+``A = Q R``:
+
+    F(beta) - beta* = J (beta - beta*),    J = 1 - R^-1 Q^T A_S        one iteration of DIDIM near its fixed point
+    beta* = beta + K (F(beta) - beta),     K = (1 - J)^-1              a step of Newton's method to it
+    C = G^-1 Q^T Sigma Q G^-T,             G = Q^T A_S                 covariance of the fixed point, instead of (10)
+
+The fixed point is the estimate with instruments W: ``W^T (y - tau_s) = 0``. The columns of S are differences of
+simulations. Tested in ``tests/test_slack_loop.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...regression.covariance import decimated, white
+from ...regression.fit import Fit
+from ...regression.jackknife import Factors
+from ...regression.linear_system import LinearSystem
+from ...regression.settings import LeastSquaresSettings
+from ..uncertainty import velocity_columns
+
+DIFFERENCE = 1.0
+"""Change of the weighted torques along a difference, in standard deviations of a row: far below what bends the response."""
+LARGEST_CONDITION = 1e7
+"""Condition number of G beyond which the log does not tell the fixed point."""
+
+Rows = Callable[[Sequence[Array]], list[Array] | None]
+"""Torques of the simulated robot in the rows of (7), (r,) each, after changes of the estimated parameters, (n,) each; None where a
+simulation ends early."""
+
+
+def noise_of(fit: Fit) -> float:
+    """Return the standard deviation of a weighted row."""
+    rows, columns = len(fit.residual), len(fit.solution)
+    return float(np.linalg.norm(fit.residual * fit.weights)) / float(np.sqrt(max(1, rows - columns)))
+
+
+def response_to(system: LinearSystem, fit: Fit, rows: Rows, base: Array, direction: Array) -> Array | None:
+    """Return the derivative of the torques (r,) along a change of the parameters, (n,); `base` are the torques without it."""
+    size = float(np.linalg.norm((system.w @ direction) * fit.weights))
+    if not size > 0.0:
+        return None
+    length = DIFFERENCE * noise_of(fit) / size
+    found = rows([length * direction])
+    return None if found is None else (found[0] - base) / length
+
+
+def share_moved(system: LinearSystem, fit: Fit, rows: Rows, base: Array) -> float | None:
+    """Return the size of J by one random direction: nearly its Frobenius norm, in standard deviations; None if it cannot be known.
+
+    All directions are alike in the coordinates ``R beta``, and a single one sees the sum of all squares.
+    """
+    weighted = system.w * fit.weights[:, None]
+    size = np.linalg.norm(weighted, axis=0)
+    if not np.all(size > 0.0):
+        return None
+    q, triangle = np.linalg.qr(weighted / size)
+    n = len(size)
+    # Signs of the triangle are a matter of the library: with a positive diagonal there is one direction for all.
+    signs = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)
+    random = np.random.default_rng(n).choice([-1.0, 1.0], n)
+    if abs(np.diag(triangle)).min() < 1.0 / LARGEST_CONDITION:
+        return None
+    direction = np.linalg.solve(triangle, signs * random) / size
+    found = response_to(system, fit, rows, base, direction)
+    if found is None:
+        return None
+    moved = q.T @ ((found - system.w @ direction) * fit.weights)
+    return float(np.linalg.norm(moved))
+
+
+@dataclass(frozen=True)
+class Response:
+    """The response in all directions.
+
+    Attributes
+    ----------
+    slopes : (r, n) array
+        S, without weights.
+    gain : (n, n) array
+        K.
+    rate : float
+        Largest absolute eigenvalue of J: what an iteration leaves of the slowest direction.
+    """
+
+    slopes: Array
+    gain: Array
+    rate: float
+
+    @classmethod
+    def at(cls, system: LinearSystem, fit: Fit, rows: Rows, base: Array) -> Response | None:
+        """Return the response at an iterate by a simulation for each parameter; None where one ends early, or G is singular."""
+        sizes = np.linalg.norm(system.w * fit.weights[:, None], axis=0)
+        if not np.all(sizes > 0.0):
+            return None
+        lengths = DIFFERENCE * noise_of(fit) / sizes
+        found = rows(list(np.diag(lengths)))
+        if found is None:
+            return None
+        slopes = np.column_stack(
+            [(item - base) / length for item, length in zip(found, lengths, strict=True)]
+        )
+        left, triangle = np.linalg.qr(system.w * (fit.weights[:, None] / sizes))
+        middle = left.T @ (slopes * (fit.weights[:, None] / sizes))
+        if not np.linalg.cond(middle) < LARGEST_CONDITION:
+            return None
+        gain = np.linalg.solve(middle, triangle)
+        rates = np.abs(1.0 - 1.0 / np.linalg.eigvals(gain))
+        return cls(slopes, sizes[:, None] ** -1 * gain * sizes, float(rates.max()))
+
+    def with_errors(self, system: LinearSystem, fit: Fit, settings: LeastSquaresSettings) -> Fit:
+        """Return the fit with the covariance of the fixed point."""
+        velocities = velocity_columns(system, fit.solution) if system.slopes else []
+        instruments = np.column_stack([system.w, *velocities]) * fit.weights[:, None]
+        answers = np.column_stack([self.slopes, *velocities]) * fit.weights[:, None]
+        size = np.linalg.norm(instruments, axis=0)
+        left = np.linalg.qr(instruments / size)[0]
+        inverse = np.linalg.inv(left.T @ (answers / size)) / size[:, None]
+        residual = fit.residual * fit.weights
+        n = len(fit.solution)
+        if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
+            spread = decimated(system, settings, left, residual, inverse)
+        else:
+            spread = white(float(residual @ residual) / settings.divisor(*system.w.shape), inverse)
+        factors = Factors(left, answers @ inverse, inverse, residual)
+        return replace(fit, covariance=spread[:n, :n], factors=factors)
+
+    def wider(self, system: LinearSystem, fit: Fit, settings: LeastSquaresSettings) -> float:
+        """Largest factor from the standard deviations of (10) to those of the fixed point."""
+        before, after = fit.std, self.with_errors(system, fit, settings).std
+        return float(np.max(np.divide(after, before, out=np.ones_like(before), where=before > 0.0)))

@@ -1,0 +1,284 @@
+"""The end of DIDIM in a slack loop: Newton's method to the fixed point, and the standard deviations that it has there.
+
+Where the motion follows the parameters, DIDIM contracts slowly, stops short of its fixed point, and (10) takes no account of it.
+One simulation in a random direction tells. Tested in ``tests/test_slack_loop.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..._tools.words import counted
+from ...errors import DidimError
+from ...loop.outcome import Outcome
+from ...regression.fit import Fit
+from ...regression.linear_system import LinearSystem, torque_rows
+from ...regression.logs.parameters import LogParameters
+from ...result.iteration import Iteration
+from ...robot.base_parameters import BaseParameters
+from ..job import Job, ratio
+from .convergence import Contraction
+from .response import Response, share_moved
+from .windows import Simulated, Window, segments_of, simulated_all
+
+SLACK = 0.5
+"""Size of J (`share_moved`) from which the loop is slack."""
+FAST = 0.5
+"""Ratio of the last steps from which it is so whatever a random direction says."""
+NOTABLE = 0.3
+"""What an iteration leaves of the slowest direction, from which a result speaks of it."""
+NEAR = 0.1
+"""Distance from the fixed point that Newton's method ends at, in standard deviations."""
+MOST_STEPS = 6
+MOST_HALVINGS = 3
+SAFETY = 1.5
+"""Factor on the distance: the response is that of an iterate, and the robot's conditions bend the way."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The closed loops of a log, and how (7) is solved along their motion."""
+
+    job: Job
+    windows: Sequence[Window]
+    parameters: BaseParameters | LogParameters
+    solve: Callable[[LinearSystem], Fit]
+
+    def torques(self, found: Simulated) -> Array:
+        """Return the simulated torques in the rows of (7), (r,)."""
+        parts = segments_of(self.windows, found)
+        simulated = [replace(part, tau=run[3]) for part, run in zip(parts, found.motions, strict=True)]
+        return torque_rows(simulated, self.job.signal)
+
+    def estimates(self, x: Array) -> Array:
+        """Return the estimated base parameters of standard ones."""
+        return np.asarray(self.parameters.project(x)[self.job.selection.estimated])
+
+    def moved(self, x: Array, change: Array) -> Array:
+        """Return the standard parameters after a change of the estimated base parameters."""
+        full = np.zeros(len(self.job.selection.roles))
+        full[self.job.selection.estimated] = change
+        return np.asarray(x + self.parameters.lift(full))
+
+    def standard(self, fit: Fit) -> Array:
+        """Return the standard parameters of a solution."""
+        if fit.standard is not None:
+            return fit.standard
+        return np.asarray(self.parameters.lift(self.job.selection.expand(fit.solution)))
+
+
+@dataclass(frozen=True)
+class Place:
+    """An iterate with (7) along its motion.
+
+    Attributes
+    ----------
+    x : (p,) array
+        Standard parameters.
+    simulated : Simulated
+        Their motion.
+    system, fit
+        (7) along it, solved.
+    """
+
+    x: Array
+    simulated: Simulated
+    system: LinearSystem
+    fit: Fit
+
+    @classmethod
+    def of(cls, loop: Loop, x: Array, simulated: Simulated) -> Place:
+        """Solve (7) along a motion."""
+        system = loop.job.system(segments_of(loop.windows, simulated), loop.parameters.project(x))
+        return cls(x, simulated, system, loop.solve(system))
+
+
+@dataclass(frozen=True)
+class Settled:
+    """The end of a run in a slack loop.
+
+    Attributes
+    ----------
+    place : Place
+        The last point; its fit has its residual, and the covariance of the fixed point.
+    rate : float
+        What a plain iteration leaves of the slowest direction.
+    distances : tuple of float
+        Distance from the fixed point, at first and after each step, in its standard deviations.
+    wider : float
+        Largest factor from the standard deviations of a tight loop to those of the fixed point.
+    history : tuple of Iteration
+        Its steps.
+    reached : bool
+        False where a step did not come nearer: then the response is not that of the fixed point, and the distance is not known.
+    """
+
+    place: Place
+    rate: float
+    distances: tuple[float, ...]
+    wider: float
+    history: tuple[Iteration, ...]
+    reached: bool
+
+    @property
+    def remaining(self) -> float:
+        """Upper estimate of the distance of the parameter that is farthest from its fixed point, in standard deviations."""
+        return SAFETY * self.distances[-1]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader of the result should know."""
+        if not self.reached:
+            return (
+                "slow contraction: in this slack loop no step came nearer to the fixed point, and the distance from it is unknown; "
+                "a stiffer controller contracts faster, and more iterations go on",
+            )
+        if self.rate < NOTABLE and self.remaining < NOTABLE:
+            return ()
+        steps = len(self.history)
+        after = (
+            f"; {counted(steps, 'step')} with the response of the motion to each parameter left at most {self.remaining:.2g}"
+            if steps
+            else ""
+        )
+        return (
+            f"slow contraction: in this slack loop an iteration leaves {self.rate:.2g} of the distance in the slowest direction, "
+            f"and the iterations ended at most {SAFETY * self.distances[0]:.2g} sigma from the fixed point{after}. The motion "
+            f"follows the parameters, for which standard deviations are up to {self.wider:.2g} times those of a tight loop: a "
+            "stiffer controller makes them smaller",
+        )
+
+    def continued(self, history: Sequence[Iteration]) -> list[Iteration]:
+        """Return the history of the run with the steps, and what is known now of the distance before them."""
+        known = {"contraction": self.rate, "remaining_sigma": SAFETY * self.distances[0]}
+        last = replace(history[-1], more={**history[-1].more, **known})
+        return [*history[:-1], last, *self.history]
+
+
+def settled(
+    loop: Loop,
+    x: Array,
+    simulated: Simulated,
+    slow: Contraction | None,
+    history: Sequence[Iteration],
+    most_iterations: int,
+    progress: Callable[[Iteration], bool],
+) -> tuple[Settled | None, int]:
+    """Go on to the fixed point if the loop is slack; None if it is not, or if its response cannot be known; and the simulations.
+
+    A step that does not come nearer was made too far from the fixed point: the run then goes on with its own iterations.
+
+    Parameters
+    ----------
+    loop : Loop
+        The closed loops, with the steps in time of the point.
+    x, simulated : (p,) array and Simulated
+        Where the iteration ended.
+    slow : Contraction or None
+        What its last steps say.
+    history, most_iterations, progress
+        Iterations so far, how many there may be, and the callback that hears of each; True ends the steps.
+    """
+    count = 0
+
+    def rows(changes: Sequence[Array]) -> list[Array] | None:
+        nonlocal count
+        runs = simulated_all(loop.windows, [loop.moved(x, change) for change in changes])
+        count += len(runs) * len(loop.windows)
+        found = [loop.torques(run) for run in runs if isinstance(run, Simulated)]
+        return found if len(found) == len(runs) else None
+
+    try:
+        place, origin = Place.of(loop, x, simulated), loop.torques(simulated)
+        share = share_moved(place.system, place.fit, rows, origin)
+        if share is None or (share < SLACK and not (slow is not None and slow.rate > FAST)):
+            return None, count
+        response = Response.at(place.system, place.fit, rows, origin)
+    except (DidimError, np.linalg.LinAlgError):
+        return None, count
+    if response is None:
+        return None, count
+    distances, steps, reached = [_distance(loop, place, response)], [], True
+    for number in range(len(history) + 1, min(len(history) + MOST_STEPS, most_iterations) + 1):
+        if distances[-1] <= NEAR:
+            break
+        after, length, tried = _newton(loop, place, response, distances[-1])
+        count += tried * len(loop.windows)
+        if after is None:
+            reached = False
+            break
+        distances.append(_distance(loop, after, response))
+        steps.append(_entry(number, place, after, length, response, distances))
+        place = after
+        if progress(steps[-1]):
+            break
+    end = Settled(
+        _with_errors(loop, place, response),
+        response.rate,
+        tuple(distances),
+        response.wider(place.system, place.fit, loop.job.settings),
+        tuple(steps),
+        reached,
+    )
+    return end, count
+
+
+def _with_errors(loop: Loop, place: Place, response: Response) -> Place:
+    """Return a place with the residual of its parameters, not of the solution along its motion, and their covariance."""
+    beta = loop.estimates(place.x)
+    fit = replace(place.fit, solution=beta, residual=place.system.y - place.system.w @ beta)
+    return replace(place, fit=response.with_errors(place.system, fit, loop.job.settings))
+
+
+def _distance(loop: Loop, place: Place, response: Response) -> float:
+    """Distance from the fixed point in its standard deviations, of the parameter that is farthest."""
+    std = response.with_errors(place.system, place.fit, loop.job.settings).std
+    left = np.abs(response.gain @ (place.fit.solution - loop.estimates(place.x)))
+    return float(np.max(np.divide(left, std, out=np.zeros_like(left), where=std > 0.0)))
+
+
+def _newton(loop: Loop, place: Place, response: Response, distance: float) -> tuple[Place | None, float, int]:
+    """Step of Newton's method, shorter where it does not come nearer; also its length and the number of simulations.
+
+    It is a solution of (7) with torques that are moved: under the conditions of a robot it is one.
+    """
+    off = place.fit.solution - loop.estimates(place.x)
+    ahead = place.system.w @ (response.gain @ off - off)
+    target = loop.standard(loop.solve(replace(place.system, y=place.system.y + ahead)))
+    length = 1.0
+    for tried in range(1, MOST_HALVINGS + 1):
+        x = place.x + length * (target - place.x)
+        (run,) = simulated_all(loop.windows, [x])
+        if not isinstance(run, Outcome):
+            after = Place.of(loop, x, run)
+            if _distance(loop, after, response) < distance:
+                return after, length, tried
+        length *= 0.5
+    return None, 0.0, MOST_HALVINGS
+
+
+def _entry(
+    number: int, before: Place, after: Place, length: float, response: Response, distances: Sequence[float]
+) -> Iteration:
+    """Entry of the history for a step."""
+    old, new = (float(np.linalg.norm(place.fit.residual)) for place in (before, after))
+    return Iteration(
+        iteration=number,
+        relative_error=ratio(new, np.linalg.norm(after.system.measured)),
+        step=ratio(np.linalg.norm(after.x - before.x), np.linalg.norm(after.x)),
+        more={
+            "step_length": length,
+            "largest_safe_step": 1.0,
+            "largest_change_in_sigma": distances[-2],
+            "residual_change": ratio(abs(new - old), old),
+            "output_error_before": before.simulated.error,
+            "output_error_after": after.simulated.error,
+            "condition_number": after.fit.condition_number,
+            "contraction": response.rate,
+            "remaining_sigma": SAFETY * distances[-1],
+        },
+    )

@@ -1,0 +1,138 @@
+"""DIDIM in a slack loop: Newton's method to the fixed point, the distance that is left, and standard deviations that hold there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import didim
+from arm import arm_log, noisy
+from didim import DIDIM, Experiment, Identification, identify
+from didim.loop.outcome import Outcome
+from didim.methods.didim.response import Response
+from didim.methods.didim.slack import NEAR, Loop, Place
+from didim.methods.didim.windows import Simulated, simulated, windows_of
+from plain import plain_didim
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def slack() -> Experiment:
+    """A planar arm in a loop of 2 Hz, without noise."""
+    return arm_log(1, natural_frequency_hz=2.0)
+
+
+def distance(fit: Identification, end: Identification) -> float:
+    return float(np.max(np.abs(fit.beta - end.beta)[end.std > 0.0] / end.std[end.std > 0.0]))
+
+
+def iterated(experiment: Experiment, method: DIDIM, most: int = 60) -> Identification:
+    """Return the fixed point, by iterations until nothing moves."""
+    finer = replace(method, tolerance=0.0, sigma_fraction=1e-4, max_iterations=most)
+    return identify(experiment, finer)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 0.025])
+@pytest.mark.parametrize("frequency_hz", [1.0, 2.0])
+def test_the_fixed_point_is_no_farther_than_the_result_says(frequency_hz: float, tolerance: float) -> None:
+    log = noisy(arm_log(1, natural_frequency_hz=frequency_hz))
+    fit = identify(log, plain_didim(sigma_fraction=0.0, tolerance=tolerance, max_iterations=40))
+    assert fit.converged
+    end = iterated(log, plain_didim(start=fit.beta))
+    assert end.converged
+    last = fit.history[-1].more
+    assert distance(fit, end) <= last["remaining_sigma"] <= 2.0 * NEAR
+    (remark,) = fit.remarks
+    assert remark.startswith(
+        f"slow contraction: in this slack loop an iteration leaves {last['contraction']:.2g} of "
+    )
+    assert f"at most {last['remaining_sigma']:.2g}" in remark
+
+
+def test_physical_iterations_end_there_too(slack: Experiment) -> None:
+    log = noisy(slack)
+    fit = identify(log, DIDIM(sigma_fraction=0.0, tolerance=0.025))
+    assert fit.converged
+    assert fit.settings["didim"]["physical"] is True
+    end = iterated(log, DIDIM())
+    assert distance(fit, end) <= fit.history[-1].more["remaining_sigma"] <= 2.0 * NEAR
+
+
+def test_standard_deviations_are_those_of_the_fixed_point(slack: Experiment) -> None:
+    """Errors of eight logs are about one standard deviation, which for some parameters is far from that of a tight loop."""
+    truth = slack.robot.base_parameters.project(slack.robot.parameter_set("reference"))
+    off, tight = [], []
+    for seed in range(8):
+        fit = identify(noisy(slack, seed=seed), plain_didim(uncertainty="decimated", max_iterations=40))
+        assert fit.converged
+        off.append((fit.beta - truth) / fit.std)
+        stiff = identify(noisy(arm_log(1), seed=seed), plain_didim(uncertainty="decimated"))
+        tight.append(fit.std / stiff.std)
+    assert 0.8 < np.sqrt(np.mean(np.square(off))) < 1.25
+    assert np.median(tight, axis=0).max() > 1.5
+
+
+def test_a_tight_loop_takes_one_simulation_more_and_no_step() -> None:
+    log = noisy(arm_log(1))
+    fit = identify(log, plain_didim())
+    assert fit.remarks == ()
+    # The start, one for each iteration, one with half the steps in time, and one in a random direction.
+    assert fit.n_simulations == fit.n_iterations + 3
+
+
+def test_the_response_predicts_an_iteration(slack: Experiment) -> None:
+    """``F(beta) - beta* = J (beta - beta*)`` for a change of the parameters near the fixed point."""
+    log = noisy(slack)
+    end = iterated(log, plain_didim())
+    method = plain_didim()
+    job = method.job(log, log.simulation.robot(log.robot))
+    windows = windows_of(job, job.delay())
+    loop = Loop(job, windows, job.parameters, job.solve)
+
+    def place(x: Array) -> Place:
+        run, _ = simulated(windows, x, None)
+        assert isinstance(run, Simulated)
+        return Place.of(loop, x, run)
+
+    def rows(changes: Sequence[Array]) -> list[Array]:
+        return [loop.torques(place(loop.moved(end.parameters, change)).simulated) for change in changes]
+
+    centre = place(end.parameters)
+    response = Response.at(centre.system, centre.fit, rows, loop.torques(centre.simulated))
+    assert response is not None
+    jacobian = np.eye(len(response.gain)) - np.linalg.inv(response.gain)
+    std = centre.fit.std
+    change = 0.3 * std * np.random.default_rng(3).standard_normal(len(std))
+    after = place(loop.moved(end.parameters, change)).fit.solution - centre.fit.solution
+    error = (after - jacobian @ change) / std
+    assert np.linalg.norm(after / std) > 0.1
+    assert np.linalg.norm(error) < 0.1 * np.linalg.norm(after / std)
+    assert response.rate == pytest.approx(np.abs(np.linalg.eigvals(jacobian)).max())
+
+
+def test_a_place_without_steps_left_says_how_far_it_is(slack: Experiment) -> None:
+    log = noisy(slack)
+    fit = identify(log, plain_didim(sigma_fraction=0.0, tolerance=0.025))
+    same = identify(
+        log, plain_didim(sigma_fraction=0.0, tolerance=0.025, max_iterations=fit.n_iterations - 1)
+    )
+    assert same.converged
+    assert distance(same, fit) <= same.history[-1].more["remaining_sigma"]
+    assert "with the response of the motion" not in same.remarks[0]
+
+
+def test_a_simulation_that_ends_early_leaves_the_estimate_of_the_steps(
+    slack: Experiment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended = Outcome(didim.SimulationStatus.DIVERGED)
+    monkeypatch.setattr(
+        "didim.methods.didim.slack.simulated_all", lambda windows, candidates: [ended] * len(candidates)
+    )
+    fit = identify(noisy(slack), plain_didim(sigma_fraction=0.0, tolerance=0.025, max_iterations=40))
+    assert fit.converged
+    assert any("each step is" in remark or "steps do not shrink" in remark for remark in fit.remarks)
