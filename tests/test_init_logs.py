@@ -17,6 +17,7 @@ from didim.cli.main import main
 from didim.experiment.draft import initialise
 from didim.experiment.draft_columns import column
 from didim.experiment.draft_layout import layout
+from didim.log.csv_file import CsvFile
 
 Array = NDArray[np.float64]
 RATE = 500.0
@@ -233,6 +234,34 @@ def test_a_bag_by_names(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.q, Q)
     np.testing.assert_array_equal(recording.q_ref, Q)
     np.testing.assert_array_equal(recording.tau, TAU)
+
+
+def test_messages_of_a_gripper_are_no_samples(tmp_path: Path) -> None:
+    """They are on the topic of the arm, with stamps of their own; joints are announced before the stamps are read."""
+    pytest.importorskip("rosbags", reason="needs the extra 'ros'")
+    from bags import write_bag
+
+    robot = didim.load_robot("ur5e")
+    write_bag(tmp_path / "bag", robot.joint_names, T, Q, TAU)
+    _, draft = initialise("ur5e", tmp_path / "bag", topic="/joint_states")
+    (told,) = [sentence for sentence in draft.read if sentence.startswith("time stamps")]
+    assert f"{len(T)} samples" in told
+    assert "uneven" not in told
+
+
+def test_a_text_is_parsed_once_for_all_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    parsed: list[CsvFile] = []
+    load = CsvFile._load
+
+    def counting(self: CsvFile, columns: list[int]) -> Any:
+        parsed.append(self)
+        return load(self, columns)
+
+    monkeypatch.setattr(CsvFile, "_load", counting)
+    log = write(tmp_path / "log.csv", ["t", *named("q"), *named("tau")], T, Q, TAU)
+    initialise("ur5e", log)
+    assert parsed
+    assert len(parsed) == len({id(item) for item in parsed})
 
 
 def test_several_logs_in_one_call(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 import didim
+from arm import arm_log
 from didim.experiment.experiment import Experiment
+from didim.experiment.loop import closed_loop
 from didim.log.recording import Recording
 from didim.loop.controller import Controller
 from didim.loop.reference import Reference
+from didim.signal.segments import motion_of
 from simulated import RATE_HZ, experiment, log, motion
 
 ROBOT = didim.load_robot("planar2").with_friction(coulomb="tanh", smoothing_rad_s=0.05)
@@ -81,3 +84,20 @@ def test_channels_of_another_shape_are_refused() -> None:
         replace(plain, dq=plain.q[:-1])
     with pytest.raises(didim.RecordingError, match="external and q differ in shape"):
         replace(plain, external=plain.q[:, :1])
+
+
+def test_a_simulation_starts_with_the_measured_velocity() -> None:
+    """A window that begins in motion: differences of the positions and the measured velocity are told apart by a constant."""
+    log = arm_log(1)
+    log = replace(log, simulation=replace(log.simulation, start="measured"))
+    (recording,) = log.recordings
+    window = (100, len(recording.q))
+    q, dq, _ = motion_of(recording, window, log.signal)
+    shifted = replace(recording, dq=np.gradient(recording.q, 1.0 / recording.rate_hz, axis=0) + 0.25)
+    differences = closed_loop(log, recording, window).start
+    measured = closed_loop(log, shifted, window).start
+    assert differences is not None
+    assert measured is not None
+    np.testing.assert_allclose(differences, (q[0], dq[0]))
+    np.testing.assert_allclose(measured[0], q[0])
+    np.testing.assert_allclose(np.subtract(measured[1], dq[0]), 0.25, atol=0.02)

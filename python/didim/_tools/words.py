@@ -36,6 +36,11 @@ def joints_text(joints: Iterable[int]) -> str:
     return f"joint {names[0]}" if len(names) == 1 else f"joints {', '.join(names[:-1])} and {names[-1]}"
 
 
+def one_line(text: str) -> str:
+    """Text in one line, without the control characters that TOML forbids in comments."""
+    return "".join(character if character.isprintable() else " " for character in " ".join(text.split()))
+
+
 def printable(text: str) -> str:
     """Text without control characters, which a terminal would obey; line breaks and tabs stay."""
     return "".join(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Callable
@@ -60,6 +61,12 @@ class Saved:
             write(path)
         except OSError as error:
             self._elsewhere(path, write, error)
+
+    def save_json(self, path: Path | None, content: object) -> None:
+        """Write an output as JSON, if it was asked for."""
+        if path is not None:
+            text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+            self.save(path, lambda place: write_atomically(place, text))
 
     def show(self, text: str, verdict: Verdict | None = None, *, exact: bool = False) -> None:
         """Print the result on stdout, in the width of a terminal unless `exact`; its verdict is in colour there."""

@@ -37,9 +37,6 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    import json
-
-    from .._tools.files import write_atomically
     from ..experiment.experiment_file import load_experiment
     from ..result.identification import Identification
     from ..studies.validation import validate
@@ -49,9 +46,8 @@ def run(options: argparse.Namespace) -> int:
     check_outputs(options.json, options.report)
     experiment = load_experiment(options.experiment, data=options.data)
     found = validate(fit, experiment)
-    text = json.dumps(found.to_dict(), indent=1, allow_nan=False) + "\n"
     saved = Saved()
-    saved.save(options.json, lambda path: write_atomically(path, text))
+    saved.save_json(options.json, found.to_dict())
     if options.report is not None:
         from ..report import write
 

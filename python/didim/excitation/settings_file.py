@@ -21,13 +21,13 @@ Tested in ``tests/test_excitation_files.py``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from .._tools.toml import Table, read_toml
 from ..errors import ExcitationError
+from ..log.units import POSITION, kind_of
 from ..robot.collision import read_capsules
 from ..robot.parameter_file import is_file
 from ..robot.robot import Robot
@@ -51,12 +51,6 @@ _PLAIN = {
     "criterion": "text",
 }
 """Keys of ``[excitation]`` that are fields of the settings."""
-_UNITS = {
-    "rad": ("revolute", 1.0),
-    "deg": ("revolute", math.pi / 180.0),
-    "m": ("prismatic", 1.0),
-    "mm": ("prismatic", 1e-3),
-}
 
 
 def read_excitation(path: str | Path, robot: Robot) -> ExcitationSettings:
@@ -140,10 +134,10 @@ def _corner(table: Table, key: str) -> tuple[float, float, float] | None:
 def _per_joint(table: Table, key: str, robot: Robot, per: str = "") -> list[float] | None:
     """One number per joint of keys such as ``max_velocity_rad_s``, with one key for each kind of joint; None without any."""
     found: list[float | None] = [None] * robot.n_dof
-    for unit, (kind, factor) in _UNITS.items():
+    for unit, factor in POSITION.items():
         numbers = table.spread(f"{key}_{unit}{per}", robot.n_dof, None)
         for joint, number in enumerate(numbers or ()):
-            if robot.joint_kinds[joint] == kind:
+            if robot.joint_kinds[joint] == kind_of(unit):
                 found[joint] = number * factor
     return _complete(table, key, found)
 
@@ -170,10 +164,10 @@ def _ranges(table: Table, robot: Robot) -> list[tuple[float, float]] | None:
     """Pairs of ``position_rad`` and its like; None without any."""
     low: list[float | None] = [None] * robot.n_dof
     high: list[float | None] = [None] * robot.n_dof
-    for unit, (kind, factor) in _UNITS.items():
+    for unit, factor in POSITION.items():
         rows = table.matrix(f"position_{unit}", robot.n_dof, 2, None)
         for joint, row in enumerate(rows or ()):
-            if robot.joint_kinds[joint] == kind:
+            if robot.joint_kinds[joint] == kind_of(unit):
                 low[joint], high[joint] = row[0] * factor, row[1] * factor
     lowest, highest = _complete(table, "position", low), _complete(table, "position", high)
     if lowest is None or highest is None:

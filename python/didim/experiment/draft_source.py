@@ -55,6 +55,14 @@ class LogSource:
     keys: list[str]
     named: bool = True
 
+    def want(self, columns: Sequence[Column]) -> None:
+        """Announce columns: a text is then parsed once, and of a bag the messages of other joints are left out."""
+        if isinstance(self.data, RosBag):
+            if columns:
+                self.data.want([item.name for item in columns], columns[0].variable, len(columns))
+        elif columns and all(item.variable is None for item in columns):
+            self.data.want([item.name for item in columns], None, len(columns))
+
     def values(self, columns: Sequence[Column]) -> Array:
         """Values of some columns, (n_samples, n)."""
         if isinstance(self.data, RosBag):

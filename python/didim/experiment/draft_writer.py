@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.arrays import Array
-from .._tools.words import counted
+from .._tools.words import counted, one_line
 from ..errors import RecordingError
 from ..log.resampling import GAP, resampling, step_range
 from ..log.sampling import time_faults
@@ -100,6 +100,8 @@ class RecordingWriter:
         stamps = [item for item in self.source.columns if item.what == "time"]
         # The stamp of a header is when a message was made, another one when it arrived.
         stamps.sort(key=lambda item: "stamp" not in str(item.name))
+        for group in (stamps[:1], self.position, self.torque, self.reference):
+            self.source.want(group)
         lines += self._time(stamps)
         lines += self._motion("position", self.position)
         if self.velocity:
@@ -110,7 +112,7 @@ class RecordingWriter:
         used = {self._key(item) for item in (*self.position, *self.torque, *self.reference, *stamps[:1])}
         left = [str(item.name) for item in self.source.columns if self._key(item) not in used]
         if left and self.source.named:
-            lines += ["", f"# Columns that are not used: {', '.join(_printable(name) for name in left)}"]
+            lines += ["", f"# Columns that are not used: {', '.join(one_line(name) for name in left)}"]
         return lines
 
     @staticmethod
@@ -374,10 +376,6 @@ def _listed(columns: Sequence[Column]) -> str:
     return ", ".join(str(item.name) for item in columns)
 
 
-def _printable(text: str) -> str:
-    return "".join(character if character.isprintable() else " " for character in text)
-
-
 def names_of(robot: Robot) -> str:
     """Return names of the joints as the end of a comment, where the robot has them."""
-    return f": {_printable(', '.join(robot.joint_names))}" if robot.joint_names else ""
+    return f": {one_line(', '.join(robot.joint_names))}" if robot.joint_names else ""

@@ -15,9 +15,9 @@ from ..loop.controller import Controller
 from ..loop.memory import BALANCE, ZERO, ControllerMemory, memory_of_log, remembers
 from ..loop.reference import Reference
 from ..robot.robot import Robot
-from ..signal.filters import differentiate
 from ..signal.noise import white_noise
 from ..signal.processing import SignalProcessing
+from ..signal.segments import motion_of
 from ..signal.spikes import without_spikes
 from .experiment import Experiment
 from .specs import ControllerSpec, ReferenceSpec
@@ -82,7 +82,7 @@ def closed_loop(
                 )
             shown = from_recording and recording.has_positions
             if settings.start == "measured" or (settings.start is None and shown):
-                q, dq, _ = differentiate(recording.measured_positions()[start:stop], rate, experiment.signal)
+                q, dq, _ = motion_of(recording, (start, stop), experiment.signal)
                 state = (q[0], dq[0])
         memory = _memory(experiment, controller, reference, recording, window, state)
         loop = ClosedLoop.of(
@@ -155,7 +155,7 @@ def measured_motion(
         return Reference.sampled(q, rate_hz=recording.rate_hz)
     if signal.cutoff_hz is None:
         return None
-    return Reference.through(*differentiate(q, recording.rate_hz, signal), rate_hz=recording.rate_hz)
+    return Reference.through(*motion_of(recording, window, signal), rate_hz=recording.rate_hz)
 
 
 def outside_limits(robot: Robot, reference: Reference, duration_s: float) -> list[str]:

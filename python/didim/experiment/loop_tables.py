@@ -5,7 +5,6 @@ Tested in ``tests/test_closed_loop.py``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -14,6 +13,7 @@ import numpy as np
 
 from .._tools.toml import Table
 from ..errors import DidimError, ExperimentError
+from ..log.units import POSITION, kind_of
 from ..loop.closed_loop import DIVERGENCE
 from ..loop.controller import Controller, Digital
 from ..loop.memory import ControllerMemory
@@ -79,7 +79,6 @@ def _point_to_point(table: Table, robot: Robot) -> Callable[[], Reference]:
 
 
 _LIMITS = {"max_position": "", "max_velocity": "_s", "max_acceleration": "_s2"}
-_UNITS = {"rad": 1.0, "deg": math.pi / 180.0, "m": 1.0, "mm": 1e-3}
 
 
 def _one_unit(table: Table, key: str, robot: Robot) -> tuple[float, str]:
@@ -89,7 +88,7 @@ def _one_unit(table: Table, key: str, robot: Robot) -> tuple[float, str]:
     given = [unit for unit in units if table.has(f"{key}_{unit}")]
     if len(given) != 1:
         table.fail(f"give one of {', '.join(f'{key}_{unit}' for unit in units)}")
-    return _UNITS.get(given[0], 1.0), given[0]
+    return POSITION.get(given[0], 1.0), given[0]
 
 
 def _joint_values(
@@ -97,11 +96,11 @@ def _joint_values(
 ) -> list[float]:
     """One number per joint of a key such as ``max_velocity_rad_s``: a number for all of a kind, or one per joint."""
     values: list[float | None] = [default] * robot.n_dof
-    for unit, factor in _UNITS.items():
+    for unit, factor in POSITION.items():
         numbers = table.spread(f"{key}_{unit}{per}", robot.n_dof, None)
         if numbers is None:
             continue
-        kind = "revolute" if unit in ("rad", "deg") else "prismatic"
+        kind = kind_of(unit)
         if kind not in robot.joint_kinds:
             table.fail(f"{key}_{unit}{per} is for {kind} joints, and robot {robot.name!r} has none")
         other = {"deg": "rad", "mm": "m"}.get(unit)
@@ -237,7 +236,7 @@ class MadeUpRecipe:
 
 def _digital(table: Table, robot: Robot) -> Digital | None:
     keys = ("delay_samples", "velocity_fir")
-    resolution = any(table.has(f"encoder_resolution_{unit}") for unit in _UNITS)
+    resolution = any(table.has(f"encoder_resolution_{unit}") for unit in POSITION)
     if not table.has("sample_time_s"):
         given = [key for key in keys if table.has(key)] + (["encoder_resolution"] if resolution else [])
         if given:
@@ -267,7 +266,7 @@ def _set_name(table: Table, key: str, robot: Robot) -> str | None:
 def read_simulation(table: Table, robot: Robot) -> SimulationSettings:
     """Read ``[simulation]``."""
     smoothing = None
-    if any(table.has(f"smoothing_{unit}_s") for unit in _UNITS):
+    if any(table.has(f"smoothing_{unit}_s") for unit in POSITION):
         smoothing = tuple(_joint_values(table, "smoothing", robot, "_s"))
         if min(smoothing) <= 0.0:
             table.fail(f"smoothing must be above 0 for every joint, got {list(smoothing)}")
@@ -323,7 +322,7 @@ def read_measurement(table: Table, robot: Robot) -> Measurement:
     """Read ``[measurement]``."""
 
     def values(key: str) -> tuple[float, ...]:
-        if not any(table.has(f"{key}_{unit}") for unit in _UNITS):
+        if not any(table.has(f"{key}_{unit}") for unit in POSITION):
             return ()
         return _positive(table, key, _joint_values(table, key, robot, default=0.0))
 

@@ -30,6 +30,11 @@ _LINEAR = ("m", "mm", "N", "m/s", "mm/s")
 _ANGULAR = ("rad", "deg", "count", "N.m", "rad/s", "deg/s")
 
 
+def kind_of(unit: str) -> str:
+    """Return the kind of the joints that have a unit."""
+    return "prismatic" if unit in _LINEAR else "revolute"
+
+
 def _units(table: Table, allowed: Sequence[str], n: int) -> list[str]:
     """One unit for all columns, or a list with one for each."""
     units = (

@@ -21,7 +21,7 @@ from .._tools.arrays import Array, relative_percent
 from .._tools.files import write_atomically
 from .._tools.saved import read_saved
 from .._tools.toml import Table, read_toml
-from .._tools.words import counted, listing
+from .._tools.words import counted, listing, one_line
 from ..errors import FitError
 from .robot import Robot
 
@@ -147,7 +147,7 @@ def is_file(source: str) -> bool:
 def _toml(fit: Estimates, name: str) -> str:
     key = name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
     known = bool(fit.std.any())
-    lines = [f"# {_printable(text)}" for text in (fit.title, *fit.comments)]
+    lines = [f"# {one_line(text)}" for text in (fit.title, *fit.comments)]
     lines += ["# SI units, joint side.", f"[parameters.{key}]"]
     percents = relative_percent(fit.std, fit.beta)
     values = zip(fit.names, fit.units, fit.roles, fit.beta, fit.std, percents, strict=True)
@@ -167,11 +167,6 @@ def _toml(fit: Estimates, name: str) -> str:
 
 def _key(name: str) -> str:
     return name if re.fullmatch(r"\w+", name) else json.dumps(name)
-
-
-def _printable(text: str) -> str:
-    """One line without the control characters that TOML forbids in comments."""
-    return "".join(character if character.isprintable() else " " for character in " ".join(text.split()))
 
 
 def _npz(fit: Estimates) -> bytes:

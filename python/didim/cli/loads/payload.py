@@ -32,9 +32,6 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    import json
-
-    from ..._tools.files import write_atomically
     from ...experiment.experiment_file import load_experiment
     from ...result.identification import Identification
     from ...studies.loads.payload import identify_payload
@@ -42,8 +39,7 @@ def run(options: argparse.Namespace) -> int:
     fit = Identification.load(options.fit)
     check_outputs(options.json)
     found = identify_payload(fit, load_experiment(options.log, data=options.data))
-    text = json.dumps(found.to_dict(), indent=1, allow_nan=False) + "\n"
     saved = Saved()
-    saved.save(options.json, lambda path: write_atomically(path, text))
+    saved.save_json(options.json, found.to_dict())
     saved.show(str(found))
     return saved.code(CONVERGED)

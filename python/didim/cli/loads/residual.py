@@ -51,8 +51,6 @@ def add(commands: Commands) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
-    import json
-
     from ..._tools.files import write_atomically
     from ...experiment.experiment_file import load_experiment
     from ...result.identification import Identification
@@ -67,8 +65,7 @@ def run(options: argparse.Namespace) -> int:
     experiment = load_experiment(options.log, data=options.data)
     found = residual_torques(fit, experiment, bandwidth_hz=options.bandwidth_hz, threshold=options.threshold)
     saved = Saved()
-    text = json.dumps(found.to_dict(), indent=1, allow_nan=False) + "\n"
-    saved.save(options.json, lambda path: write_atomically(path, text))
+    saved.save_json(options.json, found.to_dict())
     saved.save(options.output, lambda path: write_atomically(path, found.csv()))
     if options.plot is not None:
         from ...plot.external import external

@@ -179,7 +179,9 @@ class ConsistentRun:
                     direction.moved, method.sigma_fraction, change, method.tolerance, exact=exact
                 )
                 if method.stop or len(history) >= method.max_iterations:
-                    end = None if exact else self._settled(point, direction, history, path)
+                    # With instruments the iteration is another one.
+                    settles = method.motion == "simulated" and not exact
+                    end = self._settled(point, direction, history, path) if settles else None
                     if end is None or end.reached:
                         break
                     status, patience = Status.NOT_CONVERGED, 2 * len(history)
@@ -199,9 +201,7 @@ class ConsistentRun:
     def _settled(
         self, point: Point, direction: Direction, history: list[Iteration], path: Path
     ) -> Settled | None:
-        """Go on to the fixed point in a slack loop; with instruments the iteration is another one."""
-        if self.method.motion != "simulated":
-            return None
+        """Go on to the fixed point in a slack loop."""
         slow = path.contraction(direction.std)
         end, count = settled(
             Loop(self.job, self.windows, self.base, lambda system: self.solver(system, self.job.settings)),
@@ -299,10 +299,8 @@ class ConsistentRun:
 
     def _secant(self, direction: Direction, before: Direction | None, length: float) -> float:
         """Length that would have ended the last step where its gradient vanishes; at most 1."""
-        if before is None:
-            return 1.0
-        old = float(before.step @ direction.metric @ before.step)
-        if not old > 0.0:
+        old = 0.0 if before is None else float(before.step @ direction.metric @ before.step)
+        if before is None or not old > 0.0:
             return 1.0
         share = float(direction.step @ direction.metric @ before.step) / old
         return float(np.clip(length / max(1.0 - share, 1e-3), SHORTEST, 1.0))
@@ -437,7 +435,7 @@ def _entry(
             "largest_change_in_sigma": direction.moved,
             "residual_change": change,
             "output_error_before": point.simulated.error,
-            "output_error_after": after.simulated.error if reached and isinstance(after, Point) else np.nan,
+            "output_error_after": after.simulated.error if isinstance(after, Point) else np.nan,
             "condition_number": direction.fit.condition_number,
             "contraction": np.nan if contraction is None else contraction.rate,
             "remaining_sigma": np.nan if contraction is None else contraction.remaining_largest,
