@@ -7,6 +7,7 @@
 //! A program of our own: gungraun would bring 16 crates into every build of the tests, and a runner of 170.
 
 use crate::tx40::{Batch, ClosedLoop, FEW, SAMPLES, STEPS};
+use didim::ground::isa::Isa;
 use std::env::current_exe;
 use std::error::Error;
 use std::process::{Command, Stdio};
@@ -88,13 +89,9 @@ fn count(k: usize, rounds: usize) -> Result<(u64, String), Box<dyn Error>> {
     }
 }
 
-/// The code that this processor gets, as `rust/src/ground/dispatch.rs` chooses it.
+/// The code of up to four lanes that this processor gets.
 fn instruction_set() -> &'static str {
-    #[cfg(target_arch = "x86_64")]
-    if pulp::x86::V3::try_new().is_some() {
-        return "AVX2 and FMA";
-    }
-    if cfg!(target_arch = "aarch64") { "Neon" } else { "portable code, no vectors" }
+    if cfg!(target_arch = "aarch64") { "Neon" } else { Isa::chosen().min(Isa::Avx2).name() }
 }
 
 /// Counts all kernels; as the child of a count, whose arguments are a kernel and a number of rounds, runs that kernel.

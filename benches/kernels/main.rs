@@ -45,6 +45,7 @@ fn closed_loop(criterion: &mut Criterion) {
     };
     time(1, &|| closed_loop.run::<1>());
     time(4, &|| closed_loop.run::<4>());
+    time(8, &|| closed_loop.run::<8>());
     group.finish();
 }
 

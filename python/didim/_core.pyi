@@ -21,6 +21,8 @@ __all__ = [
     "inertia_matrix",
     "information",
     "information_gradient",
+    "instruction_set",
+    "instruction_sets",
     "inverse_dynamics",
     "largest_safe_step",
     "least_squares",
@@ -243,3 +245,5 @@ def information_gradient(
     torque_weights: _Array | None = None,
     x: _Array | None = None,
 ) -> tuple[_Array, _Array, _Array]: ...
+def instruction_set() -> str: ...
+def instruction_sets() -> list[str]: ...

@@ -77,6 +77,10 @@ class ThreadsError(DidimError):
     """A number of threads that cannot be."""
 
 
+class InstructionSetError(DidimError):
+    """A set of instructions that the processor does not have, or that nothing is called."""
+
+
 class PlotError(DidimError):
     """A picture that cannot be drawn: matplotlib is missing, or there is nothing to draw."""
 

@@ -11,7 +11,7 @@
 //! Tested against closed forms in `rust/tests/closed_loop/laws.rs` and against the EMPS in the Python tests.
 
 use crate::ground::arrays::MAX_DOF;
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use thiserror::Error;
 
 /// A controller that cannot be.
@@ -122,7 +122,7 @@ pub struct Digital {
 impl Digital {
     /// Position of joint `j` as its encoder reads it.
     #[inline(always)]
-    pub fn measured<const L: usize, const F: bool>(&self, j: usize, q: Lanes<L, F>) -> Lanes<L, F> {
+    pub fn measured<V: Set>(&self, j: usize, q: Lanes<V>) -> Lanes<V> {
         let resolution = self.resolution[j];
         if resolution > 0.0 { q.map(|value| (value / resolution).round() * resolution) } else { q }
     }

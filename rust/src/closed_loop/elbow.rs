@@ -3,6 +3,7 @@
 use crate::closed_loop::simulate::Run;
 use crate::closed_loop::simulation::Outcome;
 use crate::ground::dispatch::Kernel;
+use crate::ground::lanes::Set;
 use crate::robot::arm::Elbow;
 
 pub(super) struct OfElbow<'a>(pub(super) Run<'a, Elbow>);
@@ -11,7 +12,7 @@ impl Kernel for OfElbow<'_> {
     type Output = Vec<Outcome>;
 
     #[inline(always)]
-    fn run<const L: usize, const F: bool>(self) -> Vec<Outcome> {
-        self.0.run::<L, F>()
+    fn run<V: Set>(self) -> Vec<Outcome> {
+        self.0.run::<V>()
     }
 }

@@ -4,31 +4,31 @@ use super::control::{Controller, Law};
 use super::reference::Target;
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::dispatch::WIDTH;
-use crate::ground::lanes::{Lanes, side_by_side, spread};
+use crate::ground::lanes::{Lanes, Set, side_by_side, spread};
 use crate::robot::arm::{Arm, Place, outwards};
 use crate::robot::geometry::Geometry;
 
 /// Inputs of a controller at one instant, on lanes.
 #[derive(Debug, Clone, Copy)]
-pub struct Instant<'a, const L: usize, const F: bool> {
+pub struct Instant<'a, V: Set> {
     /// Reference.
     pub target: &'a Target,
     /// Torque fed forward.
     pub feedforward: Option<&'a [f64; MAX_DOF]>,
     /// Scale of the gains of each candidate.
-    pub scale: &'a [Lanes<L, F>; MAX_DOF],
+    pub scale: &'a [Lanes<V>; MAX_DOF],
 }
 
 /// Torque (joint side) and growth of the integrator of joint `j`.
 #[inline(always)]
-pub fn law<const L: usize, const F: bool>(
+pub fn law<V: Set>(
     law: &Law,
-    instant: &Instant<'_, L, F>,
+    instant: &Instant<'_, V>,
     j: usize,
-    q: Lanes<L, F>,
-    dq: Lanes<L, F>,
-    z: Lanes<L, F>,
-) -> (Lanes<L, F>, Lanes<L, F>) {
+    q: Lanes<V>,
+    dq: Lanes<V>,
+    z: Lanes<V>,
+) -> (Lanes<V>, Lanes<V>) {
     let target = instant.target;
     let e = Lanes::splat(target.q[j]) - q;
     let v = Lanes::splat(law.reference_velocity * target.dq[j]) - dq;
@@ -87,20 +87,22 @@ impl PlainLaws {
 
     /// Torques (joint side), to the bits of [`law`].
     #[inline(always)]
-    pub fn torques<const L: usize, const F: bool, S: Arm>(
+    pub fn torques<V: Set, S: Arm>(
         &self,
         geometry: &Geometry<S>,
         target: &Target,
-        scale: &[Lanes<L, F>; MAX_DOF],
-        q: &[Lanes<L, F>; MAX_DOF],
-        dq: &[Lanes<L, F>; MAX_DOF],
-        tau: &mut [Lanes<L, F>; MAX_DOF],
+        scale: &[Lanes<V>; MAX_DOF],
+        q: &[Lanes<V>; MAX_DOF],
+        dq: &[Lanes<V>; MAX_DOF],
+        tau: &mut [Lanes<V>; MAX_DOF],
     ) {
-        if L == 1 && F {
+        if V::L == 1 && V::FUSED {
             // A single lane takes its joints side by side.
             for first in (0..geometry.n()).step_by(WIDTH) {
-                let block = |values: &[f64; MAX_DOF]| Lanes::<WIDTH, F>::from_slice(&values[first..]);
-                let [q, dq, scale] = [q, dq, scale].map(|values| side_by_side(values, first));
+                let block = |values: &[f64; MAX_DOF]| Lanes::<V::Wide>::from_slice(&values[first..]);
+                // Not `map` of an array: a call, compiled for the oldest processor.
+                let (q, dq, scale) =
+                    (side_by_side(q, first), side_by_side(dq, first), side_by_side(scale, first));
                 let gains = [block(&self.position), block(&self.velocity), block(&self.acceleration)];
                 let aim = [
                     block(&target.q),
@@ -122,12 +124,12 @@ impl PlainLaws {
 
 /// Output of a law without integrator, from its gains of position, velocity and acceleration and their targets.
 #[inline(always)]
-fn compared<const L: usize, const F: bool>(
-    [position, velocity, acceleration]: [Lanes<L, F>; 3],
-    [aim_q, aim_dq, aim_ddq]: [Lanes<L, F>; 3],
-    q: Lanes<L, F>,
-    dq: Lanes<L, F>,
-) -> Lanes<L, F> {
+fn compared<V: Set>(
+    [position, velocity, acceleration]: [Lanes<V>; 3],
+    [aim_q, aim_dq, aim_ddq]: [Lanes<V>; 3],
+    q: Lanes<V>,
+    dq: Lanes<V>,
+) -> Lanes<V> {
     (aim_q - q).mul_add(position, (aim_dq - dq).mul_add(velocity, acceleration * aim_ddq))
 }
 
@@ -135,7 +137,7 @@ fn compared<const L: usize, const F: bool>(
 mod tests {
     use super::*;
     use crate::closed_loop::control::Timing;
-    use crate::ground::dispatch::{Kernel, dispatch_on};
+    use crate::ground::dispatch::{Kernel, dispatch, dispatch_single};
     use crate::robot::{Friction, Joint, JointKind, Robot};
 
     const PD: Law = Law {
@@ -160,14 +162,14 @@ mod tests {
     impl Kernel for Both<'_> {
         type Output = [Vec<Vec<f64>>; 2];
         #[inline(always)]
-        fn run<const L: usize, const F: bool>(self) -> Self::Output {
+        fn run<V: Set>(self) -> Self::Output {
             let n = self.controller.laws().len();
             let joints = vec![Joint { kind: JointKind::Revolute, alpha: 0.0, d: 0.0, theta: 0.0, r: 0.0 }; n];
             let unit: Vec<Vec<f64>> =
                 (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();
             let geometry = Geometry::of(&Robot::new(joints, [0.0; 3], &unit, Friction::sign(n)).unwrap());
-            let lanes = |part: usize| -> [Lanes<L, F>; MAX_DOF] {
-                std::array::from_fn(|j| Lanes(std::array::from_fn(|l| self.numbers[(part * 12 + j) * 4 + l])))
+            let lanes = |part: usize| -> [Lanes<V>; MAX_DOF] {
+                std::array::from_fn(|j| Lanes::each(|l| self.numbers[(part * 12 + j) * 4 + l % 4]))
             };
             let [q, dq, scale] = [0, 1, 2].map(lanes);
             let mut plain = [Lanes::zero(); MAX_DOF];
@@ -183,8 +185,8 @@ mod tests {
             let by_law =
                 |j: usize| law(&self.controller.laws()[j], &instant, j, q[j], dq[j], Lanes::zero()).0;
             [
-                (0..n).map(|j| plain[j].to_array().to_vec()).collect(),
-                (0..n).map(|j| by_law(j).to_array().to_vec()).collect(),
+                (0..n).map(|j| plain[j].to_array().as_ref().to_vec()).collect(),
+                (0..n).map(|j| by_law(j).to_array().as_ref().to_vec()).collect(),
             ]
         }
     }
@@ -209,9 +211,9 @@ mod tests {
                 (target.q[j], target.dq[j], target.ddq[j]) = (number(j + 60), number(j + 72), number(j + 84));
             }
             let both = || Both { controller: &controller, target: &target, numbers: &numbers };
-            let [plain, by_law] = dispatch_on::<1, _>(both());
+            let [plain, by_law] = dispatch_single(both());
             assert_eq!(plain, by_law);
-            let [plain, by_law] = dispatch_on::<WIDTH, _>(both());
+            let [plain, by_law] = dispatch(both());
             assert_eq!(plain, by_law);
             assert!(plain.iter().flatten().any(|u| u.abs() > 1.0));
             let mut limited = laws;

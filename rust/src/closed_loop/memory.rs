@@ -12,7 +12,7 @@ use super::runge_kutta::PerJoint;
 use super::sampled::Sampled;
 use super::simulation::Simulation;
 use crate::ground::arrays::MAX_DOF;
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::model::inverse::inverse_dynamics;
 
 /// Where the integrators begin.
@@ -45,16 +45,12 @@ pub struct Memory<'a> {
 
 /// The reference at time 0 as the memory of the controller sees it. For a start in balance it is where the robot is, and moves as
 /// the robot does, at constant velocity unless a torque is fed forward: no error is a part of the balance.
-pub fn aimed_at<const L: usize, const F: bool>(
-    simulation: &Simulation<'_>,
-    [q, dq]: [&PerJoint<L, F>; 2],
-    target: &Target,
-) -> Target {
+pub fn aimed_at<V: Set>(simulation: &Simulation<'_>, [q, dq]: [&PerJoint<V>; 2], target: &Target) -> Target {
     let mut seen = *target;
     if simulation.memory.initial == Initial::Balance {
         // All lanes begin in one state.
         for j in 0..simulation.robot.n_dof() {
-            (seen.q[j], seen.dq[j]) = (q[j].to_array()[0], dq[j].to_array()[0]);
+            (seen.q[j], seen.dq[j]) = (q[j].lane(0), dq[j].lane(0));
         }
         if simulation.controller.feedforward().is_none() {
             seen.ddq = [0.0; MAX_DOF];
@@ -96,14 +92,14 @@ pub fn first_torque(
 /// Integrator with which the law of joint `j` gives a torque; zero where the law does not integrate. Beyond the saturation
 /// the integrator of the limit is taken.
 #[inline(always)]
-pub fn integrator_for<const L: usize, const F: bool>(
+pub fn integrator_for<V: Set>(
     one: &Law,
-    instant: &Instant<'_, L, F>,
+    instant: &Instant<'_, V>,
     j: usize,
-    q: Lanes<L, F>,
-    dq: Lanes<L, F>,
-    torque: Lanes<L, F>,
-) -> Lanes<L, F> {
+    q: Lanes<V>,
+    dq: Lanes<V>,
+    torque: Lanes<V>,
+) -> Lanes<V> {
     if one.integral == 0.0 {
         return Lanes::zero();
     }
@@ -116,19 +112,19 @@ pub fn integrator_for<const L: usize, const F: bool>(
         // A law whose gains are scaled to zero has nothing to remember.
         if per_unit == 0.0 { 0.0 } else { (wanted[l].clamp(-most, most) - without[l]) / per_unit }
     };
-    Lanes(std::array::from_fn(begin))
+    Lanes::each(begin)
 }
 
-impl<const L: usize, const F: bool> Sampled<L, F> {
+impl<V: Set> Sampled<V> {
     /// Fills the memory of a digital controller before its first sample, which sees the positions `q`.
     pub fn remember(
         &mut self,
         laws: &[Law],
         digital: &Digital,
         memory: &Memory<'_>,
-        instant: &Instant<'_, L, F>,
-        q: &PerJoint<L, F>,
-        first: Option<&PerJoint<L, F>>,
+        instant: &Instant<'_, V>,
+        q: &PerJoint<V>,
+        first: Option<&PerJoint<V>>,
     ) {
         let n = laws.len();
         if let Some(positions) = memory.positions {

@@ -2,6 +2,7 @@
 
 pub mod control;
 mod elbow;
+pub mod groups;
 pub mod law;
 pub mod memory;
 pub mod observers;

@@ -1,6 +1,6 @@
 //! Observers of a simulation's records: whole trajectories, or the cost of each candidate alone.
 
-use crate::ground::dispatch::WIDTH;
+use crate::ground::dispatch::WIDEST;
 
 /// One record of a group of lanes: entry `j * lanes + l` is joint `j` of lane `l`.
 #[derive(Debug, Clone, Copy)]
@@ -88,13 +88,13 @@ pub struct Cost<'a> {
     measured: Measured<'a>,
     n: usize,
     /// Sum of each lane.
-    pub sums: [f64; WIDTH],
+    pub sums: [f64; WIDEST],
 }
 
 impl<'a> Cost<'a> {
     /// Nothing summed yet.
     pub fn new(measured: Measured<'a>, n: usize) -> Self {
-        Self { measured, n, sums: [0.0; WIDTH] }
+        Self { measured, n, sums: [0.0; WIDEST] }
     }
 }
 

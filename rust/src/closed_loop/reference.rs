@@ -6,7 +6,7 @@
 //! closed forms.
 
 use crate::ground::arrays::MAX_DOF;
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Plain, Set};
 use thiserror::Error;
 
 /// A reference motion that cannot be followed.
@@ -258,12 +258,12 @@ impl Reference {
     /// At time `t`; `piece` is where the search starts and is left where it ended, so that a run walks forward without searching.
     /// Beyond the ends the first and last piece go on.
     pub fn at(&self, t: f64, piece: &mut usize, target: &mut Target) {
-        self.at_on::<false>(t, piece, target);
+        self.at_on::<Plain<1>>(t, piece, target);
     }
 
     /// The same within a kernel that may use fused operations.
     #[inline(always)]
-    pub(crate) fn at_on<const F: bool>(&self, t: f64, piece: &mut usize, target: &mut Target) {
+    pub(crate) fn at_on<V: Set>(&self, t: f64, piece: &mut usize, target: &mut Target) {
         let last = self.times.len() - 2;
         while *piece < last && t >= self.times[*piece + 1] {
             *piece += 1;
@@ -273,18 +273,18 @@ impl Reference {
         }
         let size = DEGREES * self.stride;
         let c = &self.coefficients[*piece * size..(*piece + 1) * size];
-        let s = Lanes::<BLOCK, F>::splat(t - self.times[*piece]);
+        let s = Lanes::<V::Wide>::splat(t - self.times[*piece]);
         for block in (0..self.stride).step_by(BLOCK) {
             let [c0, c1, c2, c3, c4, c5] = std::array::from_fn(|degree| {
                 let start = degree * self.stride + block;
-                Lanes::<BLOCK, F>::from_slice(&c[start..start + BLOCK])
+                Lanes::<V::Wide>::from_slice(&c[start..start + BLOCK])
             });
             let q = s.mul_add(s.horner([c5, c4, c3, c2, c1]), c0);
             let dq = s.horner([c5.scale(5.0), c4.scale(4.0), c3.scale(3.0), c2.scale(2.0), c1]);
             let ddq = s.horner([c5.scale(20.0), c4.scale(12.0), c3.scale(6.0), c2.scale(2.0)]);
-            target.q[block..block + BLOCK].copy_from_slice(&q.0);
-            target.dq[block..block + BLOCK].copy_from_slice(&dq.0);
-            target.ddq[block..block + BLOCK].copy_from_slice(&ddq.0);
+            q.store(&mut target.q[block..]);
+            dq.store(&mut target.dq[block..]);
+            ddq.store(&mut target.ddq[block..]);
         }
     }
 }

@@ -3,40 +3,40 @@
 //! `q <- q + h dq + h^2/6 (a1 + a2 + a3)`, `dq <- dq + h/6 (a1 + 2 a2 + 2 a3 + a4)`.
 
 use crate::ground::arrays::MAX_DOF;
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::robot::arm::for_joints;
 
 /// One number per joint, on lanes.
-pub type PerJoint<const L: usize, const F: bool> = [Lanes<L, F>; MAX_DOF];
+pub type PerJoint<V> = [Lanes<V>; MAX_DOF];
 
 /// State of a simulation.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(32))] // as `Vector`
-pub struct Point<const L: usize, const F: bool> {
+pub struct Point<V: Set> {
     /// Positions.
-    pub q: PerJoint<L, F>,
+    pub q: PerJoint<V>,
     /// Velocities.
-    pub dq: PerJoint<L, F>,
+    pub dq: PerJoint<V>,
     /// Integrators of the controller.
-    pub z: PerJoint<L, F>,
+    pub z: PerJoint<V>,
 }
 
 /// One step: where the next evaluation is due, where the step started, and the sums so far.
 #[derive(Debug, Clone, Copy)]
-pub struct Stages<const L: usize, const F: bool> {
+pub struct Stages<V: Set> {
     /// State at which the model is evaluated next.
-    pub here: Point<L, F>,
-    start: Point<L, F>,
+    pub here: Point<V>,
+    start: Point<V>,
     /// Sum of the first three accelerations.
-    first_three: PerJoint<L, F>,
+    first_three: PerJoint<V>,
     /// Sums weighted 1 2 2 1.
-    weighted: PerJoint<L, F>,
-    weighted_z: PerJoint<L, F>,
+    weighted: PerJoint<V>,
+    weighted_z: PerJoint<V>,
     /// Does a controller integrate?
     integrates: bool,
 }
 
-impl<const L: usize, const F: bool> Stages<L, F> {
+impl<V: Set> Stages<V> {
     /// At rest at zero.
     #[inline(always)]
     pub fn new(integrates: bool) -> Self {
@@ -54,7 +54,7 @@ impl<const L: usize, const F: bool> Stages<L, F> {
 
     /// Takes the derivatives at a stage and moves on to the next, or to the end of the step.
     #[inline(always)]
-    pub fn advance(&mut self, n: usize, stage: usize, h: f64, ddq: &PerJoint<L, F>, dz: &PerJoint<L, F>) {
+    pub fn advance(&mut self, n: usize, stage: usize, h: f64, ddq: &PerJoint<V>, dz: &PerJoint<V>) {
         let Self { here, start, first_three, weighted, weighted_z, .. } = self;
         if stage == 3 {
             let (whole, sixth, square) = (Lanes::splat(h), Lanes::splat(h / 6.0), Lanes::splat(h * h / 6.0));

@@ -3,23 +3,23 @@
 use super::control::{Digital, Law};
 use super::law::{Instant, law};
 use crate::ground::arrays::MAX_DOF;
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 
 /// Memory of a digital controller on lanes.
 #[derive(Debug, Clone)]
-pub struct Sampled<const L: usize, const F: bool> {
+pub struct Sampled<V: Set> {
     /// Measured positions, newest first.
-    pub(super) history: Vec<[Lanes<L, F>; MAX_DOF]>,
+    pub(super) history: Vec<[Lanes<V>; MAX_DOF]>,
     /// Outputs on their way, newest first.
-    pub(super) queue: Vec<[Lanes<L, F>; MAX_DOF]>,
+    pub(super) queue: Vec<[Lanes<V>; MAX_DOF]>,
     /// Integrators.
-    pub(super) z: [Lanes<L, F>; MAX_DOF],
+    pub(super) z: [Lanes<V>; MAX_DOF],
     differences: Vec<f64>,
 }
 
-impl<const L: usize, const F: bool> Sampled<L, F> {
+impl<V: Set> Sampled<V> {
     /// Before the first sample: the robot has moved with its initial velocity so far, and the outputs were zero.
-    pub fn start(digital: &Digital, q: &[Lanes<L, F>; MAX_DOF], dq: &[Lanes<L, F>; MAX_DOF]) -> Self {
+    pub fn start(digital: &Digital, q: &[Lanes<V>; MAX_DOF], dq: &[Lanes<V>; MAX_DOF]) -> Self {
         let taps = digital.smoothing.len();
         let before = |k: usize| std::array::from_fn(|j| q[j] - dq[j].scale(digital.period * k as f64));
         let weight = |k: usize| digital.smoothing.get(k).copied().unwrap_or(0.0);
@@ -35,7 +35,7 @@ impl<const L: usize, const F: bool> Sampled<L, F> {
     }
 
     /// Integrators of the joints.
-    pub fn integrators(&self) -> [Lanes<L, F>; MAX_DOF] {
+    pub fn integrators(&self) -> [Lanes<V>; MAX_DOF] {
         self.z
     }
 
@@ -45,7 +45,7 @@ impl<const L: usize, const F: bool> Sampled<L, F> {
     }
 
     /// Velocity of joint `j` that the next sample sees, once it has measured a position.
-    pub fn velocity_after(&self, j: usize, measured: Lanes<L, F>) -> Lanes<L, F> {
+    pub fn velocity_after(&self, j: usize, measured: Lanes<V>) -> Lanes<V> {
         let mut velocity = measured.mul_add(Lanes::splat(self.differences[0]), Lanes::zero());
         for (difference, positions) in self.differences[1..].iter().zip(&self.history) {
             velocity = positions[j].mul_add(Lanes::splat(*difference), velocity);
@@ -55,7 +55,7 @@ impl<const L: usize, const F: bool> Sampled<L, F> {
 
     /// Position and velocity of joint `j` as the last sample saw them.
     #[inline(always)]
-    pub fn measured(&self, j: usize) -> (Lanes<L, F>, Lanes<L, F>) {
+    pub fn measured(&self, j: usize) -> (Lanes<V>, Lanes<V>) {
         let mut velocity = Lanes::zero();
         for (difference, positions) in self.differences.iter().zip(&self.history) {
             velocity = positions[j].mul_add(Lanes::splat(*difference), velocity);
@@ -69,9 +69,9 @@ impl<const L: usize, const F: bool> Sampled<L, F> {
         &mut self,
         laws: &[Law],
         digital: &Digital,
-        instant: &Instant<'_, L, F>,
-        q: &[Lanes<L, F>; MAX_DOF],
-    ) -> [Lanes<L, F>; MAX_DOF] {
+        instant: &Instant<'_, V>,
+        q: &[Lanes<V>; MAX_DOF],
+    ) -> [Lanes<V>; MAX_DOF] {
         self.history.rotate_right(1);
         self.queue.rotate_right(1);
         for (j, one) in laws.iter().enumerate() {

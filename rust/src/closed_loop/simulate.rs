@@ -13,12 +13,11 @@ use crate::closed_loop::reference::Target;
 use crate::closed_loop::runge_kutta::{PerJoint, Point, Stages};
 use crate::closed_loop::sampled::Sampled;
 use crate::closed_loop::schedule::Segment;
-use crate::closed_loop::simulation::{Candidate, Outcome, Simulation, SimulationError, check};
+use crate::closed_loop::simulation::{Candidate, Outcome, Simulation};
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::cancel::Cancel;
-use crate::ground::dispatch::{Kernel, WIDTH, dispatch_on};
-use crate::ground::lanes::Lanes;
-use crate::ground::parallel;
+use crate::ground::dispatch::{Kernel, WIDEST, WIDTH, dispatch, dispatch_single, dispatch_widest};
+use crate::ground::lanes::{Lanes, Plain, Set};
 use crate::model::direct::Direct;
 use crate::model::friction::Drives;
 use crate::model::links::Links;
@@ -32,29 +31,7 @@ const LONG: usize = 4096;
 /// Angle (rad) beyond which the sines of `lanes.rs` lose digits.
 const FARTHEST: f64 = 1e5;
 
-/// Runs candidates in groups of lanes on at most `threads` threads; each group gets an observer of its own.
-///
-/// `observer(lanes)` makes one for a group of so many candidates. The result has a group's outcomes and its observer, in the order
-/// of the candidates.
-pub fn simulate<O: Observer>(
-    simulation: Simulation<'_>,
-    candidates: &[Candidate<'_>],
-    threads: usize,
-    cancel: &Cancel<'_>,
-    observer: impl Fn(usize) -> O + Sync,
-) -> Result<Vec<(Vec<Outcome>, O)>, SimulationError> {
-    check(&simulation, candidates)?;
-    // Lanes that would run empty are worth less than threads that would.
-    let width = if candidates.len() == 1 { 1 } else { WIDTH };
-    Ok(parallel::map(candidates.len().div_ceil(width), threads, |g| {
-        let group = &candidates[g * width..(g * width + width).min(candidates.len())];
-        let mut observer = observer(group.len());
-        let outcomes = run_group(simulation, group, cancel, &mut observer);
-        (outcomes, observer)
-    }))
-}
-
-/// Runs up to [`WIDTH`] candidates on one thread, side by side; a single one by itself.
+/// Runs up to [`WIDEST`] candidates on one thread, side by side as far as there are lanes; a single one by itself.
 pub fn run_group(
     simulation: Simulation<'_>,
     candidates: &[Candidate<'_>],
@@ -84,8 +61,9 @@ pub fn run_as_any(
 fn run_kernel(candidates: usize, kernel: impl Kernel<Output = Vec<Outcome>>) -> Vec<Outcome> {
     match candidates {
         0 => Vec::new(),
-        1 => dispatch_on::<1, _>(kernel),
-        _ => dispatch_on::<WIDTH, _>(kernel),
+        1 => dispatch_single(kernel),
+        2..=WIDTH => dispatch(kernel),
+        _ => dispatch_widest(kernel),
     }
 }
 
@@ -101,13 +79,12 @@ impl<S: Arm> Kernel for Run<'_, S> {
     type Output = Vec<Outcome>;
 
     #[inline(always)]
-    fn run<const L: usize, const F: bool>(self) -> Vec<Outcome> {
+    fn run<V: Set>(self) -> Vec<Outcome> {
         let Self { simulation, geometry, candidates, cancel, observer } = self;
-        if !F {
+        if !V::FUSED {
             return portable(simulation, candidates, cancel, observer);
         }
-        let outcomes = Loop::<L, F, S>::new(simulation, &geometry, candidates, 0).run(cancel, observer);
-        outcomes[..candidates.len()].to_vec()
+        by_lanes::<V, S>(simulation, &geometry, candidates, cancel, observer)
     }
 }
 
@@ -119,34 +96,46 @@ pub fn portable(
     cancel: &Cancel<'_>,
     observer: &mut dyn Observer,
 ) -> Vec<Outcome> {
+    let geometry = Geometry::of(simulation.robot);
+    by_lanes::<Plain<1>, _>(simulation, &geometry, candidates, cancel, observer)
+}
+
+/// As many candidates at a time as there are lanes.
+#[inline(always)]
+fn by_lanes<V: Set, S: Arm>(
+    simulation: Simulation<'_>,
+    geometry: &Geometry<S>,
+    candidates: &[Candidate<'_>],
+    cancel: &Cancel<'_>,
+    observer: &mut dyn Observer,
+) -> Vec<Outcome> {
     let mut outcomes = Vec::with_capacity(candidates.len());
-    for (lane, one) in candidates.iter().enumerate() {
-        let geometry = Geometry::of(simulation.robot);
-        let one = Loop::<1, false, _>::new(simulation, &geometry, std::slice::from_ref(one), lane);
-        outcomes.extend(one.run(cancel, observer));
+    for (index, some) in candidates.chunks(V::L).enumerate() {
+        let ended = Loop::<V, S>::new(simulation, geometry, some, index * V::L).run(cancel, &mut *observer);
+        outcomes.extend(&ended.as_ref()[..some.len()]);
     }
     outcomes
 }
 
 /// The state of a run, and its memory: nothing is allocated once it runs.
-struct Loop<'a, const L: usize, const F: bool, S> {
+struct Loop<'a, V: Set, S> {
     simulation: Simulation<'a>,
     geometry: Geometry<S>,
     drives: Drives<'a>,
-    links: Links<L, F>,
-    scale: PerJoint<L, F>,
+    links: Links<V>,
+    scale: PerJoint<V>,
     /// The laws, where they are plain; a digital controller asks for its own.
     plain: Option<PlainLaws>,
     /// Lane of the group that this one is, where it is one of several.
     first: usize,
-    outcomes: [Outcome; L],
+    outcomes: V::Of<Outcome>,
     running: usize,
-    stages: Stages<L, F>,
+    stages: Stages<V>,
     /// Torques that the laws are to give first, where the memory of the controller follows from them.
-    begun: Option<PerJoint<L, F>>,
+    begun: Option<PerJoint<V>>,
     /// Torques of the drives; those of a digital controller hold between its samples.
-    tau: PerJoint<L, F>,
-    dz: PerJoint<L, F>,
+    tau: PerJoint<V>,
+    dz: PerJoint<V>,
     /// The reference, and the time it was evaluated for.
     target: Target,
     aimed: f64,
@@ -154,10 +143,10 @@ struct Loop<'a, const L: usize, const F: bool, S> {
     feedforward: [f64; MAX_DOF],
     external: [f64; MAX_DOF],
     /// Positions, velocities, accelerations and torques for the observer.
-    buffers: [[f64; MAX_DOF * WIDTH]; 4],
+    buffers: [[f64; MAX_DOF * WIDEST]; 4],
 }
 
-impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
+impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
     #[inline(always)]
     fn new(
         simulation: Simulation<'a>,
@@ -165,15 +154,15 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
         candidates: &[Candidate<'_>],
         first: usize,
     ) -> Self {
-        const { assert!(L <= WIDTH, "buffers and costs have room for so many lanes") };
+        const { assert!(V::L <= WIDEST, "buffers and costs have room for so many lanes") };
         let n = simulation.robot.n_dof();
         let last = candidates.len().saturating_sub(1);
         // Lanes without a candidate of their own repeat the last one.
         let lane = |pick: fn(&Candidate<'_>, usize) -> f64, k: usize| {
-            Lanes(std::array::from_fn(|l| pick(&candidates[l.min(last)], k)))
+            Lanes::each(|l| pick(&candidates[l.min(last)], k))
         };
         let nothing = [Lanes::zero(); MAX_DOF];
-        let x: Vec<Lanes<L, F>> =
+        let x: Vec<Lanes<V>> =
             (0..candidates[0].x.len()).map(|k| lane(|candidate, k| candidate.x[k], k)).collect();
         let integrates = simulation.controller.laws().iter().any(|law| law.integral != 0.0);
         let mut this = Self {
@@ -184,8 +173,8 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
             scale: nothing,
             plain: PlainLaws::of(simulation.controller),
             first,
-            outcomes: [Outcome::Completed; L],
-            running: L,
+            outcomes: V::of(|_| Outcome::Completed),
+            running: V::L,
             stages: Stages::new(integrates),
             begun: None,
             tau: nothing,
@@ -195,7 +184,7 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
             piece: 0,
             feedforward: [0.0; MAX_DOF],
             external: [0.0; MAX_DOF],
-            buffers: [[0.0; MAX_DOF * WIDTH]; 4],
+            buffers: [[0.0; MAX_DOF * WIDEST]; 4],
         };
         this.aim(0.0);
         for j in 0..n {
@@ -216,15 +205,15 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
         let simulation = self.simulation;
         let Point { q, dq, .. } = self.stages.here;
         // All lanes begin in one state.
-        let state = [q, dq].map(|values| values.map(|value| value.to_array()[0]));
+        let state = [q, dq].map(|values| values.map(|value| value.lane(0)));
         let target = aimed_at(&simulation, [&q, &dq], &self.target);
-        for l in 0..L {
+        for l in 0..V::L {
             let x = candidates[l.min(candidates.len().saturating_sub(1))].x;
             let state = [&state[0][..n], &state[1][..n]];
             let Some(torque) = first_torque(&simulation, state, &target, x) else { break };
             let begun = self.begun.get_or_insert([Lanes::zero(); MAX_DOF]);
             for (lanes, value) in begun.iter_mut().zip(torque) {
-                lanes.0[l] = value;
+                lanes.set_lane(l, value);
             }
         }
         let instant = Instant {
@@ -243,7 +232,7 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
 
     /// Memory of a digital controller before its first sample.
     #[cold]
-    fn sampled(&self, digital: &Digital) -> Sampled<L, F> {
+    fn sampled(&self, digital: &Digital) -> Sampled<V> {
         let Simulation { controller, memory, .. } = &self.simulation;
         let Point { q, dq, .. } = &self.stages.here;
         let mut sampled = Sampled::start(digital, q, dq);
@@ -260,7 +249,7 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
     /// The whole run. The stages of a step are a loop around the one place that evaluates the model: inlined four times and more
     /// it would take minutes to compile, and fill the cache of instructions.
     #[inline(always)]
-    fn run(mut self, cancel: &Cancel<'_>, observer: &mut dyn Observer) -> [Outcome; L] {
+    fn run(mut self, cancel: &Cancel<'_>, observer: &mut dyn Observer) -> V::Of<Outcome> {
         let schedule = self.simulation.schedule;
         let mut sampled = match self.simulation.controller.timing() {
             Timing::Continuous => None,
@@ -294,7 +283,7 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
                 }
                 let t = segment.start + step as f64 * segment.step;
                 for stage in 0..4 {
-                    self.evaluate(&mut direct, Stages::<L, F>::time(stage, t, segment.step), stage > 0);
+                    self.evaluate(&mut direct, Stages::<V>::time(stage, t, segment.step), stage > 0);
                     if stage == 0 && step == 0 && segment.record {
                         self.hand_over(records, &direct.ddq, observer);
                         records += 1;
@@ -311,23 +300,23 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
 
     /// Gives the observer where the run stands, with the torques and accelerations evaluated there.
     #[inline(always)]
-    fn hand_over(&mut self, k: usize, ddq: &PerJoint<L, F>, observer: &mut dyn Observer) {
+    fn hand_over(&mut self, k: usize, ddq: &PerJoint<V>, observer: &mut dyn Observer) {
         let n = self.geometry.n();
         let Point { q, dq, .. } = &self.stages.here;
         outwards!(S, n, place => {
             let j = place.index();
             for (buffer, values) in self.buffers.iter_mut().zip([q, dq, ddq, &self.tau]) {
-                buffer[j * L..(j + 1) * L].copy_from_slice(&values[j].0);
+                values[j].store(&mut buffer[j * V::L..]);
             }
         });
         let [q, dq, ddq, tau] = &self.buffers;
-        let (q, dq, ddq, tau) = (&q[..n * L], &dq[..n * L], &ddq[..n * L], &tau[..n * L]);
-        observer.record(k, &Record { first: self.first, lanes: L, q, dq, ddq, tau });
+        let (q, dq, ddq, tau) = (&q[..n * V::L], &dq[..n * V::L], &ddq[..n * V::L], &tau[..n * V::L]);
+        observer.record(k, &Record { first: self.first, lanes: V::L, q, dq, ddq, tau });
     }
 
     /// Torques and accelerations at one time; `near` the positions of the evaluation that started the step, or at them.
     #[inline(always)]
-    fn evaluate(&mut self, direct: &mut Direct<L, F>, t: f64, near: bool) {
+    fn evaluate(&mut self, direct: &mut Direct<V>, t: f64, near: bool) {
         let Simulation { controller, external, .. } = self.simulation;
         let n = self.geometry.n();
         if let Timing::Continuous = controller.timing() {
@@ -366,14 +355,14 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
             return; // the stages in the middle of a step
         }
         self.aimed = t;
-        self.simulation.reference.at_on::<F>(t, &mut self.piece, &mut self.target);
+        self.simulation.reference.at_on::<V>(t, &mut self.piece, &mut self.target);
         if let Some(signal) = self.simulation.controller.feedforward() {
             signal.at(t, &mut self.feedforward);
         }
     }
 
     #[inline(always)]
-    fn sample(&mut self, digital: &Digital, sampled: &mut Sampled<L, F>, t: f64) {
+    fn sample(&mut self, digital: &Digital, sampled: &mut Sampled<V>, t: f64) {
         self.aim(t);
         let controller = self.simulation.controller;
         let instant = Instant {
@@ -385,15 +374,15 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
     }
 
     #[cold]
-    fn find_indefinite(&mut self, time: f64, pivots: &PerJoint<L, F>) {
+    fn find_indefinite(&mut self, time: f64, pivots: &PerJoint<V>) {
         let n = self.geometry.n();
-        for l in 0..L {
+        for l in 0..V::L {
             // Within one step a run can diverge so far that sines mean nothing, nor do the pivots made of them.
             let lost = (0..n).find(|&j| {
-                let q = self.stages.here.q[j].0[l].abs();
+                let q = self.stages.here.q[j].lane(l).abs();
                 q.is_nan() || q > FARTHEST
             });
-            let joint = (0..n).find(|&j| pivots[j].0[l] <= 0.0);
+            let joint = (0..n).find(|&j| pivots[j].lane(l) <= 0.0);
             if let (Some(joint), Some(_)) = (lost, joint) {
                 self.end(l, Outcome::Diverged { time, joint });
             } else if let Some(joint) = joint {
@@ -421,8 +410,8 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
     #[cold]
     fn find_diverged(&mut self, time: f64) {
         for j in 0..self.geometry.n() {
-            for l in 0..L {
-                let error = (self.stages.here.q[j].0[l] - self.target.q[j]).abs();
+            for l in 0..V::L {
+                let error = (self.stages.here.q[j].lane(l) - self.target.q[j]).abs();
                 if error.is_nan() || error > self.simulation.divergence {
                     self.end(l, Outcome::Diverged { time, joint: j });
                 }
@@ -437,8 +426,8 @@ impl<'a, const L: usize, const F: bool, S: Arm> Loop<'a, L, F, S> {
         }
     }
 
-    fn cancelled(mut self, time: f64) -> [Outcome; L] {
-        for lane in 0..L {
+    fn cancelled(mut self, time: f64) -> V::Of<Outcome> {
+        for lane in 0..V::L {
             self.end(lane, Outcome::Cancelled { time });
         }
         self.outcomes

@@ -1,6 +1,6 @@
 //! Sine, cosine and hyperbolic tangent on lanes, without branches and without a library: the same bits on any number of lanes.
 
-use super::lanes::Lanes;
+use super::lanes::{Lanes, Set};
 use std::f64::consts::FRAC_2_PI;
 
 /// Angles (rad) up to which [`Lanes::small_sin_cos`] has all digits.
@@ -8,7 +8,7 @@ pub(crate) const SMALL_ANGLE: f64 = 0.0625;
 /// 1.5 * 2^52: adding it leaves the nearest integer in the low bits.
 const ROUND: f64 = 6_755_399_441_055_744.0;
 
-impl<const L: usize, const F: bool> Lanes<L, F> {
+impl<V: Set> Lanes<V> {
     /// The same with plain coefficients.
     #[inline(always)]
     fn polynomial<const N: usize>(self, coefficients: [f64; N]) -> Self {
@@ -124,7 +124,7 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
         let inverse = one / x.max(Self::splat(f64::MIN_POSITIVE));
         let large = x - one;
         let y = inverse.or_where_not_above(x, large);
-        let half = |x: Self| x / (one + (x * x + one).map(f64::sqrt));
+        let half = |x: Self| x / (one + (x * x + one).sqrt());
         let z = half(half(y));
         let w = z * z;
         let mut sum = Self::zero();
@@ -141,31 +141,36 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ground::lanes::{Fused, Plain};
 
     #[test]
     fn arc_tangent_and_exponential_have_their_digits() {
         for k in -400..400 {
             let x = 1.07_f64.powi(k) * if k % 2 == 0 { 1.0 } else { -1.0 };
-            let got = Lanes::<4, false>([x; 4]).atan().0[0];
+            let got = Lanes::<Plain<4>>::splat(x).atan().lane(0);
             assert!((got - x.atan()).abs() <= 1e-15 * x.atan().abs(), "{x}: {got} {}", x.atan());
         }
         for k in 0..7000 {
             let x = f64::from(k) * 0.1;
-            let got = Lanes::<2, false>([x; 2]).exp_minus().0[1];
+            let got = Lanes::<Plain<2>>::splat(x).exp_minus().lane(1);
             assert!((got - (-x).exp()).abs() <= 2e-15 * (-x).exp(), "{x}: {got}");
         }
-        assert_eq!(Lanes::<1, false>([0.0]).atan().0[0], 0.0);
-        assert!(Lanes::<1, false>([f64::NAN]).atan().0[0].is_nan());
-        assert!((Lanes::<1, false>([f64::INFINITY]).atan().0[0] - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+        assert_eq!(Lanes::<Plain<1>>::splat(0.0).atan().lane(0), 0.0);
+        assert!(Lanes::<Plain<1>>::splat(f64::NAN).atan().lane(0).is_nan());
+        assert!(
+            (Lanes::<Plain<1>>::splat(f64::INFINITY).atan().lane(0) - std::f64::consts::FRAC_PI_2).abs()
+                < 1e-15
+        );
     }
 
     #[test]
     fn sine_and_cosine_are_those_of_the_library() {
         for k in -200_000..200_000_i32 {
             let x = f64::from(k) * 0.003_141_3 + 1e-9 * f64::from(k % 7);
-            let (s, c) = Lanes::<1, false>([x]).sin_cos();
-            let (sf, cf) = Lanes::<1, true>([x]).sin_cos();
-            for (got, want) in [(s.0[0], x.sin()), (c.0[0], x.cos()), (sf.0[0], x.sin()), (cf.0[0], x.cos())]
+            let (s, c) = Lanes::<Plain<1>>::splat(x).sin_cos();
+            let (sf, cf) = Lanes::<Fused<1>>::splat(x).sin_cos();
+            for (got, want) in
+                [(s.lane(0), x.sin()), (c.lane(0), x.cos()), (sf.lane(0), x.sin()), (cf.lane(0), x.cos())]
             {
                 assert!((got - want).abs() < 3e-16, "{x}: {got} {want}");
             }
@@ -176,9 +181,9 @@ mod tests {
     fn small_angles_have_all_digits() {
         for k in -1000..=1000_i32 {
             let x = SMALL_ANGLE * f64::from(k) / 1000.0;
-            let (s, c) = Lanes::<1, false>([x]).small_sin_cos();
-            assert!((s.0[0] - x.sin()).abs() < 1e-16, "{x}");
-            assert!((c.0[0] + 2.0 * (x / 2.0).sin().powi(2)).abs() < 1e-16, "{x}");
+            let (s, c) = Lanes::<Plain<1>>::splat(x).small_sin_cos();
+            assert!((s.lane(0) - x.sin()).abs() < 1e-16, "{x}");
+            assert!((c.lane(0) + 2.0 * (x / 2.0).sin().powi(2)).abs() < 1e-16, "{x}");
         }
     }
 }

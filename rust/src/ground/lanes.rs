@@ -1,231 +1,154 @@
-//! `Lanes<L>`: `L` samples or candidates side by side. The only place that knows about SIMD.
+//! `Lanes<V>`: samples or candidates side by side, as the set `V` holds them (`sets.rs`).
 //!
-//! The equations are written once, over [`Lanes`]. [`dispatch`] compiles a [`Kernel`] for the instruction sets that matter and
-//! chooses one at run time. Every function a kernel calls on its hot path is `#[inline(always)]`, or it would be compiled
+//! The equations are written once, over [`Lanes`]. [`dispatch`](super::dispatch::dispatch) compiles a kernel for the instruction sets that
+//! matter and chooses one at run time. Every function a kernel calls on its hot path is `#[inline(always)]`, or it would be compiled
 //! for the oldest processor.
 //!
-//! `FUSED` says whether `a * b + c` rounds once. It follows the processor, not the number of lanes or threads,
-//! so that one machine gives one result. On x86-64 it also says that the processor has AVX2, so that four lanes can be held in
-//! a vector register: left to itself the compiler takes arrays apart and puts only some of them together again
-//! (docs/performance.md). For that reason only [`dispatch`] and [`dispatch_on`] start fused lanes.
+//! Four and eight lanes are held in the vector registers themselves: left to itself the compiler takes arrays apart and puts only
+//! some of them together again (docs/performance.md).
 
-// Vector instructions need `unsafe` for what the compiler cannot see: that `FUSED` was granted by the processor at run time.
-#![allow(unsafe_code)]
+use super::sets::Held;
+pub use super::sets::{Fused, Plain, Set};
 
-use super::dispatch::WIDTH;
+use std::fmt;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-#[cfg(target_arch = "x86_64")]
-use std::arch::x86_64 as x86;
+/// Numbers that go through the same operations.
+#[derive(Clone, Copy)]
+pub struct Lanes<V: Set>(V::Numbers);
 
-/// `L` numbers that go through the same operations.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Lanes<const L: usize, const FUSED: bool = false>(pub(crate) [f64; L]);
-
-/// An operation on lanes: on x86-64 by the vector instruction, elsewhere (and on a single lane) number by number.
-macro_rules! lane_wise {
-    ($(#[$doc:meta])* $visibility:vis fn $name:ident(self as $first:ident $(, $argument:ident)*) $scalar:expr; $vector:expr) => {
+/// Operations of the set as methods of its lanes.
+macro_rules! methods {
+    ($($(#[$doc:meta])* fn $name:ident($($argument:ident),*);)*) => {$(
         $(#[$doc])*
         #[inline(always)]
         #[must_use]
-        $visibility fn $name(self $(, $argument: Self)*) -> Self {
-            #[cfg(target_arch = "x86_64")]
-            if F && L % 4 == 0 {
-                let mut out = [0.0; L];
-                for k in (0..L).step_by(4) {
-                    // SAFETY: fused lanes exist only where `dispatch_on` has found AVX2 and FMA; k + 4 <= L.
-                    unsafe {
-                        let $first = x86::_mm256_loadu_pd(self.0.as_ptr().add(k));
-                        $(let $argument = x86::_mm256_loadu_pd($argument.0.as_ptr().add(k));)*
-                        x86::_mm256_storeu_pd(out.as_mut_ptr().add(k), $vector);
-                    }
-                }
-                return Self(out);
-            }
-            Self(std::array::from_fn(|l| {
-                let $first = self.0[l];
-                $(let $argument = $argument.0[l];)*
-                $scalar
-            }))
+        pub fn $name(self $(, $argument: Self)*) -> Self {
+            Self(V::$name(self.0 $(, $argument.0)*))
         }
-    };
+    )*};
 }
 
-/// The bit of the sign.
-const SIGN: u64 = 1 << 63;
-#[cfg(target_arch = "x86_64")]
-#[inline(always)]
-unsafe fn sign_bits() -> x86::__m256d {
-    // SAFETY: as the caller.
-    unsafe { x86::_mm256_set1_pd(-0.0) }
-}
-
-/// Bits of each number, moved up.
-#[cfg(target_arch = "x86_64")]
-#[inline(always)]
-unsafe fn shifted<const BY: i32>(a: x86::__m256d) -> x86::__m256d {
-    // SAFETY: as the caller.
-    unsafe { x86::_mm256_castsi256_pd(x86::_mm256_slli_epi64::<BY>(x86::_mm256_castpd_si256(a))) }
-}
-
-impl<const L: usize, const F: bool> Lanes<L, F> {
-    lane_wise!(fn add_lanes(self as a, b) a + b; x86::_mm256_add_pd(a, b));
-    lane_wise!(fn sub_lanes(self as a, b) a - b; x86::_mm256_sub_pd(a, b));
-    lane_wise!(fn mul_lanes(self as a, b) a * b; x86::_mm256_mul_pd(a, b));
-    lane_wise!(fn div_lanes(self as a, b) a / b; x86::_mm256_div_pd(a, b));
-    lane_wise!(fn neg_lanes(self as a) -a; x86::_mm256_xor_pd(a, sign_bits()));
-    lane_wise!(fn fused(self as a, b, c) fused::<F>(a, b, c); x86::_mm256_fmadd_pd(a, b, c));
-    lane_wise!(
-        /// `a * b - c`, rounded once where the processor can.
-        pub fn mul_sub(self as a, b, c) fused::<F>(a, b, -c); x86::_mm256_fmsub_pd(a, b, c));
-    lane_wise!(
-        /// `c - a * b`, rounded once where the processor can.
-        pub fn neg_mul_add(self as a, b, c) fused::<F>(-a, b, c); x86::_mm256_fnmadd_pd(a, b, c));
-    lane_wise!(
+impl<V: Set> Lanes<V> {
+    methods! {
+        /// `self * b + c`, rounded once where the processor can.
+        fn mul_add(b, c);
+        /// `self * b - c`, rounded once where the processor can.
+        fn mul_sub(b, c);
+        /// `c - self * b`, rounded once where the processor can.
+        fn neg_mul_add(b, c);
         /// Absolute values.
-        pub fn abs(self as a) a.abs(); x86::_mm256_andnot_pd(sign_bits(), a));
-    lane_wise!(
+        fn abs();
+        /// Square roots.
+        fn sqrt();
         /// The smaller of each pair; the second where one is NaN.
-        pub fn min(self as a, b) if a < b { a } else { b }; x86::_mm256_min_pd(a, b));
-    lane_wise!(
+        fn min(b);
         /// The larger of each pair; the second where one is NaN.
-        pub fn max(self as a, b) if a > b { a } else { b }; x86::_mm256_max_pd(a, b));
-    lane_wise!(
-        /// `a` with the sign of `b`.
-        pub fn copysign(self as a, b) a.copysign(b);
-        x86::_mm256_or_pd(x86::_mm256_andnot_pd(sign_bits(), a), x86::_mm256_and_pd(sign_bits(), b)));
-    lane_wise!(
-        /// `a` where `b > c`, otherwise zero.
-        pub fn where_above(self as a, b, c) if b > c { a } else { 0.0 };
-        x86::_mm256_and_pd(a, x86::_mm256_cmp_pd::<{ x86::_CMP_GT_OQ }>(b, c)));
-    lane_wise!(
-        /// `a` where `c > 0`, otherwise `b`.
-        pub fn or_where_not_above(self as a, b, c) if c > 0.0 { a } else { b };
-        x86::_mm256_blendv_pd(b, a, x86::_mm256_cmp_pd::<{ x86::_CMP_GT_OQ }>(c, x86::_mm256_setzero_pd())));
-    lane_wise!(
-        /// `a` with its sign turned where the lowest bit but one of `bits` is set.
-        pub(super) fn turned_by(self as a, bits) f64::from_bits(a.to_bits() ^ ((bits.to_bits() << 62) & SIGN));
-        x86::_mm256_xor_pd(a, x86::_mm256_and_pd(shifted::<62>(bits), sign_bits())));
-    lane_wise!(
-        /// `b` where the lowest bit of `bits` is set, otherwise `a`.
-        pub(super) fn chosen_by(self as a, b, bits) if bits.to_bits() & 1 == 1 { b } else { a };
-        x86::_mm256_blendv_pd(a, b, shifted::<63>(bits)));
-    lane_wise!(
-    /// `2^k` of the integer `k` that [`ROUND`] has left in the low bits of `bits`.
-    pub(super) fn power_of_two(self as bits) f64::from_bits(bits.to_bits().wrapping_add(1023) << 52);
-    x86::_mm256_castsi256_pd(x86::_mm256_slli_epi64::<52>(x86::_mm256_add_epi64(
-        x86::_mm256_castpd_si256(bits),
-        x86::_mm256_set1_epi64x(1023),
-    ))));
+        fn max(b);
+        /// The numbers with the signs of `b`.
+        fn copysign(b);
+        /// The numbers where `b > c`, otherwise zero.
+        fn where_above(b, c);
+        /// The numbers where `c > 0`, otherwise `b`.
+        fn or_where_not_above(b, c);
+        /// The numbers, their sign turned where the lowest bit but one of `bits` is set.
+        fn turned_by(bits);
+        /// `b` where the lowest bit of `bits` is set, otherwise the numbers.
+        fn chosen_by(b, bits);
+        /// `2^k` of the integers `k` in the low bits.
+        fn power_of_two();
+    }
 
     /// The same number in each lane.
     #[inline(always)]
     pub(crate) fn splat(value: f64) -> Self {
-        Self([value; L])
+        Self(V::splat(value))
     }
 
     /// Zero in each lane.
     #[inline(always)]
     pub(crate) fn zero() -> Self {
-        Self([0.0; L])
+        Self::splat(0.0)
+    }
+
+    /// A number for each lane.
+    #[inline(always)]
+    pub(crate) fn each(number: impl FnMut(usize) -> f64) -> Self {
+        Self(V::held(V::of(number)))
     }
 
     /// The numbers, lane by lane.
     #[inline(always)]
-    pub fn to_array(self) -> [f64; L] {
-        self.0
+    pub fn to_array(self) -> V::Of<f64> {
+        V::array(self.0)
     }
 
-    /// The first `L` numbers of a slice.
+    /// The number of one lane.
+    #[inline(always)]
+    pub fn lane(self, l: usize) -> f64 {
+        self.to_array()[l]
+    }
+
+    /// Sets the number of one lane.
+    #[inline(always)]
+    pub(crate) fn set_lane(&mut self, l: usize, value: f64) {
+        let mut numbers = self.to_array();
+        numbers[l] = value;
+        self.0 = V::held(numbers);
+    }
+
+    /// The first numbers of a slice.
     #[inline(always)]
     pub(crate) fn from_slice(values: &[f64]) -> Self {
-        let mut lanes = Self::zero();
-        lanes.0.copy_from_slice(&values[..L]);
-        lanes
+        let mut numbers = V::of(|_| 0.0);
+        numbers.as_mut().copy_from_slice(&values[..V::L]);
+        Self(V::held(numbers))
+    }
+
+    /// Writes the numbers to the start of a slice.
+    #[inline(always)]
+    pub(crate) fn store(self, out: &mut [f64]) {
+        out[..V::L].copy_from_slice(self.to_array().as_ref());
     }
 
     /// Entry `column` of rows `row`, `row + 1`, ... of a row-major array; the last row stands in past the end.
     #[inline(always)]
     pub(crate) fn gather(rows: &[f64], width: usize, row: usize, column: usize) -> Self {
         let last = rows.len() / width - 1;
-        Self(std::array::from_fn(|l| rows[(row + l).min(last) * width + column]))
+        Self::each(|l| rows[(row + l).min(last) * width + column])
     }
 
     /// Entry `k` of row `l` of a row-major array of `values.len()` columns is lane `l` of `values[k]`, as far as there are rows.
     #[inline(always)]
     pub(crate) fn scatter(values: &[Self], rows: &mut [f64], width: usize) {
-        for (l, row) in rows.chunks_mut(width).enumerate().take(L) {
-            for (out, value) in row.iter_mut().zip(values) {
-                *out = value.0[l];
+        for (k, value) in values.iter().enumerate() {
+            let numbers = value.to_array();
+            for l in 0..V::L {
+                if let Some(out) = rows.get_mut(l * width + k) {
+                    *out = numbers[l];
+                }
             }
         }
     }
 
     /// Four values lane by lane.
     #[inline(always)]
-    pub(crate) fn turned(values: [Self; 4]) -> [[f64; 4]; L] {
-        let mut out = [[0.0; 4]; L];
-        #[cfg(target_arch = "x86_64")]
-        if F && L.is_multiple_of(4) {
-            let [a, b, c, d] = values;
-            for k in (0..L).step_by(4) {
-                // SAFETY: as in `lane_wise`; k + 4 <= L rows of four.
-                unsafe {
-                    let a = x86::_mm256_loadu_pd(a.0.as_ptr().add(k));
-                    let b = x86::_mm256_loadu_pd(b.0.as_ptr().add(k));
-                    let c = x86::_mm256_loadu_pd(c.0.as_ptr().add(k));
-                    let d = x86::_mm256_loadu_pd(d.0.as_ptr().add(k));
-                    // Pairs of a and b, of c and d; then halves put together.
-                    let (ab, ab_odd) = (x86::_mm256_unpacklo_pd(a, b), x86::_mm256_unpackhi_pd(a, b));
-                    let (cd, cd_odd) = (x86::_mm256_unpacklo_pd(c, d), x86::_mm256_unpackhi_pd(c, d));
-                    let rows = out.as_mut_ptr().add(k).cast::<f64>();
-                    x86::_mm256_storeu_pd(rows, x86::_mm256_permute2f128_pd::<0x20>(ab, cd));
-                    x86::_mm256_storeu_pd(rows.add(4), x86::_mm256_permute2f128_pd::<0x20>(ab_odd, cd_odd));
-                    x86::_mm256_storeu_pd(rows.add(8), x86::_mm256_permute2f128_pd::<0x31>(ab, cd));
-                    x86::_mm256_storeu_pd(rows.add(12), x86::_mm256_permute2f128_pd::<0x31>(ab_odd, cd_odd));
-                }
-            }
-            return out;
-        }
-        for l in 0..L {
-            out[l] = [values[0].0[l], values[1].0[l], values[2].0[l], values[3].0[l]];
-        }
-        out
+    pub(crate) fn turned(values: [Self; 4]) -> V::Of<[f64; 4]> {
+        V::turned([values[0].0, values[1].0, values[2].0, values[3].0])
     }
 
     /// Is every lane above `bound`? NaN is not.
     #[inline(always)]
     pub fn all_above(self, bound: f64) -> bool {
-        #[cfg(target_arch = "x86_64")]
-        if F && L.is_multiple_of(4) {
-            let mut all = 15;
-            for k in (0..L).step_by(4) {
-                // SAFETY: as in `lane_wise`.
-                all &= unsafe {
-                    let a = x86::_mm256_loadu_pd(self.0.as_ptr().add(k));
-                    x86::_mm256_movemask_pd(x86::_mm256_cmp_pd::<{ x86::_CMP_GT_OQ }>(
-                        a,
-                        x86::_mm256_set1_pd(bound),
-                    ))
-                };
-            }
-            return all == 15;
-        }
-        self.0.iter().all(|&a| a > bound)
+        V::all_above(self.0, bound)
     }
 
     /// `f` of each lane.
     #[inline(always)]
     #[must_use]
     pub fn map(self, f: impl Fn(f64) -> f64) -> Self {
-        Self(std::array::from_fn(|l| f(self.0[l])))
-    }
-
-    /// `self * b + c`, rounded once where the processor can.
-    #[inline(always)]
-    #[must_use]
-    pub fn mul_add(self, b: Self, c: Self) -> Self {
-        self.fused(b, c)
+        let numbers = self.to_array();
+        Self::each(|l| f(numbers[l]))
     }
 
     /// Times a plain number.
@@ -248,112 +171,117 @@ impl<const L: usize, const F: bool> Lanes<L, F> {
 
 /// Entries `first`, `first + 1`, ... of an array of single lanes as the lanes of one register.
 #[inline(always)]
-pub(crate) fn side_by_side<const L: usize, const F: bool>(
-    values: &[Lanes<L, F>],
-    first: usize,
-) -> Lanes<WIDTH, F> {
-    Lanes(std::array::from_fn(|k| values[first + k].0[0]))
+pub(crate) fn side_by_side<V: Set>(values: &[Lanes<V>], first: usize) -> Lanes<V::Wide> {
+    Lanes::each(|k| values[first + k].lane(0))
 }
 
 /// Back: the lanes of a register into entries `first`, `first + 1`, ... of an array of single lanes.
 #[inline(always)]
-pub(crate) fn spread<const L: usize, const F: bool>(
-    lanes: Lanes<WIDTH, F>,
-    values: &mut [Lanes<L, F>],
-    first: usize,
-) {
-    for k in 0..WIDTH {
-        values[first + k] = Lanes::splat(lanes.0[k]);
+pub(crate) fn spread<V: Set>(lanes: Lanes<V::Wide>, values: &mut [Lanes<V>], first: usize) {
+    let numbers = lanes.to_array();
+    for k in 0..<V::Wide as Held>::L {
+        values[first + k] = Lanes::splat(numbers[k]);
     }
 }
 
-#[inline(always)]
-fn fused<const F: bool>(a: f64, b: f64, c: f64) -> f64 {
-    if F { a.mul_add(b, c) } else { a * b + c }
-}
-
 macro_rules! operator {
-    ($trait:ident, $method:ident, $by:ident) => {
-        impl<const L: usize, const F: bool> $trait for Lanes<L, F> {
+    ($trait:ident, $method:ident) => {
+        impl<V: Set> $trait for Lanes<V> {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
-                self.$by(other)
+                Self(V::$method(self.0, other.0))
             }
         }
     };
 }
-operator!(Add, add, add_lanes);
-operator!(Sub, sub, sub_lanes);
-operator!(Mul, mul, mul_lanes);
-operator!(Div, div, div_lanes);
+operator!(Add, add);
+operator!(Sub, sub);
+operator!(Mul, mul);
+operator!(Div, div);
 
-impl<const L: usize, const F: bool> Neg for Lanes<L, F> {
+impl<V: Set> Neg for Lanes<V> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        self.neg_lanes()
+        Self(V::neg(self.0))
     }
 }
 
-impl<const L: usize, const F: bool> AddAssign for Lanes<L, F> {
+impl<V: Set> AddAssign for Lanes<V> {
     #[inline(always)]
     fn add_assign(&mut self, other: Self) {
         *self = *self + other;
     }
 }
 
-impl<const L: usize, const F: bool> SubAssign for Lanes<L, F> {
+impl<V: Set> SubAssign for Lanes<V> {
     #[inline(always)]
     fn sub_assign(&mut self, other: Self) {
         *self = *self - other;
     }
 }
 
+impl<V: Set> PartialEq for Lanes<V> {
+    fn eq(&self, other: &Self) -> bool {
+        self.to_array().as_ref() == other.to_array().as_ref()
+    }
+}
+
+impl<V: Set> fmt::Debug for Lanes<V> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", self.to_array().as_ref())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ground::dispatch::{Kernel, dispatch, dispatch_on};
+    use crate::ground::dispatch::{Kernel, run_on};
+    use crate::ground::isa::Isa;
 
     #[test]
     fn lanes_do_not_see_each_other() {
-        let x = Lanes::<4, false>([0.1, -2.0, 3.0, 40.0]);
+        let x = Lanes::<Plain<4>>::from_slice(&[0.1, -2.0, 3.0, 40.0]);
         let (s, c) = x.sin_cos();
         for l in 0..4 {
-            let (sl, cl) = Lanes::<1, false>([x.0[l]]).sin_cos();
-            assert_eq!((s.0[l].to_bits(), c.0[l].to_bits()), (sl.0[0].to_bits(), cl.0[0].to_bits()));
+            let (sl, cl) = Lanes::<Plain<1>>::splat(x.lane(l)).sin_cos();
+            assert_eq!(
+                (s.lane(l).to_bits(), c.lane(l).to_bits()),
+                (sl.lane(0).to_bits(), cl.lane(0).to_bits())
+            );
         }
     }
 
     struct Turned;
     impl Kernel for Turned {
-        type Output = [[f64; 4]; 4];
+        type Output = Vec<[f64; 4]>;
         #[inline(always)]
-        fn run<const L: usize, const F: bool>(self) -> Self::Output {
-            let value = |k: f64| Lanes::<L, F>(std::array::from_fn(|l| 10.0 * k + l as f64));
-            let turned = Lanes::turned([value(0.0), value(1.0), value(2.0), value(3.0)]);
-            std::array::from_fn(|l| turned[l])
+        fn run<V: Set>(self) -> Self::Output {
+            let value = |k: f64| Lanes::<V>::each(|l| 10.0 * k + l as f64);
+            Lanes::turned([value(0.0), value(1.0), value(2.0), value(3.0)]).as_ref().to_vec()
         }
     }
 
     #[test]
     fn turning_is_a_transposition() {
-        for turned in [dispatch(Turned), Turned.run::<4, false>()] {
-            for l in 0..4 {
-                assert_eq!(turned[l], std::array::from_fn(|k| 10.0 * k as f64 + l as f64));
+        let everywhere = Isa::available().map(|isa| run_on(isa, Turned));
+        for turned in everywhere.chain([Turned.run::<Plain<4>>(), Turned.run::<Fused<2>>()]) {
+            for (l, row) in turned.iter().enumerate() {
+                assert_eq!(*row, std::array::from_fn(|k| 10.0 * k as f64 + l as f64));
             }
         }
     }
 
     /// Every operation on these numbers, and whether all of the first are above 1.
-    struct Operations([[f64; 8]; 3]);
-    impl Kernel for Operations {
+    struct Operations<'a>(&'a [[f64; 8]; 3]);
+    impl Kernel for Operations<'_> {
         type Output = (Vec<Vec<f64>>, Vec<bool>);
         #[inline(always)]
-        fn run<const L: usize, const F: bool>(self) -> Self::Output {
-            let (mut results, mut above) = (vec![Vec::new(); 17], Vec::new());
-            for first in (0..8).step_by(L) {
-                let [a, b, c] = self.0.map(|numbers| Lanes::<L, F>::from_slice(&numbers[first..]));
+        fn run<V: Set>(self) -> Self::Output {
+            let (mut results, mut above) = (vec![Vec::new(); 20], Vec::new());
+            for first in (0..8).step_by(V::L) {
+                let [a, b, c] = self.0.map(|numbers| Lanes::<V>::from_slice(&numbers[first..]));
                 let all = [
                     a + b,
                     a - b,
@@ -372,9 +300,12 @@ mod tests {
                     a.sin_cos().0,
                     a.sin_cos().1,
                     a.tanh(),
+                    a.abs().sqrt(),
+                    a.atan(),
+                    a.abs().exp_minus(),
                 ];
                 for (result, lanes) in results.iter_mut().zip(all) {
-                    result.extend(lanes.to_array());
+                    result.extend(lanes.to_array().as_ref());
                 }
                 above.push(a.all_above(1.0));
             }
@@ -382,69 +313,95 @@ mod tests {
         }
     }
 
+    const NUMBERS: [[f64; 8]; 3] = [
+        [0.3, -2.0, 30.0, -1e3, 1.5, 2.5, 3.5, 4.5],
+        [-0.7, 1.1, 0.25, -3.0, 1.5, -2.5, 1e-3, 7.0],
+        [0.1, 1.1, -0.4, 2.0, 1.6, 0.0, -0.0, 7.5],
+    ];
+
+    /// Bits, and NaN as one of them.
+    fn bits(results: &[Vec<f64>]) -> Vec<Vec<u64>> {
+        results.iter().map(|values| values.iter().map(|value| value.to_bits()).collect()).collect()
+    }
+
     #[test]
-    fn vectors_give_what_single_numbers_give() {
-        let numbers = [
-            [0.3, -2.0, 30.0, -1e3, 1.5, 2.5, 3.5, 4.5],
-            [-0.7, 1.1, 0.25, -3.0, 1.5, -2.5, 1e-3, 7.0],
-            [0.1, 1.1, -0.4, 2.0, 1.6, 0.0, -0.0, 7.5],
+    fn every_set_gives_what_single_numbers_give() {
+        let (single, _) = Operations(&NUMBERS).run::<Fused<1>>();
+        for isa in Isa::available().filter(|&isa| isa > Isa::Portable) {
+            assert_eq!(bits(&run_on(isa, Operations(&NUMBERS)).0), bits(&single), "{isa:?}");
+        }
+        let (unfused, _) = Operations(&NUMBERS).run::<Plain<1>>();
+        assert_eq!(bits(&run_on(Isa::Portable, Operations(&NUMBERS)).0), bits(&unfused));
+        assert_eq!(bits(&Operations(&NUMBERS).run::<Plain<4>>().0), bits(&unfused));
+        // Infinities, zeros with a sign and what is not a number take the same ways.
+        let special = [
+            [f64::NAN, 1.0, f64::INFINITY, -0.0, 0.0, f64::NAN, -f64::INFINITY, 5e-324],
+            [1.0, f64::NAN, f64::INFINITY, 0.0, -0.0, f64::NAN, 3.0, -1.0],
+            [0.0, f64::NAN, 1.0, -0.0, 0.0, 1.0, f64::NAN, -2.0],
         ];
-        let (vectors, above) = dispatch(Operations(numbers));
-        let (single, above_single) = dispatch_on::<1, _>(Operations(numbers));
-        for (operation, (vector, single)) in vectors.iter().zip(&single).enumerate() {
-            for l in 0..8 {
-                assert_eq!(vector[l].to_bits(), single[l].to_bits(), "operation {operation}, number {l}");
-            }
-        }
-        // Without fused operations, the oldest processor's way: the same but for rounding.
-        let (unfused, above_unfused) = Operations(numbers).run::<4, false>();
-        for (operation, (vector, unfused)) in vectors.iter().zip(&unfused).enumerate() {
-            for l in 0..8 {
-                let (got, want) = (unfused[l], vector[l]);
-                assert!(
-                    (got - want).abs() <= 1e-15 * (1.0 + want.abs()),
-                    "operation {operation}: {got} {want}"
+        let ordered = [4, 8, 9, 10, 11, 12, 13];
+        let (single, _) = Operations(&special).run::<Fused<1>>();
+        for isa in Isa::available() {
+            let (results, _) = run_on(isa, Operations(&special));
+            for operation in ordered {
+                assert_eq!(
+                    bits(&results)[operation],
+                    bits(&single)[operation],
+                    "{isa:?}, operation {operation}"
                 );
             }
         }
-        let [a, b, c] = numbers;
-        for l in 0..8 {
-            let want = [
-                a[l] + b[l],
-                a[l] - b[l],
-                a[l] * b[l],
-                a[l] / b[l],
-                -a[l],
-                a[l] * b[l] + c[l],
-                a[l] * b[l] - c[l],
-                c[l] - a[l] * b[l],
-                a[l].abs(),
-                a[l].min(b[l]),
-                a[l].max(b[l]),
-                a[l].copysign(b[l]),
-                if b[l] > c[l] { a[l] } else { 0.0 },
-                if c[l] > 0.0 { a[l] } else { b[l] },
-                a[l].sin(),
-                a[l].cos(),
-                a[l].tanh(),
-            ];
-            for (operation, (result, want)) in vectors.iter().zip(want).enumerate() {
-                let got = result[l];
-                assert!(
-                    (got - want).abs() <= 1e-15 * (1.0 + want.abs()),
-                    "operation {operation}: {got} {want}"
-                );
+    }
+
+    #[test]
+    fn operations_are_those_of_the_library() {
+        let [a, b, c] = NUMBERS;
+        for isa in Isa::available() {
+            let (results, above) = run_on(isa, Operations(&NUMBERS));
+            for l in 0..8 {
+                let want = [
+                    a[l] + b[l],
+                    a[l] - b[l],
+                    a[l] * b[l],
+                    a[l] / b[l],
+                    -a[l],
+                    a[l] * b[l] + c[l],
+                    a[l] * b[l] - c[l],
+                    c[l] - a[l] * b[l],
+                    a[l].abs(),
+                    a[l].min(b[l]),
+                    a[l].max(b[l]),
+                    a[l].copysign(b[l]),
+                    if b[l] > c[l] { a[l] } else { 0.0 },
+                    if c[l] > 0.0 { a[l] } else { b[l] },
+                    a[l].sin(),
+                    a[l].cos(),
+                    a[l].tanh(),
+                    a[l].abs().sqrt(),
+                    a[l].atan(),
+                    (-a[l].abs()).exp().max((-700.0_f64).exp()),
+                ];
+                for (operation, (result, want)) in results.iter().zip(want).enumerate() {
+                    let got = result[l];
+                    assert!(
+                        (got - want).abs() <= 1e-15 * (1.0 + want.abs()),
+                        "{isa:?}, operation {operation}: {got} {want}"
+                    );
+                }
             }
+            let want: &[bool] = match isa {
+                Isa::Portable => &[false, false, true, false, true, true, true, true],
+                Isa::Avx2 => &[false, true],
+                Isa::Avx512 => &[false],
+            };
+            assert_eq!(above, want);
         }
-        assert_eq!(above, [false, true]);
-        assert_eq!(above_unfused, above);
-        assert_eq!(above_single, [false, false, true, false, true, true, true, true]);
-        assert!(!Lanes::<4>([2.0, 2.0, f64::NAN, 2.0]).all_above(1.0));
+        assert!(!Lanes::<Plain<4>>::from_slice(&[2.0, 2.0, f64::NAN, 2.0]).all_above(1.0));
     }
 
     #[test]
     fn gather_repeats_the_last_row_past_the_end() {
         let rows = [1.0, 10.0, 2.0, 20.0, 3.0, 30.0];
-        assert_eq!(Lanes::<4>::gather(&rows, 2, 1, 1).0, [20.0, 30.0, 30.0, 30.0]);
+        assert_eq!(Lanes::<Plain<4>>::gather(&rows, 2, 1, 1).to_array(), [20.0, 30.0, 30.0, 30.0]);
     }
 }

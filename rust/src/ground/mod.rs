@@ -4,6 +4,8 @@ pub mod arrays;
 pub mod cancel;
 pub mod dispatch;
 pub mod elementary;
+pub mod isa;
 pub mod lanes;
 pub mod parallel;
+pub mod sets;
 pub mod spatial;

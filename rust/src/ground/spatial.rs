@@ -1,6 +1,6 @@
 //! 3-vectors on lanes, and their turn about z.
 
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use std::ops::{Add, Sub};
 
 /// A vector in some frame.
@@ -8,19 +8,19 @@ use std::ops::{Add, Sub};
 /// It is aligned, and with it all that contains one: a vector register that is stored across a line of the cache takes twice as long.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(32))]
-pub struct Vector<const L: usize, const F: bool> {
+pub struct Vector<V: Set> {
     /// Component along x.
-    pub x: Lanes<L, F>,
+    pub x: Lanes<V>,
     /// Component along y.
-    pub y: Lanes<L, F>,
+    pub y: Lanes<V>,
     /// Component along z.
-    pub z: Lanes<L, F>,
+    pub z: Lanes<V>,
 }
 
-impl<const L: usize, const F: bool> Vector<L, F> {
+impl<V: Set> Vector<V> {
     /// From its components.
     #[inline(always)]
-    pub fn new(x: Lanes<L, F>, y: Lanes<L, F>, z: Lanes<L, F>) -> Self {
+    pub fn new(x: Lanes<V>, y: Lanes<V>, z: Lanes<V>) -> Self {
         Self { x, y, z }
     }
 
@@ -38,7 +38,7 @@ impl<const L: usize, const F: bool> Vector<L, F> {
 
     /// Scalar product.
     #[inline(always)]
-    pub fn dot(self, b: Self) -> Lanes<L, F> {
+    pub fn dot(self, b: Self) -> Lanes<V> {
         self.z.mul_add(b.z, self.y.mul_add(b.y, self.x * b.x))
     }
 
@@ -54,18 +54,18 @@ impl<const L: usize, const F: bool> Vector<L, F> {
 
     /// Components after `Rot(z, theta)` of the frame, from the sine and cosine of theta.
     #[inline(always)]
-    pub fn into_turned(self, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
+    pub fn into_turned(self, sine: Lanes<V>, cosine: Lanes<V>) -> Self {
         Self::new(self.x.mul_add(cosine, self.y * sine), self.y.mul_sub(cosine, self.x * sine), self.z)
     }
 
     /// Back: `Rot(z, theta) v`.
     #[inline(always)]
-    pub fn out_of_turned(self, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
+    pub fn out_of_turned(self, sine: Lanes<V>, cosine: Lanes<V>) -> Self {
         Self::new(self.x.mul_sub(cosine, self.y * sine), self.y.mul_add(cosine, self.x * sine), self.z)
     }
 }
 
-impl<const L: usize, const F: bool> Add for Vector<L, F> {
+impl<V: Set> Add for Vector<V> {
     type Output = Self;
     #[inline(always)]
     fn add(self, b: Self) -> Self {
@@ -73,7 +73,7 @@ impl<const L: usize, const F: bool> Add for Vector<L, F> {
     }
 }
 
-impl<const L: usize, const F: bool> Sub for Vector<L, F> {
+impl<V: Set> Sub for Vector<V> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, b: Self) -> Self {
@@ -84,26 +84,27 @@ impl<const L: usize, const F: bool> Sub for Vector<L, F> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ground::lanes::Plain;
     use proptest::prelude::*;
 
-    fn close(a: Vector<1, false>, b: Vector<1, false>) -> bool {
+    fn close(a: Vector<Plain<1>>, b: Vector<Plain<1>>) -> bool {
         let e = a - b;
-        e.dot(e).0[0].sqrt() < 1e-12
+        e.dot(e).lane(0).sqrt() < 1e-12
     }
 
     proptest! {
         #[test]
         fn turns_are_rotations(v in prop::array::uniform3(-3.0..3.0_f64), angle in -7.0..7.0_f64) {
-            let v = Vector::<1, false>::splat(v);
-            let (s, c) = Lanes([angle]).sin_cos();
+            let v = Vector::<Plain<1>>::splat(v);
+            let (s, c) = Lanes::splat(angle).sin_cos();
             prop_assert!(close(v.into_turned(s, c).out_of_turned(s, c), v));
         }
 
         #[test]
         fn the_vector_product_is_normal_to_both(a in prop::array::uniform3(-3.0..3.0_f64), b in prop::array::uniform3(-3.0..3.0_f64)) {
-            let (a, b) = (Vector::<1, false>::splat(a), Vector::splat(b));
-            prop_assert!(a.cross(b).dot(a).0[0].abs() < 1e-12);
-            prop_assert!(a.cross(b).dot(b).0[0].abs() < 1e-12);
+            let (a, b) = (Vector::<Plain<1>>::splat(a), Vector::splat(b));
+            prop_assert!(a.cross(b).dot(a).lane(0).abs() < 1e-12);
+            prop_assert!(a.cross(b).dot(b).lane(0).abs() < 1e-12);
         }
     }
 }

@@ -7,7 +7,7 @@
 //! Particles on the axis of a revolute joint move with the link before; where they have been regrouped into it (`links.rs`),
 //! `Szz`, `MZ` and `M` are zero.
 
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::ground::spatial::Vector;
 use crate::model::motion::Angular;
 use crate::robot::arm::{DISPLACED, MINUS, MOMENTS, PLUS, Place, TURNED, ZERO, by_twist, carries_of};
@@ -16,22 +16,22 @@ use crate::robot::parameters::{M, MX, XX};
 
 /// A body about the origin of a frame.
 #[derive(Debug, Clone, Copy)]
-pub struct Body<const L: usize, const F: bool> {
+pub struct Body<V: Set> {
     /// Second moments.
-    pub xx: Lanes<L, F>,
-    xy: Lanes<L, F>,
+    pub xx: Lanes<V>,
+    xy: Lanes<V>,
     /// Second moment.
-    pub yy: Lanes<L, F>,
-    xz: Lanes<L, F>,
-    yz: Lanes<L, F>,
-    zz: Lanes<L, F>,
+    pub yy: Lanes<V>,
+    xz: Lanes<V>,
+    yz: Lanes<V>,
+    zz: Lanes<V>,
     /// First moments.
-    pub h: Vector<L, F>,
+    pub h: Vector<V>,
     /// Mass.
-    pub m: Lanes<L, F>,
+    pub m: Lanes<V>,
 }
 
-impl<const L: usize, const F: bool> Body<L, F> {
+impl<V: Set> Body<V> {
     /// Nothing.
     #[inline(always)]
     pub fn none() -> Self {
@@ -41,7 +41,7 @@ impl<const L: usize, const F: bool> Body<L, F> {
 
     /// From the ten inertial parameters of a link.
     #[inline(always)]
-    pub(super) fn of_link(x: &[Lanes<L, F>]) -> Self {
+    pub(super) fn of_link(x: &[Lanes<V>]) -> Self {
         let [xx, xy, xz, yy, yz, zz] = [x[XX], x[XX + 1], x[XX + 2], x[XX + 3], x[XX + 4], x[XX + 5]];
         Self {
             xx: (yy + zz - xx).scale(0.5),
@@ -103,7 +103,7 @@ impl<const L: usize, const F: bool> Body<L, F> {
     /// The same body about the origin of the frame before, in that frame, together with the link there.
     #[inline(always)]
     #[must_use]
-    pub fn moved_in<P: Place>(&self, _place: P, step: &Step, (s, c, t): Pose<'_, L, F>, link: &Self) -> Self {
+    pub fn moved_in<P: Place>(&self, _place: P, step: &Step, (s, c, t): Pose<'_, V>, link: &Self) -> Self {
         let moved = by_twist!(P, step, T => self.unstepped::<T>(step, s, c, t, step.form.heavy));
         if step.form.follows_turning { link.regrouped_with(&moved) } else { link.with(&moved) }
     }
@@ -114,9 +114,9 @@ impl<const L: usize, const F: bool> Body<L, F> {
     pub fn unstepped<const T: u8>(
         &self,
         step: &Step,
-        sine: Lanes<L, F>,
-        cosine: Lanes<L, F>,
-        shift: &Vector<L, F>,
+        sine: Lanes<V>,
+        cosine: Lanes<V>,
+        shift: &Vector<V>,
         heavy: bool,
     ) -> Self {
         let (s, c) = (sine, cosine);
@@ -159,7 +159,7 @@ impl<const L: usize, const F: bool> Body<L, F> {
 
     /// About an origin at `-t`.
     #[inline(always)]
-    fn shifted(mut self, step: &Step, t: &Vector<L, F>, heavy: bool) -> Self {
+    fn shifted(mut self, step: &Step, t: &Vector<V>, heavy: bool) -> Self {
         let before = self.h;
         if heavy {
             let m = self.m;
@@ -187,7 +187,7 @@ impl<const L: usize, const F: bool> Body<L, F> {
 
     /// The wrench that accelerates this body with its frame's joint alone.
     #[inline(always)]
-    pub fn unit_wrench(&self, turns: bool) -> Wrench<L, F> {
+    pub fn unit_wrench(&self, turns: bool) -> Wrench<V> {
         let zero = Lanes::zero();
         if turns {
             Wrench {
@@ -201,7 +201,7 @@ impl<const L: usize, const F: bool> Body<L, F> {
 
     /// The wrench for accelerations `a + U p`.
     #[inline(always)]
-    pub fn wrench(&self, u: &Angular<L, F>, a: Vector<L, F>) -> Wrench<L, F> {
+    pub fn wrench(&self, u: &Angular<V>, a: Vector<V>) -> Wrench<V> {
         let (u1, u2, u3) = (u.column(0), u.column(1), u.column(2));
         let Self { xx, xy, yy, xz, yz, zz, h, m } = *self;
         let force = Vector::new(
@@ -221,7 +221,7 @@ impl<const L: usize, const F: bool> Body<L, F> {
 
     /// The same for a body that has been regrouped.
     #[inline(always)]
-    pub fn regrouped_wrench(&self, u: &Angular<L, F>, a: Vector<L, F>) -> Wrench<L, F> {
+    pub fn regrouped_wrench(&self, u: &Angular<V>, a: Vector<V>) -> Wrench<V> {
         let (u1, u2, u3) = (u.column(0), u.column(1), u.column(2));
         let Self { xx, xy, yy, xz, yz, h, .. } = *self;
         let force = Vector::new(
@@ -243,20 +243,20 @@ impl<const L: usize, const F: bool> Body<L, F> {
 
 /// Sum of products.
 #[inline(always)]
-fn sum<const L: usize, const F: bool>(a: [Lanes<L, F>; 3], b: [Lanes<L, F>; 3]) -> Lanes<L, F> {
+fn sum<V: Set>(a: [Lanes<V>; 3], b: [Lanes<V>; 3]) -> Lanes<V> {
     a[2].mul_add(b[2], a[1].mul_add(b[1], a[0] * b[0]))
 }
 
 /// Force and moment at the origin of a frame, in that frame.
 #[derive(Debug, Clone, Copy)]
-pub struct Wrench<const L: usize, const F: bool> {
+pub struct Wrench<V: Set> {
     /// Force.
-    pub force: Vector<L, F>,
+    pub force: Vector<V>,
     /// Moment.
-    pub moment: Vector<L, F>,
+    pub moment: Vector<V>,
 }
 
-impl<const L: usize, const F: bool> Wrench<L, F> {
+impl<V: Set> Wrench<V> {
     /// None.
     #[inline(always)]
     pub fn none() -> Self {
@@ -265,7 +265,7 @@ impl<const L: usize, const F: bool> Wrench<L, F> {
 
     /// Component along the frame's own joint: a torque or a force.
     #[inline(always)]
-    pub fn felt(&self, turns: bool) -> Lanes<L, F> {
+    pub fn felt(&self, turns: bool) -> Lanes<V> {
         if turns { self.moment.z } else { self.force.z }
     }
 
@@ -279,7 +279,7 @@ impl<const L: usize, const F: bool> Wrench<L, F> {
     /// The same wrench at the origin of the frame before, in that frame, where only that is done which matters further in.
     #[inline(always)]
     #[must_use]
-    pub fn moved_in<P: Place>(&self, _place: P, step: &Step, (s, c, t): Pose<'_, L, F>) -> Self {
+    pub fn moved_in<P: Place>(&self, _place: P, step: &Step, (s, c, t): Pose<'_, V>) -> Self {
         by_twist!(P, step, T => match const { carries_of::<P>() } {
             MOMENTS => self.inwards::<T, MOMENTS>(step, s, c, t),
             TURNED => self.inwards::<T, TURNED>(step, s, c, t),
@@ -297,9 +297,9 @@ impl<const L: usize, const F: bool> Wrench<L, F> {
     fn inwards<const T: u8, const C: u8>(
         &self,
         step: &Step,
-        sine: Lanes<L, F>,
-        cosine: Lanes<L, F>,
-        t: &Vector<L, F>,
+        sine: Lanes<V>,
+        cosine: Lanes<V>,
+        t: &Vector<V>,
     ) -> Self {
         let mut moment = self.moment.unstepped::<T>(step, sine, cosine);
         if C == MOMENTS {

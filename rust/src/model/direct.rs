@@ -9,7 +9,7 @@ use crate::ground::arrays::MAX_DOF;
 use crate::ground::arrays::ShapeError;
 use crate::ground::arrays::check_length;
 use crate::ground::dispatch::{Kernel, dispatch};
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::model::bodies::{Body, Wrench};
 use crate::model::friction::Drives;
 use crate::model::inverse::link_wrenches;
@@ -23,27 +23,27 @@ use crate::robot::parameters::Layout;
 
 /// Memory of the direct model, and its result: nothing is cleared or copied per call.
 #[derive(Debug, Clone, Copy)]
-pub struct Direct<const L: usize, const F: bool> {
-    frames: Frames<L, F>,
+pub struct Direct<V: Set> {
+    frames: Frames<V>,
     /// Wrench of each link; on the way inwards, that of all links that a joint carries.
-    wrenches: [Wrench<L, F>; MAX_DOF],
+    wrenches: [Wrench<V>; MAX_DOF],
     /// Column `k` of `M`: the wrench that the body carried by joint `k` needs for a unit acceleration, seen from the frame
     /// at hand.
-    columns: [Wrench<L, F>; MAX_DOF],
+    columns: [Wrench<V>; MAX_DOF],
     /// `L`, unit diagonal not stored.
-    factor: Lower<L, F>,
+    factor: Lower<V>,
     /// All that the joint at hand carries.
-    carried: Body<L, F>,
+    carried: Body<V>,
     /// Column of `D L` at hand.
-    scaled: [Lanes<L, F>; MAX_DOF],
-    inverse_pivots: [Lanes<L, F>; MAX_DOF],
+    scaled: [Lanes<V>; MAX_DOF],
+    inverse_pivots: [Lanes<V>; MAX_DOF],
     /// Joint accelerations (rad/s^2 or m/s^2).
-    pub ddq: [Lanes<L, F>; MAX_DOF],
+    pub ddq: [Lanes<V>; MAX_DOF],
     /// Pivots `D`, joint by joint: all positive exactly where `M` is positive definite.
-    pub pivots: [Lanes<L, F>; MAX_DOF],
+    pub pivots: [Lanes<V>; MAX_DOF],
 }
 
-impl<const L: usize, const F: bool> Direct<L, F> {
+impl<V: Set> Direct<V> {
     /// Nothing computed yet.
     #[inline(always)]
     pub fn new<S: Arm>(geometry: &Geometry<S>) -> Self {
@@ -69,10 +69,10 @@ impl<const L: usize, const F: bool> Direct<L, F> {
         &mut self,
         geometry: &Geometry<S>,
         drives: &Drives<'_>,
-        links: &Links<L, F>,
-        q: &[Lanes<L, F>; MAX_DOF],
-        dq: &[Lanes<L, F>; MAX_DOF],
-        tau: &[Lanes<L, F>; MAX_DOF],
+        links: &Links<V>,
+        q: &[Lanes<V>; MAX_DOF],
+        dq: &[Lanes<V>; MAX_DOF],
+        tau: &[Lanes<V>; MAX_DOF],
         external: &[f64; MAX_DOF],
         near: bool,
     ) {
@@ -90,7 +90,7 @@ impl<const L: usize, const F: bool> Direct<L, F> {
         if drives.has_load() {
             unload(n, &drives.load_coefficients(links, dq), &mut self.ddq);
         }
-        link_wrenches::<L, F, false, S>(geometry, &links.bodies, &self.frames, dq, dq, &mut self.wrenches);
+        link_wrenches::<V, false, S>(geometry, &links.bodies, &self.frames, dq, dq, &mut self.wrenches);
         self.carried = links.bodies[n - 1];
         inwards!(S, n, place => {
             let (step, j) = (geometry.step(place), place.index());
@@ -109,7 +109,7 @@ impl<const L: usize, const F: bool> Direct<L, F> {
     /// Column `j` of `L' D L` and of `L' y = right`, from the wrenches in frame `j`.
     #[inline(always)]
     #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
-    fn eliminate<P: Place>(&mut self, place: P, n: usize, turns: bool, rotors: &Lower<L, F>) {
+    fn eliminate<P: Place>(&mut self, place: P, n: usize, turns: bool, rotors: &Lower<V>) {
         let j = place.index();
         self.ddq[j] -= self.wrenches[j].felt(turns);
         if const { P::FORM.is_some() } {
@@ -134,7 +134,7 @@ impl<const L: usize, const F: bool> Direct<L, F> {
     }
 
     #[inline(always)]
-    fn scale_entry(&mut self, k: usize, j: usize, entry: Lanes<L, F>) {
+    fn scale_entry(&mut self, k: usize, j: usize, entry: Lanes<V>) {
         self.scaled[k] = entry;
         if k > j {
             let factor = entry * self.inverse_pivots[k];
@@ -161,7 +161,7 @@ impl<const L: usize, const F: bool> Direct<L, F> {
     }
 
     /// Accelerations that torques cause by themselves, at the state solved last.
-    pub fn respond(&self, n: usize, tau: &[Lanes<L, F>; MAX_DOF]) -> [Lanes<L, F>; MAX_DOF] {
+    pub fn respond(&self, n: usize, tau: &[Lanes<V>; MAX_DOF]) -> [Lanes<V>; MAX_DOF] {
         let mut ddq = *tau;
         for j in (0..n).rev() {
             for k in j + 1..n {
@@ -181,11 +181,7 @@ impl<const L: usize, const F: bool> Direct<L, F> {
 /// Torque that is left for links and rotors where friction takes `c abs(tau_r)` of it: `tau_r + c abs(tau_r) = u` has the closed
 /// solution `tau_r = u / (1 + c sign(u))` as long as `abs(c) < 1`.
 #[inline(always)]
-fn unload<const L: usize, const F: bool>(
-    n: usize,
-    coefficients: &[Lanes<L, F>; MAX_DOF],
-    tau: &mut [Lanes<L, F>; MAX_DOF],
-) {
+fn unload<V: Set>(n: usize, coefficients: &[Lanes<V>; MAX_DOF], tau: &mut [Lanes<V>; MAX_DOF]) {
     let one = Lanes::splat(1.0);
     for j in 0..n {
         tau[j] = tau[j] / (one + coefficients[j] * one.copysign(tau[j]));
@@ -195,12 +191,7 @@ fn unload<const L: usize, const F: bool>(
 /// The columns of `M` from a joint on, one frame inwards.
 #[inline(always)]
 #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
-fn columns_inwards<P: Place, const L: usize, const F: bool>(
-    place: P,
-    step: &Step,
-    at: Pose<'_, L, F>,
-    columns: &mut [Wrench<L, F>],
-) {
+fn columns_inwards<P: Place, V: Set>(place: P, step: &Step, at: Pose<'_, V>, columns: &mut [Wrench<V>]) {
     if const { P::FORM.is_some() } {
         unrolled!(K in 0 1 2 3 4 5 => if const { K >= P::INDEX } {
             columns[K] = columns[K].moved_in(place, step, at);
@@ -233,25 +224,26 @@ struct Batch<'a> {
 impl Kernel for Batch<'_> {
     type Output = Option<Indefinite>;
     #[inline(always)]
-    fn run<const L: usize, const F: bool>(self) -> Option<Indefinite> {
+    fn run<V: Set>(self) -> Option<Indefinite> {
         let geometry = Geometry::of(self.robot);
         let n = geometry.n();
         let drives = Drives::of(self.robot);
-        let links = Links::<L, F>::of_one(self.robot, &geometry, self.x);
+        let links = Links::<V>::of_one(self.robot, &geometry, self.x);
         let (mut result, mut state) = (Direct::new(&geometry), State::zero());
-        for (block, out) in self.ddq.chunks_mut(n * L).enumerate() {
+        for (block, out) in self.ddq.chunks_mut(n * V::L).enumerate() {
             // The torques travel in the place of the accelerations, which are what is asked for.
-            state.load(n, block * L, self.q, self.dq, self.tau);
+            state.load(n, block * V::L, self.q, self.dq, self.tau);
             result.solve(&geometry, &drives, &links, &state.q, &state.dq, &state.ddq, &[0.0; MAX_DOF], false);
-            for (l, row) in out.chunks_mut(n).enumerate() {
-                for j in 0..n {
-                    let pivot = result.pivots[j].0[l];
-                    if pivot <= 0.0 || pivot.is_nan() {
-                        return Some(Indefinite { sample: block * L + l, joint: j });
-                    }
-                    row[j] = result.ddq[j].0[l];
-                }
+            if (0..n).any(|j| !result.pivots[j].all_above(0.0)) {
+                // Lanes past the end repeat the last sample: one that is asked for is among those.
+                let lanes = (0..V::L).flat_map(|l| (0..n).map(move |joint| (l, joint)));
+                let mut wrong = lanes.filter(|&(l, joint)| {
+                    let pivot = result.pivots[joint].lane(l);
+                    pivot <= 0.0 || pivot.is_nan()
+                });
+                return wrong.next().map(|(l, joint)| Indefinite { sample: block * V::L + l, joint });
             }
+            Lanes::scatter(&result.ddq[..n], out, n);
         }
         None
     }

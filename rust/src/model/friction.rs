@@ -11,7 +11,7 @@
 
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::dispatch::WIDTH;
-use crate::ground::lanes::{Lanes, side_by_side, spread};
+use crate::ground::lanes::{Lanes, Set, side_by_side, spread};
 use crate::model::friction_terms::column;
 use crate::model::links::Links;
 use crate::model::motion::State;
@@ -22,7 +22,7 @@ use crate::robot::{CoupledMotor, Coupling, Robot};
 
 /// `sign`, `sign` with a dead zone, or `tanh(dq / v)`, as joint `j` has it. Between -1 and 1.
 #[inline(always)]
-pub fn sign<const L: usize, const F: bool>(robot: &Robot, j: usize, dq: Lanes<L, F>) -> Lanes<L, F> {
+pub fn sign<V: Set>(robot: &Robot, j: usize, dq: Lanes<V>) -> Lanes<V> {
     let friction = robot.friction();
     let steepness = if friction.smoothing[j] > 0.0 { 1.0 / friction.smoothing[j] } else { 0.0 };
     smooth_sign(steepness, friction.dead_zone[j], dq)
@@ -30,11 +30,7 @@ pub fn sign<const L: usize, const F: bool>(robot: &Robot, j: usize, dq: Lanes<L,
 
 /// The same from the slope of `tanh` (0 for a plain sign) and the dead zone.
 #[inline(always)]
-fn smooth_sign<const L: usize, const F: bool>(
-    steepness: f64,
-    dead_zone: f64,
-    dq: Lanes<L, F>,
-) -> Lanes<L, F> {
+fn smooth_sign<V: Set>(steepness: f64, dead_zone: f64, dq: Lanes<V>) -> Lanes<V> {
     if steepness > 0.0 {
         let s = dq.scale(steepness).tanh();
         if dead_zone > 0.0 { s.where_above(dq.abs(), Lanes::splat(dead_zone)) } else { s }
@@ -45,11 +41,7 @@ fn smooth_sign<const L: usize, const F: bool>(
 
 /// Columns of the friction parameters of joint `j` in its own row: `Fv Fc Off`, or `Fv+ Fc+ Fv- Fc-`.
 #[inline(always)]
-pub fn own_columns<const L: usize, const F: bool>(
-    robot: &Robot,
-    j: usize,
-    dq: Lanes<L, F>,
-) -> [Lanes<L, F>; 4] {
+pub fn own_columns<V: Set>(robot: &Robot, j: usize, dq: Lanes<V>) -> [Lanes<V>; 4] {
     let s = sign(robot, j, dq);
     if robot.friction().asymmetric {
         let zero = Lanes::zero();
@@ -61,30 +53,30 @@ pub fn own_columns<const L: usize, const F: bool>(
 
 /// Contribution of a coupled motor to each row: the columns of its `Ia` (without its own joint's part), `Fvm` and `Fcm`.
 #[derive(Debug, Clone, Copy)]
-pub struct CoupledColumns<const L: usize, const F: bool> {
+pub struct CoupledColumns<V: Set> {
     /// Column of `Ia_m`; in row m without `ddq_m`, which the joint's own block has.
-    pub rotor: Lanes<L, F>,
+    pub rotor: Lanes<V>,
     /// Column of `Fvm_m`.
-    pub viscous: Lanes<L, F>,
+    pub viscous: Lanes<V>,
     /// Column of `Fcm_m`.
-    pub coulomb: Lanes<L, F>,
+    pub coulomb: Lanes<V>,
 }
 
 /// Speed and acceleration of a coupled motor.
 #[derive(Debug, Clone, Copy)]
-pub struct Shaft<const L: usize, const F: bool> {
-    dq: Lanes<L, F>,
-    ddq: Lanes<L, F>,
+pub struct Shaft<V: Set> {
+    dq: Lanes<V>,
+    ddq: Lanes<V>,
     /// Sign of the motor's speed.
-    turning: Lanes<L, F>,
+    turning: Lanes<V>,
     /// Sign of the speed of the joint it is named after.
-    joint_turning: Lanes<L, F>,
+    joint_turning: Lanes<V>,
 }
 
-impl<const L: usize, const F: bool> Shaft<L, F> {
+impl<V: Set> Shaft<V> {
     /// Of one motor.
     #[inline(always)]
-    pub fn of(robot: &Robot, coupled: &CoupledMotor, state: &State<L, F>) -> Self {
+    pub fn of(robot: &Robot, coupled: &CoupledMotor, state: &State<V>) -> Self {
         let m = coupled.motor;
         let (mut dq, mut ddq) = (state.dq[m], state.ddq[m]);
         for &(i, c) in &coupled.others {
@@ -96,7 +88,7 @@ impl<const L: usize, const F: bool> Shaft<L, F> {
 
     /// Entries in the motor's own row.
     #[inline(always)]
-    pub fn own_row(&self, motor: usize, state: &State<L, F>) -> CoupledColumns<L, F> {
+    pub fn own_row(&self, motor: usize, state: &State<V>) -> CoupledColumns<V> {
         CoupledColumns {
             rotor: self.ddq - state.ddq[motor],
             viscous: self.dq - state.dq[motor],
@@ -106,7 +98,7 @@ impl<const L: usize, const F: bool> Shaft<L, F> {
 
     /// Entries in the row of another joint `i` with coefficient `c`.
     #[inline(always)]
-    pub fn other_row(&self, robot: &Robot, i: usize, c: f64, state: &State<L, F>) -> CoupledColumns<L, F> {
+    pub fn other_row(&self, robot: &Robot, i: usize, c: f64, state: &State<V>) -> CoupledColumns<V> {
         let sign = match robot.friction().coupling {
             Coupling::Shaft => self.turning,
             Coupling::Printed => self.joint_turning,
@@ -168,11 +160,11 @@ impl<'a> Drives<'a> {
 
     /// Adds the further terms that depend on speed alone.
     #[inline(always)]
-    fn further_terms<const L: usize, const F: bool>(
+    fn further_terms<V: Set>(
         &self,
-        links: &Links<L, F>,
-        dq: &[Lanes<L, F>; MAX_DOF],
-        tau: &mut [Lanes<L, F>; MAX_DOF],
+        links: &Links<V>,
+        dq: &[Lanes<V>; MAX_DOF],
+        tau: &mut [Lanes<V>; MAX_DOF],
     ) {
         for (term, &parameter) in self.robot.friction().terms.iter().zip(&links.terms) {
             if term.law != Law::Load {
@@ -184,11 +176,11 @@ impl<'a> Drives<'a> {
 
     /// Signed coefficient `Fl s(dq)` of the load friction of each joint: its torque is this times `abs(tau_r)`.
     #[inline(always)]
-    pub fn load_coefficients<const L: usize, const F: bool>(
+    pub fn load_coefficients<V: Set>(
         &self,
-        links: &Links<L, F>,
-        dq: &[Lanes<L, F>; MAX_DOF],
-    ) -> [Lanes<L, F>; MAX_DOF] {
+        links: &Links<V>,
+        dq: &[Lanes<V>; MAX_DOF],
+    ) -> [Lanes<V>; MAX_DOF] {
         let mut coefficients = [Lanes::zero(); MAX_DOF];
         for (term, &parameter) in self.robot.friction().terms.iter().zip(&links.terms) {
             if term.law == Law::Load {
@@ -201,25 +193,25 @@ impl<'a> Drives<'a> {
 
     /// [`sign`] without its division.
     #[inline(always)]
-    fn sign<const L: usize, const F: bool>(&self, j: usize, dq: Lanes<L, F>) -> Lanes<L, F> {
+    fn sign<V: Set>(&self, j: usize, dq: Lanes<V>) -> Lanes<V> {
         let (steepness, dead_zone) = self.signs[j];
         smooth_sign(steepness, dead_zone, dq)
     }
 
     /// Friction torques at speeds `dq`, into `tau`.
     #[inline(always)]
-    pub fn friction<const L: usize, const F: bool, S: Arm>(
+    pub fn friction<V: Set, S: Arm>(
         &self,
         geometry: &Geometry<S>,
-        links: &Links<L, F>,
-        dq: &[Lanes<L, F>; MAX_DOF],
-        tau: &mut [Lanes<L, F>; MAX_DOF],
+        links: &Links<V>,
+        dq: &[Lanes<V>; MAX_DOF],
+        tau: &mut [Lanes<V>; MAX_DOF],
     ) {
         let zero = Lanes::zero();
         let n = geometry.n();
         // A single lane takes its joints and coupled motors side by side, to the same bits.
         let together = match &self.steepness {
-            Some(steepness) if L == 1 && F => Some(self.signs_together(n, steepness, dq)),
+            Some(steepness) if V::L == 1 && V::FUSED => Some(self.signs_together(n, steepness, dq)),
             _ => None,
         };
         let mut signs = [zero; MAX_DOF];
@@ -242,9 +234,10 @@ impl<'a> Drives<'a> {
                 let forward = dq[j].max(zero).mul_add(a[j], signs[j].max(zero) * b[j]);
                 tau[j] = dq[j].min(zero).mul_add(c[j], signs[j].min(zero).mul_add(d[j], forward));
             }
-        } else if L == 1 && F {
+        } else if V::L == 1 && V::FUSED {
             for first in (0..n).step_by(WIDTH) {
-                let [a, b, c, dq, s] = [a, b, c, dq, &signs].map(|values| side_by_side(values, first));
+                let [a, b, c] = [side_by_side(a, first), side_by_side(b, first), side_by_side(c, first)];
+                let (dq, s) = (side_by_side(dq, first), side_by_side(&signs, first));
                 spread(dq.mul_add(a, s.mul_add(b, c)), tau, first);
             }
         } else {
@@ -275,36 +268,31 @@ impl<'a> Drives<'a> {
 
     /// Signs of the speeds of the joints, then of the coupled motors.
     #[inline(always)]
-    fn signs_together<const L: usize, const F: bool>(
+    fn signs_together<V: Set>(
         &self,
         n: usize,
         steepness: &[f64; 2 * MAX_DOF],
-        dq: &[Lanes<L, F>; MAX_DOF],
+        dq: &[Lanes<V>; MAX_DOF],
     ) -> [f64; 2 * MAX_DOF] {
         let count = (n + self.coupled.len()).min(2 * MAX_DOF);
         let mut signs = [0.0; 2 * MAX_DOF];
         for j in 0..n {
-            signs[j] = dq[j].0[0];
+            signs[j] = dq[j].lane(0);
         }
         for (index, coupled) in self.coupled.iter().enumerate() {
-            signs[n + index] = shaft_speed(coupled, dq).0[0];
+            signs[n + index] = shaft_speed(coupled, dq).lane(0);
         }
         for first in (0..count).step_by(WIDTH) {
-            let speed = Lanes::<WIDTH, F>(std::array::from_fn(|k| signs[first + k]));
-            let steepness = Lanes::<WIDTH, F>(std::array::from_fn(|k| steepness[first + k]));
-            signs[first..first + WIDTH].copy_from_slice(&(speed * steepness).tanh().0);
+            let speed = Lanes::<V::Wide>::from_slice(&signs[first..]);
+            let steepness = Lanes::<V::Wide>::from_slice(&steepness[first..]);
+            (speed * steepness).tanh().store(&mut signs[first..]);
         }
         signs
     }
 
     /// Adds what the rotors need for accelerations `ddq`.
     #[inline(always)]
-    pub fn rotors<const L: usize, const F: bool>(
-        &self,
-        links: &Links<L, F>,
-        ddq: &[Lanes<L, F>; MAX_DOF],
-        tau: &mut [Lanes<L, F>; MAX_DOF],
-    ) {
+    pub fn rotors<V: Set>(&self, links: &Links<V>, ddq: &[Lanes<V>; MAX_DOF], tau: &mut [Lanes<V>; MAX_DOF]) {
         for j in 0..self.n.min(MAX_DOF) {
             tau[j] = links.rotors[j][j].mul_add(ddq[j], tau[j]);
         }
@@ -326,10 +314,7 @@ impl<'a> Drives<'a> {
 
 /// Speed of a coupled motor.
 #[inline(always)]
-fn shaft_speed<const L: usize, const F: bool>(
-    coupled: &CoupledMotor,
-    dq: &[Lanes<L, F>; MAX_DOF],
-) -> Lanes<L, F> {
+fn shaft_speed<V: Set>(coupled: &CoupledMotor, dq: &[Lanes<V>; MAX_DOF]) -> Lanes<V> {
     let mut speed = dq[coupled.motor];
     for &(i, c) in &coupled.others {
         speed = dq[i].mul_add(Lanes::splat(c), speed);
@@ -340,6 +325,7 @@ fn shaft_speed<const L: usize, const F: bool>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ground::lanes::Plain;
     use crate::robot::{Friction, Joint, JointKind};
 
     fn one_joint(friction: Friction) -> Robot {
@@ -350,16 +336,16 @@ mod tests {
     #[test]
     fn the_sign_is_zero_at_rest_and_in_the_dead_zone() {
         let robot = one_joint(Friction { dead_zone: vec![0.1], ..Friction::sign(1) });
-        let s = sign(&robot, 0, Lanes::<4>([0.0, 0.1, -0.2, 0.3]));
-        assert_eq!(s.0, [0.0, 0.0, -1.0, 1.0]);
-        let s = sign(&one_joint(Friction::sign(1)), 0, Lanes::<2>([-0.0, 1e-300]));
-        assert_eq!(s.0, [0.0, 1.0]);
+        let s = sign(&robot, 0, Lanes::<Plain<4>>::from_slice(&[0.0, 0.1, -0.2, 0.3]));
+        assert_eq!(s.to_array(), [0.0, 0.0, -1.0, 1.0]);
+        let s = sign(&one_joint(Friction::sign(1)), 0, Lanes::<Plain<2>>::from_slice(&[-0.0, 1e-300]));
+        assert_eq!(s.to_array(), [0.0, 1.0]);
     }
 
     #[test]
     fn asymmetric_columns_split_by_direction() {
         let robot = one_joint(Friction { asymmetric: true, ..Friction::sign(1) });
-        let columns = own_columns(&robot, 0, Lanes::<2>([2.0, -3.0]));
-        assert_eq!(columns.map(|c| c.0), [[2.0, 0.0], [1.0, 0.0], [0.0, -3.0], [0.0, -1.0]]);
+        let columns = own_columns(&robot, 0, Lanes::<Plain<2>>::from_slice(&[2.0, -3.0]));
+        assert_eq!(columns.map(Lanes::to_array), [[2.0, 0.0], [1.0, 0.0], [0.0, -3.0], [0.0, -1.0]]);
     }
 }

@@ -1,13 +1,13 @@
 //! Columns of the further terms of friction ([`crate::robot::friction_terms`]), on lanes.
 
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::model::friction::sign;
 use crate::robot::Robot;
 use crate::robot::friction_terms::{Law, Term};
 
 /// Column of a term that depends on the speed alone. `Load` gives `s(dq)`: its caller knows the torque.
 #[inline(always)]
-pub fn column<const L: usize, const F: bool>(robot: &Robot, term: &Term, dq: Lanes<L, F>) -> Lanes<L, F> {
+pub fn column<V: Set>(robot: &Robot, term: &Term, dq: Lanes<V>) -> Lanes<V> {
     let s = || sign(robot, term.joint, dq);
     let one = Lanes::splat(1.0);
     match &term.law {
@@ -20,7 +20,7 @@ pub fn column<const L: usize, const F: bool>(robot: &Robot, term: &Term, dq: Lan
             let u = dq.scale(1.0 / velocity);
             s() * (u * u).exp_minus()
         }
-        Law::Root => s() * dq.abs().map(f64::sqrt),
+        Law::Root => s() * dq.abs().sqrt(),
         Law::Forward => dq.max(Lanes::zero()),
         Law::Load => s(),
         Law::Table(table) => dq.map(|dq| table.at(dq)),

@@ -11,7 +11,7 @@ use crate::ground::arrays::MAX_DOF;
 use crate::ground::arrays::ShapeError;
 use crate::ground::arrays::check_length;
 use crate::ground::dispatch::{Kernel, dispatch};
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::model::links::{Links, Lower};
 use crate::robot::Robot;
 use crate::robot::arm::At;
@@ -21,11 +21,11 @@ use nalgebra::{DMatrix, SymmetricEigen};
 
 /// `M(q)` of `L` positions or candidates into `matrix`.
 #[inline(always)]
-fn inertia_matrix_lanes<const L: usize, const F: bool>(
+fn inertia_matrix_lanes<V: Set>(
     geometry: &Geometry,
-    links: &Links<L, F>,
-    frames: &Frames<L, F>,
-    matrix: &mut Lower<L, F>,
+    links: &Links<V>,
+    frames: &Frames<V>,
+    matrix: &mut Lower<V>,
 ) {
     let n = geometry.n();
     let mut body = links.bodies[n - 1];
@@ -54,23 +54,21 @@ struct Batch<'a> {
 impl Kernel for Batch<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<const L: usize, const F: bool>(self) {
+    fn run<V: Set>(self) {
         let geometry = Geometry::of(self.robot);
         let n = geometry.n();
-        let links = Links::<L, F>::of_one(self.robot, &geometry, self.x);
+        let links = Links::<V>::of_one(self.robot, &geometry, self.x);
         let (mut frames, mut q) = (Frames::new(&geometry), [Lanes::zero(); MAX_DOF]);
         let mut matrix = [[Lanes::zero(); MAX_DOF]; MAX_DOF];
-        for (block, out) in self.matrices.chunks_mut(n * n * L).enumerate() {
+        for (block, out) in self.matrices.chunks_mut(n * n * V::L).enumerate() {
             for j in 0..n {
-                q[j] = Lanes::gather(self.q, n, block * L, j);
+                q[j] = Lanes::gather(self.q, n, block * V::L, j);
             }
             frames.place(&geometry, &q);
             inertia_matrix_lanes(&geometry, &links, &frames, &mut matrix);
-            for (l, sample) in out.chunks_mut(n * n).enumerate() {
-                for i in 0..n {
-                    for j in 0..n {
-                        sample[i * n + j] = matrix[i.max(j)][i.min(j)].0[l];
-                    }
+            for i in 0..n {
+                for j in 0..n {
+                    Lanes::scatter(&[matrix[i.max(j)][i.min(j)]], &mut out[i * n + j..], n * n);
                 }
             }
         }

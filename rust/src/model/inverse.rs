@@ -6,7 +6,7 @@
 
 use crate::ground::arrays::{MAX_DOF, ShapeError, check_length};
 use crate::ground::dispatch::{Kernel, dispatch};
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::model::bodies::{Body, Wrench};
 use crate::model::friction::Drives;
 use crate::model::links::Links;
@@ -21,31 +21,31 @@ use crate::robot::parameters::Layout;
 /// Link `j` moves with the accelerations `a + U p` of its points: `a` is carried outwards, `U` follows from the angular velocity
 /// and acceleration. Gravity enters as an acceleration of the base. Without `MOVING`, joint accelerations are zero.
 #[inline(always)]
-pub fn link_wrenches<const L: usize, const F: bool, const MOVING: bool, S: Arm>(
+pub fn link_wrenches<V: Set, const MOVING: bool, S: Arm>(
     geometry: &Geometry<S>,
-    bodies: &[Body<L, F>; MAX_DOF],
-    frames: &Frames<L, F>,
-    dq: &[Lanes<L, F>; MAX_DOF],
-    ddq: &[Lanes<L, F>; MAX_DOF],
-    wrenches: &mut [Wrench<L, F>; MAX_DOF],
+    bodies: &[Body<V>; MAX_DOF],
+    frames: &Frames<V>,
+    dq: &[Lanes<V>; MAX_DOF],
+    ddq: &[Lanes<V>; MAX_DOF],
+    wrenches: &mut [Wrench<V>; MAX_DOF],
 ) {
     let mut link = Link::base(geometry.gravity);
     outwards!(S, geometry.n(), place => {
         let (step, j) = (geometry.step(place), place.index());
         link.move_on::<_, MOVING>(place, &step, frames.pose(j), dq[j], ddq[j]);
-        load::<L, F, MOVING>(&link, j, &step, &bodies[j], ddq[j], &mut wrenches[j]);
+        load::<V, MOVING>(&link, j, &step, &bodies[j], ddq[j], &mut wrenches[j]);
     });
 }
 
 /// The wrench that moves link `j`; of the first one only what its joint feels.
 #[inline(always)]
-fn load<const L: usize, const F: bool, const MOVING: bool>(
-    link: &Link<L, F>,
+fn load<V: Set, const MOVING: bool>(
+    link: &Link<V>,
     j: usize,
     step: &Step,
-    body: &Body<L, F>,
-    ddq: Lanes<L, F>,
-    wrench: &mut Wrench<L, F>,
+    body: &Body<V>,
+    ddq: Lanes<V>,
+    wrench: &mut Wrench<V>,
 ) {
     let (a, u) = (link.a, &link.u);
     if j > 0 {
@@ -60,11 +60,11 @@ fn load<const L: usize, const F: bool, const MOVING: bool>(
 
 /// Adds up the wrenches from the last to the first, and what each joint feels of them to `tau`.
 #[inline(always)]
-fn carry<const L: usize, const F: bool, S: Arm>(
+fn carry<V: Set, S: Arm>(
     geometry: &Geometry<S>,
-    frames: &Frames<L, F>,
-    wrenches: &mut [Wrench<L, F>; MAX_DOF],
-    tau: &mut [Lanes<L, F>; MAX_DOF],
+    frames: &Frames<V>,
+    wrenches: &mut [Wrench<V>; MAX_DOF],
+    tau: &mut [Lanes<V>; MAX_DOF],
 ) {
     inwards!(S, geometry.n(), place => {
         let (step, j) = (geometry.step(place), place.index());
@@ -77,14 +77,14 @@ fn carry<const L: usize, const F: bool, S: Arm>(
 
 /// Memory of the inverse model, and its result: nothing is cleared or copied per call.
 #[derive(Debug, Clone, Copy)]
-pub struct Inverse<const L: usize, const F: bool> {
-    frames: Frames<L, F>,
-    wrenches: [Wrench<L, F>; MAX_DOF],
+pub struct Inverse<V: Set> {
+    frames: Frames<V>,
+    wrenches: [Wrench<V>; MAX_DOF],
     /// Joint torques (N.m or N).
-    pub tau: [Lanes<L, F>; MAX_DOF],
+    pub tau: [Lanes<V>; MAX_DOF],
 }
 
-impl<const L: usize, const F: bool> Inverse<L, F> {
+impl<V: Set> Inverse<V> {
     /// Nothing computed yet.
     #[inline(always)]
     pub fn new<S: Arm>(geometry: &Geometry<S>) -> Self {
@@ -101,8 +101,8 @@ impl<const L: usize, const F: bool> Inverse<L, F> {
         &mut self,
         geometry: &Geometry<S>,
         drives: &Drives<'_>,
-        links: &Links<L, F>,
-        state: &State<L, F>,
+        links: &Links<V>,
+        state: &State<V>,
     ) {
         let Self { frames, wrenches, tau } = self;
         frames.place(geometry, &state.q);
@@ -110,7 +110,7 @@ impl<const L: usize, const F: bool> Inverse<L, F> {
         // Load friction needs the torque of links and rotors by itself.
         let friction = drives.has_load().then(|| std::mem::replace(tau, [Lanes::zero(); MAX_DOF]));
         drives.rotors(links, &state.ddq, tau);
-        link_wrenches::<L, F, true, S>(geometry, &links.bodies, frames, &state.dq, &state.ddq, wrenches);
+        link_wrenches::<V, true, S>(geometry, &links.bodies, frames, &state.dq, &state.ddq, wrenches);
         carry(geometry, frames, wrenches, tau);
         if let Some(friction) = friction {
             let load = drives.load_coefficients(links, &state.dq);
@@ -133,14 +133,14 @@ struct Batch<'a> {
 impl Kernel for Batch<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<const L: usize, const F: bool>(self) {
+    fn run<V: Set>(self) {
         let geometry = Geometry::of(self.robot);
         let n = geometry.n();
         let drives = Drives::of(self.robot);
-        let links = Links::<L, F>::of_one(self.robot, &geometry, self.x);
+        let links = Links::<V>::of_one(self.robot, &geometry, self.x);
         let (mut result, mut state) = (Inverse::new(&geometry), State::zero());
-        for (block, out) in self.tau.chunks_mut(n * L).enumerate() {
-            state.load(n, block * L, self.q, self.dq, self.ddq);
+        for (block, out) in self.tau.chunks_mut(n * V::L).enumerate() {
+            state.load(n, block * V::L, self.q, self.dq, self.ddq);
             result.solve(&geometry, &drives, &links, &state);
             Lanes::scatter(&result.tau[..n], out, n);
         }

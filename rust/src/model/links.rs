@@ -6,7 +6,7 @@
 
 use super::bodies::Body;
 use crate::ground::arrays::MAX_DOF;
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::robot::Robot;
 use crate::robot::arm::{Arm, At, by_twist};
 use crate::robot::friction_terms::MAX_TERMS;
@@ -14,27 +14,27 @@ use crate::robot::geometry::{Frames, Geometry};
 use crate::robot::parameters::{FRICTION, IA, Layout};
 
 /// A symmetric matrix on lanes; only entries with `row >= column` are used.
-pub type Lower<const L: usize, const F: bool> = [[Lanes<L, F>; MAX_DOF]; MAX_DOF];
+pub type Lower<V> = [[Lanes<V>; MAX_DOF]; MAX_DOF];
 
 /// The parameters of a candidate as the kernels use them.
 #[derive(Debug, Clone, Copy)]
-pub struct Links<const L: usize, const F: bool> {
+pub struct Links<V: Set> {
     /// Links, regrouped.
-    pub bodies: [Body<L, F>; MAX_DOF],
+    pub bodies: [Body<V>; MAX_DOF],
     /// The friction parameters, each of all joints.
-    pub friction: [[Lanes<L, F>; MAX_DOF]; 4],
+    pub friction: [[Lanes<V>; MAX_DOF]; 4],
     /// `Fvm Fcm` of each coupled motor.
-    pub coupled: [[Lanes<L, F>; 2]; MAX_DOF],
+    pub coupled: [[Lanes<V>; 2]; MAX_DOF],
     /// Parameters of the further terms of friction.
-    pub terms: [Lanes<L, F>; MAX_TERMS],
+    pub terms: [Lanes<V>; MAX_TERMS],
     /// Contribution of the rotors to the inertia matrix: `Ia`, and the terms of coupled motors off the diagonal (24).
-    pub rotors: Lower<L, F>,
+    pub rotors: Lower<V>,
 }
 
-impl<const L: usize, const F: bool> Links<L, F> {
+impl<V: Set> Links<V> {
     /// From standard parameters.
     #[inline(always)]
-    pub fn of<S: Arm>(robot: &Robot, geometry: &Geometry<S>, x: &[Lanes<L, F>]) -> Self {
+    pub fn of<S: Arm>(robot: &Robot, geometry: &Geometry<S>, x: &[Lanes<V>]) -> Self {
         let layout = Layout::of(robot);
         let zero = Lanes::zero();
         let mut links = Self {
@@ -73,13 +73,13 @@ impl<const L: usize, const F: bool> Links<L, F> {
     /// From plain standard parameters, the same in each lane.
     #[inline(always)]
     pub fn of_one<S: Arm>(robot: &Robot, geometry: &Geometry<S>, x: &[f64]) -> Self {
-        let x: Vec<Lanes<L, F>> = x.iter().map(|&value| Lanes::splat(value)).collect();
+        let x: Vec<Lanes<V>> = x.iter().map(|&value| Lanes::splat(value)).collect();
         Self::of(robot, geometry, &x)
     }
 
     #[inline(always)]
     fn regroup<S: Arm>(&mut self, geometry: &Geometry<S>) {
-        let frames = Frames::<L, F>::new(geometry);
+        let frames = Frames::<V>::new(geometry);
         for j in (0..geometry.n()).rev() {
             let step = &geometry.step(At(j));
             if !step.form.turns {

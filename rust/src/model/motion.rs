@@ -3,7 +3,7 @@
 //! All vectors are in the link's own frame. Gravity enters as an acceleration of the base, `a_0 = -g`.
 
 use crate::ground::arrays::MAX_DOF;
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::ground::spatial::Vector;
 use crate::robot::arm::{Place, by_twist};
 use crate::robot::geometry::{Pose, Step};
@@ -11,16 +11,16 @@ use crate::robot::geometry::{Pose, Step};
 /// Positions, velocities and accelerations of the joints on lanes.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(32))] // as `Vector`
-pub struct State<const L: usize, const F: bool> {
+pub struct State<V: Set> {
     /// Positions (rad or m).
-    pub q: [Lanes<L, F>; MAX_DOF],
+    pub q: [Lanes<V>; MAX_DOF],
     /// Velocities.
-    pub dq: [Lanes<L, F>; MAX_DOF],
+    pub dq: [Lanes<V>; MAX_DOF],
     /// Accelerations.
-    pub ddq: [Lanes<L, F>; MAX_DOF],
+    pub ddq: [Lanes<V>; MAX_DOF],
 }
 
-impl<const L: usize, const F: bool> State<L, F> {
+impl<V: Set> State<V> {
     /// At rest at zero.
     #[inline(always)]
     pub fn zero() -> Self {
@@ -33,18 +33,17 @@ impl<const L: usize, const F: bool> State<L, F> {
     pub fn load(&mut self, n: usize, row: usize, q: &[f64], dq: &[f64], ddq: &[f64]) {
         let (n, last) = (n.min(MAX_DOF), q.len() / n - 1);
         for (values, rows) in [(&mut self.q, q), (&mut self.dq, dq), (&mut self.ddq, ddq)] {
-            // The last row stands in past the end.
-            let mut block = [[0.0; MAX_DOF]; L];
-            for l in 0..L {
-                let from = &rows[(row + l).min(last) * n..];
-                // A copy of known length, of what follows the row too, takes fewer instructions.
-                match from.first_chunk::<MAX_DOF>() {
-                    Some(wide) => block[l] = *wide,
-                    None => block[l][..n].copy_from_slice(&from[..n]),
+            // With what follows a row, its length is known, and no entry has to be checked.
+            let wide = V::of(|l| rows[(row + l).min(last) * n..].first_chunk::<MAX_DOF>());
+            if wide.as_ref().iter().all(Option::is_some) {
+                let wide = V::of(|l| wide[l].unwrap_or(&[0.0; MAX_DOF]));
+                for j in 0..n {
+                    values[j] = Lanes::each(|l| wide[l][j]);
                 }
-            }
-            for j in 0..n {
-                values[j] = Lanes(std::array::from_fn(|l| block[l][j]));
+            } else {
+                for j in 0..n {
+                    values[j] = Lanes::gather(rows, n, row, j);
+                }
             }
         }
     }
@@ -52,18 +51,18 @@ impl<const L: usize, const F: bool> State<L, F> {
 
 /// How a link moves: seen from its own frame, its points have the accelerations `a + U p`.
 #[derive(Debug, Clone, Copy)]
-pub struct Link<const L: usize, const F: bool> {
+pub struct Link<V: Set> {
     /// Angular velocity.
-    omega: Vector<L, F>,
+    omega: Vector<V>,
     /// Angular acceleration.
-    pub domega: Vector<L, F>,
+    pub domega: Vector<V>,
     /// Acceleration of the origin, less gravity.
-    pub a: Vector<L, F>,
+    pub a: Vector<V>,
     /// `U`.
-    pub u: Angular<L, F>,
+    pub u: Angular<V>,
 }
 
-impl<const L: usize, const F: bool> Link<L, F> {
+impl<V: Set> Link<V> {
     /// The base: gravity enters as its acceleration.
     #[inline(always)]
     pub fn base([x, y, z]: [f64; 3]) -> Self {
@@ -77,9 +76,9 @@ impl<const L: usize, const F: bool> Link<L, F> {
         &mut self,
         place: P,
         step: &Step,
-        (s, c, t): Pose<'_, L, F>,
-        dq: Lanes<L, F>,
-        ddq: Lanes<L, F>,
+        (s, c, t): Pose<'_, V>,
+        dq: Lanes<V>,
+        ddq: Lanes<V>,
     ) {
         let Self { omega, domega, a, u } = self;
         if place.index() == 0 {
@@ -115,16 +114,16 @@ impl<const L: usize, const F: bool> Link<L, F> {
 
 /// The matrix `[domega x] + [omega x][omega x]` that turns a place on the link into its acceleration, and its products.
 #[derive(Debug, Clone, Copy)]
-pub struct Angular<const L: usize, const F: bool> {
-    columns: [Vector<L, F>; 3],
+pub struct Angular<V: Set> {
+    columns: [Vector<V>; 3],
     /// `xx yy zz xy xz yz` of the angular velocity.
-    pub products: [Lanes<L, F>; 6],
+    pub products: [Lanes<V>; 6],
 }
 
-impl<const L: usize, const F: bool> Angular<L, F> {
+impl<V: Set> Angular<V> {
     /// From angular velocity and acceleration.
     #[inline(always)]
-    pub fn of(w: Vector<L, F>, dw: Vector<L, F>) -> Self {
+    pub fn of(w: Vector<V>, dw: Vector<V>) -> Self {
         let (xx, yy, zz) = (w.x * w.x, w.y * w.y, w.z * w.z);
         let (xy, xz, yz) = (w.x * w.y, w.x * w.z, w.y * w.z);
         Self {
@@ -145,7 +144,7 @@ impl<const L: usize, const F: bool> Angular<L, F> {
 
     /// `U` of a link that turns about z only.
     #[inline(always)]
-    pub fn about_z(w: Lanes<L, F>, dw: Lanes<L, F>) -> Self {
+    pub fn about_z(w: Lanes<V>, dw: Lanes<V>) -> Self {
         let (zero, square) = (Lanes::zero(), w * w);
         Self {
             columns: [Vector::new(-square, dw, zero), Vector::new(-dw, -square, zero), Vector::zero()],
@@ -155,7 +154,7 @@ impl<const L: usize, const F: bool> Angular<L, F> {
 
     /// Acceleration of the point at `t`, of whose components only some can be other than zero.
     #[inline(always)]
-    pub fn displaced(&self, mut a: Vector<L, F>, nonzero: &[bool; 3], t: &Vector<L, F>) -> Vector<L, F> {
+    pub fn displaced(&self, mut a: Vector<V>, nonzero: &[bool; 3], t: &Vector<V>) -> Vector<V> {
         let [u1, u2, u3] = self.columns;
         if nonzero[0] {
             a = Vector::new(u1.x.mul_add(t.x, a.x), u1.y.mul_add(t.x, a.y), u1.z.mul_add(t.x, a.z));
@@ -171,7 +170,7 @@ impl<const L: usize, const F: bool> Angular<L, F> {
 
     /// Acceleration that a unit step along axis `k` adds.
     #[inline(always)]
-    pub fn column(&self, k: usize) -> Vector<L, F> {
+    pub fn column(&self, k: usize) -> Vector<V> {
         self.columns[k]
     }
 }

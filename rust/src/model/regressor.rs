@@ -5,7 +5,7 @@
 
 use crate::ground::arrays::{MAX_DOF, ShapeError, check_length};
 use crate::ground::dispatch::{Kernel, dispatch};
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::model::friction::{Shaft, own_columns};
 use crate::model::friction_terms::column;
 use crate::model::motion::State;
@@ -18,13 +18,13 @@ use crate::robot::parameters::{FRICTION, IA, INERTIAL, Layout};
 /// Hands over every entry of the regressor that is not zero by structure. `load`: torques of links and rotors (N.m or N), which
 /// only the columns of load friction need.
 #[inline(always)]
-fn regressor_lanes<const L: usize, const F: bool>(
+fn regressor_lanes<V: Set>(
     robot: &Robot,
     geometry: &Geometry,
-    walk: &mut Walk<L, F>,
-    state: &State<L, F>,
-    load: &[Lanes<L, F>; MAX_DOF],
-    entries: &mut impl Entries<L, F>,
+    walk: &mut Walk<V>,
+    state: &State<V>,
+    load: &[Lanes<V>; MAX_DOF],
+    entries: &mut impl Entries<V>,
 ) {
     let layout = Layout::of(robot);
     walk.start(geometry, &state.q);
@@ -37,11 +37,11 @@ fn regressor_lanes<const L: usize, const F: bool>(
 
 /// The same for the columns of rotors and friction, joints and coupled motors.
 #[inline(always)]
-pub(crate) fn drive_lanes<const L: usize, const F: bool>(
+pub(crate) fn drive_lanes<V: Set>(
     robot: &Robot,
-    state: &State<L, F>,
-    load: &[Lanes<L, F>; MAX_DOF],
-    entries: &mut impl Entries<L, F>,
+    state: &State<V>,
+    load: &[Lanes<V>; MAX_DOF],
+    entries: &mut impl Entries<V>,
 ) {
     let layout = Layout::of(robot);
     for (index, term) in robot.friction().terms.iter().enumerate() {
@@ -74,28 +74,28 @@ pub(crate) fn drive_lanes<const L: usize, const F: bool>(
     }
 }
 
-/// Entries go to the rows of each of `L` samples, row-major.
-struct Rows<'a, const L: usize> {
-    samples: [&'a mut [f64]; L],
+/// Entries go to the rows of each of the samples, row-major.
+struct Rows<'a, V: Set> {
+    samples: V::Of<&'a mut [f64]>,
     /// Entries of a row.
     p: usize,
 }
 
-impl<const L: usize, const F: bool> Entries<L, F> for Rows<'_, L> {
+impl<V: Set> Entries<V> for Rows<'_, V> {
     #[inline(always)]
-    fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>) {
-        for (sample, value) in self.samples.iter_mut().zip(value.to_array()) {
+    fn put(&mut self, row: usize, column: usize, value: Lanes<V>) {
+        for (sample, &value) in self.samples.as_mut().iter_mut().zip(value.to_array().as_ref()) {
             sample[row * self.p + column] = value;
         }
     }
 
     /// In three vectors per sample; the last begins before the second has ended.
     #[inline(always)]
-    fn put_link(&mut self, row: usize, first: usize, v: &[Lanes<L, F>; INERTIAL]) {
+    fn put_link(&mut self, row: usize, first: usize, v: &[Lanes<V>; INERTIAL]) {
         let parts = [[v[0], v[1], v[2], v[3]], [v[4], v[5], v[6], v[7]], [v[6], v[7], v[8], v[9]]];
         let [a, b, c] = [Lanes::turned(parts[0]), Lanes::turned(parts[1]), Lanes::turned(parts[2])];
         let start = row * self.p + first;
-        for (l, sample) in self.samples.iter_mut().enumerate() {
+        for (l, sample) in self.samples.as_mut().iter_mut().enumerate() {
             let out = &mut sample[start..start + INERTIAL];
             out[..4].copy_from_slice(&a[l]);
             out[4..8].copy_from_slice(&b[l]);
@@ -104,11 +104,11 @@ impl<const L: usize, const F: bool> Entries<L, F> for Rows<'_, L> {
     }
 
     #[inline(always)]
-    fn put_drive(&mut self, row: usize, first: usize, values: [Lanes<L, F>; 4]) {
+    fn put_drive(&mut self, row: usize, first: usize, values: [Lanes<V>; 4]) {
         let values = Lanes::turned(values);
         let start = row * self.p + first;
-        for (sample, values) in self.samples.iter_mut().zip(values) {
-            sample[start..start + 4].copy_from_slice(&values);
+        for (sample, values) in self.samples.as_mut().iter_mut().zip(values.as_ref()) {
+            sample[start..start + 4].copy_from_slice(values);
         }
     }
 }
@@ -125,21 +125,21 @@ struct Batch<'a> {
 impl Kernel for Batch<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<const L: usize, const F: bool>(self) {
+    fn run<V: Set>(self) {
         let geometry = Geometry::of(self.robot);
         let (n, p) = (geometry.n(), Layout::of(self.robot).count());
         let sample = n * p;
         // Samples that do not fill the last block go through a block of their own.
-        let mut spare = vec![0.0; if self.w.len().is_multiple_of(sample * L) { 0 } else { sample * L }];
-        let (mut walk, mut state) = (Walk::<L, F>::new(&geometry), State::zero());
-        for (block, out) in self.w.chunks_mut(sample * L).enumerate() {
-            state.load(n, block * L, self.q, self.dq, self.ddq);
-            let whole = out.len() == sample * L;
+        let mut spare = vec![0.0; if self.w.len().is_multiple_of(sample * V::L) { 0 } else { sample * V::L }];
+        let (mut walk, mut state) = (Walk::<V>::new(&geometry), State::zero());
+        for (block, out) in self.w.chunks_mut(sample * V::L).enumerate() {
+            state.load(n, block * V::L, self.q, self.dq, self.ddq);
+            let whole = out.len() == sample * V::L;
             let rows = if whole { &mut *out } else { &mut spare[..] };
             rows.fill(0.0);
-            let load = gather_load(self.load, n, block * L);
+            let load = gather_load(self.load, n, block * V::L);
             let mut rest = rows;
-            let samples = std::array::from_fn(|_| {
+            let samples = V::of(|_| {
                 let (one, others) = std::mem::take(&mut rest).split_at_mut(sample);
                 rest = others;
                 one
@@ -154,11 +154,7 @@ impl Kernel for Batch<'_> {
 
 /// Torques of links and rotors of `L` samples; zero where none are given, which only load friction would need.
 #[inline(always)]
-pub(crate) fn gather_load<const L: usize, const F: bool>(
-    load: &[f64],
-    n: usize,
-    row: usize,
-) -> [Lanes<L, F>; MAX_DOF] {
+pub(crate) fn gather_load<V: Set>(load: &[f64], n: usize, row: usize) -> [Lanes<V>; MAX_DOF] {
     let mut lanes = [Lanes::zero(); MAX_DOF];
     if !load.is_empty() {
         for (j, lane) in lanes.iter_mut().enumerate().take(n) {
@@ -205,14 +201,15 @@ pub fn regressor_under_load(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ground::lanes::Plain;
     use crate::robot::{Friction, Joint, JointKind};
 
     /// Entries one by one, as the trait hands them over by itself; the rotor of a coupled motor comes twice, and the last one holds.
     struct OneByOne(Vec<Option<f64>>, usize);
 
-    impl<const L: usize, const F: bool> Entries<L, F> for OneByOne {
-        fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>) {
-            self.0[row * self.1 + column] = Some(value.0[0]);
+    impl<V: Set> Entries<V> for OneByOne {
+        fn put(&mut self, row: usize, column: usize, value: Lanes<V>) {
+            self.0[row * self.1 + column] = Some(value.lane(0));
         }
     }
 
@@ -238,13 +235,13 @@ mod tests {
         let motion = |a: f64| (0..n).map(|k| (a * k as f64 + a).sin() * 2.0).collect::<Vec<_>>();
         let (q, dq, ddq) = (motion(1.1), motion(0.7), motion(1.7));
         let mut entries = OneByOne(vec![None; n * p], p);
-        let mut state = State::<1, false>::zero();
+        let mut state = State::<Plain<1>>::zero();
         state.load(n, 0, &q, &dq, &ddq);
         let geometry = Geometry::of(&robot);
         let mut walk = Walk::new(&geometry);
         regressor_lanes(&robot, &geometry, &mut walk, &state, &[Lanes::zero(); MAX_DOF], &mut entries);
         let mut w = vec![0.0; n * p];
-        Batch { robot: &robot, q: &q, dq: &dq, ddq: &ddq, load: &[], w: &mut w }.run::<1, false>();
+        Batch { robot: &robot, q: &q, dq: &dq, ddq: &ddq, load: &[], w: &mut w }.run::<Plain<1>>();
         for (entry, want) in entries.0.iter().zip(&w) {
             assert_eq!(entry.unwrap_or(0.0), *want);
         }

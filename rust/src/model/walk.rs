@@ -3,7 +3,7 @@
 //! A column of a link's inertial parameter is the wrench that a unit of it needs; row `i` is that wrench seen along axis `i`.
 
 use crate::ground::arrays::MAX_DOF;
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::ground::spatial::Vector;
 use crate::model::motion::{Link, State};
 use crate::robot::arm::{At, Place, by_twist};
@@ -12,17 +12,17 @@ use crate::robot::parameters::INERTIAL;
 
 /// Motion of a link per unit speed of an earlier joint, seen at the link's origin: how that joint feels the link's wrench.
 #[derive(Debug, Clone, Copy)]
-struct Axis<const L: usize, const F: bool> {
+struct Axis<V: Set> {
     /// Angular part.
-    u: Vector<L, F>,
+    u: Vector<V>,
     /// Linear part.
-    w: Vector<L, F>,
+    w: Vector<V>,
 }
 
-impl<const L: usize, const F: bool> Axis<L, F> {
-    const fn none() -> Self {
-        let zero = Vector { x: Lanes([0.0; L]), y: Lanes([0.0; L]), z: Lanes([0.0; L]) };
-        Self { u: zero, w: zero }
+impl<V: Set> Axis<V> {
+    #[inline(always)]
+    fn none() -> Self {
+        Self { u: Vector::zero(), w: Vector::zero() }
     }
 
     /// Axis of a joint in its own frame.
@@ -34,7 +34,7 @@ impl<const L: usize, const F: bool> Axis<L, F> {
 
     /// The same axis seen from the next frame.
     #[inline(always)]
-    fn stepped<const T: u8>(&self, step: &Step, (s, c, t): Pose<'_, L, F>) -> Self {
+    fn stepped<const T: u8>(&self, step: &Step, (s, c, t): Pose<'_, V>) -> Self {
         let Self { u, mut w } = *self;
         // w + u x t
         if step.form.shifted[0] {
@@ -55,13 +55,13 @@ impl<const L: usize, const F: bool> Axis<L, F> {
 
 /// Walks out along the robot; after `k` steps it knows the columns of link `k`.
 #[derive(Debug, Clone, Copy)]
-pub struct Walk<const L: usize, const F: bool> {
-    frames: Frames<L, F>,
-    link: Link<L, F>,
-    axes: [Axis<L, F>; MAX_DOF],
+pub struct Walk<V: Set> {
+    frames: Frames<V>,
+    link: Link<V>,
+    axes: [Axis<V>; MAX_DOF],
 }
 
-impl<const L: usize, const F: bool> Walk<L, F> {
+impl<V: Set> Walk<V> {
     /// At the base.
     #[inline(always)]
     pub fn new(geometry: &Geometry) -> Self {
@@ -74,14 +74,14 @@ impl<const L: usize, const F: bool> Walk<L, F> {
 
     /// Back to the base, with the joints at `q`.
     #[inline(always)]
-    pub fn start(&mut self, geometry: &Geometry, q: &[Lanes<L, F>; MAX_DOF]) {
+    pub fn start(&mut self, geometry: &Geometry, q: &[Lanes<V>; MAX_DOF]) {
         self.frames.place(geometry, q);
         self.link = Link::base(geometry.gravity);
     }
 
     /// Steps to link `j`.
     #[inline(always)]
-    pub fn step(&mut self, geometry: &Geometry, j: usize, state: &State<L, F>) {
+    pub fn step(&mut self, geometry: &Geometry, j: usize, state: &State<V>) {
         let (place, step) = (At(j), geometry.step(At(j)));
         let j = place.index();
         let pose = self.frames.pose(j);
@@ -99,7 +99,7 @@ impl<const L: usize, const F: bool> Walk<L, F> {
         geometry: &Geometry,
         j: usize,
         first: usize,
-        entries: &mut impl Entries<L, F>,
+        entries: &mut impl Entries<V>,
     ) {
         let unit = UnitWrenches::of(&self.link);
         for i in 0..j {
@@ -110,7 +110,7 @@ impl<const L: usize, const F: bool> Walk<L, F> {
 
     /// Row `i` of these columns, `i` an earlier joint.
     #[inline(always)]
-    fn row(&self, i: usize, unit: &UnitWrenches<L, F>) -> [Lanes<L, F>; INERTIAL] {
+    fn row(&self, i: usize, unit: &UnitWrenches<V>) -> [Lanes<V>; INERTIAL] {
         let Axis { u, w } = self.axes[i];
         let mut row = [Lanes::zero(); INERTIAL];
         for k in 0..6 {
@@ -126,7 +126,7 @@ impl<const L: usize, const F: bool> Walk<L, F> {
 
     /// The same of the link's own joint, which turns or not.
     #[inline(always)]
-    fn own_row(turns: bool, unit: &UnitWrenches<L, F>) -> [Lanes<L, F>; INERTIAL] {
+    fn own_row(turns: bool, unit: &UnitWrenches<V>) -> [Lanes<V>; INERTIAL] {
         let mut row = [Lanes::zero(); INERTIAL];
         let Link { a, u: angular, .. } = &unit.link;
         if turns {
@@ -146,14 +146,14 @@ impl<const L: usize, const F: bool> Walk<L, F> {
 
 /// Moments of unit inertias (`XX XY XZ YY YZ ZZ`), and what forces and moments of the first moments and the mass follow from.
 #[derive(Debug, Clone, Copy)]
-struct UnitWrenches<const L: usize, const F: bool> {
-    inertia: [Vector<L, F>; 6],
-    link: Link<L, F>,
+struct UnitWrenches<V: Set> {
+    inertia: [Vector<V>; 6],
+    link: Link<V>,
 }
 
-impl<const L: usize, const F: bool> UnitWrenches<L, F> {
+impl<V: Set> UnitWrenches<V> {
     #[inline(always)]
-    fn of(link: &Link<L, F>) -> Self {
+    fn of(link: &Link<V>) -> Self {
         let [xx, yy, zz, xy, xz, yz] = link.u.products;
         let d = link.domega;
         Self {
@@ -171,13 +171,13 @@ impl<const L: usize, const F: bool> UnitWrenches<L, F> {
 }
 
 /// Takes the entries of a regressor. A trait and not a closure: what it does must be inlined into the kernel.
-pub(crate) trait Entries<const L: usize, const F: bool> {
+pub(crate) trait Entries<V: Set> {
     /// Takes the entry of `L` samples. Implementations are `#[inline(always)]`.
-    fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>);
+    fn put(&mut self, row: usize, column: usize, value: Lanes<V>);
 
     /// Takes neighbouring entries of the inertial parameters of a link.
     #[inline(always)]
-    fn put_link(&mut self, row: usize, first: usize, values: &[Lanes<L, F>; INERTIAL]) {
+    fn put_link(&mut self, row: usize, first: usize, values: &[Lanes<V>; INERTIAL]) {
         for (k, &value) in values.iter().enumerate() {
             self.put(row, first + k, value);
         }
@@ -185,7 +185,7 @@ pub(crate) trait Entries<const L: usize, const F: bool> {
 
     /// Takes neighbouring entries of a drive.
     #[inline(always)]
-    fn put_drive(&mut self, row: usize, first: usize, values: [Lanes<L, F>; 4]) {
+    fn put_drive(&mut self, row: usize, first: usize, values: [Lanes<V>; 4]) {
         for (k, value) in values.into_iter().enumerate() {
             self.put(row, first + k, value);
         }

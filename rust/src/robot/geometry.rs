@@ -7,7 +7,7 @@
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::dispatch::WIDTH;
 use crate::ground::elementary::SMALL_ANGLE;
-use crate::ground::lanes::{Lanes, side_by_side};
+use crate::ground::lanes::{Lanes, Set, side_by_side};
 use crate::ground::spatial::Vector;
 use crate::robot::arm::{Any, Arm, At, GENERAL, MINUS, PLUS, Place, SIX, StepForm, ZERO, complete, outwards};
 use crate::robot::{JointKind, Robot, Twist};
@@ -104,24 +104,24 @@ impl<S: Arm> Geometry<S> {
 
 /// Pose of each frame in the one before, on lanes.
 #[derive(Debug, Clone, Copy)]
-pub struct Frames<const L: usize, const F: bool> {
+pub struct Frames<V: Set> {
     /// Sine of the angle about z.
-    pub sine: [Lanes<L, F>; MAX_DOF],
+    pub sine: [Lanes<V>; MAX_DOF],
     /// Its cosine.
-    pub cosine: [Lanes<L, F>; MAX_DOF],
+    pub cosine: [Lanes<V>; MAX_DOF],
     /// `t`, of which only [`StepForm::shifted`] components are used.
-    pub shift: [Vector<L, F>; MAX_DOF],
+    pub shift: [Vector<V>; MAX_DOF],
     /// Positions, sines and cosines that [`Self::follow`] starts from.
-    anchor: [[Lanes<L, F>; MAX_DOF]; 3],
+    anchor: [[Lanes<V>; MAX_DOF]; 3],
 }
 
 /// Pose of a frame in the one before: sine and cosine of the angle about z, and the displacement `t`.
-pub type Pose<'a, const L: usize, const F: bool> = (Lanes<L, F>, Lanes<L, F>, &'a Vector<L, F>);
+pub type Pose<'a, V> = (Lanes<V>, Lanes<V>, &'a Vector<V>);
 
-impl<const L: usize, const F: bool> Frames<L, F> {
+impl<V: Set> Frames<V> {
     /// Pose of frame `j` in the one before.
     #[inline(always)]
-    pub fn pose(&self, j: usize) -> Pose<'_, L, F> {
+    pub fn pose(&self, j: usize) -> Pose<'_, V> {
         (self.sine[j], self.cosine[j], &self.shift[j])
     }
 
@@ -141,8 +141,8 @@ impl<const L: usize, const F: bool> Frames<L, F> {
 
     /// Moves the joints to `q`.
     #[inline(always)]
-    pub fn place<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
-        if L == 1 && F {
+    pub fn place<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<V>; MAX_DOF]) {
+        if V::L == 1 && V::FUSED {
             return self.place_together(geometry, q);
         }
         outwards!(S, geometry.n(), place => {
@@ -157,7 +157,7 @@ impl<const L: usize, const F: bool> Frames<L, F> {
 
     /// The same, and remembers it for [`Self::follow`].
     #[inline(always)]
-    pub fn anchor<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
+    pub fn anchor<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<V>; MAX_DOF]) {
         self.place(geometry, q);
         outwards!(S, geometry.n(), place => {
             let j = place.index();
@@ -167,8 +167,8 @@ impl<const L: usize, const F: bool> Frames<L, F> {
 
     /// Moves the joints to `q`, near the anchor: sums of angles are cheaper than new sines.
     #[inline(always)]
-    pub fn follow<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
-        if L == 1 && F {
+    pub fn follow<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<V>; MAX_DOF]) {
+        if V::L == 1 && V::FUSED {
             return self.follow_together(geometry, q);
         }
         outwards!(S, geometry.n(), place => {
@@ -184,9 +184,9 @@ impl<const L: usize, const F: bool> Frames<L, F> {
 
     /// [`Self::place`] of a single lane: the joints side by side in a register, the same bits.
     #[inline(always)]
-    fn place_together<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
+    fn place_together<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<V>; MAX_DOF]) {
         for first in (0..geometry.n()).step_by(WIDTH) {
-            let theta = Lanes::<WIDTH, F>(std::array::from_fn(|k| geometry.steps[first + k].theta));
+            let theta = Lanes::<V::Wide>::each(|k| geometry.steps[first + k].theta);
             let (sine, cosine) = (side_by_side(q, first) + theta).sin_cos();
             self.put_together(geometry, first, q, sine, cosine);
         }
@@ -194,10 +194,11 @@ impl<const L: usize, const F: bool> Frames<L, F> {
 
     /// [`Self::follow`], likewise.
     #[inline(always)]
-    fn follow_together<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<L, F>; MAX_DOF]) {
+    fn follow_together<S: Arm>(&mut self, geometry: &Geometry<S>, q: &[Lanes<V>; MAX_DOF]) {
         for first in (0..geometry.n()).step_by(WIDTH) {
-            let theta = Lanes::<WIDTH, F>(std::array::from_fn(|k| geometry.steps[first + k].theta));
-            let from = [0, 1, 2].map(|part: usize| side_by_side(&self.anchor[part], first));
+            let theta = Lanes::<V::Wide>::each(|k| geometry.steps[first + k].theta);
+            let [q0, s, c] = &self.anchor;
+            let from = [side_by_side(q0, first), side_by_side(s, first), side_by_side(c, first)];
             let (sine, cosine) = near(from, side_by_side(q, first), theta);
             self.put_together(geometry, first, q, sine, cosine);
         }
@@ -208,14 +209,15 @@ impl<const L: usize, const F: bool> Frames<L, F> {
         &mut self,
         geometry: &Geometry<S>,
         first: usize,
-        q: &[Lanes<L, F>; MAX_DOF],
-        sine: Lanes<WIDTH, F>,
-        cosine: Lanes<WIDTH, F>,
+        q: &[Lanes<V>; MAX_DOF],
+        sine: Lanes<V::Wide>,
+        cosine: Lanes<V::Wide>,
     ) {
+        let (sine, cosine) = (sine.to_array(), cosine.to_array());
         for k in 0..WIDTH.min(geometry.n().saturating_sub(first)) {
             let (j, step) = (first + k, geometry.step(At(first + k)));
             if step.form.turns {
-                (self.sine[j], self.cosine[j]) = (Lanes::splat(sine.0[k]), Lanes::splat(cosine.0[k]));
+                (self.sine[j], self.cosine[j]) = (Lanes::splat(sine[k]), Lanes::splat(cosine[k]));
             } else {
                 self.slide(&step, j, q[j]);
             }
@@ -223,7 +225,7 @@ impl<const L: usize, const F: bool> Frames<L, F> {
     }
 
     #[inline(always)]
-    fn slide(&mut self, step: &Step, j: usize, q: Lanes<L, F>) {
+    fn slide(&mut self, step: &Step, j: usize, q: Lanes<V>) {
         let [x, y, z] = step.shift;
         let y = q.mul_add(Lanes::splat(-step.sine), Lanes::splat(y));
         let z = q.mul_add(Lanes::splat(step.cosine), Lanes::splat(z));
@@ -233,11 +235,7 @@ impl<const L: usize, const F: bool> Frames<L, F> {
 
 /// Sine and cosine at `q + theta` from those at an anchor: `[position, sine, cosine]`.
 #[inline(always)]
-fn near<const L: usize, const F: bool>(
-    [from, s, c]: [Lanes<L, F>; 3],
-    q: Lanes<L, F>,
-    theta: Lanes<L, F>,
-) -> (Lanes<L, F>, Lanes<L, F>) {
+fn near<V: Set>([from, s, c]: [Lanes<V>; 3], q: Lanes<V>, theta: Lanes<V>) -> (Lanes<V>, Lanes<V>) {
     let way = q - from;
     let (sine, cosine_less_one) = way.small_sin_cos();
     let near_s = c.mul_add(sine, s.mul_add(cosine_less_one, s));
@@ -251,7 +249,7 @@ fn near<const L: usize, const F: bool>(
     (near_s.or_where_not_above(far_s, room), near_c.or_where_not_above(far_c, room))
 }
 
-impl<const L: usize, const F: bool> Vector<L, F> {
+impl<V: Set> Vector<V> {
     /// Components after the step's twist: `Rot(x, alpha)^T v`.
     #[inline(always)]
     fn twisted<const T: u8>(self, step: &Step) -> Self {
@@ -282,13 +280,13 @@ impl<const L: usize, const F: bool> Vector<L, F> {
 
     /// A direction of frame `j-1` in frame `j`.
     #[inline(always)]
-    pub fn stepped<const T: u8>(self, step: &Step, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
+    pub fn stepped<const T: u8>(self, step: &Step, sine: Lanes<V>, cosine: Lanes<V>) -> Self {
         self.twisted::<T>(step).into_turned(sine, cosine)
     }
 
     /// A direction of frame `j` in frame `j-1`.
     #[inline(always)]
-    pub fn unstepped<const T: u8>(self, step: &Step, sine: Lanes<L, F>, cosine: Lanes<L, F>) -> Self {
+    pub fn unstepped<const T: u8>(self, step: &Step, sine: Lanes<V>, cosine: Lanes<V>) -> Self {
         self.out_of_turned(sine, cosine).untwisted::<T>(step)
     }
 }
@@ -296,6 +294,7 @@ impl<const L: usize, const F: bool> Vector<L, F> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ground::lanes::Plain;
     use crate::robot::arm::by_twist;
     use proptest::prelude::*;
 
@@ -309,7 +308,7 @@ mod tests {
         fn steps_are_the_rotations_they_stand_for(
             v in prop::array::uniform3(-3.0..3.0_f64), theta in -7.0..7.0_f64, alpha in -7.0..7.0_f64,
         ) {
-            let (s, c) = Lanes::<1, false>([theta]).sin_cos();
+            let (s, c) = Lanes::<Plain<1>>::splat(theta).sin_cos();
             for (twist, cosine, sine) in [
                 (ZERO, 1.0, 0.0), (PLUS, 0.0, 1.0), (MINUS, 0.0, -1.0), (GENERAL, alpha.cos(), alpha.sin()),
             ] {
@@ -324,10 +323,10 @@ mod tests {
                 let (st, ct) = theta.sin_cos();
                 let want = times([[ct, st, 0.0], [-st, ct, 0.0], [0.0, 0.0, 1.0]], untwisted);
                 for (got, want) in [into.x, into.y, into.z].iter().zip(want) {
-                    prop_assert!((got.0[0] - want).abs() < 1e-12);
+                    prop_assert!((got.lane(0) - want).abs() < 1e-12);
                 }
                 for (got, want) in [back.x, back.y, back.z].iter().zip(v) {
-                    prop_assert!((got.0[0] - want).abs() < 1e-12);
+                    prop_assert!((got.lane(0) - want).abs() < 1e-12);
                 }
             }
         }

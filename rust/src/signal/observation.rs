@@ -8,7 +8,7 @@
 
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::dispatch::{Kernel, dispatch};
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::ground::parallel;
 use crate::model::motion::State;
 use crate::model::regressor::{check_load, drive_lanes, gather_load};
@@ -168,14 +168,15 @@ struct Asked<'a> {
     valid: usize,
 }
 
-impl<const L: usize, const F: bool> Entries<L, F> for Asked<'_> {
+impl<V: Set> Entries<V> for Asked<'_> {
     #[inline(always)]
-    fn put(&mut self, row: usize, column: usize, value: Lanes<L, F>) {
+    fn put(&mut self, row: usize, column: usize, value: Lanes<V>) {
         let s = self.place[row * self.width + column];
         if s != usize::MAX {
             let group = &mut self.groups[s / COLUMNS][self.first..self.first + self.valid];
+            let numbers = value.to_array();
             for (l, sample) in group.iter_mut().enumerate() {
-                sample.0[s % COLUMNS] = value.0[l];
+                sample.0[s % COLUMNS] = numbers[l];
             }
         }
     }
@@ -185,7 +186,7 @@ impl Kernel for FormAndFilter<'_> {
     type Output = Vec<Vec<Row<COLUMNS>>>;
 
     #[inline(always)]
-    fn run<const L: usize, const F: bool>(self) -> Self::Output {
+    fn run<V: Set>(self) -> Self::Output {
         let Self { robot, log, samples, block, stages, memory: Memory { groups, filter } } = self;
         let n = robot.n_dof();
         let count = block.series.len().div_ceil(COLUMNS);
@@ -200,10 +201,10 @@ impl Kernel for FormAndFilter<'_> {
             place[series.row * width + series.column] = s;
         }
         let geometry = Geometry::of(robot);
-        let (mut walk, mut state) = (Walk::<L, F>::new(&geometry), State::zero());
-        for first in (0..samples).step_by(L) {
+        let (mut walk, mut state) = (Walk::<V>::new(&geometry), State::zero());
+        for first in (0..samples).step_by(V::L) {
             state.load(n, first, log.q, log.dq, log.ddq);
-            let valid = L.min(samples - first);
+            let valid = V::L.min(samples - first);
             let mut entries = Asked { place: &place, width, groups, first, valid };
             if let Some(j) = block.link {
                 walk.start(&geometry, &state.q);
@@ -262,7 +263,7 @@ impl Kernel for Filter<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<const L: usize, const F: bool>(self) {
+    fn run<V: Set>(self) {
         zero_phase_lanes(self.group, self.stages, &mut Workspace::new());
     }
 }

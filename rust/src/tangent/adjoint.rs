@@ -8,7 +8,7 @@
 
 use crate::ground::arrays::{MAX_DOF, ShapeError, check_length};
 use crate::ground::dispatch::{Kernel, dispatch};
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::ground::spatial::Vector;
 use crate::model::motion::State;
 use crate::robot::parameters::{INERTIAL, Layout};
@@ -64,16 +64,16 @@ struct Batch<'a> {
 impl Kernel for Batch<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<const L: usize, const F: bool>(self) {
+    fn run<V: Set>(self) {
         let n = self.robot.n_dof();
         let layout = Layout::of(self.robot);
         let width = n * layout.count();
-        let (mut chain, mut found) = (Chain::<L, F>::new(self.robot), State::zero());
-        let blocks = self.out.q.chunks_mut(n * L).zip(self.out.dq.chunks_mut(n * L));
-        for (block, ((q, dq), ddq)) in blocks.zip(self.out.ddq.chunks_mut(n * L)).enumerate() {
-            let mut state = State::<L, F>::zero();
-            state.load(n, block * L, self.q, self.dq, self.ddq);
-            let weights = Weights { g: &self.g[block * L * width..], width, layout };
+        let (mut chain, mut found) = (Chain::<V>::new(self.robot), State::zero());
+        let blocks = self.out.q.chunks_mut(n * V::L).zip(self.out.dq.chunks_mut(n * V::L));
+        for (block, ((q, dq), ddq)) in blocks.zip(self.out.ddq.chunks_mut(n * V::L)).enumerate() {
+            let mut state = State::<V>::zero();
+            state.load(n, block * V::L, self.q, self.dq, self.ddq);
+            let weights = Weights { g: &self.g[block * V::L * width..], width, layout };
             chain.outwards(self.robot, &state);
             chain.inwards(self.robot, &state, &weights, &mut found);
             drives(self.robot, &state, &weights, &mut found);
@@ -96,20 +96,20 @@ pub(super) struct Weights<'a> {
 impl Weights<'_> {
     /// Entry of a row and a column; past the end the last sample stands in.
     #[inline(always)]
-    pub(super) fn at<const L: usize, const F: bool>(&self, row: usize, column: usize) -> Lanes<L, F> {
+    pub(super) fn at<V: Set>(&self, row: usize, column: usize) -> Lanes<V> {
         Lanes::gather(self.g, self.width, 0, row * self.layout.count() + column)
     }
 }
 
 /// A link's motion, or the derivatives of the sum with respect to it.
 #[derive(Debug, Clone, Copy)]
-struct Motion<const L: usize, const F: bool> {
-    omega: Vector<L, F>,
-    domega: Vector<L, F>,
-    a: Vector<L, F>,
+struct Motion<V: Set> {
+    omega: Vector<V>,
+    domega: Vector<V>,
+    a: Vector<V>,
 }
 
-impl<const L: usize, const F: bool> Motion<L, F> {
+impl<V: Set> Motion<V> {
     #[inline(always)]
     fn none() -> Self {
         Self { omega: Vector::zero(), domega: Vector::zero(), a: Vector::zero() }
@@ -118,27 +118,27 @@ impl<const L: usize, const F: bool> Motion<L, F> {
 
 /// An earlier joint's axis as a link feels it: angular and linear part of the motion per unit speed.
 #[derive(Debug, Clone, Copy)]
-struct Axis<const L: usize, const F: bool> {
-    u: Vector<L, F>,
-    w: Vector<L, F>,
+struct Axis<V: Set> {
+    u: Vector<V>,
+    w: Vector<V>,
 }
 
 /// Values of the outward pass that the inward pass needs.
-struct Chain<const L: usize, const F: bool> {
-    base: Motion<L, F>,
-    sine: [Lanes<L, F>; MAX_DOF],
-    cosine: [Lanes<L, F>; MAX_DOF],
+struct Chain<V: Set> {
+    base: Motion<V>,
+    sine: [Lanes<V>; MAX_DOF],
+    cosine: [Lanes<V>; MAX_DOF],
     /// Displacement of each origin after the twist, `(d, 0, r)`.
-    arm: [Vector<L, F>; MAX_DOF],
+    arm: [Vector<V>; MAX_DOF],
     /// Motion of the link before, in the frame of the link: without the joint's own speed.
-    carried: [Motion<L, F>; MAX_DOF],
+    carried: [Motion<V>; MAX_DOF],
     /// Axes of joints `0..=j` seen from link `j`.
-    axes: [[Axis<L, F>; MAX_DOF]; MAX_DOF],
+    axes: [[Axis<V>; MAX_DOF]; MAX_DOF],
     /// Derivatives with respect to the axes, seen from the link at hand.
-    axes_bar: [Axis<L, F>; MAX_DOF],
+    axes_bar: [Axis<V>; MAX_DOF],
 }
 
-impl<const L: usize, const F: bool> Chain<L, F> {
+impl<V: Set> Chain<V> {
     #[inline(always)]
     fn new(robot: &Robot) -> Self {
         let zero = [Lanes::zero(); MAX_DOF];
@@ -157,7 +157,7 @@ impl<const L: usize, const F: bool> Chain<L, F> {
 
     /// Motion of link `j`: what is carried, and the joint's own speed and acceleration.
     #[inline(always)]
-    fn motion(&self, robot: &Robot, j: usize, state: &State<L, F>) -> Motion<L, F> {
+    fn motion(&self, robot: &Robot, j: usize, state: &State<V>) -> Motion<V> {
         let Motion { mut omega, mut domega, mut a } = self.carried[j];
         let (dq, ddq) = (state.dq[j], state.ddq[j]);
         match robot.joints()[j].kind {
@@ -178,7 +178,7 @@ impl<const L: usize, const F: bool> Chain<L, F> {
     }
 
     #[inline(always)]
-    fn outwards(&mut self, robot: &Robot, state: &State<L, F>) {
+    fn outwards(&mut self, robot: &Robot, state: &State<V>) {
         let mut before = self.base;
         for j in 0..robot.n_dof().min(MAX_DOF) {
             let (joint, twist) = (&robot.joints()[j], robot.twists()[j]);
@@ -210,13 +210,7 @@ impl<const L: usize, const F: bool> Chain<L, F> {
 
     /// Derivatives of the links' part of the sum, into `found`.
     #[inline(always)]
-    fn inwards(
-        &mut self,
-        robot: &Robot,
-        state: &State<L, F>,
-        weights: &Weights<'_>,
-        found: &mut State<L, F>,
-    ) {
+    fn inwards(&mut self, robot: &Robot, state: &State<V>, weights: &Weights<'_>, found: &mut State<V>) {
         let n = robot.n_dof().min(MAX_DOF);
         let mut bar = Motion::none();
         self.axes_bar = [Axis { u: Vector::zero(), w: Vector::zero() }; MAX_DOF];
@@ -224,7 +218,7 @@ impl<const L: usize, const F: bool> Chain<L, F> {
             let motion = self.motion(robot, j, state);
             let first = weights.layout.joint(j);
             for i in 0..=j {
-                let row: [Lanes<L, F>; INERTIAL] = std::array::from_fn(|k| weights.at(i, first + k));
+                let row: [Lanes<V>; INERTIAL] = std::array::from_fn(|k| weights.at(i, first + k));
                 body(&row, &motion, &self.axes[j][i], &mut bar, &mut self.axes_bar[i]);
             }
             bar = self.through_joint(robot, j, state, bar, found);
@@ -237,10 +231,10 @@ impl<const L: usize, const F: bool> Chain<L, F> {
         &mut self,
         robot: &Robot,
         j: usize,
-        state: &State<L, F>,
-        mut bar: Motion<L, F>,
-        found: &mut State<L, F>,
-    ) -> Motion<L, F> {
+        state: &State<V>,
+        mut bar: Motion<V>,
+        found: &mut State<V>,
+    ) -> Motion<V> {
         let (s, c, arm, carried) = (self.sine[j], self.cosine[j], self.arm[j], self.carried[j]);
         let twist = robot.twists()[j];
         let revolute = robot.joints()[j].kind == JointKind::Revolute;
@@ -287,46 +281,42 @@ impl<const L: usize, const F: bool> Chain<L, F> {
     }
 }
 
-impl<const L: usize, const F: bool> Vector<L, F> {
+impl<V: Set> Vector<V> {
     #[inline(always)]
     fn times(self, factor: f64) -> Self {
         Self::new(self.x.scale(factor), self.y.scale(factor), self.z.scale(factor))
     }
 
     #[inline(always)]
-    fn by(self, factor: Lanes<L, F>) -> Self {
+    fn by(self, factor: Lanes<V>) -> Self {
         Self::new(self.x * factor, self.y * factor, self.z * factor)
     }
 }
 
 /// Derivative along the angle of a vector seen from a frame that turns about z.
 #[inline(always)]
-fn turned_by<const L: usize, const F: bool>(bar: Vector<L, F>, v: Vector<L, F>) -> Lanes<L, F> {
+fn turned_by<V: Set>(bar: Vector<V>, v: Vector<V>) -> Lanes<V> {
     bar.x.mul_sub(v.y, bar.y * v.x)
 }
 
 /// Derivative of `w . (omega x (omega x h))` with respect to `omega`.
 #[inline(always)]
-fn centripetal<const L: usize, const F: bool>(
-    w: Vector<L, F>,
-    omega: Vector<L, F>,
-    h: Vector<L, F>,
-) -> Vector<L, F> {
+fn centripetal<V: Set>(w: Vector<V>, omega: Vector<V>, h: Vector<V>) -> Vector<V> {
     let (oh, ow, wh) = (omega.dot(h), omega.dot(w), w.dot(h));
     (w.by(oh) + h.by(ow)) - omega.by(wh + wh)
 }
 
 /// The wrench of a body with the ten parameters `x` along an axis: adds its derivatives.
 #[inline(always)]
-fn body<const L: usize, const F: bool>(
-    x: &[Lanes<L, F>; INERTIAL],
-    motion: &Motion<L, F>,
-    axis: &Axis<L, F>,
-    bar: &mut Motion<L, F>,
-    axis_bar: &mut Axis<L, F>,
+fn body<V: Set>(
+    x: &[Lanes<V>; INERTIAL],
+    motion: &Motion<V>,
+    axis: &Axis<V>,
+    bar: &mut Motion<V>,
+    axis_bar: &mut Axis<V>,
 ) {
     let [xx, xy, xz, yy, yz, zz, hx, hy, hz, m] = *x;
-    let inertia = |v: Vector<L, F>| {
+    let inertia = |v: Vector<V>| {
         Vector::new(
             xz.mul_add(v.z, xy.mul_add(v.y, xx * v.x)),
             yz.mul_add(v.z, yy.mul_add(v.y, xy * v.x)),

@@ -22,7 +22,7 @@ use crate::closed_loop::simulation::SimulationError;
 use crate::closed_loop::simulation::{Candidate, Outcome, Simulation, check};
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::cancel::Cancel;
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Plain};
 use crate::ground::parallel;
 use crate::model::direct::Direct;
 use crate::model::friction::Drives;
@@ -32,7 +32,7 @@ use crate::robot::geometry::Geometry;
 use crate::robot::parameters::Layout;
 
 /// One number per joint.
-type PerJoint = [Lanes<1, false>; MAX_DOF];
+type PerJoint = [Lanes<Plain<1>>; MAX_DOF];
 /// How often, in segments and in steps within one, a run asks whether it shall stop.
 const PATIENCE: usize = 64;
 
@@ -69,7 +69,7 @@ pub fn sensitivities(
 struct Tangent<'a> {
     /// Entries of the direction that are not zero.
     direction: Vec<(usize, f64)>,
-    stages: Stages<1, false>,
+    stages: Stages<Plain<1>>,
     tau: PerJoint,
     dz: PerJoint,
     ddq: PerJoint,
@@ -91,10 +91,10 @@ struct Run<'a> {
     candidate: Candidate<'a>,
     geometry: Geometry,
     drives: Drives<'a>,
-    links: Links<1, false>,
+    links: Links<Plain<1>>,
     scale: PerJoint,
-    direct: Direct<1, false>,
-    stages: Stages<1, false>,
+    direct: Direct<Plain<1>>,
+    stages: Stages<Plain<1>>,
     /// Torques that the laws are to give first, where the memory of the controller follows from them.
     begun: Option<PerJoint>,
     tau: PerJoint,
@@ -168,7 +168,7 @@ impl<'a> Run<'a> {
         let n = self.geometry.n();
         let simulation = self.simulation;
         let Point { q, dq, .. } = self.stages.here;
-        let plain = |values: &PerJoint| values.map(|value| value.0[0]);
+        let plain = |values: &PerJoint| values.map(|value| value.lane(0));
         let (state_q, state_dq) = (plain(&q), plain(&dq));
         let target = aimed_at(&simulation, [&q, &dq], &self.target);
         let torque = first_torque(&simulation, [&state_q[..n], &state_dq[..n]], &target, self.candidate.x);
@@ -190,11 +190,11 @@ impl<'a> Run<'a> {
             let Some(torque) = &self.begun else { continue };
             // Beyond the limit the torque does not follow the parameters.
             if simulation.memory.initial != Initial::Balance
-                || torque[j].0[0].abs() > one.limit * one.gain.abs()
+                || torque[j].lane(0).abs() > one.limit * one.gain.abs()
             {
                 continue;
             }
-            let per_unit = one.gain * one.integral * self.scale[j].0[0];
+            let per_unit = one.gain * one.integral * self.scale[j].lane(0);
             let row = &self.w[j * width..(j + 1) * width];
             for tangent in &mut self.tangents {
                 let change: f64 = tangent.direction.iter().map(|&(k, value)| row[k] * value).sum();
@@ -244,7 +244,7 @@ impl<'a> Run<'a> {
                 }
                 let t = segment.start + step as f64 * segment.step;
                 for stage in 0..4 {
-                    let time = Stages::<1, false>::time(stage, t, segment.step);
+                    let time = Stages::<Plain<1>>::time(stage, t, segment.step);
                     if let Some(joint) = self.evaluate(time) {
                         return (Outcome::Indefinite { time, joint }, Vec::new());
                     }
@@ -267,7 +267,7 @@ impl<'a> Run<'a> {
                 }
             }
             let lost = (0..self.geometry.n()).find(|&j| {
-                let error = (self.stages.here.q[j].0[0] - self.target.q[j]).abs();
+                let error = (self.stages.here.q[j].lane(0) - self.target.q[j]).abs();
                 error.is_nan() || error > self.simulation.divergence
             });
             if let Some(joint) = lost {
@@ -287,7 +287,7 @@ impl<'a> Run<'a> {
                 (&mut record.tau, &*tau),
             ];
             for (out, values) in all {
-                out.extend(values[..n].iter().map(|value| value.0[0]));
+                out.extend(values[..n].iter().map(|value| value.lane(0)));
             }
         }
     }
@@ -304,7 +304,7 @@ impl<'a> Run<'a> {
         target: &'b Target,
         feedforward: &'b [f64; MAX_DOF],
         scale: &'b PerJoint,
-    ) -> Instant<'b, 1, false> {
+    ) -> Instant<'b, Plain<1>> {
         Instant { target, feedforward: controller.feedforward().map(|_| feedforward), scale }
     }
 
@@ -342,7 +342,7 @@ impl<'a> Run<'a> {
         if indefinite.is_some() {
             return indefinite;
         }
-        let plain = |values: &PerJoint| values.map(|value| value.0[0]);
+        let plain = |values: &PerJoint| values.map(|value| value.lane(0));
         let (q, dq, ddq) = (plain(&q), plain(&dq), plain(&self.direct.ddq));
         let of_state = partials(robot, self.candidate.x, &q[..n], &dq[..n], &ddq[..n]);
         // Shapes have been checked with the candidate.
@@ -356,7 +356,7 @@ impl<'a> Run<'a> {
                 let row = &self.w[i * width..(i + 1) * width];
                 let mut sum: f64 = tangent.direction.iter().map(|&(k, value)| row[k] * value).sum();
                 for j in 0..n {
-                    sum += of_state.position[i][j] * q_[j].0[0] + of_state.velocity[i][j] * dq_[j].0[0];
+                    sum += of_state.position[i][j] * q_[j].lane(0) + of_state.velocity[i][j] * dq_[j].lane(0);
                 }
                 torque[i] -= Lanes::splat(sum);
             }
@@ -366,7 +366,7 @@ impl<'a> Run<'a> {
     }
 
     /// One sample of a digital controller, and its tangents.
-    fn sample(&mut self, sampled: &mut Sampled<1, false>, t: f64) {
+    fn sample(&mut self, sampled: &mut Sampled<Plain<1>>, t: f64) {
         self.aim(t);
         let controller = self.simulation.controller;
         let instant = Self::instant(controller, &self.target, &self.feedforward, &self.scale);
@@ -402,11 +402,11 @@ impl<'a> Run<'a> {
 /// Derivative of [`law`] at a state `[q, dq, z]` along a change of it.
 fn law_tangent(
     one: &Law,
-    instant: &Instant<'_, 1, false>,
+    instant: &Instant<'_, Plain<1>>,
     j: usize,
-    state: [Lanes<1, false>; 3],
-    change: [Lanes<1, false>; 3],
-) -> (Lanes<1, false>, Lanes<1, false>) {
+    state: [Lanes<Plain<1>>; 3],
+    change: [Lanes<Plain<1>>; 3],
+) -> (Lanes<Plain<1>>, Lanes<Plain<1>>) {
     let [q_, dq_, z_] = change;
     let mut u = -(q_.scale(one.position) + dq_.scale(one.velocity));
     let mut dz = Lanes::zero();
@@ -419,10 +419,10 @@ fn law_tangent(
         let [q, dq, z] = state;
         let free = law(&Law { limit: f64::INFINITY, ..*one }, instant, j, q, dq, z);
         let held = law(one, instant, j, q, dq, z);
-        if free.0.0 != held.0.0 {
+        if free.0 != held.0 {
             u = Lanes::zero();
         }
-        if free.1.0 != held.1.0 {
+        if free.1 != held.1 {
             dz = Lanes::zero();
         }
     }

@@ -4,7 +4,7 @@
 
 use super::adjoint::Weights;
 use crate::ground::arrays::MAX_DOF;
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::model::friction::sign;
 use crate::model::motion::State;
 use crate::robot::friction_terms::{Law, Term};
@@ -13,7 +13,7 @@ use crate::robot::{Coupling, Robot};
 
 /// Slope of [`sign`], the friction of joint `j`.
 #[inline(always)]
-fn slope<const L: usize, const F: bool>(robot: &Robot, j: usize, dq: Lanes<L, F>) -> Lanes<L, F> {
+fn slope<V: Set>(robot: &Robot, j: usize, dq: Lanes<V>) -> Lanes<V> {
     let (smoothing, dead_zone) = (robot.friction().smoothing[j], robot.friction().dead_zone[j]);
     if smoothing <= 0.0 {
         return Lanes::zero();
@@ -26,7 +26,7 @@ fn slope<const L: usize, const F: bool>(robot: &Robot, j: usize, dq: Lanes<L, F>
 /// Derivative of the column of a further term with respect to the speed. Load friction is not a function of the speed alone:
 /// the regressor refuses it.
 #[inline(always)]
-fn term_slope<const L: usize, const F: bool>(robot: &Robot, term: &Term, dq: Lanes<L, F>) -> Lanes<L, F> {
+fn term_slope<V: Set>(robot: &Robot, term: &Term, dq: Lanes<V>) -> Lanes<V> {
     let one = Lanes::splat(1.0);
     let (s, steep) = (sign(robot, term.joint, dq), slope(robot, term.joint, dq));
     match &term.law {
@@ -40,7 +40,7 @@ fn term_slope<const L: usize, const F: bool>(robot: &Robot, term: &Term, dq: Lan
             (steep - (s * u).scale(2.0 / velocity)) * (u * u).exp_minus()
         }
         Law::Root => {
-            let root = dq.abs().map(f64::sqrt);
+            let root = dq.abs().sqrt();
             // At rest the smooth sign is zero, and so is the column.
             let steeper = dq.map(|dq| if dq == 0.0 { 0.0 } else { 0.5 / dq.abs().sqrt().copysign(dq) });
             steep.mul_add(root, s * steeper)
@@ -58,12 +58,7 @@ fn term_slope<const L: usize, const F: bool>(robot: &Robot, term: &Term, dq: Lan
 
 /// Adds the derivatives of the columns of rotors and friction, joints and coupled motors (the table in [`crate::model::friction`]).
 #[inline(always)]
-pub(super) fn drives<const L: usize, const F: bool>(
-    robot: &Robot,
-    state: &State<L, F>,
-    weights: &Weights<'_>,
-    found: &mut State<L, F>,
-) {
+pub(super) fn drives<V: Set>(robot: &Robot, state: &State<V>, weights: &Weights<'_>, found: &mut State<V>) {
     let layout = weights.layout;
     for j in 0..robot.n_dof().min(MAX_DOF) {
         let first = layout.joint(j);
@@ -81,7 +76,7 @@ pub(super) fn drives<const L: usize, const F: bool>(
         }
     }
     for (index, term) in robot.friction().terms.iter().enumerate() {
-        let weight: Lanes<L, F> = weights.at(term.joint, layout.term(index));
+        let weight: Lanes<V> = weights.at(term.joint, layout.term(index));
         let slope = term_slope(robot, term, state.dq[term.joint]);
         found.dq[term.joint] = weight.mul_add(slope, found.dq[term.joint]);
     }
@@ -94,15 +89,15 @@ pub(super) fn drives<const L: usize, const F: bool>(
         }
         let (of_shaft, of_joint) = (slope(robot, m, speed), slope(robot, m, state.dq[m]));
         // Derivatives with respect to the shaft's speed and acceleration, then to those of each joint.
-        let own_coulomb: Lanes<L, F> = weights.at(m, viscous + 1);
+        let own_coulomb: Lanes<V> = weights.at(m, viscous + 1);
         let mut shaft_dq = own_coulomb.mul_add(of_shaft, weights.at(m, viscous));
-        let mut shaft_ddq: Lanes<L, F> = weights.at(m, rotor);
+        let mut shaft_ddq: Lanes<V> = weights.at(m, rotor);
         let mut joint_dq = -own_coulomb.mul_add(of_joint, weights.at(m, viscous));
         // The joint's own block has the rotor's `ddq_m` already.
         found.ddq[m] -= shaft_ddq;
         for &(i, c) in &coupled.others {
-            let [a, v, f] =
-                [rotor, viscous, viscous + 1].map(|column| weights.at::<L, F>(i, column).scale(c));
+            let at = |column: usize| weights.at::<V>(i, column).scale(c);
+            let (a, v, f) = (at(rotor), at(viscous), at(viscous + 1));
             shaft_dq += v;
             shaft_ddq += a;
             found.dq[i] -= v.scale(c);

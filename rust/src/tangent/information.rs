@@ -8,7 +8,7 @@
 use super::adjoint::{Gradient, contraction_gradient};
 use crate::ground::arrays::{ShapeError, check_length};
 use crate::ground::dispatch::{Kernel, WIDTH, dispatch};
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::model::regressor::regressor;
 use crate::robot::Robot;
 use crate::robot::parameters::Layout;
@@ -139,7 +139,7 @@ struct Gram<'a> {
 impl Kernel for Gram<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<const L: usize, const F: bool>(self) {
+    fn run<V: Set>(self) {
         let stride = self.sum.len() / self.b.max(1);
         // The same joint of four samples: their zeros are the same, and one pass over the sum serves all four.
         for four in self.rows.chunks(4 * self.n * stride) {
@@ -153,15 +153,15 @@ impl Kernel for Gram<'_> {
                     std::array::from_fn(|k| if row(k).is_some() { self.weights[joint] } else { 0.0 });
                 let start = (0..self.b).find(|&c| rows.iter().any(|row| row[c] != 0.0)).unwrap_or(self.b);
                 for c in start..self.b {
-                    let factors: [Lanes<L, F>; 4] =
+                    let factors: [Lanes<V>; 4] =
                         std::array::from_fn(|k| Lanes::splat(rows[k][c] * weights[k]));
                     let out = &mut self.sum[c * stride..(c + 1) * stride];
-                    for k in (c - c % L..stride).step_by(L) {
-                        let mut sum = Lanes::<L, F>::from_slice(&out[k..k + L]);
+                    for k in (c - c % V::L..stride).step_by(V::L) {
+                        let mut sum = Lanes::<V>::from_slice(&out[k..]);
                         for (factor, row) in factors.iter().zip(rows) {
-                            sum = Lanes::from_slice(&row[k..k + L]).mul_add(*factor, sum);
+                            sum = Lanes::from_slice(&row[k..]).mul_add(*factor, sum);
                         }
-                        out[k..k + L].copy_from_slice(&sum.to_array());
+                        sum.store(&mut out[k..]);
                     }
                 }
             }
@@ -251,7 +251,7 @@ struct Product<'a> {
 impl Kernel for Product<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<const L: usize, const F: bool>(self) {
+    fn run<V: Set>(self) {
         let stride = self.by.len() / self.b.max(1);
         if stride == 0 {
             return;
@@ -261,18 +261,18 @@ impl Kernel for Product<'_> {
             let weight = 2.0 * self.weights[index % self.n];
             let start = row.iter().position(|&value| value != 0.0).unwrap_or(self.b);
             // Four registers at a time: they stay where they are for the whole sum.
-            for k in (0..stride).step_by(4 * L) {
-                let registers = ((stride - k) / L).min(4);
-                let mut sums = [Lanes::<L, F>::zero(); 4];
+            for k in (0..stride).step_by(4 * V::L) {
+                let registers = ((stride - k) / V::L).min(4);
+                let mut sums = [Lanes::<V>::zero(); 4];
                 for c in start..self.b {
                     let factor = Lanes::splat(row[c] * weight);
                     let by = &self.by[c * stride + k..];
                     for r in 0..registers {
-                        sums[r] = Lanes::from_slice(&by[r * L..(r + 1) * L]).mul_add(factor, sums[r]);
+                        sums[r] = Lanes::from_slice(&by[r * V::L..]).mul_add(factor, sums[r]);
                     }
                 }
                 for r in 0..registers {
-                    out[k + r * L..k + (r + 1) * L].copy_from_slice(&sums[r].to_array());
+                    sums[r].store(&mut out[k + r * V::L..]);
                 }
             }
         }

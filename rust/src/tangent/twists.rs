@@ -1,12 +1,12 @@
 //! Vectors seen from a frame turned by `alpha` about x, and back; right angles need no multiplication.
 
-use crate::ground::lanes::Lanes;
+use crate::ground::lanes::{Lanes, Set};
 use crate::ground::spatial::Vector;
 use crate::robot::Twist;
 
 /// Components after `Rot(x, alpha)` of the frame: `Rot(x, alpha)^T v`.
 #[inline(always)]
-pub(super) fn into_twisted<const L: usize, const F: bool>(v: Vector<L, F>, twist: Twist) -> Vector<L, F> {
+pub(super) fn into_twisted<V: Set>(v: Vector<V>, twist: Twist) -> Vector<V> {
     match twist {
         Twist::Zero => v,
         Twist::Half => Vector::new(v.x, -v.y, -v.z),
@@ -22,7 +22,7 @@ pub(super) fn into_twisted<const L: usize, const F: bool>(v: Vector<L, F>, twist
 
 /// Back: `Rot(x, alpha) v`.
 #[inline(always)]
-pub(super) fn out_of_twisted<const L: usize, const F: bool>(v: Vector<L, F>, twist: Twist) -> Vector<L, F> {
+pub(super) fn out_of_twisted<V: Set>(v: Vector<V>, twist: Twist) -> Vector<V> {
     let back = match twist {
         Twist::Plus => Twist::Minus,
         Twist::Minus => Twist::Plus,
@@ -35,12 +35,13 @@ pub(super) fn out_of_twisted<const L: usize, const F: bool>(v: Vector<L, F>, twi
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ground::lanes::Plain;
 
     #[test]
     fn a_turn_and_its_inverse_undo_each_other_and_right_angles_are_turns() {
-        let v = Vector::<1, false>::splat([0.3, -1.2, 2.5]);
-        let same = |a: Vector<1, false>, b: Vector<1, false>| {
-            [(a.x, b.x), (a.y, b.y), (a.z, b.z)].iter().all(|(a, b)| (a.0[0] - b.0[0]).abs() < 1e-15)
+        let v = Vector::<Plain<1>>::splat([0.3, -1.2, 2.5]);
+        let same = |a: Vector<Plain<1>>, b: Vector<Plain<1>>| {
+            [(a.x, b.x), (a.y, b.y), (a.z, b.z)].iter().all(|(a, b)| (a.lane(0) - b.lane(0)).abs() < 1e-15)
         };
         for twist in [Twist::Zero, Twist::Half, Twist::Plus, Twist::Minus, Twist::General(0.6, 0.8)] {
             assert!(same(out_of_twisted(into_twisted(v, twist), twist), v));

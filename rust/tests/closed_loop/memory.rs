@@ -2,11 +2,11 @@
 
 use crate::common::loops::{PD, distance, parameters, reference, robot, run, schedule, whole};
 use didim::closed_loop::control::{Controller, Digital, Law, Timing};
+use didim::closed_loop::groups::simulate;
 use didim::closed_loop::memory::{Initial, Memory};
 use didim::closed_loop::observers::Trajectories;
 use didim::closed_loop::reference::{Reference, Target};
 use didim::closed_loop::schedule::{Plan, Schedule};
-use didim::closed_loop::simulate::simulate;
 use didim::closed_loop::simulation::{Candidate, Simulation};
 use didim::ground::cancel::Cancel;
 use didim::model::inverse::inverse_dynamics;

@@ -2,12 +2,12 @@
 
 use crate::common::loops::{PD, parameters, reference, robot, slider, whole};
 use didim::closed_loop::control::{Controller, Digital, Law, Signal, Timing};
+use didim::closed_loop::groups::simulate;
 use didim::closed_loop::memory::{Initial, Memory};
 use didim::closed_loop::observers::{Trajectories, Trajectory};
 use didim::closed_loop::point_to_point::PointToPoint;
 use didim::closed_loop::reference::Reference;
 use didim::closed_loop::schedule::{Plan, Schedule};
-use didim::closed_loop::simulate::simulate;
 use didim::closed_loop::simulation::{Candidate, Outcome, Simulation};
 use didim::ground::cancel::Cancel;
 use didim::robot::Robot;

@@ -32,7 +32,7 @@ fn elbow(friction: Friction) -> Robot {
     Robot::new(rows.iter().map(joint).collect(), [0.5, 0.0, -9.81], &coupling, friction).unwrap()
 }
 
-/// Runs one candidate and four, as an arm of known shape and as any robot: the same bits.
+/// Runs one candidate, four and eight, as an arm of known shape and as any robot: the same bits.
 fn known_as_any(robot: &Robot, controller: &Controller, external: Option<&Signal>) {
     let series = Fourier {
         period: 1.0,
@@ -54,7 +54,7 @@ fn known_as_any(robot: &Robot, controller: &Controller, external: Option<&Signal
     let simulation = Simulation { external, ..whole(robot, &reference, controller, &schedule) };
     let link = [0.5, 0.05, -0.03, 0.6, 0.04, 0.4, 0.1, -0.2, 0.1, 2.0, 0.5, 0.4, 0.3, 0.1, 0.2];
     let layout = Layout::of(robot);
-    let x: Vec<Vec<f64>> = (1..=4)
+    let x: Vec<Vec<f64>> = (1..=8)
         .map(|k| {
             let one = link[..layout.per_joint()].iter().map(|value| value * f64::from(k));
             let mut x: Vec<f64> = (0..6).flat_map(|_| one.clone()).collect();
@@ -66,7 +66,7 @@ fn known_as_any(robot: &Robot, controller: &Controller, external: Option<&Signal
     let candidates: Vec<Candidate<'_>> = x.iter().map(|x| Candidate { x, scale: &scale }).collect();
     let cancel = Cancel::never();
     assert!(Geometry::of(robot).known::<Elbow>().is_some());
-    for lanes in [1, 4] {
+    for lanes in [1, 4, 8] {
         let (mut known, mut any) = (Trajectories::new(lanes, 11, 6), Trajectories::new(lanes, 11, 6));
         let candidates = &candidates[..lanes];
         let outcomes = run_group(simulation, candidates, &cancel, &mut known);

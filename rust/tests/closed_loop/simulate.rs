@@ -5,12 +5,14 @@ use crate::common::loops::{
     PD, distance, parameters, pd, reference, rest, robot, run, schedule, slider, whole,
 };
 use didim::closed_loop::control::{Controller, Timing};
+use didim::closed_loop::groups::simulate;
 use didim::closed_loop::observers::{Cost, Measured, Trajectories};
 use didim::closed_loop::reference::Reference;
 use didim::closed_loop::schedule::{Plan, Schedule};
-use didim::closed_loop::simulate::{portable, run_group, simulate};
+use didim::closed_loop::simulate::{portable, run_group};
 use didim::closed_loop::simulation::{Candidate, Outcome, Simulation};
 use didim::ground::cancel::Cancel;
+use didim::ground::isa::{Isa, choose};
 
 #[test]
 fn the_error_falls_sixteen_times_per_halved_step() {
@@ -34,10 +36,17 @@ fn lanes_and_threads_have_the_same_bits() {
     let (robot, reference, controller) = (robot(0.01), reference(), pd(300.0, 30.0));
     let schedule = schedule(&robot, &reference, 1e-3);
     let simulation = whole(&robot, &reference, &controller, &schedule);
-    let xs: Vec<Vec<f64>> = (0..7).map(|k| parameters(&robot, 1.0 + 0.1 * f64::from(k))).collect();
+    // Two groups of eight and one of three where there are eight lanes.
+    let xs: Vec<Vec<f64>> = (0..19).map(|k| parameters(&robot, 1.0 + 0.1 * f64::from(k))).collect();
     let (outcomes, together) = run(simulation, &xs, 1);
     assert!(outcomes.iter().all(|o| *o == Outcome::Completed));
-    assert_eq!(run(simulation, &xs, 3), (outcomes, together.clone()));
+    assert_eq!(run(simulation, &xs, 3), (outcomes.clone(), together.clone()));
+    // Other tests may run on the narrower set in the meantime: that it makes no difference is what is tested here.
+    for isa in Isa::available().filter(|&isa| isa > Isa::Portable) {
+        assert_eq!(choose(isa.name()), Ok(isa));
+        assert_eq!(run(simulation, &xs, 1), (outcomes.clone(), together.clone()), "{isa:?}");
+    }
+    assert_eq!(choose("auto"), Ok(Isa::widest()));
     for (x, trajectory) in xs.iter().zip(&together) {
         let alone = run(simulation, std::slice::from_ref(x), 1).1;
         assert_eq!(alone[0], *trajectory);

@@ -1,11 +1,11 @@
 //! Closed loops: robots with a reference and a controller, and their runs.
 
 use didim::closed_loop::control::{Controller, Law, Timing};
+use didim::closed_loop::groups::simulate;
 use didim::closed_loop::memory::Memory;
 use didim::closed_loop::observers::{Trajectories, Trajectory};
 use didim::closed_loop::reference::{Fourier, Reference};
 use didim::closed_loop::schedule::{Plan, Schedule};
-use didim::closed_loop::simulate::simulate;
 use didim::closed_loop::simulation::{Candidate, Outcome, Simulation};
 use didim::ground::cancel::Cancel;
 use didim::robot::parameters::Layout;
