@@ -1,12 +1,13 @@
 """Does the verdict name what is wrong, and is it silent where nothing is?
 
     python benches/verdicts.py [--seeds 10] [--arms arm7 gantry] [--faults WORD ...] [--method idim-ls|didim] [--workers 2]
-    python benches/verdicts.py --sound [--seeds 4] [--arms arm7 gantry tx40 planar2]
+    python benches/verdicts.py --sound [--seeds 4] [--arms arm7 gantry tx40 planar2 ur5e-like iiwa14-like]
 
 Plants each fault of `tests/verdict_arms.py` in logs of a simulated 7R arm and a gantry with a wrist, whose truth is known, and
 prints how many of the seeds (noise and motion) got a verdict that is not sound, and how many the reason that names the fault.
 With ``--sound`` it identifies correct logs of both arms, the TX40 and the planar arm at three rates and five noise levels, and
-prints how many are sound. docs/verdict.md has the figures.
+prints how many are sound. The arms `ur5e-like` and `iiwa14-like` are those that no threshold was chosen on. docs/verdict.md has the
+figures.
 """
 
 from __future__ import annotations
@@ -27,7 +28,10 @@ from didim.studies.simulated_log import packaged_experiment, simulated_log
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from verdict_arms import ARMS, Arm, Fault, Log, built, faults, planted
+from verdict_arms import ARMS as CHOSEN
+from verdict_arms import INDEPENDENT, Arm, Fault, Log, built, faults, planted
+
+ARMS = {**CHOSEN, **INDEPENDENT}
 
 METHODS = {"idim-ls": didim.IDIMLS, "didim": didim.DIDIM}
 LEVELS = (0.003, 0.006, 0.01, 0.02, 0.04)
@@ -112,7 +116,7 @@ def main() -> None:
         description="Faults that the verdict names, and correct logs that it calls sound."
     )
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--arms", nargs="+", choices=(*ARMS, *CORRECT), default=list(ARMS))
+    parser.add_argument("--arms", nargs="+", choices=(*ARMS, *CORRECT), default=list(CHOSEN))
     parser.add_argument("--faults", nargs="+", help="words of the names of faults")
     parser.add_argument("--method", choices=METHODS, help="faults that this method meets alone")
     parser.add_argument("--sound", action="store_true", help="correct logs instead of faults")

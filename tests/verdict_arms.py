@@ -132,6 +132,45 @@ GANTRY = Arm(
     gravity=(0.0, 9.81, 0.0),
 )
 ARMS = {arm.name: arm for arm in (ARM7, GANTRY)}
+UR5E = Arm(
+    name="ur5e-like",
+    rows=(
+        ("revolute", 90.0, 0.0, 0.1625),
+        ("revolute", 0.0, -0.425, 0.0),
+        ("revolute", 0.0, -0.3922, 0.0),
+        ("revolute", 90.0, 0.0, 0.1333),
+        ("revolute", -90.0, 0.0, 0.0997),
+        ("revolute", 0.0, 0.0, 0.0996),
+    ),
+    masses=(3.8, 8.1, 2.8, 1.4, 1.3, 0.4),
+    rotors=(1.0, 1.0, 0.6, 0.15, 0.15, 0.15),
+    friction=(6.0, 6.0, 4.0, 1.5, 1.5, 1.2),
+    reach=(1.5, 1.0, 1.3, 1.5, 1.5, 2.0),
+    speed=(2.0, 1.6, 2.0, 2.5, 2.5, 3.0),
+    acceleration=(6.0, 5.0, 7.0, 10.0, 10.0, 12.0),
+    offset=(0.0, -1.4, 1.2, -1.0, 1.0, 0.0),
+)
+IIWA14 = Arm(
+    name="iiwa14-like",
+    rows=(
+        ("revolute", -90.0, 0.0, 0.36),
+        ("revolute", 90.0, 0.0, 0.0),
+        ("revolute", 90.0, 0.0, 0.42),
+        ("revolute", -90.0, 0.0, 0.0),
+        ("revolute", -90.0, 0.0, 0.40),
+        ("revolute", 90.0, 0.0, 0.0),
+        ("revolute", 0.0, 0.0, 0.126),
+    ),
+    masses=(5.8, 6.3, 3.5, 3.5, 3.3, 2.4, 0.4),
+    rotors=(1.2, 1.2, 0.8, 0.8, 0.4, 0.3, 0.2),
+    friction=(4.0, 4.0, 3.0, 3.0, 1.5, 1.0, 0.6),
+    reach=(1.3, 1.0, 1.3, 1.0, 1.3, 1.1, 1.6),
+    speed=(1.4, 1.4, 1.6, 1.3, 2.0, 2.2, 2.3),
+    acceleration=(5.0, 5.0, 6.0, 6.0, 9.0, 10.0, 12.0),
+    offset=(0.0, 0.4, 0.0, -1.1, 0.0, 0.9, 0.0),
+)
+INDEPENDENT = {arm.name: arm for arm in (UR5E, IIWA14)}
+"""Arms that no threshold was chosen on: geometry of two packaged robots, bodies of their size."""
 FREQUENCIES_HZ = 6.0
 """Natural frequency of the controllers: loose enough that tracking errors show the gains."""
 
@@ -289,8 +328,8 @@ def _turned(index: int) -> tuple[float, float, float]:
 
 
 def _longer(arm: Arm, factor: float) -> tuple[tuple[str, float, float, float], ...]:
-    row = 2 if arm.name == "arm7" else 3
-    place = 3 if arm.name == "arm7" else 2
+    row = 3 if arm.name == "gantry" else 2
+    place = 3 if arm.name in ("arm7", "iiwa14-like") else 2
     kind, alpha, a, d = arm.rows[row]
     changed = (kind, alpha, factor * a, d) if place == 2 else (kind, alpha, a, factor * d)
     return (*arm.rows[:row], changed, *arm.rows[row + 1 :])

@@ -18,6 +18,7 @@ from ..methods.verdict.search import explained
 from ..methods.verdict.whiteness import NEGLIGIBLE, whiteness
 from ..regression.fit import Fit
 from ..regression.linear_system import LinearSystem
+from ..regression.logs.load import load_between, load_beyond
 from ..result.verdict import Reason
 from ..signal.segments import Segment
 from .finding import Finding, Kind
@@ -42,6 +43,36 @@ def check_causes(job: Job, parts: Sequence[Segment]) -> tuple[Finding, float] | 
     if found is None or found.cause.code not in ROBOT_FILE:
         return None
     return _finding(found.reason()), found.left
+
+
+def check_payload(
+    job: Job, parts: Sequence[Segment], solved: tuple[LinearSystem, Fit] | None, beta: Array | None
+) -> list[Finding]:
+    """Return loads that recordings do not share, or that known parameters, (b,), do not have."""
+    if not job.parameters.simple:
+        return []
+    named = job.experiment.recordings
+    advice = 'Declare it: [payload.NAME] and payload = "NAME" under [[recording]]'
+    if beta is not None:
+        load = load_beyond(job.system(parts), beta, job.robot)
+        sentence = f"beside the known parameters the robot {load}"
+        return (
+            []
+            if load is None
+            else [Finding(kind="payload", sentence=sentence, advice=advice, value=load.mass_or_none)]
+        )
+    if solved is None:
+        return []
+    return [
+        Finding(
+            kind="payload",
+            sentence=f"beside the first recording '{named[number].name}' {load}",
+            advice=advice,
+            recording=named[number].name,
+            value=load.mass_or_none,
+        )
+        for number, load in load_between(*solved, job.robot)
+    ]
 
 
 def check_loop(experiment: Experiment, x: Array | None, shown: Recovered | None) -> list[Finding]:

@@ -32,7 +32,7 @@ from ..signal.decimation import decimate, decimation_stages
 from ..signal.segments import Segment, stretches
 from ..studies.run import standard_parameters
 from .bandwidth import check_bandwidth
-from .causes import check_causes, check_loop, contradicts, loop_table
+from .causes import check_causes, check_loop, check_payload, contradicts, loop_table
 from .channels import check_channels
 from .excitation import check_excitation
 from .finding import Finding, Findings
@@ -40,6 +40,7 @@ from .late import check_delay
 from .limits import check_limits
 from .probe import Probe
 from .readings import Reader, as_declared
+from .reference import check_reference
 from .sampled import time_findings
 from .spikes import check_spikes
 from .standstill import check_standstill
@@ -102,6 +103,7 @@ def check(
             found += check_spikes(recording)
         recordings.append(_without(recording, of_columns))
     experiment = replace(experiment, recordings=tuple(recordings))
+    found += check_reference(experiment)
     found += check_bandwidth(experiment)
     cutoff = experiment.signal.cutoff_hz
     filtered = cutoff is None or all(cutoff < item.rate_hz / 2.0 for item in experiment.recordings)
@@ -217,9 +219,10 @@ def _model(experiment: Experiment, known: Array | None, shown: Recovered | None)
                 advice="Turn the sign of the gain or of the column",
             )
         ]
+    found = check_payload(job, parts, solved, beta)
     if job.parameters.simple:
         x = None if solved is None else robot.base_parameters.lift(job.selection.expand(solved[1].solution))
-        found = check_loop(experiment, x, shown)
+        found += check_loop(experiment, x, shown)
     found += check_delay(job, declared) or reader.fine()
     found += check_limits(experiment, parts)
     found += check_standstill(robot, parts)

@@ -53,6 +53,8 @@ Kind = Literal[
     "reference-late",
     "saturation",
     "feed-forward",
+    "reference",
+    "payload",
 ]
 """What a finding is about; docs/check.md has a row for each."""
 

@@ -19,6 +19,7 @@ from ..model.physics import physical_flags
 from ..regression.fit import Fit
 from ..regression.linear_system import LinearSystem
 from ..regression.logs.drift import Difference, differences, drifts
+from ..regression.logs.load import load_between
 from ..regression.solver import solver_record
 from ..result.further import Further
 from ..result.identification import Identification
@@ -243,7 +244,12 @@ def fitted(
             *remarks,
             *spread.remarks,
         ),
-        evidence=(*evidence, *lasting, *_drift_reasons(job, moved)),
+        evidence=(
+            *evidence,
+            *lasting,
+            *_drift_reasons(job, moved),
+            *(_loads(job, system, fit) if status.converged else ()),
+        ),
         standard=fit.standard,
     )
 
@@ -275,6 +281,24 @@ def _drift_reasons(job: Job, moved: Sequence[Difference]) -> list[Reason]:
             value=item.value,
         )
         for item in drifts(moved, [recording.name for recording in job.experiment.recordings])
+    ]
+
+
+def _loads(job: Job, system: LinearSystem, fit: Fit) -> list[Reason]:
+    """Return a reason for each recording that carries a load which another does not."""
+    if not job.parameters.simple or not {block.recording for block in system.blocks} - {
+        system.blocks[0].recording
+    }:
+        return []
+    return [
+        Reason(
+            code="payload",
+            severity="doubtful",
+            sentence=f"beside the first recording '{job.experiment.recordings[number].name}' {load}",
+            advice='Declare it: [payload.NAME] and payload = "NAME" under [[recording]]',
+            value=load.mass_or_none,
+        )
+        for number, load in load_between(system, fit, job.robot, job.settings.blocks)
     ]
 
 

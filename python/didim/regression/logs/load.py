@@ -1,0 +1,168 @@
+r"""A load on the last body that the parameters do not have: of one log against the others, or of a log against known parameters.
+
+The ten parameters l of a rigid load add ``C l`` to the torques, where C are the columns of the last body in the rows of the log.
+Beside the columns A that are estimated at the same time,
+
+    l = (C~^T C~)^+ C~^T rho,    C~ = C - Q Q^T C,    A = Q R,
+    V = (C~^T C~)^+ m/(m - 1) sum_i s_i s_i^T (C~^T C~)^+,    s_i = C~_i^T (rho - C~ l)_i
+
+over m intervals of time, as in `drift`. The load is clear where ``l^T V^+ l`` is. Tested in ``tests/test_load.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...robot.robot import Robot
+from ..fit import Fit
+from ..jackknife import intervals
+from ..linear_system import LinearSystem
+from .drift import DEPENDENT, FEWEST
+
+FALSE_ALARMS = 1e-4
+"""Probability that a log without a load is reported."""
+EXPLAINED = 0.2
+"""Share of the squared residual of the log that the load must explain: less is an error of the model."""
+KNOWN = 0.99
+"""Length of the mass's direction in the space that the log identifies, from which the mass is told."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """A load beyond the parameters.
+
+    Attributes
+    ----------
+    mass, std : float
+        Mass and its standard deviation (kg); NaN where the log does not identify it.
+    explained : float
+        Share of the squared residual of the log that the load explains.
+    """
+
+    mass: float
+    std: float
+    explained: float
+
+    @property
+    def mass_or_none(self) -> float | None:
+        """The mass (kg), None where the log does not identify it."""
+        return self.mass if np.isfinite(self.mass) else None
+
+    def __str__(self) -> str:
+        if not np.isfinite(self.mass):
+            return "carries a load on its last body"
+        way = "heavier" if self.mass > 0.0 else "lighter"
+        return f"has a last body that is {abs(self.mass):.3g} +- {self.std:.1g} kg {way}"
+
+
+def load_between(system: LinearSystem, fit: Fit, robot: Robot, blocks: int = 20) -> list[tuple[int, Load]]:
+    """Return the recordings that differ from the first one by a load, with it.
+
+    Parameters
+    ----------
+    system, fit : LinearSystem, Fit
+        Of several recordings that share all parameters, solved.
+    robot : Robot
+        Whose base parameters the columns are.
+    blocks : int
+        Intervals of time for each log.
+    """
+    numbers = sorted({block.recording for block in system.blocks})
+    found = []
+    weighted = system.w * fit.weights[:, None]
+    left = np.linalg.qr(weighted)[0]
+    for number in numbers[1:]:
+        own = _rows(system, number)
+        columns = np.zeros((system.y.size, 10))
+        columns[own] = (weighted @ _last_body(system, robot))[own]
+        load = _load(system, columns, left, fit.residual * fit.weights, own, blocks * len(numbers))
+        if load is not None:
+            found.append((number, load))
+    return found
+
+
+def load_beyond(system: LinearSystem, beta: Array, robot: Robot, blocks: int = 20) -> Load | None:
+    """Return the load of a log beyond known parameters; friction and offsets may differ from these.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        Of the log.
+    beta : (b,) array
+        Known values of its columns.
+    robot, blocks
+        As for `load_between`.
+    """
+    residual = system.y - system.w @ beta
+    sizes = np.maximum(system.norms(residual), np.finfo(float).tiny)
+    weights = np.zeros(system.y.size)
+    for rows, size in zip(system.joints, sizes, strict=True):
+        weights[rows] = 1.0 / size
+    free = [k for k, name in enumerate(system.names) if name.startswith(("F", "Off"))]
+    weighted = system.w * weights[:, None]
+    left = np.linalg.qr(weighted[:, free])[0] if free else np.zeros((system.y.size, 0))
+    columns = weighted @ _last_body(system, robot)
+    return _load(system, columns, left, residual * weights, np.arange(system.y.size), blocks)
+
+
+def _last_body(system: LinearSystem, robot: Robot) -> Array:
+    """Return what a unit of each parameter of the last body adds to the columns' parameters, (b, 10)."""
+    base = robot.base_parameters
+    n = robot.n_dof
+    names = [f"{key}{n}" for key in ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")]
+    units = np.zeros((len(robot.parameter_names), 10))
+    for k, name in enumerate(names):
+        units[robot.parameter_names.index(name), k] = 1.0
+    every = np.column_stack([base.project(units[:, k]) for k in range(10)])
+    return np.asarray(every[[base.names.index(name) for name in system.names]])
+
+
+def _rows(system: LinearSystem, number: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    every = np.arange(system.y.size)
+    return np.concatenate([every[block.rows] for block in system.blocks if block.recording == number])
+
+
+def _load(
+    system: LinearSystem,
+    columns: Array,
+    left: Array,
+    residual: Array,
+    own: np.ndarray[tuple[int], np.dtype[np.intp]],
+    blocks: int,
+) -> Load | None:
+    from scipy.special import fdtrc  # not scipy.stats, which takes half a second to load
+
+    parts: Sequence[np.ndarray[tuple[int], np.dtype[np.intp]]] = [
+        part.rows for part in intervals(system.blocks, blocks)
+    ]
+    m = len(parts)
+    rest = residual - left @ (left.T @ residual)
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    beside = columns / scale
+    beside -= left @ (left.T @ beside)
+    values, vectors = np.linalg.eigh(beside.T @ beside)
+    good = values > max(DEPENDENT, 1e-6) * values[-1]
+    rank = int(good.sum())
+    if m < max(FEWEST, rank + 2) or not values[-1] > 0.0:
+        return None
+    directions = vectors[:, good]
+    reduced = beside @ (directions / np.sqrt(values[good]))  # orthonormal columns
+    found = reduced.T @ rest
+    error = rest - reduced @ found
+    scores = np.array([reduced[rows].T @ error[rows] for rows in parts])
+    covariance = m / (m - 1) * scores.T @ scores
+    statistic = float(found @ np.linalg.solve(covariance, found)) * (m - rank) / (rank * (m - 1))
+    before = float(rest[own] @ rest[own])
+    explained = 1.0 - float(error[own] @ error[own]) / before if before > 0.0 else 0.0
+    if not (fdtrc(rank, m - rank, statistic) < FALSE_ALARMS and explained > EXPLAINED):
+        return None
+    back = (directions / np.sqrt(values[good])) / scale[:, None]
+    known = float(np.linalg.norm(directions[9])) >= KNOWN
+    mass = float(back[9] @ found) if known else float("nan")
+    std = float(np.sqrt(back[9] @ covariance @ back[9])) if known else float("nan")
+    return Load(mass, std, explained)
