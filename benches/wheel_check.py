@@ -1,25 +1,67 @@
 """Is the wheel all that somebody needs who has Python and nothing else?
 
-    python benches/wheel_check.py [WHEEL]
+    python benches/wheel_check.py [WHEEL] [--python PYTHON | FOLDER:PYTHON ...]
 
-installs the newest wheel of dist/ (`make wheel`) into an empty environment, runs the paper's experiment in an empty folder, with no
-Rust and no project on any path, and prints what was installed and how large it is. It fails where the command fails, and
-where it imports anything from outside the environment.
+installs the newest wheel of dist/ (`make wheel`) into an empty environment of each interpreter, runs every example with all its
+commands and the paper's experiment in an empty folder, with no Rust and no project on any path, and prints what was installed and
+how large it is. It fails where a command fails, where anything is imported from outside the environment, and where the core asks
+for a later glibc than the name of the wheel says.
+
+`FOLDER:PYTHON` is an interpreter in the root of another system, entered by chroot (as root):
+
+    debootstrap --include=python3-venv,ca-certificates bookworm /tmp/bookworm
+    python benches/wheel_check.py --python /tmp/bookworm:/usr/bin/python3
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import re
+import shutil
 import subprocess
 import sys
 import tempfile
-import venv
+import time
+import zipfile
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 DIST = Path(__file__).resolve().parent.parent / "dist"
 PACKAGES = {"didim": ("didim",), "numpy": ("numpy", "numpy.libs"), "scipy": ("scipy", "scipy.libs")}
 """Folders of each package in site-packages."""
+SYSTEM = """
+import platform
+try:
+    system = platform.freedesktop_os_release()["PRETTY_NAME"]
+except (OSError, KeyError):
+    system = platform.system()
+print(platform.python_implementation(), platform.python_version(), *platform.libc_ver(), "of", system)
+"""
+GLIBC = re.compile(rb"GLIBC_2\.(\d+)")
+
+
+class Place(NamedTuple):
+    """An interpreter, and the root of the system that it belongs to."""
+
+    python: str
+    root: Path | None = None
+
+    @classmethod
+    def named(cls, name: str) -> Place:
+        """Read ``PYTHON`` or ``FOLDER:PYTHON``."""
+        root, colon, python = name.rpartition(":")
+        return cls(python, Path(root)) if colon else cls(python)
+
+    def command(self, *words: object) -> list[str]:
+        """Return a command as it is called from here."""
+        chroot = [] if self.root is None else ["chroot", str(self.root)]
+        return [*chroot, *(str(word) for word in words)]
+
+    def here(self, path: Path) -> Path:
+        """Return where a path of the place is for this process."""
+        return path if self.root is None else self.root / path.relative_to("/")
 
 
 def newest_wheel(folder: Path) -> Path:
@@ -38,10 +80,91 @@ def megabytes(folder: Path) -> float:
 
 def bare_environment(binaries: Path) -> dict[str, str]:
     """Return variables without Rust, without paths of Python, and with no other programs than those of the system."""
-    kept = {
-        key: value for key, value in os.environ.items() if key in ("HOME", "LANG", "TMPDIR", "SYSTEMROOT")
-    }
+    kept = {key: value for key, value in os.environ.items() if key in ("HOME", "LANG", "TMPDIR")}
     return {**kept, "PATH": os.pathsep.join([str(binaries), "/usr/bin", "/bin"])}
+
+
+def glibc(wheel: Path) -> tuple[int, int | None]:
+    """Return the second number of the latest glibc that the core asks for, and of the one that the wheel is named after."""
+    with zipfile.ZipFile(wheel) as archive:
+        cores = [archive.read(name) for name in archive.namelist() if re.search(r"_core\.[^/]*so$", name)]
+    asked = max(int(number) for core in cores for number in GLIBC.findall(core))
+    named = re.search(r"manylinux_2_(\d+)_", wheel.name)
+    return asked, int(named.group(1)) if named else None
+
+
+def run(
+    place: Place, folder: Path, environment: dict[str, str], words: Sequence[object]
+) -> subprocess.CompletedProcess[str]:
+    """Run a command in a folder of the place."""
+    inside = ["sh", "-c", 'cd "$0" && exec "$@"', folder, *words]
+    return subprocess.run(
+        place.command(*inside), env=environment, check=False, capture_output=True, text=True
+    )
+
+
+def check(wheel: Path, place: Place) -> None:
+    """Install the wheel in a place and use it."""
+    base = place.here(Path("/tmp"))
+    folder = Path(tempfile.mkdtemp(prefix="wheel-check-", dir=base))
+    try:
+        inside = folder if place.root is None else Path("/tmp") / folder.name
+        environment, empty = inside / "environment", inside / "empty"
+        (folder / "empty").mkdir()
+        shutil.copy(wheel, folder)
+        # pip needs the settings of this machine; what is installed is run without them.
+        subprocess.run(place.command(place.python, "-m", "venv", environment), check=True)
+        python = environment / "bin" / "python"
+        install = [
+            python,
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--disable-pip-version-check",
+            inside / wheel.name,
+        ]
+        done = run(place, empty, dict(os.environ), install)
+        if done.returncode:
+            sys.exit(f"pip cannot install {wheel.name}: {done.stderr}")
+        bare = bare_environment(environment / "bin")
+        print(run(place, empty, bare, [python, "-c", SYSTEM]).stdout.strip())
+        where = run(place, empty, bare, [python, "-c", "import didim; print(didim.__file__)"]).stdout.strip()
+        if not Path(where).is_relative_to(environment.resolve()) and not Path(where).is_relative_to(
+            environment
+        ):
+            sys.exit(f"didim is imported from {where}, which is outside the environment")
+        listed = succeed(place, empty, bare, ["didim", "example"])
+        for name in re.findall(r"^(\w+)  ", listed, flags=re.MULTILINE):
+            start = time.perf_counter()
+            commands = succeed(place, empty, bare, ["didim", "example", name]).partition(f"\ncd {name}\n")[2]
+            for command in commands.splitlines():
+                succeed(place, empty / name, bare, command.split())
+            print(f"  {name}: {len(commands.splitlines())} commands, {time.perf_counter() - start:.0f} s")
+            shutil.rmtree(folder / "empty" / name)
+        table = succeed(place, empty, bare, ["didim", "compare", "--nelder-mead", "none"])
+        print(table if place.root is None else table[table.index("iterations") - 30 :])
+        left = [path.name for path in (folder / "empty").iterdir()]
+        if left:
+            sys.exit(f"didim compare left the files {left}")
+        packages = place.here(Path(where).parent.parent)
+        sizes = {name: sum(megabytes(packages / part) for part in parts) for name, parts in PACKAGES.items()}
+        print(
+            "installed, without __pycache__:",
+            ", ".join(f"{name} {size:.1f} MB" for name, size in sizes.items()),
+            end="",
+        )
+        print(f", together {sum(sizes.values()):.0f} MB\n", flush=True)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def succeed(place: Place, folder: Path, environment: dict[str, str], words: Sequence[str]) -> str:
+    """Run a command that has to end well, and return what it printed."""
+    done = run(place, folder, environment, words)
+    if done.returncode:
+        sys.exit(f"{' '.join(words)} ended with exit code {done.returncode}:\n{done.stdout}{done.stderr}")
+    return done.stdout
 
 
 def main() -> int:
@@ -49,45 +172,20 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("wheel", nargs="?", type=Path, help="default: the newest of dist/")
-    wheel = (parser.parse_args().wheel or newest_wheel(DIST)).resolve()
-    with tempfile.TemporaryDirectory() as folder:
-        place, empty = Path(folder) / "environment", Path(folder) / "empty"
-        empty.mkdir()
-        venv.create(place, with_pip=True)
-        binaries = place / ("Scripts" if os.name == "nt" else "bin")
-        python = binaries / "python"
-        install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wheel]
-        # pip needs the settings of this machine; what is installed is run without them.
-        subprocess.run(install, cwd=empty, check=True)
-        bare = bare_environment(binaries)
-        where = subprocess.run(
-            [python, "-c", "import didim; print(didim.__file__)"],
-            cwd=empty,
-            env=bare,
-            check=True,
-            capture_output=True,
-            text=True,
-        ).stdout.strip()
-        if not Path(where).is_relative_to(place.resolve()) and not Path(where).is_relative_to(place):
-            sys.exit(f"didim is imported from {where}, which is outside the environment")
-        done = subprocess.run(
-            [binaries / "didim", "compare", "--nelder-mead", "none"],
-            cwd=empty,
-            env=bare,
-            check=False,
-            capture_output=True,
-            text=True,
-        )
-        print(done.stdout)
-        print(done.stderr, file=sys.stderr)
-        left = [path.name for path in empty.iterdir()]
-        if done.returncode or left:
-            sys.exit(f"didim compare ended with exit code {done.returncode} and left the files {left}")
-        print(f"{wheel.name}: {wheel.stat().st_size / 1e6:.1f} MB; installed, without __pycache__:")
-        packages = Path(where).parent.parent
-        sizes = {name: sum(megabytes(packages / part) for part in parts) for name, parts in PACKAGES.items()}
-        print(", ".join(f"{name} {size:.1f} MB" for name, size in sizes.items()), end="")
-        print(f", together {sum(sizes.values()):.0f} MB")
+    parser.add_argument(
+        "--python",
+        nargs="+",
+        default=[sys.executable],
+        help="interpreters, those of other systems as FOLDER:PYTHON",
+    )
+    options = parser.parse_args()
+    wheel = (options.wheel or newest_wheel(DIST)).resolve()
+    asked, named = glibc(wheel)
+    print(f"{wheel.name}: {wheel.stat().st_size / 1e6:.1f} MB; needs glibc 2.{asked}")
+    if named is not None and asked > named:
+        sys.exit(f"the name of the wheel promises glibc 2.{named}, and its core needs 2.{asked}")
+    for name in options.python:
+        check(wheel, Place.named(name))
     return 0
 
 

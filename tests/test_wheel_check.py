@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from pathlib import Path
 from types import ModuleType
 
@@ -34,7 +35,7 @@ def test_the_environment_has_no_rust_and_no_paths_of_python(
     monkeypatch.setenv("CARGO_HOME", "/cargo")
     monkeypatch.setenv("PATH", f"/cargo/bin{os.pathsep}{os.environ['PATH']}")
     bare = check.bare_environment(tmp_path)
-    assert set(bare) <= {"HOME", "LANG", "TMPDIR", "SYSTEMROOT", "PATH"}
+    assert set(bare) <= {"HOME", "LANG", "TMPDIR", "PATH"}
     assert bare["PATH"].split(os.pathsep) == [str(tmp_path), "/usr/bin", "/bin"]
 
 
@@ -44,3 +45,35 @@ def test_sizes_are_those_of_files_without_what_python_compiles(check: ModuleType
     (tmp_path / "two").write_bytes(bytes(200_000))
     (tmp_path / "a" / "__pycache__" / "c.pyc").write_bytes(bytes(900_000))
     assert check.megabytes(tmp_path) == pytest.approx(0.5)
+
+
+def test_interpreters_of_other_systems_are_entered_by_chroot(check: ModuleType, tmp_path: Path) -> None:
+    here = check.Place.named("/usr/bin/python3")
+    assert here.command("python", "-m", "pip") == ["python", "-m", "pip"]
+    assert here.here(Path("/tmp/a")) == Path("/tmp/a")
+    there = check.Place.named(f"{tmp_path}:/opt/bin/python3")
+    assert there.python == "/opt/bin/python3"
+    assert there.command("python", tmp_path) == ["chroot", str(tmp_path), "python", str(tmp_path)]
+    assert there.here(Path("/tmp/a")) == tmp_path / "tmp" / "a"
+
+
+def test_the_core_must_not_need_more_than_the_wheel_promises(
+    check: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wheel = tmp_path / "didim-1-cp311-abi3-manylinux_2_17_x86_64.manylinux2014_x86_64.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        archive.writestr("didim/_core.abi3.so", b"..GLIBC_2.2.5..GLIBC_2.9..GLIBC_2.35..")
+        archive.writestr("didim/notes.txt", b"GLIBC_2.99")
+    assert check.glibc(wheel) == (35, 17)
+    monkeypatch.setattr("sys.argv", ["wheel_check.py", str(wheel)])
+    with pytest.raises(SystemExit, match=r"promises glibc 2\.17, and its core needs 2\.35"):
+        check.main()
+    other = wheel.rename(tmp_path / "didim-1-cp311-abi3-linux_x86_64.whl")
+    assert check.glibc(other) == (35, None)
+
+
+def test_a_command_runs_in_its_folder_and_must_end_well(check: ModuleType, tmp_path: Path) -> None:
+    here, environment = check.Place.named("python3"), {"PATH": os.environ["PATH"]}
+    assert check.succeed(here, tmp_path, environment, ["pwd", "-P"]).strip() == str(tmp_path.resolve())
+    with pytest.raises(SystemExit, match="sh -c exit 3 ended with exit code 3"):
+        check.succeed(here, tmp_path, environment, ["sh", "-c", "exit 3"])
