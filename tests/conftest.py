@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 # Test processes share the cores already: the threads of a matrix product would wait for each other.
@@ -27,6 +28,14 @@ def shared() -> Path:
     if not SHARED.is_dir():
         pytest.skip(SKIP_REASON)
     return SHARED
+
+
+@pytest.fixture(scope="module")
+def without_causes() -> Iterator[None]:
+    """Look for no causes of a residual that lasts, which takes ten times as long as the fit; for tests that read no verdict."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("didim.methods.verdict.judge.explained", lambda job, parts: [])
+        yield
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -20,6 +20,8 @@ from didim.result.contrast import reading
 from didim.studies.contrasts import contrasts_of
 from didim.studies.simulated_log import measured
 
+pytestmark = pytest.mark.usefixtures("without_causes")
+
 Array = NDArray[np.float64]
 
 

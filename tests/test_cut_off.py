@@ -16,6 +16,8 @@ from didim.regression.selection import select
 from didim.signal.segments import segments
 from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 
+pytestmark = pytest.mark.usefixtures("without_causes")
+
 Array = NDArray[np.float64]
 
 

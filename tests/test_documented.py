@@ -35,6 +35,8 @@ from scripts import script
 from test_published import DECIDED_BY_ROUNDING
 from test_simulation import tx40
 
+pytestmark = pytest.mark.usefixtures("without_causes")
+
 Row = list[str]
 
 MORE = "fit.history[k].more meaning"

@@ -14,6 +14,8 @@ from didim.errors import FitError
 from didim.robot.friction import FrictionTerm
 from test_friction_terms import log, parameters, planar
 
+pytestmark = pytest.mark.usefixtures("without_causes")
+
 
 def test_the_terms_of_a_log_are_found_and_no_others() -> None:
     robot = planar(

@@ -14,6 +14,8 @@ from didim.model.dynamics import rigid_torque
 from didim.robot.friction import Friction, FrictionTerm
 from didim.robot.robot import Robot
 
+pytestmark = pytest.mark.usefixtures("without_causes")
+
 RATE = 200.0
 
 

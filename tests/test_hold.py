@@ -25,6 +25,8 @@ from didim.signal.processing import SignalProcessing
 from didim.studies.simulated_log import measured, simulated_log
 from didim.studies.validation import validate
 
+pytestmark = pytest.mark.usefixtures("without_causes")
+
 SEEDS = 8
 
 

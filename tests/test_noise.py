@@ -17,6 +17,8 @@ from didim.signal.filters import central_differences
 from didim.signal.noise import stamp_noise, white_noise
 from didim.signal.processing import Form
 
+pytestmark = pytest.mark.usefixtures("without_causes")
+
 Array = NDArray[np.float64]
 
 COUNT = 2.0 * np.pi / 2**17

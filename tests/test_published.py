@@ -24,6 +24,8 @@ from didim.signal.processing import Convention, Form
 from didim.signal.segments import segments
 from tx40_oracle import Expected, expected
 
+pytestmark = pytest.mark.usefixtures("without_causes")
+
 Array = NDArray[np.float64]
 
 # Name, estimate, standard deviation and relative one, as the authors of the EMPS print them.

@@ -449,6 +449,7 @@ def test_the_example_of_the_page_runs(project: Path, tmp_path: Path, monkeypatch
     assert sorted(listed) == sorted(set(didim.plot.__all__) - {"require", "svg"})
 
 
+@pytest.mark.usefixtures("without_causes")
 def test_a_measured_tx40(project: Path, shared: Path) -> None:
     experiment = didim.load_experiment(project / "examples" / "tx40_log.toml", data=shared / "data" / "tx40")
     fit = identify(experiment, IDIMLS())

@@ -11,6 +11,8 @@ import didim
 from didim.signal.spikes import hampel
 from didim.studies.prediction import predict, relative_errors
 
+pytestmark = pytest.mark.usefixtures("without_causes")
+
 
 def torques(seed: int = 0, n: int = 4000) -> np.ndarray:
     rng = np.random.default_rng(seed)

@@ -16,6 +16,8 @@ from didim.cli.main import main
 from didim.errors import DidimError, RecordingError
 from didim.experiment.specs import ReferenceSpec
 
+pytestmark = pytest.mark.usefixtures("without_causes")
+
 FILE = """schema = 1
 name = "reference alone"
 robot = "planar2"
