@@ -56,7 +56,9 @@ class Place(NamedTuple):
 
     def command(self, *words: object) -> list[str]:
         """Return a command as it is called from here."""
-        chroot = [] if self.root is None else ["chroot", str(self.root)]
+        # By its path: the variables that commands run with have none for administrators.
+        program = shutil.which("chroot") or "/usr/sbin/chroot"
+        chroot = [] if self.root is None else [program, str(self.root)]
         return [*chroot, *(str(word) for word in words)]
 
     def here(self, path: Path) -> Path:
@@ -124,7 +126,8 @@ def check(wheel: Path, place: Place) -> None:
             "--disable-pip-version-check",
             inside / wheel.name,
         ]
-        done = run(place, empty, dict(os.environ), install)
+        settings = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+        done = run(place, empty, settings, install)
         if done.returncode:
             sys.exit(f"pip cannot install {wheel.name}: {done.stderr}")
         bare = bare_environment(environment / "bin")
@@ -137,7 +140,10 @@ def check(wheel: Path, place: Place) -> None:
         listed = succeed(place, empty, bare, ["didim", "example"])
         for name in re.findall(r"^(\w+)  ", listed, flags=re.MULTILINE):
             start = time.perf_counter()
-            commands = succeed(place, empty, bare, ["didim", "example", name]).partition(f"\ncd {name}\n")[2]
+            printed = succeed(place, empty, bare, ["didim", "example", name])
+            commands = printed.partition(f"\ncd {name}\n")[2]
+            if not commands:
+                sys.exit(f"didim example {name} names no commands:\n{printed}")
             for command in commands.splitlines():
                 succeed(place, empty / name, bare, command.split())
             print(f"  {name}: {len(commands.splitlines())} commands, {time.perf_counter() - start:.0f} s")

@@ -17,19 +17,10 @@ from didim import Experiment, Finding, FitError, Recording, SignalProcessing, ch
 from didim.cli.main import main
 from didim.diagnosis.finding import KINDS, Findings
 from didim.studies.simulated_log import PACKAGED, measured, simulated_log
-from planted import Log, log_of, tx40_exact
+from planted import SIGNAL, Log, log_of, tx40_exact
 from test_documented import tables
 
 Array = NDArray[np.float64]
-SIGNAL = """
-[signal]
-cutoff_hz = 60
-trim_start = 50
-trim_end = 50
-decimation = [5, 4]
-"""
-"""Readings are tried on a number of rows, and a row of a log decimated further takes more samples to compute."""
-SAMPLES = 5001
 REDUCTION = didim.load_robot("tx40").reduction
 
 
@@ -40,10 +31,7 @@ def exact() -> Experiment:
 
 @pytest.fixture(scope="module")
 def log(exact: Experiment) -> Log:
-    """Half of the paper's motion, five seconds at 1 kHz."""
-    whole = log_of(exact)
-    t, q, tau = whole.t[:SAMPLES], whole.q[:SAMPLES], whole.tau[:SAMPLES]
-    return replace(whole, t=t, q=q, tau=tau, signal=SIGNAL)
+    return log_of(exact)
 
 
 @pytest.fixture(scope="module")
@@ -238,14 +226,14 @@ def test_delay(log: Log, tmp_path: Path, samples: int) -> None:
     assert not check(compensated.write(tmp_path))
 
 
-@pytest.mark.parametrize(("start", "stop"), [(3000, 3400), (4000, SAMPLES), (0, 700)])
+@pytest.mark.parametrize(("start", "stop"), [(3000, 3400), (9000, 10001), (0, 700)])
 def test_stuck_encoder(log: Log, tmp_path: Path, start: int, stop: int) -> None:
     item = alone(check(log.change(stuck(3, start, stop)).write(tmp_path)), "stuck", (3,))
     assert (item.file, item.column, item.sample, item.last_sample) == ("log.csv", "q3", start, stop - 1)
 
 
 def test_dead_encoder(log: Log, tmp_path: Path) -> None:
-    item = alone(check(log.change(stuck(4, 0, SAMPLES)).write(tmp_path)), "excitation", (4,))
+    item = alone(check(log.change(stuck(4, 0, 10001)).write(tmp_path)), "excitation", (4,))
     assert "its encoder is dead" in item.advice
 
 
@@ -274,8 +262,8 @@ def test_gaps(log: Log, tmp_path: Path) -> None:
     item = alone(check(without(log, 4000, 4007).write(tmp_path)), "gap")
     assert (item.file, item.sample) == ("log.csv", 3999)
     assert "7 samples are missing after row 4000" in item.sentence
-    found = check(without(without(log, 4800, 4801), 4000, 4007).write(tmp_path))
-    assert [(item.kind, item.sample) for item in found] == [("gap", 3999), ("gap", 4792)]
+    found = check(without(without(log, 8000, 8001), 4000, 4007).write(tmp_path))
+    assert [(item.kind, item.sample) for item in found] == [("gap", 3999), ("gap", 7992)]
 
 
 def test_gap_without_time_stamps(log: Log, tmp_path: Path) -> None:
@@ -287,12 +275,12 @@ def test_gap_without_time_stamps(log: Log, tmp_path: Path) -> None:
 
 def test_glitch_of_one_encoder(log: Log, tmp_path: Path) -> None:
     def plant(q: Array, tau: Array) -> None:
-        q[2500, 1] += 0.01
+        q[5000, 1] += 0.01
 
     item = alone(check(log.change(plant).write(tmp_path)), "jump", (2,))
     assert item.column == "q2"
     assert item.sample is not None
-    assert abs(item.sample - 2500) <= 1
+    assert abs(item.sample - 5000) <= 1
 
 
 def test_uneven_time_stamps(log: Log, tmp_path: Path) -> None:
