@@ -1,6 +1,6 @@
 """Wrong files through the command line: each case must end in a result or in one sentence.
 
-    python benches/fuzz.py [--count 10000] [--seed 0] [--jobs 1] [--first CASE]
+    python benches/fuzz.py [--count 10000] [--seed 0] [--jobs 1] [--first CASE] [--cases-only]
     python benches/fuzz.py --count 0                         outputs that cannot be written, alone
 
 A case mutates the files of a command (`fuzz_material.py`, `fuzz_mutate.py`) one to three times and runs it in process. It must
@@ -230,8 +230,8 @@ class Parent(threading.Thread):
             self.bad.append(number)
 
 
-def fuzz(count: int, seed: int, jobs: int, first: int = 0) -> int:
-    """Run all cases, and those of the outputs, and print what became of them; return the number of failed ones."""
+def fuzz(count: int, seed: int, jobs: int, first: int = 0, *, outputs_too: bool = True) -> int:
+    """Run all cases, and if asked for those of the outputs, print what became of them, and return the number of failed ones."""
     from fuzz_material import make
     from fuzz_outputs import outputs
 
@@ -260,7 +260,7 @@ def fuzz(count: int, seed: int, jobs: int, first: int = 0) -> int:
             parent.start()
         for parent in parents:
             parent.join()
-        unwritten = outputs(material, Path(scratch, "output"))
+        unwritten = outputs(material, Path(scratch, "output")) if outputs_too else 0
     counts = sum((parent.counts for parent in parents), collections.Counter[str]())
     bad = sorted(number for parent in parents for number in parent.bad)
     print(f"{count} cases, seed {seed}: " + ", ".join(f"{counts[key]} {key}" for key in OUTCOMES))
@@ -284,8 +284,14 @@ def command_line() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--first", type=int, default=0, metavar="CASE", help="number of the first case")
+    parser.add_argument(
+        "--cases-only", action="store_true", help="leave the outputs alone, for a run in portions"
+    )
     options = parser.parse_args()
-    return 1 if fuzz(options.count, options.seed, options.jobs, options.first) else 0
+    failed = fuzz(
+        options.count, options.seed, options.jobs, options.first, outputs_too=not options.cases_only
+    )
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":
