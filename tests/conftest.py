@@ -8,6 +8,8 @@ from pathlib import Path
 
 # Test processes share the cores already: the threads of a matrix product would wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# pytest-xdist tells its processes the width of the terminal, and the commands under test would follow it.
+os.environ.pop("COLUMNS", None)
 
 import pytest
 

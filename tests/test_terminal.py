@@ -12,7 +12,6 @@ import subprocess
 import sys
 import termios
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 
@@ -136,11 +135,11 @@ def test_a_pipe_gets_lines_as_they_are(
     assert shown("a\nVerdict: b", verdict) == "a\nVerdict: b"
 
 
-def test_a_terminal_has_width_and_colours(tmp_path: Path) -> None:
+def test_a_terminal_has_width_and_colours() -> None:
     text = on_terminal("robots", width=70)
     assert longest(text) <= 70
-    plain = on_terminal("identify", str(tmp_path / "none.toml"), NO_COLOR="1")
-    coloured = on_terminal("identify", str(tmp_path / "none.toml"))
+    plain = on_terminal("identify", "none.toml", NO_COLOR="1")
+    coloured = on_terminal("identify", "none.toml")
     assert "\033" not in plain
     assert coloured.startswith("\033[1;31mdidim:\033[0m ")
     assert re.sub(r"\033\[[\d;]*m", "", coloured) == plain
