@@ -47,7 +47,7 @@ def test_where_the_truth_is_a_robot_plain_and_consistent_didim_agree() -> None:
     log = simulated_log(experiment, experiment.robot.parameter_set("didim_physical"), seed=1)
     plain, consistent = identify(log, DIDIM(physical=False)), identify(log, DIDIM())
     assert np.sqrt(np.mean(((consistent.beta - plain.beta) / plain.std) ** 2)) < 0.01
-    assert (consistent.n_iterations, consistent.n_simulations) == (2, 3)
+    assert (consistent.n_iterations, consistent.n_simulations) == (2, 4)
     assert consistent.settings["didim"]["start"] == "consistent"
     assert plain.settings["didim"]["start"] == "unit"
     assert 0.01 <= consistent.settings["solver"]["gamma"] < 0.015

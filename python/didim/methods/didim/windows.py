@@ -206,7 +206,7 @@ def motion_record(job: Job, windows: Sequence[Window], motion: Simulated) -> dic
     for window, (q_s, _, _, tau_s) in zip(windows, motion.motions, strict=True):
         recording = job.experiment.recordings[window.recording]
         start, stop = recording.windows[window.window]
-        q = None if recording.q is None else recording.measured_positions()[start:stop][window.kept]
+        q = recording.measured_positions()[start:stop][window.kept] if recording.has_positions else None
         pieces.append((q, q_s, window.tau, tau_s))
     return beside(job.signal, pieces).record()
 
