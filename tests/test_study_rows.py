@@ -14,7 +14,7 @@ from didim.monte_carlo.rows import RowFile, read_rows, times_path
 
 
 def row(name: str, **more: Any) -> dict[str, Any]:
-    return {"id": name, "scenario": "s", "method": "m", "seed": 0, "status": "SOLVED", **more}
+    return {"id": name, "scenario": "s", "method": "m", "seed": 0, "status": "SOLVED"} | more
 
 
 def write(path: Path, *rows: dict[str, Any], end: str = "") -> Path:
@@ -114,4 +114,12 @@ def test_files_of_something_else_are_refused(tmp_path: Path, content: str | None
     if content is not None:
         path.write_text(content)
     with pytest.raises(StudyError, match=sentence):
+        read_rows(path)
+
+
+@pytest.mark.parametrize("key", ["id", "scenario", "status", "method"])
+@pytest.mark.parametrize("value", [0.5, ["a"], {"a": 1}])
+def test_a_row_whose_texts_are_something_else_is_refused(tmp_path: Path, key: str, value: object) -> None:
+    path = write(tmp_path / "rows.jsonl", row("a", **{key: value}))
+    with pytest.raises(StudyError, match=f"'{key}' of a row must be text"):
         read_rows(path)

@@ -117,6 +117,12 @@ class Collected:
                 raise StudyError(
                     f"{name}: a row of a study has the key {missing[0]!r}, and this file has rows without"
                 )
+            texts = ("id", "scenario", "status", *(("method",) if row["method"] is not None else ()))
+            wrong = [key for key in texts if not isinstance(row[key], str)]
+            if wrong:
+                raise StudyError(
+                    f"{name}: {wrong[0]!r} of a row must be text, got {str(row[wrong[0]])[:40]!r}"
+                )
             before = self._found.get(row["id"])
             if before is None or before["status"] == LOST:
                 self._found[row["id"]] = row
