@@ -4,7 +4,8 @@
     python benches/fuzz.py --count 0                         outputs that cannot be written, alone
 
 A case mutates the files of a command (`fuzz_material.py`, `fuzz_mutate.py`) one to three times and runs it in process. It must
-end with exit code 0 or 1 and nothing but sentences on stderr, or with exit code 2, nothing on stdout and one sentence on stderr:
+end with exit code 0 or 1 and nothing but sentences on stderr, or with exit code 2, nothing on stdout and one sentence on stderr
+behind notes on what was assumed:
 no traceback, no panic, no warning of NumPy or SciPy, within a limit of time and of memory. A case that runs longer is
 interrupted as by Ctrl-C; that it must hear, and it counts as long. Cases depend on the seed and on nothing else. A case that
 fails is kept with its files and its command under ``out/fuzz/``, and one that was long. Then `fuzz_outputs.py` takes the outputs
@@ -115,6 +116,8 @@ def wrong_refusal(out: str, told: str) -> str:
     """What is wrong with the words of a refusal; an empty text when nothing is."""
     if out:
         return f"exit code 2, and a result on stdout\n{out}\n{told}"
+    # What was assumed before the refusal is said in notes, a line each.
+    told = "".join(line for line in told.splitlines(keepends=True) if not line.startswith("didim: note: "))
     if told.count("\n") != 1 or not told.startswith("didim: ") or len(told) < 15:
         return f"exit code 2 without one sentence\n{told}"
     if len(told) > LONGEST_SENTENCE:

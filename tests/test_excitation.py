@@ -17,7 +17,7 @@ from didim._tools.arrays import Array
 from didim.errors import ExcitationError
 from didim.excitation.clearance import Clearance, Workspace
 from didim.excitation.criterion import criterion
-from didim.excitation.design import Excitation
+from didim.excitation.design import Excitation, standard_deviations
 from didim.excitation.excite import excite
 from didim.excitation.limits import motion_limits
 from didim.excitation.points import PointDesign, _Move
@@ -476,3 +476,15 @@ def test_the_example_goes_full_circle(project: Path, capsys: pytest.CaptureFixtu
     assert 0.9 < ratio < 1.1
     assert np.sqrt(np.mean(done.error**2)) < 1.3
     assert done.design.ratio < 0.52
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_parameter_that_the_motion_does_not_show_is_weak(design: Excitation) -> None:
+    unseen = design.information.copy()
+    unseen[0], unseen[:, 0] = 0.0, 0.0
+    found = replace(design, information=unseen)
+    assert found.std[0] > 1e7
+    np.testing.assert_allclose(found.std[1:], standard_deviations(unseen[1:, 1:]), rtol=1e-6)
+    assert any(design.names[0] in sentence for sentence in found.weak())
+    assert any(design.names[0] in sentence for sentence in replace(found, x=None).weak())
+    assert str(found)

@@ -281,3 +281,13 @@ def test_a_urdf_and_columns_in_another_order(tmp_path: Path, capsys: pytest.Capt
     np.testing.assert_allclose(recording.q, q, rtol=1e-8, atol=1e-9)
     assert recording.tau is not None
     np.testing.assert_allclose(recording.tau, tau, rtol=1e-8, atol=1e-9)
+
+
+def test_control_characters_of_a_header_are_escaped(tmp_path: Path) -> None:
+    names = ["q1", "q2", "tau1", "effort\x7f2", "no\x01te\x7f"]
+    write(tmp_path / "log.csv", names, Q, TAU, T)
+    path, _ = initialise("planar2", [tmp_path / "log.csv"], tmp_path / "out.toml", rate_hz=500.0)
+    text = path.read_text(encoding="utf-8")
+    tomllib.loads(text)
+    assert "effort\\u007f2" in text
+    assert not {"\x7f", "\x01"} & set(text)

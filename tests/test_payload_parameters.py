@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +11,8 @@ from hypothesis import strategies as st
 
 import didim
 from didim import ExperimentError
-from didim.robot.payload import Payload, last_link, moved, to_flange
+from didim._tools.toml import Table
+from didim.robot.payload import Payload, last_link, moved, read_flange, to_flange
 from didim.robot.rigid_body import body_pseudo_inertia, pose, rotation_of, ten_parameters
 
 MASS, CENTRE = 2.5, (0.03, -0.02, 0.11)
@@ -77,3 +80,23 @@ def test_a_payload_adds_to_the_last_link() -> None:
 def test_wrong_payloads_are_refused(options: dict[str, object], message: str) -> None:
     with pytest.raises(ExperimentError, match=message):
         Payload(**({"name": "body"} | options))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("mass_kg", 1e300),
+        ("com_m", (1e300, 0.0, 0.0)),
+        ("inertia_kg_m2", (1e300, 0.0, 0.0, 1e300, 0.0, 1e300)),
+    ],
+)
+def test_payloads_whose_squares_are_infinite_are_refused(key: str, value: Any) -> None:
+    known = {"com_m": CENTRE} | {key: value}
+    with pytest.raises(ExperimentError, match=f"payload 'body': {key} must be at most 1e[+]09"):
+        Payload(name="body", **known)
+
+
+def test_a_flange_whose_squares_are_infinite_is_refused() -> None:
+    table = Table({"xyz_m": [0.0, -1e300, 0.0]}, "arm.toml", ExperimentError, "flange")
+    with pytest.raises(ExperimentError, match=r"^arm.toml: \[flange\] xyz_m must be at most 1e[+]09"):
+        read_flange(table)

@@ -10,11 +10,20 @@ from typing import Any
 import pytest
 
 from didim.errors import StudyError
+from didim.monte_carlo.results import StudyResults
 from didim.monte_carlo.rows import RowFile, read_rows, times_path
+
+FIT = {"beta": [1.0], "std": [0.1], "factor": 2.0, "torque_error": None, "simulations": 0}
 
 
 def row(name: str, **more: Any) -> dict[str, Any]:
-    return {"id": name, "scenario": "s", "method": "m", "seed": 0, "status": "SOLVED"} | more
+    head = {"id": name, "scenario": "s", "method": "m", "seed": 0, "status": "SOLVED"}
+    return head | ({"sentence": "the worker died"} if more.get("status") == "LOST" else FIT) | more
+
+
+def truth(name: str, **more: Any) -> dict[str, Any]:
+    own: dict[str, Any] = {"method": None, "seed": None, "status": "TRUTH", "truth": [1.0, None], "keys": {}}
+    return {"id": name, "scenario": "s"} | own | more
 
 
 def write(path: Path, *rows: dict[str, Any], end: str = "") -> Path:
@@ -64,20 +73,18 @@ def test_merged_files_count_each_row_once(tmp_path: Path) -> None:
     }
     assert rows.done == {"a", "b"}
     assert rows.remarks == ()
-    other = write(tmp_path / "three.jsonl", row("a", beta=[1.0]))
+    other = write(tmp_path / "three.jsonl", row("a", beta=[2.0]))
     assert read_rows(first, other).remarks == (
         "three.jsonl: 1 row differ from earlier ones of the same task, which count",
     )
 
 
 def test_truths_and_times_are_kept_apart(tmp_path: Path) -> None:
-    path = write(
-        tmp_path / "rows.jsonl", row("a"), row("t", method=None, seed=None, status="TRUTH", truth=[1.0])
-    )
+    path = write(tmp_path / "rows.jsonl", row("a"), truth("t"))
     write(times_path(path), {"id": "a", "seconds": 2.0})
     rows = read_rows(path)
     assert list(rows.fits) == ["a"]
-    assert rows.truths["s"]["truth"] == [1.0]
+    assert rows.truths["s"]["truth"] == [1.0, None]
     assert rows.times["a"]["seconds"] == 2.0
     assert rows.done == {"a", "t"}
 
@@ -117,9 +124,63 @@ def test_files_of_something_else_are_refused(tmp_path: Path, content: str | None
         read_rows(path)
 
 
-@pytest.mark.parametrize("key", ["id", "scenario", "status", "method"])
-@pytest.mark.parametrize("value", [0.5, ["a"], {"a": 1}])
-def test_a_row_whose_texts_are_something_else_is_refused(tmp_path: Path, key: str, value: object) -> None:
-    path = write(tmp_path / "rows.jsonl", row("a", **{key: value}))
-    with pytest.raises(StudyError, match=f"'{key}' of a row must be text"):
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        *((row("b", **{key: 0.5}), f"'{key}' of a row must be text") for key in ("id", "scenario", "status")),
+        *((row("b", method=value), "'method' of a row must be text or null") for value in (0.5, True, ["a"])),
+        *((row("b", seed=value), "'seed' of a row must be a whole number") for value in ("1", 0.5, -1, True)),
+        (row("b", seed=None), "'seed' of a row must be a whole number, got null"),
+        (row("b", status="SOLVED?"), "'status' of a row is none that didim knows, got \"SOLVED\\?\""),
+        (row("b", status="TRUTH"), "'status' of a row is none that didim knows"),
+        (truth("b", status="SOLVED"), "'status' of a row is none that didim knows"),
+        (row("b", status="LOST", sentence=1.0), "'sentence' of a row must be text, got 1.0"),
+        *(
+            (row("b", beta=value), "'beta' of a row must be a list of numbers")
+            for value in (1.0, ["a"], [[1.0]], [True], [10**400], [float("nan")], {"a": 1.0})
+        ),
+        (row("b", beta=[1.0, 2.0]), "'std' of a row must have a value for each of 'beta', got 1 for 2"),
+        (row("b", torque_error="0.1"), "'torque_error' of a row must be a number or null, got \"0.1\""),
+        (row("b", factor=[2.0]), "'factor' of a row must be a number or null"),
+        (row("b", simulations=0.5), "'simulations' of a row must be a whole number"),
+        (truth("b", truth=["a" * 5000]), "'truth' of a row must be a list of numbers, got .{40}[.]{3}$"),
+        (truth("b", keys=[]), "'keys' of a row must be a table"),
+    ],
+)
+def test_a_damaged_row_is_one_sentence_with_file_line_and_key(
+    tmp_path: Path, wrong: dict[str, Any], sentence: str
+) -> None:
+    path = write(tmp_path / "rows.jsonl", row("a"), wrong)
+    with pytest.raises(StudyError, match=f"^rows.jsonl: line 2: {sentence}"):
+        StudyResults.read(path)
+
+
+@pytest.mark.parametrize("key", ["seed", "status", *FIT])
+def test_a_row_without_a_key_is_refused(tmp_path: Path, key: str) -> None:
+    wrong = row("b")
+    del wrong[key]
+    with pytest.raises(StudyError, match=f"line 1: a row of a study has the key '{key}'"):
+        read_rows(write(tmp_path / "rows.jsonl", wrong))
+
+
+@pytest.mark.parametrize("value", ["1", None, [1.0], 10**400])
+def test_damaged_times_are_refused(tmp_path: Path, value: object) -> None:
+    path = write(tmp_path / "rows.jsonl", row("a"))
+    write(times_path(path), {"id": "a", "seconds": 2.0}, {"id": "b", "seconds": value})
+    with pytest.raises(
+        StudyError, match=r"^rows[.]times[.]jsonl: line 2: 'seconds' of a row must be a number"
+    ):
         read_rows(path)
+
+
+def test_brackets_within_brackets_are_an_unfinished_line(tmp_path: Path) -> None:
+    path = write(tmp_path / "rows.jsonl", row("a"), end="[" * 100_000 + "\n")
+    assert read_rows(path).remarks == ("rows.jsonl: 1 unfinished line dropped",)
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_whose_squares_are_infinite_have_figures_without_a_warning(tmp_path: Path) -> None:
+    rows = [row(str(k), seed=k, beta=[1e300 * k], std=[1e-300]) for k in range(3)]
+    found = StudyResults.read(write(tmp_path / "rows.jsonl", truth("t", truth=[0.0]), *rows))
+    assert found.figures[0].runs == 3
+    assert str(found)

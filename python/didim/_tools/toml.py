@@ -6,6 +6,7 @@ The messages are one sentence that names the file, the table and the key, as in
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -108,6 +109,11 @@ def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
             text = f"not valid TOML, {reason}"
     hint = "" if path.suffix == ".toml" else "; a file of this kind ends in .toml"
     raise error(f"{path.name}: {text}{hint}")
+
+
+def quoted(value: object) -> str:
+    """Return a text, or a list, as TOML: that of JSON, but for DEL, which TOML wants escaped."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 class Table:

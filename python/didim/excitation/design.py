@@ -126,7 +126,8 @@ class Excitation(Pickled, Printed):
         percent = self.relative_std_percent
         std = self.std
         correlation = _inverse(self.information) / np.outer(std, std)
-        alone = 1.0 / np.sqrt(np.diag(self.information))
+        with np.errstate(divide="ignore"):  # infinite for a parameter that the motion does not show at all
+            alone = 1.0 / np.sqrt(np.diag(self.information))
         sentences: list[str] = []
         faint: list[str] = []
         tangled: list[str] = []
@@ -134,7 +135,7 @@ class Excitation(Pickled, Printed):
             inflated = std[k] > INFLATED * alone[k]
             if percent is None:
                 # Without values only what cannot be told apart is weak for certain.
-                weak, words = std[k] > INFLATED**2 * alone[k], name
+                weak, words = std[k] > INFLATED**2 * alone[k] or np.isinf(alone[k]), name
             else:
                 weak, words = not percent[k] <= WEAK_PERCENT, f"{name} ({percent[k]:.3g} %)"
             row = np.abs(correlation[k])
@@ -211,6 +212,8 @@ class Excitation(Pickled, Printed):
 
 def _inverse(matrix: Array) -> Array:
     scale = np.sqrt(np.diag(matrix))
+    # A parameter that the motion does not show at all has a row of zeros, and its eigenvalue is zero in any unit.
+    scale = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     scaled = vectors / scale[:, None]
     # What rounding has made zero or less stays unknown: its standard deviation is beyond all bounds.

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from .._tools.files import check_output, write_atomically
-from .._tools.toml import Table
-from .._tools.words import counted
+from .._tools.toml import Table, quoted
+from .._tools.words import counted, one_line
 from ..errors import DidimError, ExperimentError
 from ..log.data_folder import DataFolder
 from ..log.recording import Recording
@@ -119,13 +119,13 @@ def _named(robot: str, path: Path) -> str:
 
 def _head(robot: Robot, named: str, path: Path, logs: Sequence[Path]) -> list[str]:
     speed = "m_s" if "prismatic" in robot.joint_kinds else "rad_s"
-    names = ", ".join(log.name for log in logs)
+    names = one_line(", ".join(log.name for log in logs))
     return [
         f'# Written by `didim init` from {names}. Lines that say "confirm" are guesses;',
-        f"# `didim check {path.name}` looks for wrong ones.",
+        f"# `didim check {one_line(path.name)}` looks for wrong ones.",
         "schema = 1",
-        f"name = {json.dumps(logs[0].stem, ensure_ascii=False)}",
-        f"robot = {json.dumps(named, ensure_ascii=False)} # {counted(robot.n_dof, 'joint')}{names_of(robot)}",
+        f"name = {quoted(logs[0].stem)}",
+        f"robot = {quoted(named)} # {counted(robot.n_dof, 'joint')}{names_of(robot)}",
         "",
         "# Friction; without this table that of the robot file. Smooth for a simulated log, a dead zone for standstill.",
         "# [friction]",

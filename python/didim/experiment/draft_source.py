@@ -5,7 +5,6 @@ Tested in ``tests/test_init.py`` and ``tests/test_init_logs.py``.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.toml import quoted
 from .._tools.words import listing
 from ..errors import ExperimentError, RecordingError
 from ..log.array_file import ArrayFile
@@ -84,16 +84,16 @@ class LogSource:
         if isinstance(self.data, RosBag):
             if not names or names == list(robot.joint_names):
                 return list(self.keys)
-            return [*self.keys, f"columns = {json.dumps(names, ensure_ascii=False)}"]
+            return [*self.keys, f"columns = {quoted(names)}"]
         variables = {item.variable for item in columns if isinstance(item.name, int)} - {None}
         lines = list(self.keys)
         if variables:
             variable = variables.pop()
-            lines.append(f"variable = {json.dumps(variable, ensure_ascii=False)}")
+            lines.append(f"variable = {quoted(variable)}")
             width = sum(item.variable == variable for item in self.columns)
             if names == list(range(1, width + 1)):
                 return lines
-        return [*lines, f"columns = {json.dumps(names, ensure_ascii=False)}"]
+        return [*lines, f"columns = {quoted(names)}"]
 
 
 def open_log(
@@ -130,7 +130,7 @@ def open_log(
         When a chosen column does not exist.
     """
     file = Path(os.path.relpath(log, beside)).as_posix()
-    keys = [f"file = {json.dumps(file, ensure_ascii=False)}"]
+    keys = [f"file = {quoted(file)}"]
     if log.suffix.lower() in TEXT:
         source = _text(log, keys, robot, values_per_sample)
     else:
@@ -149,7 +149,7 @@ def _text(log: Path, keys: list[str], robot: Robot, values_per_sample: int | Non
     data: DataFile = open_data_file(log, log.name, delimiter=delimiter, header=None)
     assert isinstance(data, CsvFile)
     if delimiter != ",":
-        keys.append(f"delimiter = {json.dumps(delimiter)}")
+        keys.append(f"delimiter = {quoted(delimiter)}")
     if data.names is not None:
         return LogSource(data, [column(name, robot.joint_names) for name in data.names], keys)
     width = len(line.split() if delimiter == " " else line.split(delimiter))
@@ -203,7 +203,7 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot) -> LogSource:
 def _bag(data: RosBag, keys: list[str], robot: Robot) -> LogSource:
     """Columns of a bag: the joints of the robot by name."""
     if data.ambiguous:
-        keys = [*keys, f"topic = {json.dumps(data.topic)}"]
+        keys = [*keys, f"topic = {quoted(data.topic)}"]
     columns = [Column("stamp", "time", None, "s", variable="stamp", stem="stamp")]
     for signal, kind in BAG_KINDS.items():
         if data.has(signal):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.arrays import Array
+from .._tools.toml import quoted
 from .._tools.words import counted, one_line
 from ..errors import RecordingError
 from ..log.resampling import GAP, resampling, step_range
@@ -96,7 +96,7 @@ class RecordingWriter:
 
     def lines(self) -> list[str]:
         """Lines of the table."""
-        lines = ["", "[[recording]]", f"name = {json.dumps(self.log.stem, ensure_ascii=False)}"]
+        lines = ["", "[[recording]]", f"name = {quoted(self.log.stem)}"]
         stamps = [item for item in self.source.columns if item.what == "time"]
         # The stamp of a header is when a message was made, another one when it arrived.
         stamps.sort(key=lambda item: "stamp" not in str(item.name))
@@ -191,7 +191,7 @@ class RecordingWriter:
             line.startswith(("columns", "topic")) for line in table[2:]
         ):
             table = ["[recording.time]", *self.source.lines([], self.robot)]
-        table.append(f"unit = {json.dumps(unit)}{how}")
+        table.append(f"unit = {quoted(unit)}{how}")
         if faults:
             return self._resampled(stamp, unit, t, faults[0].sentence, table)
         rate = (len(t) - 1) / float(t[-1] - t[0])
@@ -247,7 +247,7 @@ class RecordingWriter:
 
     def _missing(self, table: str, wanted: str) -> list[str]:
         n = self.robot.n_dof
-        names = json.dumps([str(item.name) for item in self.source.columns][: 3 * n], ensure_ascii=False)
+        names = quoted([str(item.name) for item in self.source.columns][: 3 * n])
         option = (
             f"--columns {wanted}=..., " if wanted != "torque" else "--columns torque=... or current=..., "
         )
@@ -302,7 +302,7 @@ class RecordingWriter:
         # All revolute joints of one log are in one unit.
         if not sure and "deg" in units:
             units = ["deg" if unit == "rad" else unit for unit in units]
-        unit = json.dumps(units[0] if len(set(units)) == 1 else units)
+        unit = quoted(units[0] if len(set(units)) == 1 else units)
         ranges = ", ".join(f"{value:.3g}" for value in np.ptp(values, axis=0))
         self._tell(f"{table} {_listed(columns)} in {'/'.join(dict.fromkeys(units))}")
         lines = [f"[recording.{table}] # ranges: {ranges}", *self.source.lines(columns, self.robot)]
@@ -335,8 +335,7 @@ class RecordingWriter:
         self._tell(f"torque {_listed(columns)} in {'/'.join(dict.fromkeys(units))}")
         lines = [f"[recording.torque] # largest values: {largest}", *self.source.lines(columns, self.robot)]
         lines.append(
-            f"unit = {json.dumps(units[0] if len(set(units)) == 1 else units)}"
-            + ("" if sure else " # confirm")
+            f"unit = {quoted(units[0] if len(set(units)) == 1 else units)}" + ("" if sure else " # confirm")
         )
         if set(units) & {"A", "V"}:
             lines.append(self._gain(columns, units[0]))
@@ -345,7 +344,7 @@ class RecordingWriter:
     def _gain(self, columns: list[Column], unit: str) -> str:
         if self.gains:
             gains = list(self.gains)
-            return f"gain = {gains[0]:g}" if len(gains) == 1 else f"gain = {json.dumps(gains)}"
+            return f"gain = {gains[0]:g}" if len(gains) == 1 else f"gain = {quoted(gains)}"
         motor = all(item.motor for item in columns)
         if self.robot.gains is not None and (motor or self.robot.reduction is None):
             return "# gain: that of the robot file"

@@ -62,9 +62,10 @@ class Resampling:
         """Resample signals, (n_samples, m)."""
         values = values[self.kept]
         # Column by column of the stencil: the same order of additions on every processor.
-        total = self.weights[:, 0, None] * values[self.indices[:, 0]]
-        for k in range(1, STENCIL):
-            total += self.weights[:, k, None] * values[self.indices[:, k]]
+        with np.errstate(over="ignore", invalid="ignore"):  # reported by Recording
+            total = self.weights[:, 0, None] * values[self.indices[:, 0]]
+            for k in range(1, STENCIL):
+                total += self.weights[:, k, None] * values[self.indices[:, k]]
         return np.asarray(total)
 
     def sentence(self, steps: str) -> str:

@@ -80,6 +80,8 @@ class Figures:
     seconds: float
 
 
+# Rows of a damaged file may have numbers whose squares are infinite: so are their figures then.
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")
 def figures_of(
     scenario: str,
     method: str,

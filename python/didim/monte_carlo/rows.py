@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -12,12 +13,16 @@ from typing import Any, Self
 
 from .._tools.words import counted
 from ..errors import StudyError
-from .worker import LOST, TRUTH
+from ..result.status import Status
+from .worker import ERROR, FAILED, LOST, TRUTH
 
 Row = dict[str, Any]
 
-KEYS = ("id", "scenario", "method", "seed", "status")
-"""Keys that every row has."""
+NO_FIT = (FAILED, ERROR, LOST)
+"""Status of a row without a result, which has a sentence instead."""
+
+Line = tuple[int, Row | None]
+"""Number of a line of a file, from 1, and its row; None for a line that is not one."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +83,7 @@ def read_rows(*paths: Path, own_times: bool = True) -> Rows:
         collected.add(_lines(_content(path)), path.name)
         beside = times_path(path)
         if own_times and beside.is_file():
-            collected.add_times(_lines(_content(beside)))
+            collected.add_times(_lines(_content(beside)), beside.name)
     return collected.rows()
 
 
@@ -86,8 +91,10 @@ def rows_of(lines: Iterable[tuple[str, str | None]]) -> Rows:
     """Return rows from lines, each with that of its times or None."""
     pairs = list(lines)
     collected = Collected()
-    collected.add((json.loads(row) for row, _ in pairs), "rows")
-    collected.add_times(json.loads(times) for _, times in pairs if times is not None)
+    collected.add(((k, json.loads(row)) for k, (row, _) in enumerate(pairs, 1)), "rows")
+    collected.add_times(
+        ((k, json.loads(times)) for k, (_, times) in enumerate(pairs, 1) if times is not None), "times"
+    )
     return collected.rows()
 
 
@@ -99,30 +106,20 @@ class Collected:
         self._times: dict[str, Row] = {}
         self._remarks: list[str] = []
 
-    def add(self, lines: Iterable[Row | None], name: str) -> None:
+    def add(self, lines: Iterable[Line], name: str) -> None:
         """Add the rows of a file.
 
         Raises
         ------
         StudyError
-            For rows of something else.
+            For a row that no study writes; the sentence names the file, the line and the key.
         """
         torn = different = 0
-        for row in lines:
+        for number, row in lines:
             if row is None:
                 torn += 1
                 continue
-            missing = [key for key in KEYS if key not in row]
-            if missing:
-                raise StudyError(
-                    f"{name}: a row of a study has the key {missing[0]!r}, and this file has rows without"
-                )
-            texts = ("id", "scenario", "status", *(("method",) if row["method"] is not None else ()))
-            wrong = [key for key in texts if not isinstance(row[key], str)]
-            if wrong:
-                raise StudyError(
-                    f"{name}: {wrong[0]!r} of a row must be text, got {str(row[wrong[0]])[:40]!r}"
-                )
+            _check_row(row, f"{name}: line {number}")
             before = self._found.get(row["id"])
             if before is None or before["status"] == LOST:
                 self._found[row["id"]] = row
@@ -135,9 +132,18 @@ class Collected:
                 f"{name}: {counted(different, 'row')} differ from earlier ones of the same task, which count"
             )
 
-    def add_times(self, lines: Iterable[Row | None]) -> None:
-        """Add the times of a file."""
-        self._times.update({row["id"]: row for row in lines if row is not None and "id" in row})
+    def add_times(self, lines: Iterable[Line], name: str) -> None:
+        """Add the times of a file.
+
+        Raises
+        ------
+        StudyError
+            For times that are none; the sentence names the file, the line and the key.
+        """
+        for number, row in lines:
+            if row is not None:
+                _check(row, {"id": "text", "seconds": "a number"}, f"{name}: line {number}")
+                self._times[row["id"]] = row
 
     def rows(self) -> Rows:
         """Return what was collected."""
@@ -163,17 +169,97 @@ def _content(path: Path) -> bytes:
         raise StudyError(f"{path}: cannot be read ({reason.strerror})") from None
 
 
-def _lines(content: bytes) -> Iterable[Row | None]:
-    """Rows of a file; None for a line that is not one."""
-    for line in content.split(b"\n"):
+def _lines(content: bytes) -> Iterable[Line]:
+    """Lines of a file that are not empty."""
+    for number, line in enumerate(content.split(b"\n"), 1):
         if not line.strip():
             continue
         try:
             row = json.loads(line)
-        except ValueError:
-            yield None
+        except (ValueError, RecursionError):  # brackets within brackets
+            yield number, None
             continue
-        yield row if isinstance(row, dict) else None
+        yield number, row if isinstance(row, dict) else None
+
+
+def _is_number(value: object) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer of hundreds of digits
+        return False
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int) and _is_number(value) and value >= 0
+
+
+def _is_list(value: object) -> bool:
+    return isinstance(value, list) and all(item is None or _is_number(item) for item in value)
+
+
+KINDS: dict[str, Callable[[object], bool]] = {
+    "text": lambda value: isinstance(value, str),
+    "text or null": lambda value: value is None or isinstance(value, str),
+    "a number": _is_number,
+    "a number or null": lambda value: value is None or _is_number(value),
+    "a list of numbers": _is_list,
+    "a table": lambda value: isinstance(value, dict),
+    "a whole number": _is_whole,
+    "a whole number or null": lambda value: value is None or _is_whole(value),
+}
+"""Kinds of values, as the sentences name them."""
+HEAD = {
+    "id": "text",
+    "scenario": "text",
+    "method": "text or null",
+    "seed": "a whole number or null",
+    "status": "text",
+}
+"""Keys that every row has."""
+FIT = {
+    "beta": "a list of numbers",
+    "std": "a list of numbers",
+    "factor": "a number or null",
+    "torque_error": "a number or null",
+    "simulations": "a whole number",
+}
+
+
+def _check(row: Row, kinds: dict[str, str], where: str) -> None:
+    """Refuse a row without a key, or with a value of another kind."""
+    for key, kind in kinds.items():
+        if key not in row:
+            raise StudyError(f"{where}: a row of a study has the key {key!r}, and this one has not")
+        if not KINDS[kind](row[key]):
+            raise StudyError(f"{where}: {key!r} of a row must be {kind}, got {_shown(row[key])}")
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 40 else text[:40] + "..."
+
+
+def _check_row(row: Row, where: str) -> None:
+    """Refuse a row that no worker makes: all that reads rows relies on it."""
+    _check(row, HEAD, where)
+    status = row["status"]
+    if row["method"] is None:
+        known: tuple[str, ...] = (TRUTH, *NO_FIT)
+        own = {"truth": "a list of numbers", "keys": "a table"}
+    else:
+        known = (*Status.__members__, *NO_FIT)
+        own = {"seed": "a whole number", **FIT}
+    if status not in known:
+        raise StudyError(f"{where}: 'status' of a row is none that didim knows, got {_shown(status)}")
+    if status in NO_FIT:
+        own = {"seed": HEAD["seed"] if row["method"] is None else "a whole number", "sentence": "text"}
+    _check(row, own, where)
+    if "beta" in own and len(row["beta"]) != len(row["std"]):
+        raise StudyError(
+            f"{where}: 'std' of a row must have a value for each of 'beta', got {len(row['std'])} for {len(row['beta'])}"
+        )
 
 
 class RowFile:

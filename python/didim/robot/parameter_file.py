@@ -9,7 +9,6 @@ TOML is a parameter set as a robot file has it; npz has the covariance too. Test
 from __future__ import annotations
 
 import io
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ import numpy as np
 from .._tools.arrays import Array, relative_percent
 from .._tools.files import write_atomically
 from .._tools.saved import read_saved
-from .._tools.toml import Table, read_toml
+from .._tools.toml import Table, quoted, read_toml
 from .._tools.words import counted, listing, one_line
 from ..errors import FitError
 from .robot import Robot
@@ -145,7 +144,7 @@ def is_file(source: str) -> bool:
 
 
 def _toml(fit: Estimates, name: str) -> str:
-    key = name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
+    key = name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
     known = bool(fit.std.any())
     lines = [f"# {one_line(text)}" for text in (fit.title, *fit.comments)]
     lines += ["# SI units, joint side.", f"[parameters.{key}]"]
@@ -166,7 +165,7 @@ def _toml(fit: Estimates, name: str) -> str:
 
 
 def _key(name: str) -> str:
-    return name if re.fullmatch(r"\w+", name) else json.dumps(name)
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
 
 
 def _npz(fit: Estimates) -> bytes:

@@ -29,6 +29,8 @@ from .rigid_body import (
 )
 from .robot import Robot
 
+LARGEST = 1e9
+"""Metres, kilograms and kg.m^2 of a payload and a flange are at most these: the squares of larger ones leave floating point."""
 NOTHING = "none"
 """Name of the payload that is not there."""
 UNITS = dict(zip(INERTIAL, ["kg.m^2"] * 6 + ["kg.m"] * 3 + ["kg"], strict=True))
@@ -72,10 +74,14 @@ class Payload:
             values = tuple(float(value) for value in values)
             if len(values) != length or not all(map(math.isfinite, values)):
                 raise ExperimentError(f"{where} {key} needs {length} finite numbers, got {list(values)}")
+            if max(map(abs, values)) > LARGEST:
+                raise ExperimentError(f"{where} {key} must be at most {LARGEST:g}, got {list(values)}")
             object.__setattr__(self, key, values)
         mass = self.mass_kg
         if mass is not None and not (math.isfinite(mass) and mass > 0.0):
             raise ExperimentError(f"{where} mass_kg must be a positive number, got {mass!r}")
+        if mass is not None and mass > LARGEST:
+            raise ExperimentError(f"{where} mass_kg must be at most {LARGEST:g}, got {mass!r}")
         if self.inertia_kg_m2 is not None:
             if self.com_m is None:
                 raise ExperimentError(
@@ -140,6 +146,8 @@ Pose = tuple[tuple[float, ...], ...]
 def read_flange(table: Table) -> Pose:
     """Read the table ``[flange]``: its pose in the last link's frame; rows of a homogeneous matrix (3 x 4)."""
     place = table.numbers("xyz_m", 3) if table.has("xyz_m") else (0.0, 0.0, 0.0)
+    if max(map(abs, place)) > LARGEST:
+        table.fail(f"xyz_m must be at most {LARGEST:g}, got {list(place)}")
     if table.has("rpy_deg"):
         angles = tuple(math.radians(value) for value in table.numbers("rpy_deg", 3))
     else:

@@ -5,11 +5,11 @@ Tested in ``tests/test_urdf.py``.
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Iterable, Sequence
 
+from .._tools.toml import quoted
 from ..errors import RobotError
 from .correspondence import Correspondence, Pose
 from .friction import KEYS, START_VELOCITY
@@ -32,8 +32,8 @@ def robot_text(robot: Robot) -> str:
     lines = [f"# {_comment(note)}" for note in robot.notes]
     lines += [
         "schema = 1",
-        f"name = {_text(robot.name)}",
-        f"description = {_text(robot.description)}",
+        f"name = {quoted(robot.name)}",
+        f"description = {quoted(robot.description)}",
         f'convention = "{"mdh" if robot.standard is None else "dh"}"',
         f"gravity_m_s2 = {_numbers(robot.geometry.gravity)}",
     ]
@@ -41,9 +41,9 @@ def robot_text(robot: Robot) -> str:
     for j, kind in enumerate(geometry.kinds):
         lines += ["", "[[joint]]"]
         if robot.joint_names:
-            lines.append(f"name = {_text(robot.joint_names[j])}")
+            lines.append(f"name = {quoted(robot.joint_names[j])}")
         lines += [
-            f"kind = {_text(kind)}",
+            f"kind = {quoted(kind)}",
         ]
         if robot.standard is None:
             lines += [
@@ -99,7 +99,7 @@ def _friction(robot: Robot) -> list[str]:
     friction = robot.friction
     defaults = {"model": "symmetric", "coulomb": "sign", "coupling": "shaft"}
     lines = [
-        f"{key} = {_text(getattr(friction, key))}"
+        f"{key} = {quoted(getattr(friction, key))}"
         for key, default in defaults.items()
         if getattr(friction, key) != default
     ]
@@ -152,10 +152,10 @@ def _urdf(places: Correspondence) -> list[str]:
         "",
         "# How frames and names go back to the URDF; `didim export` reads it.",
         "[urdf]",
-        f"file = {_text(places.file)}",
-        f"sha256 = {_text(places.sha256)}",
-        f"base = {_text(places.base)}",
-        f"tip = {_text(places.tip)}",
+        f"file = {quoted(places.file)}",
+        f"sha256 = {quoted(places.sha256)}",
+        f"base = {quoted(places.base)}",
+        f"tip = {quoted(places.tip)}",
     ]
     if places.lock:
         pairs = ", ".join(f"{_key(name)} = {_number(value)}" for name, value in places.lock)
@@ -164,10 +164,10 @@ def _urdf(places: Correspondence) -> list[str]:
         lines.append(f"snapped_rad = {_number(places.snapped_rad)}")
     lines.append(f"frame_0 = {_pose(places.frame_0)} # frame 0 in the base link, m")
     for link in places.links:
-        lines += ["", "[[urdf.link]]", f"joint = {_text(link.joint)}", f"link = {_text(link.link)}"]
+        lines += ["", "[[urdf.link]]", f"joint = {quoted(link.joint)}", f"link = {quoted(link.link)}"]
         lines.append(f"pose = {_pose(link.pose)} # of the link in frame j, m")
         lines += [
-            f"{key} = [{', '.join(map(_text, names))}]"
+            f"{key} = [{', '.join(map(quoted, names))}]"
             for key, names in (("lumped", link.lumped), ("locked", link.locked))
             if names
         ]
@@ -198,12 +198,8 @@ def _pose(rows: Pose) -> str:
     return f"[{', '.join(map(_numbers, rows))}]"
 
 
-def _text(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
 def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _text(name)
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
 
 
 def _comment(text: str) -> str:
