@@ -12,7 +12,9 @@ import pytest
 import didim
 from didim._tools import progress
 from didim._tools.progress import WIDEST, ProgressLine, in_notebook
+from didim.excitation.search.progress import share_done
 from simulated import experiment, log
+from test_study import SPEC
 
 
 class Terminal(io.StringIO):
@@ -92,4 +94,41 @@ def test_identify_says_how_long_it_takes_at_most(
     text = terminal.getvalue()
     assert ("iteration 1: relative error" in text) is expected
     assert (" s left" in text) is expected
+    assert text.endswith("\r\033[K") is expected
+
+
+@pytest.mark.parametrize(("verbose", "expected"), [(None, True), (False, False)])
+def test_a_design_says_how_long_it_takes(
+    at_once: None, monkeypatch: pytest.MonkeyPatch, *, verbose: bool | None, expected: bool
+) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    settings = didim.ExcitationSettings(duration_s=4.0, harmonics=4, iterations=10, starts=2)
+    told: list[int] = []
+    didim.excite("planar2", settings, progress=lambda start, *_: told.append(start), verbose=verbose)
+    assert {*told} == {1, 2}
+    text = terminal.getvalue()
+    assert ("excite: 100 %, criterion " in text) is expected
+    assert ("about 0 s left" in text) is expected
+    assert text.endswith("\r\033[K") is expected
+
+
+def test_the_share_of_a_design_grows_to_one() -> None:
+    shares = [share_done(evaluations, 100) for evaluations in range(0, 600, 10)]
+    assert shares == sorted(shares)
+    assert shares[0] == 0.0
+    assert 0.7 < share_done(356, 100) < 0.9  # before the last descent, which takes longer for each evaluation
+    assert share_done(386, 100) == shares[-1] == 1.0
+
+
+@pytest.mark.parametrize(("verbose", "expected"), [(None, True), (False, False)])
+def test_a_study_says_how_long_it_takes(
+    at_once: None, monkeypatch: pytest.MonkeyPatch, *, verbose: bool | None, expected: bool
+) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    results = didim.study(SPEC, executor="serial", verbose=verbose)
+    assert results.rows
+    text = terminal.getvalue()
+    assert ("study: 1 of " in text) is expected
     assert text.endswith("\r\033[K") is expected

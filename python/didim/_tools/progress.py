@@ -63,6 +63,11 @@ class ProgressLine:
             self._display.update(shown.Pretty(line))
 
 
+def shows_progress() -> bool:
+    """Whether a line of progress would be seen: stderr is a terminal, or the program runs in a notebook."""
+    return _is_terminal() or in_notebook()
+
+
 def in_notebook() -> bool:
     """Whether a notebook runs the program: no module is imported to find out."""
     ipython = sys.modules.get("IPython")

@@ -67,6 +67,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from dataclasses import replace
 
+    from .._tools.progress import shows_progress
     from ..excitation.excite import excite
     from ..excitation.export import check_path, save
     from ..excitation.settings import ExcitationSettings
@@ -81,7 +82,12 @@ def run(options: argparse.Namespace) -> int:
     if options.wanted is not None:
         settings = replace(settings, wanted=tuple(options.wanted))
     check_outputs(*options.output, options.report)
-    found = excite(robot, settings, progress=None if options.quiet else _progress())
+    found = excite(
+        robot,
+        settings,
+        progress=None if options.quiet or shows_progress() else _progress(),
+        verbose=False if options.quiet else None,
+    )
     # The files first: a reader of stdout that stops early must not cost the result.
     saved = Saved()
     for path in options.output:
@@ -95,7 +101,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _progress() -> Callable[[int, int, float], None]:
-    """Return a callback that prints a line a second; it is called from several threads."""
+    """Return a callback for files and pipes that prints a line a second; it is called from several threads."""
     lock, last = threading.Lock(), [time.monotonic()]
 
     def tell(start: int, evaluations: int, value: float) -> None:

@@ -27,6 +27,7 @@ from .limits import MotionLimits
 from .points import MOVE_RATE_HZ, PointDesign
 from .problem import FINE, Information, Problem, scaled
 from .ramps import Ramp, ramp
+from .search.progress import DesignLine
 from .search.starts import TRIALS, Progress, search_all
 from .series import ScaledSeries, Series, SeriesBasis
 from .settings import ExcitationSettings
@@ -43,6 +44,7 @@ def excite(
     *,
     progress: Progress | None = None,
     executor: Executor | None = None,
+    verbose: bool | None = None,
 ) -> Excitation:
     """Design a motion for the identification of a robot.
 
@@ -59,6 +61,9 @@ def excite(
         Called with start, evaluations and value, from the threads of the starts.
     executor : Executor, optional
         Runs the starts of a Fourier series instead of threads: any of `concurrent.futures`, without progress.
+    verbose : bool, optional
+        By default a terminal or a notebook shows one line with the time that is left, and removes it at the end; False shows
+        nothing.
 
     Returns
     -------
@@ -80,9 +85,20 @@ def excite(
     if settings.friction:
         robot = robot.with_friction(**settings.friction)
     task = Task(robot, settings)
-    found = (
-        _points(task, progress) if settings.kind == "point-to-point" else _series(task, progress, executor)
-    )
+    points = settings.kind == "point-to-point"
+    line = None if verbose is False else DesignLine(settings.starts, None if points else settings.iterations)
+
+    def both(start: int, evaluations: int, value: float) -> None:
+        if line is not None:
+            line(start, evaluations, value)
+        if progress is not None:
+            progress(start, evaluations, value)
+
+    try:
+        found = _points(task, both) if points else _series(task, both, executor)
+    finally:
+        if line is not None:
+            line.close()
     return replace(found, elapsed=time.perf_counter() - began)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .._tools.progress import ProgressLine
 from ..errors import DidimError
 from .engine import run_all
 from .executors import pool
@@ -45,6 +46,13 @@ class Progress:
     lost: int = 0
     seconds: float = 0.0
 
+    def __str__(self) -> str:
+        """One line, with the time that is left."""
+        rate = (self.done - self.found) / max(self.seconds, 1e-9)
+        left = (self.total - self.done) / max(rate, 1e-9)
+        found = f", {self.found} from before" if self.found else ""
+        return f"{self.done} of {self.total} rows{found}, {self.failed} failed, {rate:.3g} a second, {left:.0f} s left"
+
 
 def study(
     spec: str | Path | Mapping[str, Any] | StudySpec,
@@ -55,6 +63,7 @@ def study(
     address: str | None = None,
     window: int | None = None,
     progress: Callable[[Progress], None] | None = None,
+    verbose: bool | None = None,
 ) -> StudyResults:
     """Simulate many logs, identify each by several methods, and keep every result.
 
@@ -76,6 +85,9 @@ def study(
         Tasks that are submitted ahead; four for each worker by default.
     progress : callable, optional
         Called after each row.
+    verbose : bool, optional
+        By default a terminal or a notebook shows one line with the rows and the time that is left, and removes it at the end;
+        False shows nothing.
 
     Returns
     -------
@@ -103,6 +115,9 @@ def study(
             known = read_rows(place)
         lines: list[tuple[str, str | None]] = []
         state = Progress(total=count(spec))
+        line = ProgressLine() if verbose is not False else None
+        if line is not None:
+            stack.callback(line.close)
         start = time.perf_counter()
         for result in _run(spec, known, state, executor, workers, address, window):
             if store is None or times is None:
@@ -115,6 +130,8 @@ def study(
             state.failed += result["status"] in (FAILED, ERROR)
             state.lost += result["status"] == LOST
             state.seconds = time.perf_counter() - start
+            if line is not None:
+                line.show(f"study: {state}")
             if progress is not None:
                 progress(state)
         rows = rows_of(lines) if place is None else read_rows(place)

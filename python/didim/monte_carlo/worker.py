@@ -174,7 +174,7 @@ def _fit_row(task: Task, seconds: dict[str, float]) -> dict[str, Any]:
     method = method_of(asked["name"], {**asked["settings"], **model.method}, truth.starts(seed, model))
     log = replace(model.experiment, recordings=noisy.recordings)
     start = time.perf_counter()
-    fit = identify(log, method)
+    fit = identify(log, method, verbose=False)
     seconds["fit"] = time.perf_counter() - start
     return {
         "status": fit.status.name,

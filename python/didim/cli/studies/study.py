@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..._tools.progress import shows_progress
 from ..._tools.words import counted
 from ..options import (
     CONVERGED,
@@ -134,7 +135,7 @@ def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
     elif options.mpi:
         executor = "mpi"
     lost = [0]
-    tell = None if options.quiet else _progress()
+    tell = None if options.quiet or shows_progress() else _progress()
 
     def progress(state: Progress) -> None:
         lost[0] = state.lost
@@ -143,7 +144,13 @@ def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
 
     try:
         results = study(
-            spec, output, executor=executor, workers=options.workers, address=address, progress=progress
+            spec,
+            output,
+            executor=executor,
+            workers=options.workers,
+            address=address,
+            progress=progress,
+            verbose=False if options.quiet else None,
         )
     except KeyboardInterrupt:
         message(f"interrupted; '{output}' has the rows so far, and the same command goes on")
@@ -156,7 +163,7 @@ def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
 
 
 def _progress() -> Callable[[Progress], None]:
-    """Return a callback that prints a line every few seconds, and one at the end."""
+    """Return a callback for files and pipes that prints a line every few seconds, and one at the end."""
     last = [time.monotonic()]
 
     def tell(state: Progress) -> None:
@@ -164,14 +171,6 @@ def _progress() -> Callable[[Progress], None]:
         if now - last[0] < PROGRESS_S and state.done < state.total:
             return
         last[0] = now
-        made = state.done - state.found
-        rate = made / max(state.seconds, 1e-9)
-        left = (state.total - state.done) / max(rate, 1e-9)
-        found = f", {state.found} from before" if state.found else ""
-        print(
-            f"{state.done} of {state.total} rows{found}, {state.failed} failed, {rate:.3g} a second, {left:.0f} s left",
-            file=sys.stderr,
-            flush=True,
-        )
+        print(state, file=sys.stderr, flush=True)
 
     return tell
