@@ -114,7 +114,7 @@ def test_nothing_is_found_on_a_clean_log(
     assert main(["check", str(path), "--json", str(tmp_path / "found.json")]) == 0
     assert capsys.readouterr().out == "log: nothing found.\n"
     found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
-    assert found == {"schema": 1, "experiment": "log", "findings": [], "closed_loop": []}
+    assert found == {"schema": 1, "experiment": "log", "findings": [], "closed_loop": [], "notes": []}
     assert not check(replace(log, timed=False).write(tmp_path))
     assert not check(path, "didim")
 

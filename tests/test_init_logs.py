@@ -268,7 +268,8 @@ def test_several_logs_in_one_call(tmp_path: Path, capsys: pytest.CaptureFixture[
     names = ["t", *named("q"), *named("tau")]
     logs = [str(write(tmp_path / f"{name}.csv", names, T, Q, TAU)) for name in ("a", "b", "c")]
     assert main(["init", "ur5e", *logs, "-o", str(tmp_path / "all.toml")]) == 0
-    assert [item.name for item in load_experiment(tmp_path / "all.toml").recordings] == ["a", "b", "c"]
+    experiment = load_experiment(tmp_path / "all.toml")
+    assert (experiment.name, [item.name for item in experiment.recordings]) == ("all", ["a", "b", "c"])
     assert capsys.readouterr().out.count("position q0") == 1
 
 

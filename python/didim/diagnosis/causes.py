@@ -14,7 +14,8 @@ from .._tools.arrays import Array
 from ..experiment.experiment import Experiment
 from ..methods.job import Job
 from ..methods.verdict.loop import Recovered, loop_reasons
-from ..methods.verdict.search import explained
+from ..methods.verdict.search import explained, rows_of
+from ..methods.verdict.torque_scale import unchecked
 from ..methods.verdict.whiteness import NEGLIGIBLE, whiteness
 from ..regression.fit import Fit
 from ..regression.linear_system import LinearSystem
@@ -43,6 +44,13 @@ def check_causes(job: Job, parts: Sequence[Segment]) -> tuple[Finding, float] | 
     if found is None or found.cause.code not in ROBOT_FILE:
         return None
     return _finding(found.reason()), found.left
+
+
+def unchecked_gains(job: Job, parts: Sequence[Segment]) -> list[str]:
+    """Return a note on the drive gains that a log cannot check, if there are any."""
+    rows = rows_of(job, parts) if job.parameters.simple else None
+    note = None if rows is None else unchecked(rows)
+    return [] if note is None else [note.sentence]
 
 
 def check_payload(

@@ -32,7 +32,7 @@ from ..signal.decimation import decimate, decimation_stages
 from ..signal.segments import Segment, stretches
 from ..studies.run import standard_parameters
 from .bandwidth import check_bandwidth
-from .causes import check_causes, check_loop, check_payload, contradicts, loop_table
+from .causes import check_causes, check_loop, check_payload, contradicts, loop_table, unchecked_gains
 from .channels import check_channels
 from .excitation import check_excitation
 from .finding import Finding, Findings
@@ -118,9 +118,12 @@ def check(
             )
         )
     shown = recovered(experiment)
+    notes: list[str] = []
     if filtered and not without and any(recording.role == "fit" for recording in experiment.recordings):
-        found += _model(experiment, known, shown)
-    return Findings(experiment.name, tuple(found), experiment.robot.joint_names, loop_table(shown))
+        found += _model(experiment, known, shown, notes)
+    return Findings(
+        experiment.name, tuple(found), experiment.robot.joint_names, loop_table(shown), tuple(notes)
+    )
 
 
 def _without(recording: Recording, findings: Sequence[Finding]) -> Recording:
@@ -163,8 +166,10 @@ def _standard(experiment: Experiment, parameters: str | Path | Identification | 
     return x
 
 
-def _model(experiment: Experiment, known: Array | None, shown: Recovered | None) -> list[Finding]:
-    """Run the checks that need the model of the robot."""
+def _model(
+    experiment: Experiment, known: Array | None, shown: Recovered | None, notes: list[str]
+) -> list[Finding]:
+    """Run the checks that need the model of the robot, and add what the log cannot show to `notes`."""
     # A wrong fixed value must not speak for the log.
     job = IDIMLS(fixed={}).job(experiment)
     if job.parameters.n_gains:
@@ -226,6 +231,8 @@ def _model(experiment: Experiment, known: Array | None, shown: Recovered | None)
     found += check_delay(job, declared) or reader.fine()
     found += check_limits(experiment, parts)
     found += check_standstill(robot, parts)
+    if known is None:
+        notes += unchecked_gains(job, parts)
     return found + check_excitation(robot, parts, whole, as_declared(robot.n_dof))
 
 

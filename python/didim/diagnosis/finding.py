@@ -123,12 +123,15 @@ class Findings(Sequence[Finding]):
         Names of the robot's joints; empty where its file has none.
     closed_loop : tuple of tuple of str
         Heading and rows of a table: gains that the log shows over the declared ones, by joint; empty without a controller.
+    notes : tuple of str
+        What the log cannot show; nothing is wrong with it for that.
     """
 
     experiment: str
     items: tuple[Finding, ...] = ()
     joint_names: tuple[str, ...] = ()
     closed_loop: tuple[tuple[str, ...], ...] = ()
+    notes: tuple[str, ...] = ()
 
     @overload
     def __getitem__(self, index: int) -> Finding: ...
@@ -145,23 +148,24 @@ class Findings(Sequence[Finding]):
 
     def __str__(self) -> str:
         if not self.items:
-            return "\n".join([f"{self.experiment}: nothing found.", *self._loop_lines()])
+            return "\n".join([f"{self.experiment}: nothing found.", *self._tail()])
         head = f"{self.experiment}: {len(self)} finding{'' if len(self) == 1 else 's'}"
         lines = [head, *(f"- {item}" for item in self.items)]
         joints = sorted({joint for item in self.items for joint in item.joints})
         if self.joint_names and joints:
             lines.append(f"joints: {', '.join(f'{joint} {self.joint_names[joint - 1]}' for joint in joints)}")
-        return "\n".join([*lines, *self._loop_lines()])
+        return "\n".join([*lines, *self._tail()])
 
-    def _loop_lines(self) -> list[str]:
+    def _tail(self) -> list[str]:
+        noted = [f"To know: {note}." for note in self.notes]
         if not self.closed_loop:
-            return []
+            return noted
         widths = [max(map(len, column)) for column in zip(*self.closed_loop, strict=True)]
         rows = [
             "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))
             for row in self.closed_loop
         ]
-        return ["", "the controller as the log shows it, in units of the declared gains:", *rows]
+        return [*noted, "", "the controller as the log shows it, in units of the declared gains:", *rows]
 
     def _repr_html_(self) -> str:
         if not self.items:
@@ -177,6 +181,7 @@ class Findings(Sequence[Finding]):
             "experiment": self.experiment,
             "findings": [item.to_dict() for item in self.items],
             "closed_loop": [dict(zip(self.closed_loop[0], row, strict=True)) for row in self.closed_loop[1:]],
+            "notes": list(self.notes),
         }
 
     def save(self, path: str | Path) -> None:

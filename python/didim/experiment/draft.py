@@ -124,7 +124,7 @@ def _head(robot: Robot, named: str, path: Path, logs: Sequence[Path]) -> list[st
         f'# Written by `didim init` from {names}. Lines that say "confirm" are guesses;',
         f"# `didim check {one_line(path.name)}` looks for wrong ones.",
         "schema = 1",
-        f"name = {quoted(logs[0].stem)}",
+        f"name = {quoted((logs[0] if len(logs) == 1 else path).stem)}",
         f"robot = {quoted(named)} # {counted(robot.n_dof, 'joint')}{names_of(robot)}",
         "",
         "# Friction; without this table that of the robot file. Smooth for a simulated log, a dead zone for standstill.",

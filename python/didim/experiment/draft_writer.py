@@ -348,7 +348,10 @@ class RecordingWriter:
         motor = all(item.motor for item in columns)
         if self.robot.gains is not None and (motor or self.robot.reduction is None):
             return "# gain: that of the robot file"
-        self._ask(f"how many N.m are one {unit} (--gain, or gain under [recording.torque])?")
+        self._ask(
+            f"how many N.m are one {unit} (--gain, or gain under [recording.torque]; "
+            '"estimate" there if another log has a load of known mass)?'
+        )
         return f"# gain = 1.0 # how many N.m are one {unit}? One number, or one for each joint"
 
 

@@ -52,12 +52,18 @@ def laws(rows: Rows) -> Iterator[tuple[str, str, Array]]:
         found.append(("differs by direction", 'model = "asymmetric" under [friction]', one_way))
     for share in SPEEDS:
         falls = [s * np.exp(-((v / (share * top)) ** 2)) for v, s in zip(dq, sign, strict=True)]
-        found.append(("falls with speed (Stribeck)", 'a term "stribeck", or friction = "auto"', falls))
+        found.append(("falls with speed (Stribeck)", _falling(rows), falls))
     for what, term, signals in found:
         values = rows.reduced(signals)
         columns = np.zeros((n, values.shape[1], n))
         columns[np.arange(n), :, np.arange(n)] = values
         yield what, term, columns
+
+
+def _falling(rows: Rows) -> str:
+    """Return what to write for friction that falls with speed: in simulators it is often a sign that is smooth."""
+    smooth = "" if rows.robot.friction.coulomb == "tanh" else '; coulomb = "tanh" if a simulator made the log'
+    return f'stribeck = true or terms = "auto" under [friction]{smooth}'
 
 
 def _smoothing(rows: Rows, top: Array) -> Array:

@@ -124,7 +124,7 @@ def whiteness_reasons(
             sentence=sentence,
             advice=""
             if severity == "note"
-            else 'The model lacks something: try friction = "auto", and run didim check',
+            else 'The model lacks something: try terms = "auto" under [friction], and run didim check',
             joints=tuple(int(joint) + 1 for joint in joints),
             value=float(growth.max()),
         )
