@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -131,7 +130,7 @@ def test_failures_are_rows_with_their_sentence(tmp_path: Path) -> None:
 
 
 def test_an_unexpected_error_is_a_row_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*_: Any) -> None:
+    def broken(*_: object, **settings: object) -> None:
         raise ZeroDivisionError("float division by zero")
 
     monkeypatch.setattr(worker, "identify", broken)
