@@ -52,3 +52,13 @@ def test_some_cases(fuzz: ModuleType, material: Path, tmp_path: Path) -> None:
     chosen = [case for case in fuzz.cases() if case.name.startswith(("identify --json", "check --json"))]
     assert len(chosen) >= 10
     assert fuzz.outputs(material, tmp_path / "case", chosen[:3] + chosen[-6:-1:2]) == 0
+
+
+def test_notes_may_stand_before_the_sentence_of_a_refusal_and_warnings_may_not(benches: None) -> None:
+    wrong = importlib.import_module("fuzz").wrong_refusal
+    sentence = "didim: robot.toml: no such file\n"
+    assert wrong("", sentence) == ""
+    assert wrong("", f"didim: note: the log was resampled\n{sentence}") == ""
+    assert "without one sentence" in wrong("", f"didim: warning: overflow\n{sentence}")
+    assert "without one sentence" in wrong("", sentence * 2)
+    assert "without one sentence" in wrong("", "didim: note: the log was resampled\n")

@@ -156,3 +156,13 @@ def test_wrong_scales(tmp_path: Path, keys: dict[str, Any], message: str) -> Non
     torque = {"file": "a.csv", "side": "joint", "columns": [6, 7], "unit": "N.m", **keys}
     with pytest.raises(ExperimentError, match=message):
         described(tmp_path, {}, torque=torque)
+
+
+@pytest.mark.filterwarnings("error")
+def test_infinite_values_are_resampled_without_a_warning() -> None:
+    t = jittery(100)
+    plan = resampling(t, None, "log.csv")
+    values = np.full((100, 1), np.inf)
+    values[::2] = -np.inf
+    # Reported by Recording.
+    assert not np.isfinite(plan.apply(values)).all()
