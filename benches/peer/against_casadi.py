@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -55,10 +56,8 @@ def contestants(task: Task, rounds: int) -> list[Contestant]:
 
 def versions() -> dict[str, str]:
     """CasADi's version and the compiler's."""
-    import casadi
-
     compiler = subprocess.run([COMPILER, "--version"], capture_output=True, text=True, check=True)
-    return {"casadi": casadi.__version__, COMPILER: f"{compiler.stdout.splitlines()[0]}, {' '.join(FLAGS)}"}
+    return {"casadi": version("casadi"), COMPILER: f"{compiler.stdout.splitlines()[0]}, {' '.join(FLAGS)}"}
 
 
 def compiled(task: Task) -> tuple[Callable[[Array, Array, Array, Array], None], int]:
