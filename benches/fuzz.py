@@ -176,7 +176,10 @@ def keep(folder: Path, kept: Path, number: int, complaint: str) -> None:
     """Keep the files of a case, and what is wrong with it."""
     target = kept / f"case-{number:05d}"
     shutil.rmtree(target, ignore_errors=True)
-    shutil.copytree(folder, target)
+    if folder.exists():
+        shutil.copytree(folder, target)
+    else:  # the worker has not come to its first case
+        target.mkdir(parents=True)
     (target / "complaint.txt").write_text(complaint, encoding="utf-8", errors="backslashreplace")
 
 

@@ -456,6 +456,7 @@ def test_weak_parameters_are_named_with_the_reason(planar: Robot) -> None:
     )
     sentences = excite(planar, settings).weak()
     assert any("small beside the noise" in sentence for sentence in sentences)
+    assert not any("nan" in sentence for sentence in sentences)
     assert any(sentence.startswith("weak: ") and "Off2" in sentence for sentence in sentences)
     # In a narrow range gravity and offset are hardly told apart.
     narrow = replace(settings, position=[(0.0, 0.3), (0.0, 0.3)], parameters=None)

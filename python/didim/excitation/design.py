@@ -133,8 +133,8 @@ class Excitation(Pickled, Printed):
         tangled: list[str] = []
         for k, name in enumerate(self.names):
             inflated = std[k] > INFLATED * alone[k]
-            if percent is None:
-                # Without values only what cannot be told apart is weak for certain.
+            if percent is None or np.isnan(percent[k]):
+                # Without a value, or where it is zero, only what cannot be told apart is weak for certain.
                 weak, words = std[k] > INFLATED**2 * alone[k] or np.isinf(alone[k]), name
             else:
                 weak, words = not percent[k] <= WEAK_PERCENT, f"{name} ({percent[k]:.3g} %)"
