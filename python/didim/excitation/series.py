@@ -211,7 +211,8 @@ class ScaledSeries:
         scale = kappa / use
         offset, share = self.start, None
         if place is not None:
-            share = 1.0 / (1.0 + np.exp(-place))
+            with np.errstate(over="ignore"):  # far outside the share is zero
+                share = 1.0 / (1.0 + np.exp(-place))
             room = width - scale * (above + below)
             offset = limits.lowest + scale * below + share * room
         series = Series(basis=self.basis, scaled=scale * shape, offset=np.asarray(offset))

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .._tools.arrays import LARGEST_POSITION
 from .._tools.toml import Table, read_toml
 from .._tools.words import did_you_mean
 from ..errors import RobotError, RobotWarning
@@ -210,19 +211,24 @@ def _row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, fl
     """Alpha, d, theta, r of one row (rad, m)."""
     alpha, theta = _angle(joint, "alpha"), _angle(joint, "theta")
     # The offset of a revolute joint only says where its zero is: any angle is as good as another.
-    return (
-        angles.snapped(alpha),
-        joint.number("d_m", 0.0),
-        theta if kind == "revolute" else angles.snapped(theta),
-        joint.number("r_m", 0.0),
-    )
+    d, r = joint.number("d_m", 0.0), joint.number("r_m", 0.0)
+    _check_lengths(joint, d_m=d, r_m=r)
+    return angles.snapped(alpha), d, theta if kind == "revolute" else angles.snapped(theta), r
 
 
 def _distal_row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, float, float]:
     """Alpha, a, theta, d of one row of a standard table (rad, m)."""
     a, d = read_lengths(joint)
+    _check_lengths(joint, a_m=a, d_m=d)
     alpha, theta = _angle(joint, "alpha"), _angle(joint, "theta")
     return angles.snapped(alpha), a, theta if kind == "revolute" else angles.snapped(theta), d
+
+
+def _check_lengths(joint: Table, **lengths: float) -> None:
+    """Refuse lengths whose squares a model cannot hold."""
+    for key, length in lengths.items():
+        if abs(length) > LARGEST_POSITION:
+            joint.fail(f"{key} must be at most {LARGEST_POSITION:g} in size, got {length:g}")
 
 
 def _in_own_frames(table: Table, standard: StandardTable | None) -> bool:
