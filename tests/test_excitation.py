@@ -326,6 +326,7 @@ def test_limits_without_room_get_one_sentence(planar: Robot, settings: dict[str,
         ({"criterion": "trace"}, "criterion must be 'information' or 'condition', got 'trace'"),
         ({"starts": 0}, "starts must be a whole number of at least 1, got 0"),
         ({"duration_s": -1.0}, r"duration_s must be positive, got -1\.0"),
+        ({"smoothing": 1e6}, "smoothing must be at most 100 rad/s or m/s"),
         ({"wanted": ("Fv1",), "criterion": "condition"}, "the condition number is one of all parameters"),
     ],
 )

@@ -15,6 +15,7 @@ from arm import arm_file
 from didim import Experiment, FitError
 from didim.cli.main import main
 from didim.robot.payload import Payload, flange_in_last_frame, last_link
+from didim.studies.loads.detection import payload_change
 from didim.studies.loads.observer import observe
 from didim.studies.loads.residual import residual_torques
 from several import arm_logs
@@ -129,6 +130,12 @@ def test_a_payload_that_is_picked_up_is_told_from_a_contact(known: didim.Identif
     whole = residual_torques(known, loaded(8)).windows[0].payload_change
     assert whole is not None
     assert whole.whole
+
+
+def test_a_residual_beside_which_no_load_is_seen_is_no_payload() -> None:
+    t, residual = np.arange(100.0), np.full((100, 2), 1e300)
+    columns = np.random.default_rng(0).normal(size=(100, 2, 3))
+    assert payload_change(t, residual, columns, np.zeros(2), (0, 1, 2)) is None
 
 
 def test_a_payload_that_is_known_is_part_of_the_model(known: didim.Identification) -> None:

@@ -24,6 +24,8 @@ LEAST_HARMONICS = 4
 """A series at rest at its ends has three conditions on the amplitudes of each joint."""
 MOST_HARMONICS = 200
 """Beyond that the matrices of the series no longer fit memory."""
+MOST_SMOOTHING = 100.0
+"""Beyond that friction is lost in rounding, and its base parameters with it (rad/s or m/s)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,6 +141,10 @@ class ExcitationSettings:
             value = getattr(self, name)
             if value is not None and not 0.0 < value < float("inf"):
                 raise ExcitationError(f"{name} must be positive, got {value!r}")
+        if self.smoothing > MOST_SMOOTHING:
+            raise ExcitationError(
+                f"smoothing must be at most {MOST_SMOOTHING:g} rad/s or m/s, or friction is not seen, got {self.smoothing!r}"
+            )
         if not 0.0 <= self.dwell_s < float("inf"):
             raise ExcitationError(f"dwell_s must not be negative, got {self.dwell_s!r}")
         if self.wanted and self.criterion == "condition":

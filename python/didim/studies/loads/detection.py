@@ -139,6 +139,8 @@ def payload_change(
     a = columns * weights[None, :, None]
     r = residual * weights
     size = np.sqrt(np.einsum("tjk,tjk->k", a, a))
+    if not size.any():  # no parameter of a load is seen beside so large a residual
+        return None
     a = a / np.where(size > 0.0, size, 1.0)
     grams = np.cumsum(np.einsum("tjk,tjl->tkl", a, a)[::-1], axis=0)[::-1]
     scores = np.cumsum(np.einsum("tjk,tj->tk", a, r)[::-1], axis=0)[::-1]

@@ -166,6 +166,7 @@ def _with_unknown(fit: Identification, experiment: Experiment) -> tuple[Experime
     return experiment, open_names[0]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # samples out of scale end in a refusal
 def _solve(
     fit: Identification, system: LinearSystem, parameters: LogParameters, settings: LeastSquaresSettings
 ) -> _Solved:
@@ -185,7 +186,13 @@ def _solve(
         a = np.vstack([columns * weights[:, None], prior])
         solution = np.linalg.lstsq(a, np.concatenate([y * weights, np.zeros(k)]), rcond=None)[0]
         residual = y - columns @ solution
-    factors = Factors.of(a, np.concatenate([residual * weights, -solution[:k]]))
+    try:
+        factors = Factors.of(a, np.concatenate([residual * weights, -solution[:k]]))
+    except np.linalg.LinAlgError:
+        wanted = ", ".join(system.names[b:])
+        raise FitError(
+            f"the log does not tell all of {wanted} apart: look for samples out of scale (`didim check`), or move more joints"
+        ) from None
     log = replace(
         factors, left=factors.left[:rows], right=factors.right[:rows], residual=factors.residual[:rows]
     )
