@@ -30,7 +30,7 @@ from .rigid_body import (
 from .robot import Robot
 
 LARGEST = 1e9
-"""Metres, kilograms and kg.m^2 of a payload and a flange are at most these: the squares of larger ones leave floating point."""
+"""Metres, kilograms and kg.m^2 of links, payloads and flanges are at most these: powers of larger ones leave floating point."""
 NOTHING = "none"
 """Name of the payload that is not there."""
 UNITS = dict(zip(INERTIAL, ["kg.m^2"] * 6 + ["kg.m"] * 3 + ["kg"], strict=True))

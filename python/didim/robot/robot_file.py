@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from .._tools.arrays import LARGEST_POSITION
 from .._tools.toml import Table, read_toml
 from .._tools.words import did_you_mean
 from ..errors import RobotError, RobotWarning
 from .collision import read_capsules
 from .correspondence import read_correspondence
 from .friction import read_friction
+from .payload import LARGEST
 from .right_angles import SNAP, RightAngles
 from .robot import Geometry, JointLimits, Robot
 from .standard_dh import StandardTable, read_lengths
@@ -225,10 +225,10 @@ def _distal_row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, fl
 
 
 def _check_lengths(joint: Table, **lengths: float) -> None:
-    """Refuse lengths whose squares a model cannot hold."""
+    """Refuse lengths of no robot, whose powers would leave floating point."""
     for key, length in lengths.items():
-        if abs(length) > LARGEST_POSITION:
-            joint.fail(f"{key} must be at most {LARGEST_POSITION:g} in size, got {length:g}")
+        if abs(length) > LARGEST:
+            joint.fail(f"{key} must be at most {LARGEST:g} in size, got {length:g}")
 
 
 def _in_own_frames(table: Table, standard: StandardTable | None) -> bool:
