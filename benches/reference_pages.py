@@ -1,4 +1,4 @@
-"""Write docs/keys.md: every key of robot and experiment files, from the readers. Run it when a reader learned a key."""
+"""Write docs/robot_keys.md and docs/experiment_keys.md: every key, from the readers. Run it when a reader learned a key."""
 
 from __future__ import annotations
 
@@ -7,17 +7,19 @@ from pathlib import Path
 
 from didim.experiment.schema import FILES, page
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "keys.md"
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGES = {file: DOCS / f"{file}_keys.md" for file in FILES}
 
 
-def text(now: str) -> str:
-    """Return the page with its introduction and the tables as they are now."""
-    head = now.split("## The robot file")[0].rstrip()
-    return head + "\n\n" + "\n".join(f"## The {file} file\n\n{page(file)}" for file in FILES)
+def text(file: str, now: str) -> str:
+    """Return the page of a kind of file with its introduction and the tables as they are now."""
+    title = f"## The {file} file"
+    return f"{now.split(title)[0].rstrip()}\n\n{title}\n\n{page(file)}"
 
 
 def main() -> int:
-    PAGE.write_text(text(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for file, path in PAGES.items():
+        path.write_text(text(file, path.read_text(encoding="utf-8")), encoding="utf-8")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The numbers in docs/tx40.md, docs/emps.md and docs/simulation.md are those of a run, and their examples print what they say.
+"""The numbers in docs/tx40.md, tx40_recipes.md, emps.md and simulation.md are those of a run, and their examples print what they say.
 
 Rounding decides the friction of joints 2 and 3 in the plain recipe of the TX40, so its figures are a spread over
 processors (benches/blas_kernels.py). Everything else is met to the digits written.
@@ -71,6 +71,11 @@ def page(project: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
+def recipes(project: Path) -> Path:
+    return project / "docs" / "tx40_recipes.md"
+
+
+@pytest.fixture(scope="module")
 def table2(shared: Path) -> dict[str, dict[str, str]]:
     with (shared / "reference" / "table2.csv").open(encoding="utf-8", newline="") as file:
         return {row["name"]: row for row in csv.DictReader(file)}
@@ -99,15 +104,15 @@ def test_tx40_errors_per_joint(page: Path, fits: dict[str, Identification]) -> N
 
 
 def test_tx40_plain_recipe_is_within_its_spread(
-    page: Path, experiments: dict[str, Experiment], table2: dict[str, dict[str, str]]
+    recipes: Path, experiments: dict[str, Experiment], table2: dict[str, dict[str, str]]
 ) -> None:
     """The kernels in the page are not all there are: a joint may be off by 0.5 % more, a parameter by a standard deviation."""
     plain = experiments["plain"]
-    rows = tables(page)["filter BLAS kernel joint 1"]
+    rows = tables(recipes)["filter BLAS kernel joint 1"]
     filters = [f"{form}, {padding}" for form, padding in product(get_args(Form), get_args(Convention))]
     assert list(dict.fromkeys(row[0] for row in rows)) == filters
     errors = np.array([[float(cell) for cell in row[2:8]] for row in rows])
-    spread = {row[0]: (float(row[2]), float(row[3])) for row in tables(page)["name unit smallest"]}
+    spread = {row[0]: (float(row[2]), float(row[3])) for row in tables(recipes)["name unit smallest"]}
     assert set(DECIDED_BY_ROUNDING) <= set(spread)
     for form, padding in product(get_args(Form), get_args(Convention)):
         fit = identify(plain, IDIMLS(signal=replace(plain.signal, form=form, padding=padding)))
@@ -124,22 +129,22 @@ def test_tx40_plain_recipe_is_within_its_spread(
 
 
 def test_tx40_coupled_friction(
-    page: Path, experiments: dict[str, Experiment], fits: dict[str, Identification]
+    recipes: Path, experiments: dict[str, Experiment], fits: dict[str, Identification]
 ) -> None:
     plain = experiments["plain"]
     printed = identify(replace(plain, robot=plain.robot.with_friction(coupling="printed")))
     written = re.search(
-        r"joint 5: ([\d.]+) % with the shaft form, ([\d.]+) % with the printed one", words(page)
+        r"joint 5: ([\d.]+) % with the shaft form, ([\d.]+) % with the printed one", words(recipes)
     )
     assert written is not None
     run = [100.0 * fit.relative_error[4] for fit in (fits["plain"], printed)]
     np.testing.assert_allclose([float(error) for error in written.groups()], run, rtol=0, atol=0.15)
 
 
-def test_tx40_sweep(project: Path, page: Path, experiments: dict[str, Experiment]) -> None:
+def test_tx40_sweep(project: Path, recipes: Path, experiments: dict[str, Experiment]) -> None:
     """Run the three rows that the conclusion rests on; the others take as long as all tests together."""
     module = script(project / "examples" / "tx40_sweep.py")
-    written = {row[0]: row[1:] for row in tables(page)["recipe all fitted mean of parts 1 to 5"]}
+    written = {row[0]: row[1:] for row in tables(recipes)["recipe all fitted mean of parts 1 to 5"]}
     variants = dict(module.recipes(experiments["dead zone"]))
     assert list(written) == list(variants)
     errors = {}

@@ -12,7 +12,10 @@ import pytest
 from scripts import script
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = ("idim_ls", "didim", "cloe", "consistent", "uncertainty")
+PAGES = (
+    "conventions", "idim_ls", "idim_iv", "didim", "cloe", "robust", "consistent", "friction", "uncertainty", "simulation",
+    "controllers", "excitation",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

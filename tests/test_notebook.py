@@ -20,6 +20,7 @@ from didim.studies.comparison import Comparison
 from didim.studies.contrasts import Contrasts
 from didim.studies.loads.payload_result import PayloadEstimate
 from didim.studies.loads.residual import Residual
+from several import arm_logs
 from test_identification import example
 
 
@@ -50,6 +51,26 @@ def test_a_result() -> None:
     np.testing.assert_array_equal(frame["value"], fit.beta)
     np.testing.assert_array_equal(frame["std"], fit.std)
     assert {"unit", "low", "high", "relative_std_percent", "role"} <= set(frame.columns)
+    assert set(frame["group"]) == {"robot"}
+
+
+def test_a_data_frame_has_the_parameters_of_the_logs() -> None:
+    logs = arm_logs([False, True], offsets={1: (0.3, -0.2)}, own=("offsets",), noise=(0.02, 0.01))
+    fit = didim.identify(logs, didim.IDIMLS())
+    assert fit.further is not None
+    frame = fit.to_dataframe()
+    assert tuple(frame.index) == (*fit.names, *fit.further.names)
+    assert list(dict.fromkeys(frame["group"])) == ["robot", "payload", "offset"]
+    own = frame[frame["group"] != "robot"]
+    np.testing.assert_array_equal(own["value"], fit.further.values)
+    np.testing.assert_array_equal(own["std"], fit.further.std)
+    assert tuple(own["unit"]) == fit.further.units
+    factor = fit.interval_factor()
+    np.testing.assert_allclose((own["high"] - own["low"]).astype(float), 2.0 * factor * fit.further.std)
+    assert frame["low"].dtype == frame["high"].dtype == float
+    # The table that is printed has the same bounds.
+    (_, rows), *_ = fit.further.tables(factor)
+    assert len(rows) - 1 == (frame["group"] == "payload").sum()
 
 
 def test_a_comparison() -> None:

@@ -10,6 +10,7 @@ import pytest
 
 import didim
 from didim.cli.main import main
+from scripts import script
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -73,6 +74,25 @@ def test_it_reads_the_same_on_a_package_index() -> None:
     assert len(pages) >= 8
     for page in pages:
         assert (ROOT / page).is_file(), page
+
+
+def test_the_readme_of_an_index_has_absolute_links_alone() -> None:
+    absolute = script(ROOT / "benches" / "index_readme.py").absolute
+    text = absolute(README, "https://pages.example/didim/")
+    links = re.findall(r"\]\(([^)]+)\)", text)
+    assert all(link.startswith("https://pages.example/didim/") for link in links)
+    assert "https://pages.example/didim/img/torques.png" in links
+    named = set(re.findall(r"`docs/(\w+)\.md`", README))
+    assert {f"https://pages.example/didim/{name}.html" for name in named} <= set(links)
+    # Nothing else changed.
+    assert re.sub(r"\[(`docs/\w+\.md`)\]\([^)]+\)", r"\1", text).replace(
+        "https://pages.example/didim/", "docs/"
+    ) == README
+    for url in ("pages.example/didim", "file:///site", ""):
+        with pytest.raises(ValueError, match="the address of the site"):
+            absolute(README, url)
+    with pytest.raises(ValueError, match=r"docs/none\.md is not there"):
+        absolute("`docs/none.md`", "https://pages.example")
 
 
 def test_its_numbers_are_those_of_the_pages() -> None:

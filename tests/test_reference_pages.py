@@ -85,22 +85,27 @@ def test_every_key_has_a_sentence_and_no_sentence_is_left_over(file: str) -> Non
     assert {(path, key) for path, keys in written.items() for key in keys} <= found.keys()
 
 
-def test_the_page_is_current(project: Path) -> None:
+@pytest.mark.parametrize("file", FILES)
+def test_the_page_is_current(project: Path, file: str) -> None:
     """Else run ``python benches/reference_pages.py``."""
     import sys
 
     sys.path.insert(0, str(project / "benches"))
     try:
-        from reference_pages import PAGE, text
+        from reference_pages import PAGES, text
     finally:
         sys.path.pop(0)
-    assert PAGE.read_text(encoding="utf-8") == text(PAGE.read_text(encoding="utf-8"))
+    now = PAGES[file].read_text(encoding="utf-8")
+    assert now == text(file, now)
 
 
 def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str], project: Path) -> None:
+    pages = [(project / "docs" / f"{file}_keys.md").read_text(encoding="utf-8") for file in FILES]
     assert main(["schema"]) == 0
     printed = capsys.readouterr().out
-    assert printed in (project / "docs" / "keys.md").read_text(encoding="utf-8")
+    robot, title, experiment = printed.partition("## The experiment file")
+    assert robot.rstrip("\n") + "\n" in pages[0]
+    assert title + experiment in pages[1]
     assert main(["schema", "robot"]) == 0
     assert capsys.readouterr().out == printed.split("## The experiment file")[0].rstrip("\n") + "\n"
     assert main(["schema", "--json"]) == 2

@@ -1,8 +1,8 @@
 """The schema of robot and experiment files: every key that their readers ask for, with type, bounds, default and an example.
 
 The readers themselves are the source. They read the sample files of ``packaged/schema``, which have every table and every kind of
-it, while each key that they ask for is noted. ``packaged/schema/keys.toml`` adds a sentence to each key. ``docs/keys.md`` and the
-JSON schemas for editors are printed from this. Tested in ``tests/test_reference_pages.py``.
+it, while each key that they ask for is noted. ``packaged/schema/keys.toml`` adds a sentence to each key. ``docs/robot_keys.md``,
+``docs/experiment_keys.md`` and the JSON schemas for editors are printed from this. Tested in ``tests/test_reference_pages.py``.
 """
 
 from __future__ import annotations

@@ -146,6 +146,27 @@ class Further(Pickled):
             found.append((self._titles(block), rows))
         return found
 
+    def rows(self, factor: float) -> list[dict[str, Any]]:
+        """Return a row of each parameter for a data frame, intervals half as wide as `factor` standard deviations.
+
+        The keys are those of the parameters of a result in JSON, and ``group``: "payload", "offset", "friction" or "gain".
+        """
+        std = self.std
+        half = factor * std if std.any() else np.full_like(std, np.nan)
+        columns = {
+            "name": self.names,
+            "unit": self.units,
+            "value": self.values,
+            "std": std,
+            "relative_std_percent": relative_percent(std, self.values),
+            "low": self.values - half,
+            "high": self.values + half,
+            "std_white": self.std_white,
+            "role": ("estimated",) * len(std),
+            "group": [block.kind for block in self.blocks for _ in block.names],
+        }
+        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
     def lines(self, factor: float) -> list[str]:
         """Return the lines of a printed result, intervals half as wide as `factor` standard deviations."""
         return [

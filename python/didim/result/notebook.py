@@ -5,12 +5,16 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 from .._tools.notebook import page, pandas
+from .further import Further
 from .table import error_lines
 
 
 class _Result(Protocol):
     """What a result brings."""
 
+    @property
+    def further(self) -> Further | None: ...
+    def interval_factor(self, level: float = 0.95) -> float: ...
     def parameter_rows(self) -> list[tuple[str, ...]]: ...
     def error_rows(self) -> list[tuple[str, ...]]: ...
     def to_dict(self) -> dict[str, Any]: ...
@@ -26,18 +30,22 @@ class InNotebook:
         return page(title, self.parameter_rows(), self.error_rows(), "\n".join(tail).strip("\n"))
 
     def to_dataframe(self: _Result) -> Any:
-        """Return the table of parameters as a pandas ``DataFrame`` with their names as its index.
+        """Return the tables of parameters as a pandas ``DataFrame`` with their names as its index.
+
+        Base parameters come first, then those of the logs: payloads, own offsets and friction of recordings, drive gains.
 
         Returns
         -------
         DataFrame
             Columns ``unit``, ``value``, ``std``, ``relative_std_percent``, ``low``, ``high``, ``std_white`` and ``role``, as in the
-            JSON of a result (SI units, joint side).
+            JSON of a result (SI units, joint side), and ``group``: "robot", "payload", "offset", "friction" or "gain".
 
         Raises
         ------
         DidimError
             Without pandas (``tests/test_notebook.py``).
         """
-        rows = pandas().DataFrame(self.to_dict()["parameters"]).rename(columns={"name": "parameter"})
-        return rows.set_index("parameter")
+        module = pandas()
+        rows = [{**row, "group": "robot"} for row in self.to_dict()["parameters"]]
+        rows += [] if self.further is None else self.further.rows(self.interval_factor())
+        return module.DataFrame(rows).rename(columns={"name": "parameter"}).set_index("parameter")

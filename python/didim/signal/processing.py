@@ -35,7 +35,7 @@ class SignalProcessing:
     form : {"sections", "transfer-function"}
         How the Butterworth filter is run. Second-order sections are the sound way. The transfer function is
         that of MATLAB's ``filtfilt(b, a, x)``: where a joint stands still, its rounding noise decides the
-        sign of the velocity (docs/tx40.md), so that figures made with it need it.
+        sign of the velocity (docs/tx40_recipes.md), so that figures made with it need it.
     ends : {"second-order", "first-order"}
         Ends of a window: differences at the first and the last sample, and the extension by which the filter goes on beyond
         them. One-sided differences of second order are exact for parabolas, and the extension keeps the curvature of the positions.
