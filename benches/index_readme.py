@@ -2,9 +2,9 @@
 
     python benches/index_readme.py URL [-o README.md]
 
-An index shows the README without the project's files, so the relative picture is missing there and pages are mere names. ``URL`` is where the
-site of `make docs` is served. The README in which every picture of ``docs/`` and every page that stands as ``docs/NAME.md`` is a link into that
-site is printed, or written with ``-o``. Tested in ``tests/test_readme.py``.
+An index shows the README without the project's files, so the relative picture is missing there and pages are mere names.
+``URL`` is where the site of `make docs` is served. The README in which every picture of ``docs/`` and every page that stands as
+``docs/NAME.md`` is a link into that site is printed, or written with ``-o``. Tested in ``tests/test_readme.py``.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ def absolute(text: str, url: str) -> str:
     """
     parts = urlsplit(url)
     if parts.scheme not in ("http", "https") or not parts.netloc:
-        raise ValueError(f"the address of the site must begin with https:// or http:// and a host, got {url!r}")
+        raise ValueError(
+            f"the address of the site must begin with https:// or http:// and a host, got {url!r}"
+        )
     base = url.rstrip("/")
 
     def target(name: str) -> str:

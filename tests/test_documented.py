@@ -1,4 +1,4 @@
-"""The numbers in docs/tx40.md, tx40_recipes.md, emps.md and simulation.md are those of a run, and their examples print what they say.
+"""The numbers in tx40.md, tx40_recipes.md, emps.md and simulation.md of docs are those of a run, and examples print what they say.
 
 Rounding decides the friction of joints 2 and 3 in the plain recipe of the TX40, so its figures are a spread over
 processors (benches/blas_kernels.py). Everything else is met to the digits written.

@@ -57,6 +57,11 @@ def test_matrices_have_brackets_of_the_style_sheet(hook: Any) -> None:
     assert ".matrix" in (ROOT / "docs" / "hooks" / "equations.css").read_text(encoding="utf-8")
 
 
+def test_dots_and_hats_are_accents(hook: Any) -> None:
+    found = html(hook, r"$\dot q + \ddot q + \hat\beta + \bar b$ and $\overline{ab}$")
+    assert found.count('<mover accent="true">') == 4
+
+
 @pytest.mark.parametrize("text", ["`$a$`", "    $a$ and $b$", "it costs 5 $", r"\$a$", "nothing"])
 def test_code_and_single_dollars_stay(hook: Any, text: str) -> None:
     assert "<math" not in html(hook, text)

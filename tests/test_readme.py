@@ -85,9 +85,10 @@ def test_the_readme_of_an_index_has_absolute_links_alone() -> None:
     named = set(re.findall(r"`docs/(\w+)\.md`", README))
     assert {f"https://pages.example/didim/{name}.html" for name in named} <= set(links)
     # Nothing else changed.
-    assert re.sub(r"\[(`docs/\w+\.md`)\]\([^)]+\)", r"\1", text).replace(
-        "https://pages.example/didim/", "docs/"
-    ) == README
+    assert (
+        re.sub(r"\[(`docs/\w+\.md`)\]\([^)]+\)", r"\1", text).replace("https://pages.example/didim/", "docs/")
+        == README
+    )
     for url in ("pages.example/didim", "file:///site", ""):
         with pytest.raises(ValueError, match="the address of the site"):
             absolute(README, url)

@@ -23,6 +23,8 @@ PRIORITY = 185
 _TAG = re.compile(r"\s*\\tag\{(.+?)\}\s*$")
 _OPERATORS = frozenset("\N{PLUS-MINUS SIGN}\N{ELEMENT OF}\N{IDENTICAL TO}")
 """Characters that latex2mathml takes for identifiers, which have no space around them."""
+_ACCENTS = frozenset("\N{DOT ABOVE}\N{DIAERESIS}\N{MACRON}^~")
+"""Characters over a letter: without the attribute browsers draw them as small as exponents."""
 
 
 def mathml(tex: str, *, display: bool = False) -> str:
@@ -35,6 +37,8 @@ def mathml(tex: str, *, display: bool = False) -> str:
         item.text = unescape(item.text) if item.text else item.text
         if item.tag == "mi" and item.text in _OPERATORS:
             item.tag = "mo"
+        if item.tag == "mover" and unescape(item[1].text or "") in _ACCENTS:
+            item.set("accent", "true")
     for row in list(math.iter("mrow")):
         _frame_matrices(row)
     if not display:

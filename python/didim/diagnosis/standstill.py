@@ -13,7 +13,8 @@ SLOW = 0.005
 LONG_S = 0.1
 """Shortest standstill (s): a reversal is over sooner."""
 LARGEST_SHARE = 0.05
-"""Share of a log at standstill from which it is reported: 17 % decided some friction parameters of a real log (docs/tx40_recipes.md)."""
+"""Share of a log at standstill from which it is reported: 17 % decided some friction parameters of a real log
+(docs/tx40_recipes.md)."""
 
 
 def check_standstill(robot: Robot, parts: list[Segment]) -> list[Finding]:
