@@ -15,7 +15,7 @@ import didim
 import simulated
 from didim import IDIMLS, Identification, Status, identify
 from didim.cli.main import main
-from didim.methods.verdict.geometry import row_of
+from didim.methods.verdict.causes.geometry import row_of
 from didim.methods.verdict.physics import physical_reasons
 from didim.methods.verdict.whiteness import whiteness
 from didim.model.physics import Flag, physical_flags

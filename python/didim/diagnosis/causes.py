@@ -13,9 +13,9 @@ import numpy as np
 from .._tools.arrays import Array
 from ..experiment.experiment import Experiment
 from ..methods.job import Job
+from ..methods.verdict.causes.search import explained, rows_of
+from ..methods.verdict.causes.torque_scale import unchecked
 from ..methods.verdict.loop import Recovered, loop_reasons
-from ..methods.verdict.search import explained, rows_of
-from ..methods.verdict.torque_scale import unchecked
 from ..methods.verdict.whiteness import NEGLIGIBLE, whiteness
 from ..regression.fit import Fit
 from ..regression.linear_system import LinearSystem

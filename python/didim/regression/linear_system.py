@@ -78,7 +78,7 @@ def linear_system(
     for part in parts:
         with at_place(part.place):
             stages = decimation_stages(part.q.shape[0], signal)
-            w = _observation(robot, part, columns, stages, beta)
+            w = observation(robot, part, columns, stages, beta)
         y_parts.append(_torques(part, signal))
         w = w.reshape(n_dof, -1, len(columns))[:, signal.kept_rows]
         if logs is not None and not logs.simple:
@@ -132,8 +132,12 @@ def _torques(part: Segment, signal: SignalProcessing) -> Array:
     return y
 
 
-def _observation(
-    robot: Robot, part: Segment, columns: Sequence[int], stages: Sequence[Stage], beta: Array | None
+def observation(
+    robot: Robot,
+    part: Segment,
+    columns: Sequence[int],
+    stages: Sequence[Stage],
+    beta: Array | None = None,
 ) -> Array:
     """Build the observation matrix (6) of one segment: (n_dof * n_kept, n_columns), rows joint by joint.
 

@@ -81,10 +81,9 @@ def simulable(
 
 def rates(robot: Robot, x: Array, q: Array, damping: Array) -> tuple[float, Array]:
     """Return the largest rate (1/s) without Coulomb friction, and that of each joint with it, at positions (n, n_dof)."""
-    from scipy.linalg import eigvalsh
-
     drives, v = Drives(robot), robot.friction.smoothing
-    matrices = inertia_matrix(robot, q, x)
+    # M = L L^T: the rates of D are the eigenvalues of L^-1 D L^-T.
+    roots = np.linalg.inv(np.linalg.cholesky(inertia_matrix(robot, q, x)))
     n = robot.n_dof
     smooth = np.diag(damping)
     for group in drives.groups:
@@ -93,7 +92,7 @@ def rates(robot: Robot, x: Array, q: Array, damping: Array) -> tuple[float, Arra
         )
 
     def rate(matrix: Array) -> float:
-        return max(float(eigvalsh(matrix, mass)[-1]) for mass in matrices)
+        return float(np.linalg.eigvalsh(roots @ matrix @ roots.transpose(0, 2, 1))[:, -1].max())
 
     slow, fast = rate(smooth), np.zeros(n)
     if robot.friction.coulomb != "tanh" or not all(v):

@@ -15,9 +15,9 @@ from ...result.verdict import Reason
 from ...robot.payload import NOTHING
 from ..idim_ls import IDIMLS
 from ..method import FitSettings, MethodSettings
+from .causes.search import explained
 from .held_out import held_out_reasons
 from .loop import loop_reasons
-from .search import explained
 from .simulated import Beside, least_errors, simulated_reasons
 from .torques import TORQUE_CODES
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..._tools.arrays import Array
-from ...robot.robot import Geometry, Robot
+from ...._tools.arrays import Array
+from ....robot.robot import Geometry, Robot
 from .hypothesis import Hypothesis
 from .rows import Rows
 
@@ -113,12 +113,13 @@ def twists(rows: Rows) -> Iterator[Hypothesis]:
     for joint in range(n):
         flip = np.eye(n)
         flip[joint, joint] = -1.0
-        turned = rows.of_motion(flip)
+        gains = np.stack([np.ones(n), np.diag(flip)])
+        turned = rows.of_motion(flip, gains)
         if turned is None:
             continue
         sides = (
-            ("position-sign", np.ones(n), "the position of joint {} looks as if its sign were wrong"),
-            ("joint-sign", np.diag(flip), "joint {} looks as if it turned the other way"),
+            ("position-sign", gains[0], "the position of joint {} looks as if its sign were wrong"),
+            ("joint-sign", gains[1], "joint {} looks as if it turned the other way"),
         )
         for code, gain, sentence in sides:
             yield Hypothesis(
@@ -144,30 +145,29 @@ def lengths(rows: Rows) -> Iterator[Hypothesis]:
             if abs(value) < SMALLEST_LENGTH_M or prismatic:
                 continue
 
-            def at(
+            def changed(
                 factor: float,
                 key: str = key,
                 values: tuple[float, ...] = values,
                 joint: int = joint,
                 value: float = value,
-            ) -> float:
-                changed = with_geometry(rows.robot, **{key: _changed(values, joint, factor * value)})
-                products = rows.of_robot(changed)
-                return float("inf") if products is None else products.score(rows.weights)
+            ) -> Robot:
+                return with_geometry(rows.robot, **{key: _changed(values, joint, factor * value)})
 
-            scores = {1.0: rows.score, **{factor: at(factor) for factor in FACTORS}}
-            factor = _bottom(scores)
-            if min(scores.values()) >= 0.98 * rows.score or factor == 1.0:
+            shares = {1.0: 1.0, **{factor: rows.rough_share(changed(factor)) for factor in FACTORS}}
+            factor = _bottom(shares)
+            if min(shares.values()) >= 0.98 or factor == 1.0:
                 continue  # the log says nothing against this length
-            found = at(factor)
-            factor, found = min([(factor, found), *scores.items()], key=lambda item: item[1])
+            products = rows.of_robot(changed(factor))
+            if products is None:
+                continue
             yield Hypothesis(
                 code="link-length",
                 sentence=f"the length {symbol} of row {row_of(rows.robot, key, joint)} looks as if it were {factor * value:.4g} m, "
                 f"not {value:.4g} m",
                 advice="Measure it, or look at the data sheet",
                 joints=(joint + 1,),
-                score=found,
+                score=products.score(rows.weights),
                 simplicity=5,
                 value=factor * value,
             )

@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..._tools.arrays import Array
-from ..._tools.words import joints_text
-from ...result.verdict import Reason
+from ...._tools.arrays import Array
+from ...._tools.words import joints_text
+from ....result.verdict import Reason
 from .hypothesis import Hypothesis
 from .rows import Rows
 
@@ -28,6 +28,8 @@ SMALLEST = 0.05
 
 UNCHECKED_SIGMA = 0.3
 """Standard deviation of the log of a gain from which a log does not check it: a doubled gain is 2.3 of these."""
+INDEPENDENT = 1e-6
+"""Singular values of columns with norm 1, against the largest: below it a combination of columns is rounding."""
 INTERVALS = 20
 """Intervals of time m, as those of the jackknife."""
 
@@ -55,8 +57,9 @@ def gain_information(rows: Rows) -> tuple[Array, Array]:
     root = np.sqrt(rows.weights)
     n, n_rows, b = rows.w.shape
     columns = (rows.w * root[:, None, None] / rows.declared.scale[:b]).reshape(n * n_rows, b)
-    left, values, _ = np.linalg.svd(columns, full_matrices=False)
-    left = left[:, values > 1e-6 * values[0]]  # as `Rows` has it for the squares
+    left, triangle = np.linalg.qr(columns)
+    inner, values, _ = np.linalg.svd(triangle)
+    left = left @ inner[:, values > INDEPENDENT * values[0]]
     y = (rows.y * root[:, None]).reshape(-1)
     model = left @ (left.T @ y)
     residual = (y - model).reshape(n, n_rows)
@@ -82,13 +85,12 @@ def torque_scales(rows: Rows) -> Iterator[Hypothesis]:
         return
     for joint in range(n):
 
-        def at(value: float, joint: int = joint) -> float:
-            gain = np.ones(n)
-            gain[joint] = value
+        def at(values: Array, joint: int = joint) -> Array:
+            gains, weights = np.ones((len(values), n)), np.tile(rows.weights, (len(values), 1))
+            gains[:, joint] = values
             # The error of a torque that was logged too large is too large by as much.
-            weights = rows.weights.copy()
-            weights[joint] /= min(value**2, 1.0) if value < 0.0 else 1.0
-            return rows.declared.score(weights, gain)
+            weights[:, joint] /= np.where(values < 0.0, np.minimum(values**2, 1.0), 1.0)
+            return rows.declared.scores(weights, gains)
 
         factor, score = _refined(at)
         name = f"joint {joint + 1}"
@@ -109,21 +111,20 @@ def torque_scales(rows: Rows) -> Iterator[Hypothesis]:
             sentence=f"the torque of {name} looks as if its sign were wrong",
             advice="Turn the sign of the gain or of the column under [recording.torque]",
             joints=(joint + 1,),
-            score=at(-1.0),
+            score=float(at(np.array([-1.0]))[0]),
             simplicity=0,
         )
 
 
-def _refined(at: Callable[[float], float]) -> tuple[float, float]:
+def _refined(at: Callable[[Array], Array]) -> tuple[float, float]:
     """Return the best factor and its score."""
     from scipy.optimize import minimize_scalar
 
-    costs = [at(float(np.exp(value))) for value in LOGS]
-    k = int(np.argmin(costs))
+    k = int(np.argmin(at(np.exp(LOGS))))
     low = LOGS[max(k - 1, 0)] - (0.5 if k == 0 else 0.0)
     high = LOGS[min(k + 1, len(LOGS) - 1)] + (0.5 if k == len(LOGS) - 1 else 0.0)
     found = minimize_scalar(
-        lambda value: at(float(np.exp(value))),
+        lambda value: float(at(np.exp([value]))[0]),
         bounds=(low, high),
         method="bounded",
         options={"xatol": 5e-3, "maxiter": 12},

@@ -1,8 +1,8 @@
 """All hypotheses on a log that contradicts its model, and the one that explains it. Tested in ``tests/test_verdict_faults.py``.
 
-First the hypotheses replace the declared model, and one that explains nearly everything is named. On a measured log none does,
-because friction and delays that the model lacks leave errors of their own; so hypotheses on robot file and torques are fitted once
-more, with columns for these errors beside every model.
+On a measured log friction and delays that the model lacks leave errors of their own, which hide a wrong robot file; so hypotheses
+on robot file and torques are fitted with columns for these errors beside every model. Only where a delay or a friction law explains
+nearly everything by itself are they compared with it as they are.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from ...errors import DidimError
-from ...result.verdict import Reason
-from ...signal.segments import Segment
-from ..job import Job
+from ....errors import DidimError
+from ....result.verdict import Reason
+from ....signal.segments import Segment
+from ...job import Job
 from .geometry import conventions, gravities, lengths, twists
 from .hypothesis import TIED, Explanation, Hypothesis, best
 from .lasting import delays, frictions, lasting_columns
@@ -21,15 +21,13 @@ from .rows import Rows
 from .torque_scale import torque_scales, unchecked
 
 DECISIVE = 0.5
-"""Share of the declared model's score up to which a hypothesis needs no comparison beside friction and delays: on simulated logs
-right ones leave at most 0.4."""
+"""Share of the declared model's score up to which a delay or a friction law explains a log by itself: on simulated logs right ones
+leave at most 0.4."""
 CLEAR = 0.88
 """Share that friction or a delay must not exceed to be named."""
 CLEAR_BESIDE = 0.9
 """Share that any other hypothesis must not exceed beside friction and delays: on the real logs of the TX40 and the UR10e as they
 are the best one leaves 0.936 and 0.937, and a doubled gain 0.76 to 0.89."""
-LASTING = frozenset({"delay", "friction"})
-"""Codes of hypotheses on errors that last, which are part of the comparison beside friction and delays."""
 
 
 @dataclass(frozen=True)
@@ -66,17 +64,15 @@ def explained(job: Job, parts: Sequence[Segment]) -> Findings:
     rows = rows_of(job, parts)
     if rows is None:
         return Findings()
-    tried = list(hypotheses(rows, parts[0].rate_hz))
-    first = best(tried, rows.score, CLEAR)
-    if first is not None and first.cause.score < DECISIVE * rows.score:
-        return Findings(first)
+    lasting = [*delays(rows, parts[0].rate_hz), *frictions(rows)]
+    if best(lasting, rows.score, DECISIVE) is not None:
+        return Findings(best([*lasting, *of_the_file(rows)], rows.score, CLEAR))
     wide = rows.widened(lasting_columns(rows))
     cause = best(list(of_the_file(wide)), wide.score, CLEAR_BESIDE, TIED)
     if cause is not None:
         return Findings(cause)
     # The information on the gains is that of a model that is right but for its friction.
-    lasting = best([item for item in tried if item.code in LASTING], rows.score, CLEAR)
-    return Findings(lasting, unchecked(rows))
+    return Findings(best(lasting, rows.score, CLEAR), unchecked(rows))
 
 
 def rows_of(job: Job, parts: Sequence[Segment]) -> Rows | None:
@@ -98,10 +94,3 @@ def of_the_file(rows: Rows) -> Iterator[Hypothesis]:
     yield from conventions(rows)
     yield from twists(rows)
     yield from lengths(rows)
-
-
-def hypotheses(rows: Rows, rate_hz: float) -> Iterator[Hypothesis]:
-    """All hypotheses with their scores."""
-    yield from of_the_file(rows)
-    yield from delays(rows, rate_hz)
-    yield from frictions(rows)

@@ -9,11 +9,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..._tools.arrays import Array
-from ..._tools.words import joints_text
-from ...model.dynamics import inverse_dynamics
+from ...._tools.arrays import Array
+from ...._tools.words import joints_text
+from ....model.dynamics import inverse_dynamics
 from .hypothesis import Hypothesis
-from .rows import Products, Rows
+from .products import Products
+from .rows import Rows
 
 SPEEDS = (0.03, 0.1, 0.3)
 """Stribeck velocities that are tried, as shares of the largest speed of a joint."""
@@ -74,11 +75,8 @@ def _smoothing(rows: Rows, top: Array) -> Array:
 
 def _better(rows: Rows, products: Products) -> list[int]:
     """Return the joints that further columns explain better on stretches not fitted."""
-    ones = np.ones(rows.robot.n_dof)
-    squares = []
-    for item in (rows.declared, products):
-        found = [item.squares([f], item.solution(f, rows.weights, ones), ones) for f in range(len(item.w))]
-        squares.append(np.sum(found, axis=0))
+    weights, ones = rows.weights[None], np.ones((1, rows.robot.n_dof))
+    squares = [item.unseen(weights, ones)[0] for item in (rows.declared, products)]
     return [int(joint) for joint in np.flatnonzero(squares[1] < CLEARLY * squares[0])]
 
 
@@ -101,7 +99,7 @@ def delays(rows: Rows, rate_hz: float) -> Iterator[Hypothesis]:
     values = _slopes(rows)
     products = rows.with_columns(values[:, :, None])
     place = rows.w.shape[2]
-    late = -float((products.solution(None, rows.weights, np.ones(len(values))) / products.scale)[place])
+    late = -float((products.solution(rows.weights) / products.scale)[place])
     if abs(late) < SMALLEST_SAMPLES:
         return
     yield Hypothesis(

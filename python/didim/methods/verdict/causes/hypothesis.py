@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ...result.verdict import Reason, Severity
+from ....result.verdict import Reason, Severity
 
 ALIKE = 0.02
 """Hypotheses within this share of the best one's gain count as equal, and the simplest of them is named."""

@@ -1,0 +1,1 @@
+"""Hypotheses on why a log contradicts its model, and the one that explains it."""
