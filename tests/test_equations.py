@@ -54,7 +54,7 @@ def test_matrices_have_brackets_of_the_style_sheet(hook: Any) -> None:
     found = html(hook, r"$$P = \begin{bmatrix} a & b \\ c & d \end{bmatrix} + [e] \pm f$$")
     assert found.count('class="matrix"') == 1
     assert re.findall(r"<mo[^>]*>(.)</mo>", found) == ["=", "+", "[", "]", "\N{PLUS-MINUS SIGN}"]
-    assert ".matrix" in (ROOT / "docs" / "hooks" / "equations.css").read_text(encoding="utf-8")
+    assert ".matrix" in (ROOT / "docs" / "hooks" / "pages.css").read_text(encoding="utf-8")
 
 
 def test_dots_and_hats_are_accents(hook: Any) -> None:

@@ -32,8 +32,8 @@ STYLE = """\
     --ink: #e3e6ea; --soft: #a2aab4; --line: #3a4048; --good: #4cc9a0; --caution: #e0ac3d; --bad: #f28b82;
     --paper: #1c2026; --ground: #121519; --stripe: #22272e; --link: #7db8ea;
   }
-  /* Pictures are drawn on white: lightness turns round, hues stay. */
-  figure img { filter: invert(0.89) hue-rotate(180deg); border-radius: 4px; }
+  /* Pictures are drawn on white: lightness turns round, hues stay, and black becomes the colour of the paper. */
+  figure img { filter: invert(1) hue-rotate(180deg); mix-blend-mode: screen; }
 }
 * { box-sizing: border-box; }
 body { margin: 0; color: var(--ink); background: var(--ground);
