@@ -154,6 +154,26 @@ def test_the_real_log_has_the_distance_of_the_oracle(shared: Path) -> None:
     assert "from the prior" in str(near)
 
 
+def test_intervals_of_the_nearest_robot_are_students(tmp_path: Path) -> None:
+    from scipy.stats import t
+
+    log = noisy(arm_log(0))
+    fit = didim.identify(log, didim.IDIMLS(uncertainty="jackknife", blocks=6))
+    assert fit.uncertainty is not None
+    assert fit.uncertainty.degrees_of_freedom == 5.0
+    near = fit.consistent(draws=40)
+    low, high = near.confidence_interval(0.9)
+    np.testing.assert_allclose(high - near.beta, t.ppf(0.95, 5) * near.std, rtol=1e-12)
+    np.testing.assert_allclose(near.beta - low, t.ppf(0.95, 5) * near.std, rtol=1e-12)
+    assert near.uncertainty is not None
+    assert near.uncertainty.kind == "draws"
+    assert near.uncertainty.blocks == ()
+    assert "sigma of draws of the estimate, each moved to the nearest robot" in str(near)
+    near.save(tmp_path / "near.json")
+    again = didim.Identification.load(tmp_path / "near.json")
+    np.testing.assert_array_equal(again.confidence_interval(0.9), (low, high))
+
+
 def test_further_friction_terms_only_dissipate() -> None:
     """Each law at its own lowest amplitude still takes power, at every speed; a little less gives some."""
     robot = didim.load_robot("planar2").with_friction(

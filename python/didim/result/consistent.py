@@ -222,7 +222,7 @@ class MovedToRobot:
                 *distance_reasons(nearest.half_distance, len(selection.estimated)),
             ),
             remarks=(*self.remarks, distance_sentence(nearest.half_distance, len(selection.estimated))),
-            uncertainty=None,
+            uncertainty=None if self.uncertainty is None else self.uncertainty.of_draws(),
             settings={**self.settings, "consistent": record_of(known, nearest, gamma)},
         )
         return moved

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -13,9 +13,10 @@ from .._tools.arrays import Array
 from .._tools.pickling import Pickled
 from ..errors import FitError
 
-Kind = Literal["jackknife", "decimated", "white", "correlated"]
+Kind = Literal["jackknife", "decimated", "white", "correlated", "draws"]
 """Where the standard deviations come from: the delete-block jackknife, (10) with the correlation of decimated noise, (10)
-itself, or the correlation that the errors of a closed-loop output-error method show."""
+itself, the correlation that the errors of a closed-loop output-error method show, or draws of an estimate by its own standard
+deviations, each moved to the nearest robot."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +50,10 @@ class Uncertainty(Pickled):
 
     Attributes
     ----------
-    kind : {"jackknife", "decimated", "white", "correlated"}
+    kind : {"jackknife", "decimated", "white", "correlated", "draws"}
         Where the standard deviations come from.
     degrees_of_freedom : float
-        Of Student's distribution of the intervals: blocks less one, or rows less parameters.
+        Of Student's distribution of the intervals: blocks less one, or rows less parameters; of draws those of the estimate.
     std_white : ndarray, shape (b,)
         Standard deviations (10), as if the errors of all rows were independent; zero for fixed and dropped parameters.
     joint_std : ndarray, shape (n_dof,)
@@ -105,6 +106,10 @@ class Uncertainty(Pickled):
             )
         return found
 
+    def of_draws(self) -> Uncertainty:
+        """Return that of the nearest robot: Student's distribution of its draws has the degrees of freedom of the estimate."""
+        return replace(self, kind="draws", blocks=(), deletions=np.zeros((0, 0)), single_block={})
+
     @property
     def origin(self) -> str:
         """How sigma was found, in words."""
@@ -113,6 +118,7 @@ class Uncertainty(Pickled):
             "decimated": "for white noise that the decimation has correlated",
             "white": "for white noise, (10)",
             "correlated": "for the correlation that the output errors show",
+            "draws": "of draws of the estimate, each moved to the nearest robot",
         }[self.kind]
 
     def to_dict(self) -> dict[str, Any]:
