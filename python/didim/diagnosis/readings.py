@@ -377,27 +377,32 @@ class Reader:
 
             costs = [at(value) for value in logs]
             k = int(np.argmin(costs))
-            found.append((_bottom(logs, costs, k), what, joint, k, at))
+            found.append((*_bottom(logs, costs, k), what, joint, k, at))
         found.sort(key=lambda item: item[0])
         refined = []
-        for _, what, joint, k, at in found[:REFINED]:
-            low = logs[k - 1] if k > 0 else logs[0] + logs[0]
-            high = logs[k + 1] if k + 1 < len(logs) else logs[-1] + logs[-1]
-            best = minimize_scalar(
-                at, bounds=(low, high), method="bounded", options={"xatol": 2e-3, "maxiter": 15}
-            )
-            candidate = scaled(self._n, what, joint, float(np.exp(best.x)))
+        for _, place, what, joint, k, at in found[:REFINED]:
+            # Next to the declared factor the parabola says well enough how near, and a factor as near is not reported.
+            if not (logs[k] == 0.0 and abs(place) < SMALLEST_FACTOR):
+                low = logs[k - 1] if k > 0 else logs[0] + logs[0]
+                high = logs[k + 1] if k + 1 < len(logs) else logs[-1] + logs[-1]
+                best = minimize_scalar(
+                    at, bounds=(low, high), method="bounded", options={"xatol": 2e-3, "maxiter": 15}
+                )
+                place = float(best.x)
+            candidate = scaled(self._n, what, joint, float(np.exp(place)))
             refined.append((cost(self._probe, candidate.reading.after(reading)), candidate))
         return sorted(refined, key=lambda item: item[0])
 
 
-def _bottom(x: Array, costs: Sequence[float], k: int) -> float:
-    """Cost at the bottom of the parabola through the lowest of a grid and its neighbours: a factor may lie between them."""
+def _bottom(x: Array, costs: Sequence[float], k: int) -> tuple[float, float]:
+    """Cost and place of the bottom of the parabola through the lowest of a grid and its neighbours: a factor may lie between."""
     if not 0 < k < len(costs) - 1 or not np.isfinite(costs[k - 1 : k + 2]).all():
-        return costs[k]
+        return costs[k], float("inf")
     a, b, c = np.polyfit(x[k - 1 : k + 2] - x[k], costs[k - 1 : k + 2], 2)
+    if not a > 0.0:
+        return costs[k], float("inf")
     # The cost is not quadratic here. The extrapolation only ranks the candidates, and is limited to half of the cost.
-    return max(float(c - b * b / (4.0 * a)), 0.5 * costs[k]) if a > 0.0 else costs[k]
+    return max(float(c - b * b / (4.0 * a)), 0.5 * costs[k]), float(x[k] - b / (2.0 * a))
 
 
 def _finding(candidate: Candidate, before: float, after: float) -> Finding:

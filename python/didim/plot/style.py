@@ -113,8 +113,18 @@ def svg(figure: Figure) -> str:
     PlotError
         Without matplotlib.
     """
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Type": None, "Format": None})
+    canvas, dpi = figure.canvas, figure.dpi
+    try:
+        # `savefig` draws the figure twice, the first time for the layout, which drawing makes by itself.
+        FigureCanvasSVG(figure).print_svg(  # type: ignore[no-untyped-call]
+            text, metadata={"Date": None, "Creator": None, "Type": None, "Format": None}
+        )
+    finally:
+        figure.set_canvas(canvas)
+        figure.dpi = dpi
     # Lines need no millionth of a pixel, and hold most of the text.
     short = _PATH.sub(lambda found: _DIGITS.sub(r"\1", found.group()), text.getvalue())
     return _INDENT.sub("\n", short)
