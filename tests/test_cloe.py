@@ -92,6 +92,9 @@ def test_the_simplex_goes_down_and_counts() -> None:
 
 def test_emps_by_both_optimisers(project: Path, shared: Path) -> None:
     experiment = didim.load_experiment(project / "examples" / "emps.toml", data=shared / "data" / "emps")
+    # A third of the motion, which all parameters show: what is compared is where searches end.
+    (recording,) = experiment.recordings
+    experiment = replace(experiment, recordings=(replace(recording, windows=((0, 8000),)),))
     fits = [didim.identify(experiment, didim.CLOE(start=start)) for start in ("idim-ls", {"M1R": 80.0})]
     for fit in fits:
         assert fit.converged
