@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -219,6 +220,27 @@ def test_pictures_show_every_method() -> None:
     np.testing.assert_allclose(points[:, 1], np.array(shown))
     styles = {(line.get_color(), line.get_marker()) for line in cost(study).axes[0].get_lines()}
     assert len(styles) == 9
+
+
+def test_logarithmic_axes_have_plain_numbers() -> None:
+    """Mathematical text is not parsed in pictures: matplotlib's own labels would show their TeX."""
+    study = results()
+    for draw in (errors, cost):
+        figure = draw(study)
+        figure.draw_without_rendering()
+        (panel,) = [ax for ax in figure.axes if ax.get_visible()]
+        for axis in (panel.xaxis, panel.yaxis):
+            labels = [label.get_text() for label in axis.get_ticklabels(which="both")]
+            assert len([float(label) for label in labels if label]) >= 2
+
+
+def test_scenarios_of_rows_alone_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    names = [f"signal.cutoff_hz = {value}" for value in ("1e-05", "0.002", "60", "200", "1e+3")]
+    own: dict[str, Any] = {"method": None, "seed": None, "status": "TRUTH", "keys": {}, "truth": []}
+    rows = [{"id": name, "scenario": name, **own} for name in names[::-1]]
+    path = tmp_path / "rows.jsonl"
+    path.write_text("".join(f"{json.dumps(row)}\n" for row in rows), encoding="utf-8")
+    assert StudyResults.read(path).scenarios == tuple(names)
 
 
 def test_pictures_of_nothing_are_refused() -> None:

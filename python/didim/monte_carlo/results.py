@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
@@ -28,7 +29,7 @@ class StudyResults(Printed):
     rows : Rows
         Every row once.
     scenarios, methods : tuple of str
-        In the order of the study; by name where only rows are known.
+        In the order of the study; by name where only rows are known, numbers by their size.
     """
 
     name: str
@@ -55,7 +56,9 @@ class StudyResults(Printed):
         fits = rows.fits.values()
         names = [*rows.truths, *(row["scenario"] for row in fits)]
         methods = sorted({row["method"] for row in fits})
-        return cls(Path(paths[0]).stem, rows, tuple(dict.fromkeys(sorted(names))), tuple(methods))
+        return cls(
+            Path(paths[0]).stem, rows, tuple(dict.fromkeys(sorted(names, key=_natural))), tuple(methods)
+        )
 
     def of_pair(self, scenario: str, method: str) -> list[Row]:
         """Return the rows of a method on a scenario, by seed."""
@@ -123,6 +126,12 @@ class StudyResults(Printed):
         for row in _by_seed(self.rows.fits.values()):
             found[row["scenario"], row["method"]].append(row)
         return found
+
+
+def _natural(name: str) -> list[str | float]:
+    """Key that sorts the numbers of a name by their size: ``cutoff_hz = 60`` comes before ``cutoff_hz = 200``."""
+    parts = re.split(r"(\d+(?:\.\d*)?(?:e[-+]?\d+)?)", name)
+    return [float(part) if k % 2 else part for k, part in enumerate(parts)]
 
 
 def _by_seed(rows: Iterable[Row]) -> list[Row]:

@@ -51,7 +51,7 @@ class Progress:
         rate = (self.done - self.found) / max(self.seconds, 1e-9)
         left = (self.total - self.done) / max(rate, 1e-9)
         found = f", {self.found} from before" if self.found else ""
-        return f"{self.done} of {self.total} rows{found}, {self.failed} failed, {rate:.3g} a second, {left:.0f} s left"
+        return f"{self.done} of {self.total} rows{found}, {self.failed} failed, {rate:.3g} rows a second, {left:.0f} s left"
 
 
 def study(

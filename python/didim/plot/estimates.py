@@ -14,7 +14,7 @@ from ..experiment.experiment import Experiment
 from ..result.identification import Identification
 from ..result.table import WELL_IDENTIFIED_PERCENT
 from ..studies.prediction import Prediction, explained, predict
-from .style import CYCLE, FAINT, GOOD, MARKERS, RESIDUAL, WIDTH_IN, new_figure, styled
+from .style import CYCLE, FAINT, GOOD, MARKERS, RESIDUAL, WIDTH_IN, new_figure, plain_ticks, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -136,23 +136,10 @@ def convergence(fits: Identification | Mapping[str, Identification]) -> Figure:
         ax.set_xlabel("iteration")
         ax.xaxis.get_major_locator().set_params(integer=True)
         ax.margins(x=0.08)
-        _plain_ticks(ax)
+        plain_ticks(ax.yaxis)
     if len(several) > 1:
         axes[0].legend()
     return figure
-
-
-def _plain_ticks(axes: Axes) -> None:
-    """Numbers such as 4 and 0.02 on a logarithmic axis, and also between powers of ten where it is short."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
-
-    low, high = axes.get_ylim()
-    decades = np.log10(high / low)
-    subs = (1.0,) if decades > 3.0 else (1.0, 2.0, 5.0) if decades > 0.7 else tuple(range(1, 10))
-    axes.yaxis.set_major_locator(LogLocator(subs=subs, numticks=12))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 @styled

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import PlotError
 from ..monte_carlo.figures import Estimate, Figures
 from ..monte_carlo.results import StudyResults
-from .style import CYCLE, FAINT, MARKERS, new_figure, per_row, styled
+from .style import CYCLE, FAINT, MARKERS, new_figure, per_row, plain_ticks, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -136,6 +136,10 @@ def _panels(
         ax.set_yscale("log")
         ax.set_title(title)
         ax.set_xlabel(label)
+    for ax in axes[: len(groups)]:
+        for axis in (ax.xaxis, ax.yaxis):
+            if axis.get_scale() == "log":
+                plain_ticks(axis)
     for ax in axes[len(groups) :]:
         ax.set_visible(False)
     for ax in axes[::columns]:
@@ -244,6 +248,8 @@ def cost(study: StudyResults) -> Figure:
         mine = [item for item in items if item.method == method]
         x, y = [item.seconds for item in mine], [100.0 * item.torque_error.value for item in mine]
         ax.loglog(x, y, linestyle="none", color=color, marker=marker, markersize=5.0, label=method)
+    plain_ticks(ax.xaxis)
+    plain_ticks(ax.yaxis)
     ax.set_xlabel("seconds of a run, median")
     ax.set_ylabel("torque error (%), median")
     _legend(figure, ax, styles)

@@ -15,9 +15,10 @@ from ..errors import PlotError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 else:  # matplotlib is optional, and slow to load
-    Axes = Figure = Any
+    Axes = Axis = Figure = Any
 
 
 _Arguments = ParamSpec("_Arguments")
@@ -102,6 +103,19 @@ def new_figure(height_in: float, width_in: float = WIDTH_IN, gap_in: float = 0.0
     figure = _shown_figure()(figsize=(width_in, height_in), layout="constrained")
     figure.set_layout_engine("constrained", h_pad=gap_in)
     return figure
+
+
+def plain_ticks(axis: Axis) -> None:
+    """Write numbers such as 4 and 0.02 on a logarithmic axis, and also between powers of ten where it is short."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+    low, high = axis.get_view_interval()
+    decades = np.log10(high / low)
+    subs = (1.0,) if decades > 3.0 else (1.0, 2.0, 5.0) if decades > 0.7 else tuple(range(1, 10))
+    axis.set_major_locator(LogLocator(subs=subs, numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())
+    axis.set_minor_formatter(NullFormatter())
 
 
 @styled

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 Level = Literal["good", "caution", "bad"]
 
+DENSE = 10
+"""Columns of a table beyond which its print is smaller, so that all of them fit a screen of 1280 pixels."""
+
 STYLE = """\
 :root {
   color-scheme: light dark; --ink: #1f2630; --soft: #5b6470; --line: #dfe3e8; --good: #00734f; --caution: #8a5a00; --bad: #b3261e;
@@ -75,6 +78,8 @@ td.number, td.digest, pre {
   font-family: ui-monospace, "DejaVu Sans Mono", "Liberation Mono", Consolas, monospace; font-size: 12.5px;
 }
 td.number { white-space: pre; }
+.dense th, .dense td { padding-right: 8px; font-size: 12.5px; }
+.dense td.number { font-size: 11px; }
 td.first, th.first { padding-left: 26px; }
 td.off { color: var(--bad); font-weight: 700; }
 td.uncertain { color: var(--caution); }
@@ -229,7 +234,8 @@ def table(
     right = set(numbers)
     ends = np.cumsum([span for _, span in groups])
     first = {int(end) for end in ends[:-1]}
-    lines = ['<div class="scroll"><table>', "<thead>"]
+    dense = ' class="dense"' if len(head) > DENSE else ""
+    lines = [f'<div class="scroll"><table{dense}>', "<thead>"]
     if groups:
         cells = (f'<th class="group" colspan="{span}">{escape(text)}</th>' for text, span in groups)
         lines.append(f"<tr>{''.join(cells)}</tr>")

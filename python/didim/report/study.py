@@ -42,7 +42,7 @@ def study_page(study: StudyResults) -> str:
 def _pictures(study: StudyResults) -> list[Html]:
     found = []
     for title, draw, text in (
-        ("Error over noise", errors, "Median torque error on another motion, with 95 % intervals"),
+        ("Error over the scenarios", errors, "Median torque error on another motion, with 95 % intervals"),
         ("Calibration", coverage, "Share of the parameters within their 95 % intervals"),
         ("Accuracy over time", cost, "Median torque error on another motion over the time of a run"),
     ):
