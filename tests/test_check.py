@@ -333,6 +333,17 @@ def test_wrong_gear_ratio(log: Log, tmp_path: Path, joint: int, factor: float) -
     assert item.value == pytest.approx(factor, rel=0.03)
 
 
+def test_gears_that_stand_for_each_other_are_both_named(log: Log, tmp_path: Path) -> None:
+    """With rows at 50 Hz the gear of joint 6 and the reciprocal factor at joint 5 leave the same residual to 0.1 %."""
+    spoiled = replace(log.change(geared(6, 0.9)), signal=SIGNAL.replace("[5, 10]", "[5, 4]"))
+    item = alone(check(spoiled.write(tmp_path)), "gear-ratio", (5, 6))
+    assert "joint 6 fit the others with 0.90" in item.sentence
+    assert "joint 5 fit the others with 1.1" in item.sentence
+    assert "this log does not tell which" in item.sentence
+    assert "motor 5" in item.advice
+    assert "motor 6" in item.advice
+
+
 @pytest.mark.parametrize("joint", [1, 6])
 def test_wrong_gear_ratio_with_known_parameters(log: Log, tmp_path: Path, joint: int) -> None:
     path = log.change(geared(joint, 0.9)).write(tmp_path)

@@ -14,7 +14,7 @@ Tested in ``tests/test_check.py``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -35,7 +35,8 @@ SHORTLIST = 8
 SMALLEST_FACTOR = 0.03
 """A factor nearer to 1 is not worth a sentence: filters and differences alone move it by 1 or 2 %."""
 NEAR = 1.05
-"""Readings whose residual is within this factor of the smallest count as equal; the simplest of them is reported."""
+"""Readings whose residual is within this factor of the smallest count as equal: the simplest of them is reported, and where it is a
+factor of a joint, the same factor of other joints beside it."""
 FINE = 60.0
 """Fall of chi^2 for a fine finding, in units of what is left per row: nearly eight standard deviations, because thirty readings
 are tried and decimated noise is correlated."""
@@ -308,7 +309,28 @@ class Reader:
         clear = KNOWN_CLEAR if factor and self._known and value < KNOWN_LEFT else CLEAR
         if not value < clear * declared or (factor and self._small(candidate)):
             return None
-        return candidate, declared, value
+        return self._with_equals(candidate, [other for v, other in left if v <= NEAR * best]), declared, value
+
+    def _with_equals(self, candidate: Candidate, equals: Sequence[Candidate]) -> Candidate:
+        """Name the other joints whose factor explains the log as well: the gears of a wrist may stand for each other."""
+        if candidate.factor is None:
+            return candidate
+        others = [
+            other
+            for other in equals
+            if other.kind == candidate.kind and other.joints != candidate.joints and not self._small(other)
+        ]
+        if not others:
+            return candidate
+        advices = dict.fromkeys(item.advice for item in (candidate, *others))
+        first, *rest = advices
+        return replace(
+            candidate,
+            joints=tuple(sorted({joint for item in (candidate, *others) for joint in item.joints})),
+            sentence=f"{', or '.join(item.sentence for item in (candidate, *others))} "
+            "(this log does not tell which)",
+            advice=", or ".join([first, *(f"{text[0].lower()}{text[1:]}" for text in rest)]),
+        )
 
     def _complement(self, candidate: Candidate) -> Candidate:
         joints = tuple(k + 1 for k in range(self._n) if k + 1 not in candidate.joints)
@@ -354,8 +376,9 @@ class Reader:
             or declared - value < max(FINE * value / rows, FINE_SHARE * value)
         ):
             return None
+        equals = [other for cost, other in found if cost <= NEAR**2 * value]
         return (
-            candidate,
+            self._with_equals(candidate, equals),
             self._probe.relative(reading)[0],
             self._probe.relative(candidate.reading.after(reading))[0],
         )

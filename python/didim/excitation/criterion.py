@@ -58,7 +58,10 @@ def log_determinant(matrix: Array) -> tuple[float, Array]:
     values = np.maximum(values, FLOOR * values[-1])
     scaled = vectors / scale[:, None]
     value = float(np.log(values).sum() + 2.0 * np.log(scale).sum())
-    return value, np.asarray((scaled / values) @ scaled.T)
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # of a column that is nearly zero the variance may be infinite
+        return value, np.asarray((scaled / values) @ scaled.T)
 
 
 def _of_some(matrix: Array, wanted: Array) -> tuple[float, Array]:
