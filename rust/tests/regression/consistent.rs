@@ -51,6 +51,24 @@ fn a_log_det_term_has_its_closed_form() {
 }
 
 #[test]
+fn what_a_strong_log_says_least_about_is_found_too() {
+    // The sum is known 1e9 times better than the difference: their squares differ by more than rounding of the matrix leaves.
+    let cones = [scalar(&[0], &[1.0], 0.0, 0.0), scalar(&[1], &[1.0], 0.0, 0.0)];
+    let problem = Problem::new(2, &cones, &[], 1e-9).unwrap();
+    let rows = [1e9, 1e9, 1.0, -1.0];
+    for (z, expected) in
+        [([3e9, 1.0], [2.0, 1.0]), ([3e9, -4.0], [0.0, 3.0]), ([5e11, 300.0], [400.0, 100.0])]
+    {
+        let solution = problem.solve(&rows, &[z.to_vec()], &[1.0; 2], 1).unwrap().remove(0);
+        assert_eq!(solution.ending, Ending::Solved);
+        assert!(solution.iterations <= 20, "{}", solution.iterations);
+        for (x, expected) in solution.x.iter().zip(expected) {
+            assert!((x - expected).abs() < 1e-6, "{:?}", solution.x);
+        }
+    }
+}
+
+#[test]
 fn a_start_outside_is_moved_inside() {
     let bounds = [scalar(&[0], &[1.0], -5.0, 0.0), scalar(&[0], &[-1.0], 7.0, 0.0)];
     let solution = solved(1, &bounds, &[], &[0.0], &[-100.0]);
@@ -125,7 +143,9 @@ fn conditions(cones: &[Cone], a: &[f64], z: &[f64], solution: &Solution) -> (f64
     for (cone, multiplier) in cones.iter().zip(&solution.multipliers) {
         let (order, square) = (cone.order, cone.order * cone.order);
         let mut f = cone.constant.clone();
+        let mut size: f64 = f.iter().map(|entry| entry.abs()).sum();
         for (&index, basis) in cone.indices.iter().zip(cone.basis.chunks_exact(square)) {
+            size += basis.iter().map(|b| (x[index] * b).abs()).sum::<f64>();
             f.iter_mut().zip(basis).for_each(|(f, b)| *f += x[index] * b);
             let pull: f64 = basis
                 .iter()
@@ -141,7 +161,9 @@ fn conditions(cones: &[Cone], a: &[f64], z: &[f64], solution: &Solution) -> (f64
         );
         let root = f.cholesky().unwrap().l();
         let one = nalgebra::DMatrix::identity(order, order) * cone.weight;
-        product = product.max((root.transpose() * multiplier * root - one).amax());
+        // F itself is known to the rounding of its terms only.
+        let rounding = 2.0 * f64::EPSILON * size * multiplier.norm();
+        product = product.max((root.transpose() * multiplier * root - one).amax() - rounding);
     }
     (gradient.iter().zip(&terms).map(|(g, t)| g.abs() / t).fold(0.0, f64::max), product)
 }

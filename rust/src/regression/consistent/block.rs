@@ -19,6 +19,15 @@ const INSIDE: f64 = 1e-3;
 /// Smallest eigenvalue of the slack of a start outside.
 const MOVED_INSIDE: f64 = 0.1;
 
+/// Smallest eigenvalue of the slack around a start that need not be inside: alone, and as a share of the largest.
+const AROUND: f64 = 0.1;
+
+/// A slack this near to `F(x)`, as a share of its scaled size, is replaced by it.
+const NEAR: f64 = 0.1;
+
+/// Rounding of `F(x)` relative to its terms: few of them are rounded as far as they can be.
+const ROUNDING: f64 = 0.02 * f64::EPSILON;
+
 /// A centring correction moves eigenvalues of `S Z` into this share of the target, and its inverse.
 const CENTRED: f64 = 0.1;
 
@@ -26,10 +35,16 @@ const CENTRED: f64 = 0.1;
 pub trait Block {
     /// Rows of the matrix.
     fn order(&self) -> usize;
-    /// Choose slack and `Z = S^-1` at the start.
+    /// Choose slack and `Z = S^-1` at a start that should be inside.
     fn begin(&mut self, x: &DVector<f64>);
+    /// Choose slack and `Z = S^-1` around a start that need not be inside; the squares of what is outside.
+    fn begin_around(&mut self, x: &DVector<f64>) -> f64;
+    /// Smallest eigenvalue of `F(x)`.
+    fn smallest(&self, x: &DVector<f64>) -> f64;
     /// Multiply the multiplier.
     fn scale_multiplier(&mut self, factor: f64);
+    /// Multiply the multiplier by a barrier, to which the weight of the cone is added.
+    fn weigh_multiplier(&mut self, barrier: f64);
     /// Find the scaling at `x`; false where slack or multiplier is not positive definite in floating point.
     fn factor(&mut self, x: &DVector<f64>) -> bool;
     /// Add `gamma tr(Q B_i)`.
@@ -42,10 +57,14 @@ pub trait Block {
     fn add_squares(&self, diagonal: &mut DVector<f64>);
     /// Add the products `<B_i, B_k>` of the scaled basis to the lower triangle.
     fn add_products(&self, matrix: &mut DMatrix<f64>);
+    /// Add `sum_k <B_i, B_k> dx_k` of the scaled basis.
+    fn add_product(&self, dx: &DVector<f64>, sum: &mut DVector<f64>);
     /// Sum of `|lambda^2 - gamma|`.
     fn distance(&self) -> f64;
     /// Largest `|lambda^2 - gamma|`.
     fn complementarity(&self) -> f64;
+    /// What rounding of `F(x)` leaves of the complementarity.
+    fn rounding(&self) -> f64;
     /// `|F(x) - S|`, relative to the terms of `F`.
     fn infeasibility(&self) -> f64;
     /// Aim at `S Z = (gamma + tau) I`, after `corrected` with the second order of the last directions; add to the right side.
@@ -91,17 +110,18 @@ struct Fixed<const M: usize> {
     multiplier: Small<M>,
     /// Slack and multiplier before the last steps.
     before: (Small<M>, Small<M>),
-    /// `R`, its inverse, `lambda`.
-    scaling: Small<M>,
+    /// Inverse of `R`, and `lambda`.
     unscaling: Small<M>,
     lambda: [f64; M],
     /// `R^-1 B_i R^-T`.
     scaled: Vec<Small<M>>,
     /// `|B_i|`.
     norms: Vec<f64>,
-    /// `F(x) - S`, scaled; its norm relative to the terms; the slack's norm at the start.
+    /// `F(x) - S`, and scaled; its norm relative to the terms, and what rounding makes of it; the slack's norm at the start.
+    missing: Small<M>,
     residual: Small<M>,
     infeasibility: f64,
+    rounding: f64,
     size: f64,
     /// `X - residual`, and the scaled directions of slack and multiplier.
     aims: Aims<M>,
@@ -114,12 +134,14 @@ struct Aims<const M: usize> {
     sum: Small<M>,
     slack: Small<M>,
     multiplier: Small<M>,
+    /// Direction of the slack without its scaling, which would round it.
+    change: Small<M>,
 }
 
 impl<const M: usize> Fixed<M> {
     fn new(cone: &Cone) -> Self {
         let zero = Small::<M>::zeros();
-        let aims = Aims { sum: zero, slack: zero, multiplier: zero };
+        let aims = Aims { sum: zero, slack: zero, multiplier: zero, change: zero };
         let square = |values: &[f64]| symmetric(&Small::<M>::from_row_slice(values));
         let basis: Vec<_> = cone.basis.chunks_exact(M * M).map(square).collect();
         Self {
@@ -132,12 +154,13 @@ impl<const M: usize> Fixed<M> {
             slack: zero,
             multiplier: zero,
             before: (zero, zero),
-            scaling: zero,
             unscaling: zero,
             lambda: [0.0; M],
             scaled: vec![zero; cone.indices.len()],
+            missing: zero,
             residual: zero,
             infeasibility: 0.0,
+            rounding: 0.0,
             size: 1.0,
             aims,
             saved: aims,
@@ -153,6 +176,20 @@ impl<const M: usize> Fixed<M> {
         sum
     }
 
+    /// `F(x)`.
+    fn value(&self, x: &DVector<f64>) -> Small<M> {
+        self.constant + self.combine(&self.basis, x)
+    }
+
+    /// Size and `Z = S^-1` of a chosen slack.
+    fn begin_with_slack(&mut self) {
+        self.size = 1.0 + self.slack.norm();
+        // Without a factor the slack is not finite, which `factor` finds next.
+        let root = cholesky(&self.slack).unwrap_or_else(Small::<M>::identity);
+        let inverse = inverse_lower(&root);
+        self.multiplier = inverse.transpose() * inverse;
+    }
+
     /// Solution `X` of `diag(lambda) X + X diag(lambda) = 2 T`.
     fn divided(&self, target: &Small<M>) -> Small<M> {
         Small::<M>::from_fn(|i, k| 2.0 * target[(i, k)] / (self.lambda[i] + self.lambda[k]))
@@ -162,6 +199,30 @@ impl<const M: usize> Fixed<M> {
         for (&index, basis) in self.indices.iter().zip(&self.scaled) {
             right[index] += self.aims.sum.dot(basis);
         }
+    }
+
+    /// Find the scaling of slack and multiplier at `x`.
+    fn scale_at(&mut self, x: &DVector<f64>) -> bool {
+        let Some(root) = cholesky(&self.slack) else { return false };
+        let (squares, vectors) = eigen(&symmetric(&(root.transpose() * self.multiplier * root)));
+        if !squares.iter().all(|square| square.is_finite() && *square > 0.0) {
+            return false;
+        }
+        self.lambda = squares.map(f64::sqrt);
+        let quarter = self.lambda.map(f64::sqrt);
+        let unscaling = vectors.transpose() * inverse_lower(&root);
+        self.unscaling = Small::<M>::from_fn(|i, k| unscaling[(i, k)] * quarter[i]);
+        let residual = self.value(x) - self.slack;
+        let terms = self.indices.iter().zip(&self.norms).map(|(&index, norm)| (x[index] * norm).abs());
+        let terms = terms.sum::<f64>();
+        self.missing = residual;
+        self.infeasibility = residual.norm() / (self.size + terms);
+        self.rounding = ROUNDING * terms * self.multiplier.norm();
+        self.residual = symmetric(&(self.unscaling * residual * self.unscaling.transpose()));
+        for (scaled, basis) in self.scaled.iter_mut().zip(&self.basis) {
+            *scaled = symmetric(&(self.unscaling * basis * self.unscaling.transpose()));
+        }
+        true
     }
 
     /// Longest step from `diag(lambda)` along a scaled direction.
@@ -179,39 +240,48 @@ impl<const M: usize> Block for Fixed<M> {
     }
 
     fn begin(&mut self, x: &DVector<f64>) {
-        self.slack = self.constant + self.combine(&self.basis, x);
+        self.slack = self.value(x);
         let smallest = smallest_eigenvalue(&self.slack);
         if smallest < INSIDE {
             self.slack += Small::<M>::identity() * (MOVED_INSIDE - smallest);
         }
-        self.size = 1.0 + self.slack.norm();
-        // Without a factor the slack is not finite, which `factor` finds next.
-        let root = cholesky(&self.slack).unwrap_or_else(Small::<M>::identity);
-        let inverse = inverse_lower(&root);
-        self.multiplier = inverse.transpose() * inverse;
+        self.begin_with_slack();
+    }
+
+    fn begin_around(&mut self, x: &DVector<f64>) -> f64 {
+        let (values, vectors) = eigen(&symmetric(&self.value(x)));
+        let largest = values.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+        let moved = values.map(|value| value.abs().max(AROUND * largest).max(AROUND));
+        self.slack = symmetric(&(vectors * diagonal(&moved) * vectors.transpose()));
+        self.begin_with_slack();
+        values.iter().map(|value| value.min(0.0).powi(2)).sum()
+    }
+
+    fn smallest(&self, x: &DVector<f64>) -> f64 {
+        smallest_eigenvalue(&symmetric(&self.value(x)))
     }
 
     fn scale_multiplier(&mut self, factor: f64) {
         self.multiplier *= factor;
     }
 
+    fn weigh_multiplier(&mut self, barrier: f64) {
+        self.multiplier *= barrier + self.weight;
+    }
+
     fn factor(&mut self, x: &DVector<f64>) -> bool {
-        let Some(root) = cholesky(&self.slack) else { return false };
-        let (squares, vectors) = eigen(&symmetric(&(root.transpose() * self.multiplier * root)));
-        if !squares.iter().all(|square| square.is_finite() && *square > 0.0) {
+        if !self.scale_at(x) {
             return false;
         }
-        self.lambda = squares.map(f64::sqrt);
-        let quarter = self.lambda.map(f64::sqrt);
-        let (scaling, unscaling) = (root * vectors, vectors.transpose() * inverse_lower(&root));
-        self.scaling = Small::<M>::from_fn(|i, k| scaling[(i, k)] / quarter[k]);
-        self.unscaling = Small::<M>::from_fn(|i, k| unscaling[(i, k)] * quarter[i]);
-        let residual = self.constant + self.combine(&self.basis, x) - self.slack;
-        let terms = self.indices.iter().zip(&self.norms).map(|(&index, norm)| (x[index] * norm).abs());
-        self.infeasibility = residual.norm() / (self.size + terms.sum::<f64>());
-        self.residual = symmetric(&(self.unscaling * residual * self.unscaling.transpose()));
-        for (scaled, basis) in self.scaled.iter_mut().zip(&self.basis) {
-            *scaled = symmetric(&(self.unscaling * basis * self.unscaling.transpose()));
+        let least = self.lambda.iter().copied().fold(f64::INFINITY, f64::min);
+        if self.infeasibility > 0.0 && self.residual.norm() <= NEAR * least {
+            // From here on the slack is F(x), and its directions add no rounding to it.
+            let before = self.slack;
+            self.slack += self.missing;
+            if !self.scale_at(x) {
+                self.slack = before;
+                return self.scale_at(x);
+            }
         }
         true
     }
@@ -248,12 +318,23 @@ impl<const M: usize> Block for Fixed<M> {
         }
     }
 
+    fn add_product(&self, dx: &DVector<f64>, sum: &mut DVector<f64>) {
+        let moved = self.combine(&self.scaled, dx);
+        for (&index, basis) in self.indices.iter().zip(&self.scaled) {
+            sum[index] += moved.dot(basis);
+        }
+    }
+
     fn distance(&self) -> f64 {
         self.lambda.iter().map(|l| l.mul_add(*l, -self.weight).abs()).sum()
     }
 
     fn complementarity(&self) -> f64 {
         self.lambda.iter().map(|l| l.mul_add(*l, -self.weight).abs()).fold(0.0, f64::max)
+    }
+
+    fn rounding(&self) -> f64 {
+        self.rounding
     }
 
     fn infeasibility(&self) -> f64 {
@@ -272,6 +353,7 @@ impl<const M: usize> Block for Fixed<M> {
     fn direct(&mut self, dx: &DVector<f64>) {
         let moved = self.combine(&self.scaled, dx);
         self.aims.slack = moved + self.residual;
+        self.aims.change = self.combine(&self.basis, dx) + self.missing;
         self.aims.multiplier = self.aims.sum - moved;
     }
 
@@ -297,9 +379,8 @@ impl<const M: usize> Block for Fixed<M> {
 
     fn advance(&mut self, steps: (f64, f64)) {
         self.before = (self.slack, self.multiplier);
-        let slack = self.scaling * self.aims.slack * self.scaling.transpose();
         let multiplier = self.unscaling.transpose() * self.aims.multiplier * self.unscaling;
-        self.slack += symmetric(&slack) * steps.0;
+        self.slack += self.aims.change * steps.0;
         self.multiplier += symmetric(&multiplier) * steps.1;
     }
 

@@ -8,12 +8,16 @@
 //! A log-det term is the barrier of its cone, stopped at `gamma_j` instead of at zero. The step aims at `gamma_j + tau`. The usual
 //! choice of `tau` from the complementarity alone jams: the dual residual stays while the room for steps vanishes. Here `tau`
 //! is at least the share of the residual that the predictor leaves, measured in nats by `r^T (A^T A + ...)^-1 r`.
+//!
+//! The first start is near the solution without conditions ([`super::start`]), slacks apart from `F(x)`; where rounding jams it, the
+//! iteration begins again at the start given, usually a prior. Newton systems are refined ([`super::newton`]).
 
 use super::block::{Block, block};
 use super::cone::Cone;
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use super::newton::System;
+use nalgebra::{DMatrix, DVector};
 
-/// Iterations at most; `benches/interior_point.py` says how many its collection needs.
+/// Iterations from a start at most; `benches/interior_point.py` says how many its collection needs.
 const MAX_ITERATIONS: usize = 60;
 
 /// Complementarity (nats) at the solution.
@@ -31,9 +35,6 @@ const ROUNDED: f64 = 100.0;
 /// Share of the violation that a step leaves at most while rounding does not decide.
 const GAIN: f64 = 0.5;
 
-/// Barrier at the start, as a share of the one that would hold the gradient.
-const START: f64 = 1e-3;
-
 /// Share of the way to the boundary that a step takes.
 const INSIDE: f64 = 0.97;
 
@@ -41,13 +42,16 @@ const INSIDE: f64 = 0.97;
 const SHORT: f64 = 0.2;
 
 /// Centring corrections of a step at most.
-const CORRECTIONS: usize = 3;
+const CORRECTIONS: usize = 6;
 
 /// Steps longer than this need no centring correction.
 const LONG: f64 = 0.99;
 
-/// Ridges on the unit diagonal, tried in turn.
-const RIDGES: [f64; 5] = [1e-14, 1e-12, 1e-10, 1e-8, 1e-6];
+/// Until a step is longer than this, one shorter than [`RAISED`] raises the multipliers tenfold: the barrier is too low for the start.
+const FREE: f64 = 0.9;
+
+/// See [`FREE`].
+const RAISED: f64 = 0.05;
 
 /// How often a step is halved that rounding has led outside.
 const HALVINGS: usize = 20;
@@ -90,8 +94,8 @@ pub struct Solution {
 /// The quadratic `1/2 |A x - z|^2`, of which many solutions share `A`.
 #[derive(Debug, Clone)]
 pub struct Quadratic {
-    a: DMatrix<f64>,
-    hessian: DMatrix<f64>,
+    pub(super) a: DMatrix<f64>,
+    pub(super) hessian: DMatrix<f64>,
 }
 
 impl Quadratic {
@@ -103,53 +107,34 @@ impl Quadratic {
 }
 
 /// State of the iteration.
-struct Iterate<'a> {
-    quadratic: &'a Quadratic,
-    z: &'a DVector<f64>,
-    slope: DVector<f64>,
-    x: DVector<f64>,
-    blocks: Vec<Box<dyn Block>>,
+pub(super) struct Iterate<'a> {
+    pub(super) quadratic: &'a Quadratic,
+    pub(super) z: &'a DVector<f64>,
+    pub(super) slope: DVector<f64>,
+    pub(super) x: DVector<f64>,
+    pub(super) blocks: Vec<Box<dyn Block>>,
     /// Gradient of the Lagrangian.
-    residual: DVector<f64>,
-    matrix: DMatrix<f64>,
+    pub(super) residual: DVector<f64>,
+    pub(super) matrix: DMatrix<f64>,
     /// Reciprocal roots of the diagonal of the matrix.
-    scale: DVector<f64>,
+    pub(super) scale: DVector<f64>,
     /// Dual residual that rounding alone leaves, unknowns scaled.
     rounding: DVector<f64>,
 }
 
 /// Minimise over cones from a start; the multipliers follow the order of the cones.
 pub fn solve(quadratic: &Quadratic, z: &DVector<f64>, cones: &[Cone], start: DVector<f64>) -> Solution {
-    let mut at = Iterate::new(quadratic, z, cones, start);
-    let mut ending = Ending::Limit;
-    let mut iterations = 0;
-    let (mut violation, mut last_step) = (f64::INFINITY, 1.0);
-    if !at.begin() {
-        return at.solution(Ending::Stalled, 0);
+    let mut near = Iterate::new(quadratic, z, cones, start.clone());
+    let systems = near.begin_near();
+    let first = near.iterate(systems);
+    if matches!(first.ending, Ending::Solved | Ending::Contradictory(_)) {
+        return first;
     }
-    while iterations < MAX_ITERATIONS {
-        at.linearise();
-        let before = std::mem::replace(&mut violation, at.violation());
-        if violation <= 1.0 || (violation <= ROUNDED && violation > GAIN * before) {
-            ending = Ending::Solved;
-            break;
-        }
-        if let Some(cone) = at.contradiction() {
-            ending = Ending::Contradictory(cone);
-            break;
-        }
-        iterations += 1;
-        let step = at.factored().and_then(|factor| at.step(&factor, last_step < SHORT));
-        let Some(step) = step else {
-            ending = Ending::Stalled;
-            break;
-        };
-        last_step = step;
-    }
-    if ending != Ending::Solved && at.violation() <= ROUNDED {
-        ending = Ending::Solved;
-    }
-    at.solution(ending, iterations)
+    let mut given = Iterate::new(quadratic, z, cones, start);
+    let begun = given.begin().then_some(first.iterations);
+    let iterations = first.iterations;
+    let second = given.iterate(begun.ok_or(iterations));
+    if second.ending == Ending::Stalled && second.iterations == iterations { first } else { second }
 }
 
 impl<'a> Iterate<'a> {
@@ -165,37 +150,66 @@ impl<'a> Iterate<'a> {
         Self { quadratic, z, slope, x, blocks, residual, matrix, scale, rounding }
     }
 
-    /// Slacks at the start, and multipliers of a barrier that is a share of the one that would hold the gradient.
-    fn begin(&mut self) -> bool {
-        let x = &self.x;
-        self.blocks.iter_mut().for_each(|block| block.begin(x));
-        if !self.factor() {
-            return false;
+    /// Iterate from a start to an ending. `begun` is the number of systems solved before, an error where there is no start.
+    fn iterate(&mut self, begun: Result<usize, usize>) -> Solution {
+        let before = match begun {
+            Ok(systems) => systems,
+            Err(systems) => return self.solution(Ending::Stalled, systems),
+        };
+        let (mut ending, mut iterations) = (Ending::Limit, before);
+        let (mut violation, mut last_step, mut free) = (f64::INFINITY, 1.0, false);
+        while iterations < before + MAX_ITERATIONS {
+            self.linearise();
+            let last = std::mem::replace(&mut violation, self.violation());
+            if violation <= 1.0 || (violation <= ROUNDED && violation > GAIN * last) {
+                ending = Ending::Solved;
+                break;
+            }
+            if let Some(cone) = self.contradiction() {
+                ending = Ending::Contradictory(cone);
+                break;
+            }
+            iterations += 1;
+            let step = self.factored().and_then(|system| self.step(&system, last_step < SHORT));
+            let Some(step) = step else {
+                ending = Ending::Stalled;
+                break;
+            };
+            last_step = step;
+            free |= step > FREE;
+            if !free && step < RAISED {
+                self.blocks.iter_mut().for_each(|block| block.scale_multiplier(10.0));
+                if !self.factor() {
+                    ending = Ending::Stalled;
+                    break;
+                }
+            }
         }
-        let gradient = self.gradient();
-        let mut squares = DVector::zeros(gradient.len());
-        self.blocks.iter().for_each(|block| block.add_squares(&mut squares));
-        let pull = gradient.zip_map(&squares, |g, s| if s > 0.0 { g.abs() / s.sqrt() } else { 0.0 });
-        let barrier = START * pull.amax().max(1.0);
-        self.blocks.iter_mut().for_each(|block| block.scale_multiplier(barrier));
-        self.factor()
+        if ending != Ending::Solved && self.violation() <= ROUNDED {
+            ending = Ending::Solved;
+        }
+        self.solution(ending, iterations)
     }
 
-    fn factor(&mut self) -> bool {
+    pub(super) fn factor(&mut self) -> bool {
         let x = &self.x;
         self.blocks.iter_mut().all(|block| block.factor(x))
     }
 
-    fn gradient(&self) -> DVector<f64> {
+    pub(super) fn order(&self) -> f64 {
+        self.blocks.iter().map(|block| block.order()).sum::<usize>().max(1) as f64
+    }
+
+    pub(super) fn gradient(&self) -> DVector<f64> {
         self.quadratic.a.tr_mul(&self.error()) + &self.slope
     }
 
-    fn error(&self) -> DVector<f64> {
+    pub(super) fn error(&self) -> DVector<f64> {
         &self.quadratic.a * &self.x - self.z
     }
 
     /// Residual, matrix and its scale at the iterate.
-    fn linearise(&mut self) {
+    pub(super) fn linearise(&mut self) {
         self.residual = self.gradient();
         self.matrix.copy_from(&self.quadratic.hessian);
         for block in &self.blocks {
@@ -203,7 +217,12 @@ impl<'a> Iterate<'a> {
             block.add_products(&mut self.matrix);
         }
         self.scale = self.matrix.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 1.0 });
-        let error = self.error().norm() + self.z.norm();
+        // Rounding of A x - z, whose terms may be far larger than it is.
+        let mut terms = self.z.abs();
+        for (column, x) in self.quadratic.a.column_iter().zip(&self.x) {
+            terms.iter_mut().zip(&column).for_each(|(sum, entry)| *sum += (entry * x).abs());
+        }
+        let error = terms.norm();
         self.rounding = self.quadratic.hessian.diagonal().map(|d| error * d.max(0.0).sqrt());
         self.blocks.iter().for_each(|block| block.add_multiplier_size(&mut self.rounding));
         self.rounding.component_mul_assign(&self.scale);
@@ -223,7 +242,8 @@ impl<'a> Iterate<'a> {
         let scaled = self.residual.component_mul(&self.scale);
         let stationarity =
             scaled.zip_map(&self.rounding, |r, rounding| r.abs() / (STATIONARITY + rounding)).amax();
-        let complementarity = self.largest(|block| block.complementarity()) / COMPLEMENTARITY;
+        let complementarity =
+            self.largest(|block| block.complementarity() / (COMPLEMENTARITY + block.rounding()));
         let infeasibility = self.largest(|block| block.infeasibility()) / FEASIBILITY;
         stationarity.max(complementarity).max(infeasibility)
     }
@@ -245,25 +265,9 @@ impl<'a> Iterate<'a> {
         (0..products.len()).min_by(|&i, &k| products[i].total_cmp(&products[k]))
     }
 
-    /// Cholesky factor of the scaled matrix, with the smallest ridge that it needs.
-    fn factored(&self) -> Option<Cholesky<f64, Dyn>> {
-        let n = self.x.len();
-        let mut scaled = self.matrix.clone();
-        for column in 0..n {
-            for row in column..n {
-                scaled[(row, column)] *= self.scale[row] * self.scale[column];
-            }
-        }
-        RIDGES.into_iter().find_map(|ridge| {
-            let mut matrix = scaled.clone();
-            (0..n).for_each(|k| matrix[(k, k)] += ridge);
-            Cholesky::new(matrix)
-        })
-    }
-
     /// Direction of `x` for a right side, with those of the blocks; longest steps.
-    fn direction(&mut self, factor: &Cholesky<f64, Dyn>, right: &DVector<f64>) -> (DVector<f64>, (f64, f64)) {
-        let dx = self.solved(factor, right);
+    fn direction(&mut self, system: &System, right: &DVector<f64>) -> (DVector<f64>, (f64, f64)) {
+        let dx = self.solved(system, right);
         let mut longest = (f64::INFINITY, f64::INFINITY);
         for block in &mut self.blocks {
             block.direct(&dx);
@@ -271,12 +275,6 @@ impl<'a> Iterate<'a> {
             longest = (longest.0.min(primal), longest.1.min(dual));
         }
         (dx, longest)
-    }
-
-    fn solved(&self, factor: &Cholesky<f64, Dyn>, right: &DVector<f64>) -> DVector<f64> {
-        let mut scaled = right.component_mul(&self.scale);
-        factor.solve_mut(&mut scaled);
-        scaled.component_mul(&self.scale)
     }
 
     /// Right side of an aim at `gamma + tau`.
@@ -287,19 +285,19 @@ impl<'a> Iterate<'a> {
     }
 
     /// One step; its shorter length, or None where rounding leaves none.
-    fn step(&mut self, factor: &Cholesky<f64, Dyn>, centring: bool) -> Option<f64> {
-        let order = self.blocks.iter().map(|block| block.order()).sum::<usize>().max(1) as f64;
+    fn step(&mut self, system: &System, centring: bool) -> Option<f64> {
+        let order = self.order();
         let distance = self.blocks.iter().map(|block| block.distance()).sum::<f64>() / order;
-        let nats = self.residual.dot(&self.solved(factor, &self.residual));
+        let nats = self.residual.dot(&self.solved(system, &self.residual));
 
         let right = self.aimed(0.0, false);
-        let (_, longest) = self.direction(factor, &right);
+        let (_, longest) = self.direction(system, &right);
         let left = 1.0 - (0.99 * longest.0.min(longest.1)).min(1.0);
         let least = if centring { 0.5 } else { 0.0 };
         let tau = ((left * left * left.sqrt()).max(least) * distance).max(left * left * nats / order);
 
         let right = self.aimed(tau, !centring);
-        let (mut dx, mut longest) = self.direction(factor, &right);
+        let (mut dx, mut longest) = self.direction(system, &right);
         for _ in 0..CORRECTIONS {
             let steps = (longest.0.min(1.0), longest.1.min(1.0));
             if steps.0.min(steps.1) > LONG {
@@ -309,7 +307,7 @@ impl<'a> Iterate<'a> {
             let longer = ((1.08 * steps.0 + 0.08).min(1.0), (1.08 * steps.1 + 0.08).min(1.0));
             let mut right = -&self.residual;
             self.blocks.iter_mut().for_each(|block| block.centre(tau, longer, &mut right));
-            let (other_dx, other) = self.direction(factor, &right);
+            let (other_dx, other) = self.direction(system, &right);
             let (primal, dual) = (other.0.min(1.0), other.1.min(1.0));
             let better = primal + dual >= steps.0 + steps.1 + 0.02;
             if !better || primal < LONG * steps.0 || dual < LONG * steps.1 {

@@ -17,8 +17,10 @@ pub mod block;
 pub mod cone;
 pub mod elimination;
 pub mod interior_point;
+mod newton;
 pub mod problem;
 pub mod small;
+mod start;
 
 pub use cone::{Cone, ConeError, LEAST_WEIGHT, MAX_ORDER};
 pub use interior_point::{Ending, Solution};
