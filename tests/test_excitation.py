@@ -16,7 +16,7 @@ import didim._core as _core
 from didim._tools.arrays import Array
 from didim.errors import ExcitationError
 from didim.excitation.clearance import Clearance, Workspace
-from didim.excitation.criterion import criterion
+from didim.excitation.criterion import criterion, log_determinant
 from didim.excitation.design import Excitation, standard_deviations
 from didim.excitation.excite import excite
 from didim.excitation.limits import motion_limits
@@ -490,3 +490,13 @@ def test_a_parameter_that_the_motion_does_not_show_is_weak(design: Excitation) -
     assert any(design.names[0] in sentence for sentence in found.weak())
     assert any(design.names[0] in sentence for sentence in replace(found, x=None).weak())
     assert str(found)
+
+
+@pytest.mark.parametrize("pair", [0.5, 1.0 - 1e-14])
+def test_information_near_the_smallest_numbers_gives_no_warning(pair: float) -> None:
+    """Of a regular and of a nearly singular matrix; warnings are errors in tests."""
+    scale = np.array([1e-155, 1e-155, 1.0])
+    unit = np.array([[1.0, pair, 0.0], [pair, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    value, inverse = log_determinant(unit * np.outer(scale, scale))
+    assert np.isfinite(value)
+    assert inverse[2, 2] == pytest.approx(1.0)

@@ -42,6 +42,7 @@ def criterion(name: Name, wanted: Array | None = None) -> Criterion:
     return lambda matrix: _of_some(matrix, wanted)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # the variance of a column that is nearly zero may be infinite
 def log_determinant(matrix: Array) -> tuple[float, Array]:
     """Log determinant and inverse of a symmetric positive definite matrix; eigenvalues lost in rounding count as the floor."""
     # With a unit diagonal the eigenvalues do not depend on units.
@@ -58,10 +59,7 @@ def log_determinant(matrix: Array) -> tuple[float, Array]:
     values = np.maximum(values, FLOOR * values[-1])
     scaled = vectors / scale[:, None]
     value = float(np.log(values).sum() + 2.0 * np.log(scale).sum())
-    with np.errstate(
-        over="ignore", invalid="ignore"
-    ):  # of a column that is nearly zero the variance may be infinite
-        return value, np.asarray((scaled / values) @ scaled.T)
+    return value, np.asarray((scaled / values) @ scaled.T)
 
 
 def _of_some(matrix: Array, wanted: Array) -> tuple[float, Array]:
