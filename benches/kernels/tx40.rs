@@ -6,7 +6,7 @@ use didim::closed_loop::observers::{Cost, Measured};
 use didim::closed_loop::reference::{Fourier, Reference};
 use didim::closed_loop::schedule::{Plan, Schedule};
 use didim::closed_loop::simulate::run_group;
-use didim::closed_loop::simulation::{Candidate, Outcome, Simulation};
+use didim::closed_loop::simulation::{Candidate, Integrator, Outcome, Simulation};
 use didim::ground::cancel::Cancel;
 use didim::model::inverse::inverse_dynamics;
 use didim::model::regressor::regressor;
@@ -143,6 +143,7 @@ impl ClosedLoop {
             start: None,
             memory: Memory::default(),
             divergence: 100.0,
+            integrator: Integrator::RungeKutta,
         };
         let measured =
             Measured { q: &self.zeros, tau: &self.zeros, weight_q: &[1.0; 6], weight_tau: &[0.0; 6] };

@@ -97,6 +97,7 @@ def closed_loop(
             external=external,
             divergence=settings.divergence,
             memory=memory,
+            integrator=settings.integrator,
         )
         if recording is not None:
             motion = measured_motion(recording, (start, stop), experiment.signal, loop.robot)

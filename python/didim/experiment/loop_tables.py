@@ -14,7 +14,7 @@ import numpy as np
 from .._tools.toml import Table
 from ..errors import DidimError, ExperimentError
 from ..log.units import POSITION, kind_of
-from ..loop.closed_loop import DIVERGENCE
+from ..loop.closed_loop import DIVERGENCE, INTEGRATORS
 from ..loop.controller import Controller, Digital
 from ..loop.memory import ControllerMemory
 from ..loop.reference import Reference
@@ -279,6 +279,7 @@ def read_simulation(table: Table, robot: Robot) -> SimulationSettings:
         start=table.text("start", None, choices=("measured", "reference")),
         smoothing=smoothing,
         controller_start=table.text("controller_start", None, choices=("log", "balance", "zero")),
+        integrator=table.text("integrator", "rk4", choices=INTEGRATORS),
     )
     if table.has("controller_state"):
         if settings.controller_start is not None:

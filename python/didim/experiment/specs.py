@@ -117,6 +117,8 @@ class SimulationSettings:
         "balance".
     controller_state : ControllerMemory or None
         The exact state at the beginning of the recording or of the run, in the place of `controller_start`.
+    integrator : {"rk4", "imex"}
+        Classical Runge-Kutta, or the method that takes steep friction implicitly.
     """
 
     step_s: float | None = None
@@ -128,6 +130,7 @@ class SimulationSettings:
     start: str | None = None
     controller_start: str | None = None
     controller_state: ControllerMemory | None = None
+    integrator: str = "rk4"
 
     def __post_init__(self) -> None:
         if self.start is not None:

@@ -1,6 +1,6 @@
 """The closed loop, simulated: one candidate or thousands at once.
 
-Classical Runge-Kutta in the core, candidates side by side in the lanes of vector registers and on all cores. Tested in
+Runge-Kutta in the core, candidates side by side in the lanes of vector registers and on all cores. Tested in
 ``tests/test_simulation.py``: order four, energy, power balance, a pendulum against its elliptic functions, the EMPS.
 """
 
@@ -87,6 +87,7 @@ def simulate(
     external: tuple[float, ArrayLike] | None = None,
     divergence: float = DIVERGENCE,
     memory: ControllerMemory = BALANCE,
+    integrator: str = "rk4",
     threads: int | None = None,
     check: bool | None = None,
 ) -> Simulation:
@@ -120,6 +121,9 @@ def simulate(
     memory : ControllerMemory
         State of the controller at time 0: integrators and outputs on their way. By default each candidate begins in static
         balance. An experiment begins with those of its log, where it has torques.
+    integrator : {"rk4", "imex"}
+        The classical Runge-Kutta method, or one of third order that takes the Coulomb friction implicitly, which is as stable with
+        any step; then `fine_step` is `step` by default.
     threads : int, optional
         All cores by default; the result has the same bits for any number.
     check : bool, optional
@@ -149,6 +153,7 @@ def simulate(
         external=external,
         divergence=divergence,
         memory=memory,
+        integrator=integrator,
     )
     candidates, single = candidate_matrix(robot, x)
     scale = _scale(gain_scale, len(candidates), robot.n_dof)

@@ -11,7 +11,7 @@ use didim::closed_loop::point_to_point::PointToPoint;
 use didim::closed_loop::reference::{Fourier, Reference as CoreReference, Target};
 use didim::closed_loop::schedule::{Plan, Schedule as CoreSchedule};
 use didim::closed_loop::simulation::SimulationError;
-use didim::closed_loop::simulation::{Candidate, Outcome, Simulation};
+use didim::closed_loop::simulation::{Candidate, Integrator, Outcome, Simulation};
 use didim::ground::cancel::Cancel;
 use didim::ground::parallel;
 use didim::robot::parameters::Layout;
@@ -216,6 +216,7 @@ pub(super) struct Setting<'py> {
     memory: MemoryInput,
     external: Option<SignalInput<'py>>,
     divergence: f64,
+    implicit_friction: bool,
 }
 
 /// How the integrators begin ("zero", "balance", "torque" or "integrators") with its numbers, outputs on their way, positions before.
@@ -394,6 +395,7 @@ fn with_simulation<T: Send>(
         start: setting.start.as_ref().map(|(q, dq)| (q.as_slice(), dq.as_slice())),
         memory: memory(&setting.memory)?,
         divergence: setting.divergence,
+        integrator: if setting.implicit_friction { Integrator::Additive } else { Integrator::RungeKutta },
     };
     // Only the thread that came from Python hears Ctrl-C; what it raises is kept for the way back.
     let caller = std::thread::current().id();

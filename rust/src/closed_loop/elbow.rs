@@ -1,6 +1,6 @@
 //! The simulation once more, for elbow arms as the TX40: a type in a file of its own, so that it is compiled beside the one for any arm.
 
-use crate::closed_loop::simulate::Run;
+use crate::closed_loop::kernels::Run;
 use crate::closed_loop::simulation::Outcome;
 use crate::ground::dispatch::Kernel;
 use crate::ground::lanes::Set;

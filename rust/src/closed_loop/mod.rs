@@ -1,8 +1,11 @@
 //! The closed loop, (4) with a controller that follows a reference.
 
+pub mod additive;
 pub mod control;
 mod elbow;
 pub mod groups;
+mod implicit;
+mod kernels;
 pub mod law;
 pub mod memory;
 pub mod observers;

@@ -1,11 +1,11 @@
-//! The closed loop, (4) with its controller and reference, by the classical Runge-Kutta method: one candidate or thousands.
+//! The closed loop, (4) with its controller and reference, by a Runge-Kutta method: one candidate or thousands.
 //!
 //! Candidates run side by side in the lanes of a register, and groups of lanes on several threads; none sees another, so
 //! the bits do not depend on either number. Tested in `rust/tests/closed_loop/`: order four,
 //! energy, power balance, a pendulum against its elliptic functions; and against the EMPS in the Python tests.
 
+use crate::closed_loop::additive::Additive;
 use crate::closed_loop::control::{Digital, Timing};
-use crate::closed_loop::elbow::OfElbow;
 use crate::closed_loop::law::{Instant, PlainLaws, law};
 use crate::closed_loop::memory::{Initial, aimed_at, first_torque, integrator_for};
 use crate::closed_loop::observers::{Observer, Record};
@@ -16,13 +16,16 @@ use crate::closed_loop::schedule::Segment;
 use crate::closed_loop::simulation::{Candidate, Outcome, Simulation};
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::cancel::Cancel;
-use crate::ground::dispatch::{Kernel, WIDEST, WIDTH, dispatch, dispatch_single, dispatch_widest};
-use crate::ground::lanes::{Lanes, Plain, Set};
+use crate::ground::dispatch::WIDEST;
+use crate::ground::lanes::{Lanes, Set};
 use crate::model::direct::Direct;
 use crate::model::friction::Drives;
 use crate::model::links::Links;
-use crate::robot::arm::{Arm, Elbow, Place, outwards};
+use crate::model::steep::Steep;
+use crate::robot::arm::{Arm, Place, outwards};
 use crate::robot::geometry::Geometry;
+
+pub use crate::closed_loop::kernels::{portable, run_as_any, run_group};
 
 /// How often, in segments, a run asks whether it shall stop.
 const PATIENCE: usize = 256;
@@ -31,94 +34,8 @@ const LONG: usize = 4096;
 /// Angle (rad) beyond which the sines of `lanes.rs` lose digits.
 const FARTHEST: f64 = 1e5;
 
-/// Runs up to [`WIDEST`] candidates on one thread, side by side as far as there are lanes; a single one by itself.
-pub fn run_group(
-    simulation: Simulation<'_>,
-    candidates: &[Candidate<'_>],
-    cancel: &Cancel<'_>,
-    observer: &mut dyn Observer,
-) -> Vec<Outcome> {
-    let geometry = Geometry::of(simulation.robot);
-    match geometry.known::<Elbow>() {
-        Some(geometry) => {
-            run_kernel(candidates.len(), OfElbow(Run { simulation, geometry, candidates, cancel, observer }))
-        }
-        None => run_as_any(simulation, candidates, cancel, observer),
-    }
-}
-
-/// As [`run_group`], by the kernel of any robot: an arm of a known shape has the same bits.
-pub fn run_as_any(
-    simulation: Simulation<'_>,
-    candidates: &[Candidate<'_>],
-    cancel: &Cancel<'_>,
-    observer: &mut dyn Observer,
-) -> Vec<Outcome> {
-    let geometry = Geometry::of(simulation.robot);
-    run_kernel(candidates.len(), Run { simulation, geometry, candidates, cancel, observer })
-}
-
-fn run_kernel(candidates: usize, kernel: impl Kernel<Output = Vec<Outcome>>) -> Vec<Outcome> {
-    match candidates {
-        0 => Vec::new(),
-        1 => dispatch_single(kernel),
-        2..=WIDTH => dispatch(kernel),
-        _ => dispatch_widest(kernel),
-    }
-}
-
-pub(super) struct Run<'a, S> {
-    simulation: Simulation<'a>,
-    geometry: Geometry<S>,
-    candidates: &'a [Candidate<'a>],
-    cancel: &'a Cancel<'a>,
-    observer: &'a mut dyn Observer,
-}
-
-impl<S: Arm> Kernel for Run<'_, S> {
-    type Output = Vec<Outcome>;
-
-    #[inline(always)]
-    fn run<V: Set>(self) -> Vec<Outcome> {
-        let Self { simulation, geometry, candidates, cancel, observer } = self;
-        if !V::FUSED {
-            return portable(simulation, candidates, cancel, observer);
-        }
-        by_lanes::<V, S>(simulation, &geometry, candidates, cancel, observer)
-    }
-}
-
-/// As [`run_group`], on processors without fused multiplications: one candidate after the other, because lanes gain nothing without
-/// vector registers and take long to compile.
-pub fn portable(
-    simulation: Simulation<'_>,
-    candidates: &[Candidate<'_>],
-    cancel: &Cancel<'_>,
-    observer: &mut dyn Observer,
-) -> Vec<Outcome> {
-    let geometry = Geometry::of(simulation.robot);
-    by_lanes::<Plain<1>, _>(simulation, &geometry, candidates, cancel, observer)
-}
-
-/// As many candidates at a time as there are lanes.
-#[inline(always)]
-fn by_lanes<V: Set, S: Arm>(
-    simulation: Simulation<'_>,
-    geometry: &Geometry<S>,
-    candidates: &[Candidate<'_>],
-    cancel: &Cancel<'_>,
-    observer: &mut dyn Observer,
-) -> Vec<Outcome> {
-    let mut outcomes = Vec::with_capacity(candidates.len());
-    for (index, some) in candidates.chunks(V::L).enumerate() {
-        let ended = Loop::<V, S>::new(simulation, geometry, some, index * V::L).run(cancel, &mut *observer);
-        outcomes.extend(&ended.as_ref()[..some.len()]);
-    }
-    outcomes
-}
-
 /// The state of a run, and its memory: nothing is allocated once it runs.
-struct Loop<'a, V: Set, S> {
+pub(super) struct Loop<'a, V: Set, S> {
     simulation: Simulation<'a>,
     geometry: Geometry<S>,
     drives: Drives<'a>,
@@ -148,7 +65,7 @@ struct Loop<'a, V: Set, S> {
 
 impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
     #[inline(always)]
-    fn new(
+    pub(super) fn new(
         simulation: Simulation<'a>,
         geometry: &Geometry<S>,
         candidates: &[Candidate<'_>],
@@ -249,7 +166,11 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
     /// The whole run. The stages of a step are a loop around the one place that evaluates the model: inlined four times and more
     /// it would take minutes to compile, and fill the cache of instructions.
     #[inline(always)]
-    fn run(mut self, cancel: &Cancel<'_>, observer: &mut dyn Observer) -> V::Of<Outcome> {
+    pub(super) fn run<const IMPLICIT: bool>(
+        mut self,
+        cancel: &Cancel<'_>,
+        observer: &mut dyn Observer,
+    ) -> V::Of<Outcome> {
         let schedule = self.simulation.schedule;
         let mut sampled = match self.simulation.controller.timing() {
             Timing::Continuous => None,
@@ -257,6 +178,9 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
         };
         // A local variable, not a field of `self`: the compiler then stores no unused value.
         let mut direct = Direct::new(&self.geometry);
+        // The compiler drops what is behind a constant that is false, and nothing less.
+        let mut additive =
+            if IMPLICIT { Some(Additive::new(Steep::of(self.simulation.robot, &self.links))) } else { None };
         // The last record needs one more evaluation: a segment without length, whose step ends after its first stage.
         let end = schedule.end();
         let last =
@@ -283,7 +207,12 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
                 }
                 let t = segment.start + step as f64 * segment.step;
                 for stage in 0..4 {
-                    self.evaluate(&mut direct, Stages::<V>::time(stage, t, segment.step), stage > 0);
+                    let time = if IMPLICIT {
+                        Additive::<V>::time(stage, t, segment.step)
+                    } else {
+                        Stages::<V>::time(stage, t, segment.step)
+                    };
+                    self.evaluate(&mut direct, time, stage > 0);
                     if stage == 0 && step == 0 && segment.record {
                         self.hand_over(records, &direct.ddq, observer);
                         records += 1;
@@ -291,11 +220,28 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
                     if segment.step == 0.0 {
                         break;
                     }
-                    self.stages.advance(self.geometry.n(), stage, segment.step, &direct.ddq, &self.dz);
+                    if IMPLICIT {
+                        self.advance_additive(additive.as_mut(), stage, segment.step, &direct);
+                    } else {
+                        self.stages.advance(self.geometry.n(), stage, segment.step, &direct.ddq, &self.dz);
+                    }
                 }
             }
         }
         self.outcomes
+    }
+
+    #[inline(always)]
+    fn advance_additive(
+        &mut self,
+        additive: Option<&mut Additive<'a, V>>,
+        stage: usize,
+        h: f64,
+        direct: &Direct<V>,
+    ) {
+        if let Some(additive) = additive {
+            additive.advance(self.geometry.n(), stage, h, direct, &self.dz, &mut self.stages.here);
+        }
     }
 
     /// Gives the observer where the run stands, with the torques and accelerations evaluated there.

@@ -4,6 +4,7 @@ use super::control::{ControlError, Controller, Signal, Timing, check_signal};
 use super::memory::{Initial, Memory};
 use super::reference::Reference;
 use super::schedule::Schedule;
+use crate::model::steep::unfit;
 use crate::robot::Robot;
 use crate::robot::parameters::Layout;
 use thiserror::Error;
@@ -21,12 +22,28 @@ pub enum SimulationError {
         /// Entries given.
         got: usize,
     },
+    /// Friction that the integrator does not take.
+    #[error("integrator \"imex\" is not for this robot: {0}")]
+    Integrator(&'static str),
+    /// Derivatives of another integrator.
+    #[error("exact derivatives are those of integrator \"rk4\"")]
+    Derivatives,
     /// A schedule made for another controller.
     #[error("the schedule was made for another controller: only one of them is digital")]
     Schedule,
     /// A signal that is none.
     #[error(transparent)]
     Signal(#[from] ControlError),
+}
+
+/// Method of the integration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Integrator {
+    /// The classical Runge-Kutta method ([`super::runge_kutta`]).
+    #[default]
+    RungeKutta,
+    /// A method that takes steep friction implicitly ([`super::additive`]).
+    Additive,
 }
 
 /// A closed loop to simulate; candidates differ only in their parameters and the scale of their gains.
@@ -48,6 +65,8 @@ pub struct Simulation<'a> {
     pub memory: Memory<'a>,
     /// Tracking error (rad or m) that counts as divergence.
     pub divergence: f64,
+    /// How it is integrated.
+    pub integrator: Integrator,
 }
 
 /// One candidate.
@@ -112,6 +131,11 @@ pub(crate) fn check(
     }
     if let Some(external) = simulation.external {
         check_signal("the external torque", external, n)?;
+    }
+    if simulation.integrator == Integrator::Additive
+        && let Some(reason) = unfit(simulation.robot)
+    {
+        return Err(SimulationError::Integrator(reason));
     }
     if simulation.controller.period().is_some() != simulation.schedule.segments().iter().any(|s| s.control) {
         return Err(SimulationError::Schedule);

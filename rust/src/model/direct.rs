@@ -16,8 +16,8 @@ use crate::model::inverse::link_wrenches;
 use crate::model::links::{Links, Lower};
 use crate::model::motion::State;
 use crate::robot::Robot;
-use crate::robot::arm::unrolled;
 use crate::robot::arm::{Arm, Place, inwards, outwards};
+use crate::robot::arm::{for_joints, unrolled};
 use crate::robot::geometry::{Frames, Geometry, Pose, Step};
 use crate::robot::parameters::Layout;
 
@@ -160,20 +160,37 @@ impl<V: Set> Direct<V> {
         self.ddq[j] = ddq;
     }
 
+    /// `M` of the state solved last, from its factors.
+    #[inline(always)]
+    pub fn inertia(&self, n: usize, matrix: &mut Lower<V>) {
+        for_joints!(k in n => {
+            matrix[k][k] = self.pivots[k];
+            for_joints!(j in n => if j < k {
+                let entry = self.factor[k][j] * self.pivots[k];
+                matrix[k][j] = entry;
+                for_joints!(i in n => if i <= j {
+                    matrix[j][i] = entry.mul_add(self.factor[k][i], matrix[j][i]);
+                });
+            });
+        });
+    }
+
     /// Accelerations that torques cause by themselves, at the state solved last.
+    #[inline(always)]
     pub fn respond(&self, n: usize, tau: &[Lanes<V>; MAX_DOF]) -> [Lanes<V>; MAX_DOF] {
         let mut ddq = *tau;
-        for j in (0..n).rev() {
-            for k in j + 1..n {
+        for_joints!(last in n => {
+            let k = n - 1 - last;
+            for_joints!(j in n => if j < k {
                 ddq[j] = self.factor[k][j].neg_mul_add(ddq[k], ddq[j]);
-            }
-        }
-        for j in 0..n {
+            });
+        });
+        for_joints!(j in n => {
             ddq[j] = ddq[j] * self.inverse_pivots[j];
-            for i in 0..j {
+            for_joints!(i in n => if i < j {
                 ddq[j] = self.factor[j][i].neg_mul_add(ddq[i], ddq[j]);
-            }
-        }
+            });
+        });
         ddq
     }
 }

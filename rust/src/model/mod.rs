@@ -9,4 +9,5 @@ pub mod inverse;
 pub mod links;
 pub mod motion;
 pub mod regressor;
+pub mod steep;
 pub mod walk;

@@ -19,7 +19,7 @@ use crate::closed_loop::runge_kutta::{Point, Stages};
 use crate::closed_loop::sampled::Sampled;
 use crate::closed_loop::schedule::Segment;
 use crate::closed_loop::simulation::SimulationError;
-use crate::closed_loop::simulation::{Candidate, Outcome, Simulation, check};
+use crate::closed_loop::simulation::{Candidate, Integrator, Outcome, Simulation, check};
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::cancel::Cancel;
 use crate::ground::lanes::{Lanes, Plain};
@@ -49,6 +49,9 @@ pub fn sensitivities(
     cancel: &Cancel<'_>,
 ) -> Result<(Outcome, Vec<Trajectory>), SimulationError> {
     check(&simulation, &[candidate])?;
+    if simulation.integrator != Integrator::RungeKutta {
+        return Err(SimulationError::Derivatives);
+    }
     let count = Layout::of(simulation.robot).count();
     for direction in directions {
         if direction.len() != count {

@@ -8,7 +8,7 @@ use didim::closed_loop::observers::{Trajectories, Trajectory};
 use didim::closed_loop::point_to_point::PointToPoint;
 use didim::closed_loop::reference::{Reference, Target};
 use didim::closed_loop::schedule::{Plan, Schedule};
-use didim::closed_loop::simulation::{Candidate, Simulation};
+use didim::closed_loop::simulation::{Candidate, Integrator, Simulation};
 use didim::ground::cancel::Cancel;
 
 fn slide(controller: &Controller, reference: &Reference, records: usize, start: f64) -> Trajectory {
@@ -32,6 +32,7 @@ fn slide(controller: &Controller, reference: &Reference, records: usize, start: 
         start: Some((&[start], &[0.0])),
         memory: Memory::default(),
         divergence: 1e3,
+        integrator: Integrator::RungeKutta,
     };
     run(simulation, &[x], 1).1.remove(0)
 }

@@ -1,3 +1,4 @@
+mod additive;
 mod control;
 mod laws;
 mod memory;

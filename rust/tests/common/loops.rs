@@ -6,7 +6,7 @@ use didim::closed_loop::memory::Memory;
 use didim::closed_loop::observers::{Trajectories, Trajectory};
 use didim::closed_loop::reference::{Fourier, Reference};
 use didim::closed_loop::schedule::{Plan, Schedule};
-use didim::closed_loop::simulation::{Candidate, Outcome, Simulation};
+use didim::closed_loop::simulation::{Candidate, Integrator, Outcome, Simulation};
 use didim::ground::cancel::Cancel;
 use didim::robot::parameters::Layout;
 use didim::robot::{Friction, Joint, JointKind, Robot};
@@ -106,6 +106,7 @@ pub fn whole<'a>(
         start: None,
         memory: Memory::default(),
         divergence: 100.0,
+        integrator: Integrator::RungeKutta,
     }
 }
 

@@ -213,7 +213,15 @@ class OutputError:
         for window in self.windows:
             loop = window.loop
             law = loop.controller
-            numbers = (loop.rate_hz, loop.n_records, loop.steps, loop.start, loop.divergence, law.digital)
+            numbers = (
+                loop.rate_hz,
+                loop.n_records,
+                loop.steps,
+                loop.start,
+                loop.divergence,
+                loop.integrator,
+                law.digital,
+            )
             digest.update(repr((*numbers, loop.memory.core)).encode())
             motion = loop.reference.at(loop.t)
             signals = [part for part in (loop.external, law.feedforward) if part is not None]

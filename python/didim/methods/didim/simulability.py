@@ -133,6 +133,9 @@ def chosen_steps(slow: float, fast: Array, settings: SimulationSettings) -> tupl
         return float(step if step == cap else 2.0 ** (np.floor(4.0 * np.log2(step)) / 4.0))
 
     coarse = below(STEP if settings.step_s is None else settings.step_s, slow)
-    fine = FINE_STEP if settings.fine_step_s is None else settings.fine_step_s
+    if settings.integrator == "imex":  # Coulomb friction asks for no step
+        fast = np.full(fast.shape, slow)
+    default = coarse if settings.integrator == "imex" else FINE_STEP
+    fine = default if settings.fine_step_s is None else settings.fine_step_s
     caps = np.broadcast_to(np.asarray(fine, dtype=np.float64), fast.shape)
     return coarse, tuple(below(min(float(cap), coarse), rate) for cap, rate in zip(caps, fast, strict=True))

@@ -1,0 +1,238 @@
+//! An additive Runge-Kutta method of third order that takes the steep part of friction implicitly: ARK3(2)4L[2]SA of Kennedy and
+//! Carpenter (2003, Applied Numerical Mathematics 44, 139-181), four evaluations of the model a step as the classical method.
+//!
+//! With `M` the inertia matrix at the start of a step, the accelerations `a` are split into `-M^-1 F(dq)`, `F` the Coulomb friction
+//! of joints and coupled motors, and the rest. The order holds for any such split; what is steep at reversals is in the first
+//! part, whose method is L-stable. A stage of it solves `M (dq - dq*) + h g F(dq) = 0`: the minimum of a convex function, found
+//! by Newton's method with secant steps where that goes too far. Everything else, the model included, is evaluated as
+//! [`super::runge_kutta`] does. Tested in `rust/tests/closed_loop/additive.rs`: order three, and reversals in steps that the
+//! classical method cannot take.
+
+use super::runge_kutta::{PerJoint, Point};
+use crate::ground::arrays::MAX_DOF;
+use crate::ground::lanes::{Lanes, Set};
+use crate::model::direct::Direct;
+use crate::model::links::Lower;
+use crate::model::steep::Steep;
+use crate::robot::arm::for_joints;
+
+/// `g`, the diagonal of the implicit method.
+const DIAGONAL: f64 = 1_767_732_205_903.0 / 4_055_673_282_236.0;
+/// The implicit method; the last row weighs both.
+const IMPLICIT: [[f64; 4]; 4] = [
+    [0.0; 4],
+    [DIAGONAL, DIAGONAL, 0.0, 0.0],
+    [2_746_238_789_719.0 / 10_658_868_560_708.0, -640_167_445_237.0 / 6_845_629_431_997.0, DIAGONAL, 0.0],
+    [
+        1_471_266_399_579.0 / 7_840_856_788_654.0,
+        -4_482_444_167_858.0 / 7_529_755_066_697.0,
+        11_266_239_266_428.0 / 11_593_286_722_821.0,
+        DIAGONAL,
+    ],
+];
+/// The explicit method.
+const EXPLICIT: [[f64; 3]; 4] = [
+    [0.0; 3],
+    [1_767_732_205_903.0 / 2_027_836_641_118.0, 0.0, 0.0],
+    [5_535_828_885_825.0 / 10_492_691_773_637.0, 788_022_342_437.0 / 10_882_634_858_940.0, 0.0],
+    [
+        6_485_989_280_629.0 / 16_251_701_735_622.0,
+        -4_246_266_847_089.0 / 9_704_473_918_619.0,
+        10_755_448_449_292.0 / 10_357_097_424_841.0,
+    ],
+];
+/// Times of the stages.
+const NODES: [f64; 4] = [0.0, 1_767_732_205_903.0 / 2_027_836_641_118.0, 0.6, 1.0];
+/// A Newton step below this share of the smoothing velocity is the last; what is left is its square.
+const SMALL: f64 = 1e-4;
+/// What is left of the accelerations, as a share of the smoothing velocities, counts as nothing below this.
+const NOTHING: f64 = 1e-9;
+/// Most steps of a stage: beyond, the numbers mean nothing.
+const MOST: usize = 60;
+
+/// One step.
+#[derive(Debug, Clone, Copy)]
+pub struct Additive<'a, V: Set> {
+    start: Point<V>,
+    /// Velocities of the stages.
+    speed: [PerJoint<V>; 4],
+    /// Their accelerations, and the part of steep friction in them.
+    whole: [PerJoint<V>; 4],
+    steep: [PerJoint<V>; 4],
+    growth: [PerJoint<V>; 4],
+    /// `M` at the start of the step.
+    inertia: Lower<V>,
+    /// Memory for the matrix of a Newton step.
+    matrix: Lower<V>,
+    friction: Steep<'a, V>,
+    /// 1 in lanes whose `M` was positive definite there.
+    sound: Lanes<V>,
+}
+
+impl<'a, V: Set> Additive<'a, V> {
+    /// Before the first step of these candidates.
+    #[inline(always)]
+    pub fn new(friction: Steep<'a, V>) -> Self {
+        let zero = [Lanes::zero(); MAX_DOF];
+        let point = Point { q: zero, dq: zero, z: zero };
+        Self {
+            start: point,
+            speed: [zero; 4],
+            whole: [zero; 4],
+            steep: [zero; 4],
+            growth: [zero; 4],
+            inertia: [zero; MAX_DOF],
+            matrix: [zero; MAX_DOF],
+            friction,
+            sound: Lanes::zero(),
+        }
+    }
+
+    /// Time of a stage; those at the ends lie just inside the step, as those of [`super::runge_kutta::Stages::time`].
+    #[inline(always)]
+    pub fn time(stage: usize, t: f64, h: f64) -> f64 {
+        t + h * [1e-9, NODES[1], NODES[2], 1.0 - 1e-9][stage]
+    }
+
+    /// Takes the derivatives at a stage and moves on to the next, or to the end of the step. `direct` has solved the state `here`.
+    #[inline(always)]
+    pub fn advance(
+        &mut self,
+        n: usize,
+        stage: usize,
+        h: f64,
+        direct: &Direct<V>,
+        dz: &PerJoint<V>,
+        here: &mut Point<V>,
+    ) {
+        if stage == 0 {
+            self.start = *here;
+            direct.inertia(n, &mut self.inertia);
+            let mut smallest = direct.pivots[0];
+            for pivot in &direct.pivots[1..n] {
+                smallest = smallest.min(*pivot);
+            }
+            self.sound = Lanes::splat(1.0).where_above(smallest, Lanes::zero());
+            let mut torque = [Lanes::zero(); MAX_DOF];
+            self.friction.add(n, 1.0, &here.dq, &mut torque, &mut self.matrix);
+            let steep = direct.respond(n, &torque);
+            for_joints!(j in n => self.steep[0][j] = -steep[j]);
+        }
+        (self.speed[stage], self.whole[stage], self.growth[stage]) = (here.dq, direct.ddq, *dz);
+        if stage == 3 {
+            let weights = IMPLICIT[3].map(|weight| Lanes::splat(h * weight));
+            let Self { start, speed, whole, growth, .. } = self;
+            for_joints!(j in n => {
+                (here.q[j], here.dq[j], here.z[j]) = (start.q[j], start.dq[j], start.z[j]);
+                for (l, &weight) in weights.iter().enumerate() {
+                    here.q[j] = weight.mul_add(speed[l][j], here.q[j]);
+                    here.dq[j] = weight.mul_add(whole[l][j], here.dq[j]);
+                    here.z[j] = weight.mul_add(growth[l][j], here.z[j]);
+                }
+            });
+            return;
+        }
+        let next = stage + 1;
+        let mut without = [Lanes::zero(); MAX_DOF];
+        let mut guess = without;
+        let way = Lanes::splat(h * DIAGONAL);
+        let Self { start, speed, whole, steep, growth, .. } = self;
+        for_joints!(j in n => {
+            (here.q[j], without[j], here.z[j]) = (start.q[j], start.dq[j], start.z[j]);
+            for l in 0..next {
+                let explicit = Lanes::splat(h * EXPLICIT[next][l]);
+                let more = Lanes::splat(h * (IMPLICIT[next][l] - EXPLICIT[next][l]));
+                here.q[j] = explicit.mul_add(speed[l][j], here.q[j]);
+                here.z[j] = explicit.mul_add(growth[l][j], here.z[j]);
+                without[j] = more.mul_add(steep[l][j], explicit.mul_add(whole[l][j], without[j]));
+            }
+            // Friction as it was: right to the bit where the robot slides on.
+            guess[j] = way.mul_add(steep[stage][j], without[j]);
+        });
+        here.dq = self.slowed(n, h * DIAGONAL, &without, guess);
+        let per_way = Lanes::splat(1.0 / (h * DIAGONAL));
+        for_joints!(j in n => self.steep[next][j] = (here.dq[j] - without[j]) * per_way);
+    }
+}
+
+impl<V: Set> Additive<'_, V> {
+    /// Velocities `dq` with `M (dq - dq*) + w F(dq) = 0`, from `dq*` and a guess. A lane that has found them waits for the others.
+    #[inline(always)]
+    fn slowed(&mut self, n: usize, w: f64, without: &PerJoint<V>, guess: PerJoint<V>) -> PerJoint<V> {
+        let zero = [Lanes::zero(); MAX_DOF];
+        let (nothing, one) = (Lanes::zero(), Lanes::splat(1.0));
+        let mut here = guess;
+        // The last step: where from, which way, its share, and the slope at its start along it, which is negative.
+        let (mut from, mut way, mut share, mut slope) = (guess, zero, nothing, nothing);
+        // 1 where a lane still moves.
+        let mut moves = self.sound;
+        for _ in 0..MOST {
+            let Self { inertia, matrix, friction, .. } = self;
+            let (mut rest, mut apart) = (zero, zero);
+            for_joints!(j in n => apart[j] = here[j] - without[j]);
+            for_joints!(j in n => for_joints!(k in n => {
+                rest[j] = inertia[j.max(k)][j.min(k)].mul_add(apart[k], rest[j]);
+                if k <= j {
+                    matrix[j][k] = inertia[j][k];
+                }
+            }));
+            friction.add(n, w, &here, &mut rest, matrix);
+            let mut beyond = -one;
+            for_joints!(j in n => {
+                let size = rest[j].scale(friction.steepness[j]).abs();
+                beyond = inertia[j][j].neg_mul_add(Lanes::splat(NOTHING), size).max(beyond);
+            });
+            moves = moves.where_above(beyond, nothing);
+            if (one - moves).all_above(0.5) {
+                break;
+            }
+            let mut along = nothing;
+            for_joints!(j in n => along = rest[j].mul_add(way[j], along));
+            // Beyond the minimum along the last way, and half as steep as at its start: back to where the secant vanishes.
+            let retreats = one.where_above(along + slope.scale(0.5), nothing);
+            let back = share * slope / (slope - along);
+            let step = solve(n, matrix, &rest);
+            let mut slope_here = nothing;
+            for_joints!(j in n => slope_here = rest[j].mul_add(step[j], slope_here));
+            share = back.or_where_not_above(one, retreats);
+            slope = slope.or_where_not_above(slope_here, retreats);
+            let mut large = nothing;
+            for_joints!(j in n => {
+                from[j] = from[j].or_where_not_above(here[j], retreats);
+                way[j] = way[j].or_where_not_above(step[j], retreats);
+                here[j] = share.mul_add(way[j], from[j]).or_where_not_above(here[j], moves);
+                large = step[j].scale(friction.steepness[j]).abs().max(large);
+            });
+            // It moves on where it went back, or where the step was large.
+            moves = one.where_above(large, Lanes::splat(SMALL)).max(retreats).where_above(moves, nothing);
+            if (one - moves).all_above(0.5) {
+                break;
+            }
+        }
+        here
+    }
+}
+
+/// `-W^-1 r` by `W = L' D L`, which takes the place of `W`.
+#[inline(always)]
+fn solve<V: Set>(n: usize, w: &mut Lower<V>, r: &PerJoint<V>) -> PerJoint<V> {
+    let mut y = [Lanes::zero(); MAX_DOF];
+    for_joints!(j in n => y[j] = -r[j]);
+    for_joints!(last in n => {
+        let k = n - 1 - last;
+        let inverse = Lanes::splat(1.0) / w[k][k];
+        for_joints!(j in n => if j < k {
+            let factor = w[k][j] * inverse;
+            for_joints!(i in n => if i <= j {
+                w[j][i] = factor.neg_mul_add(w[k][i], w[j][i]);
+            });
+            y[j] = factor.neg_mul_add(y[k], y[j]);
+            w[j][k] = factor; // in the upper half, which is free
+        });
+        y[k] = y[k] * inverse;
+    });
+    for_joints!(j in n => for_joints!(i in n => if i < j {
+        y[j] = w[i][j].neg_mul_add(y[i], y[j]);
+    }));
+    y
+}

@@ -1,0 +1,112 @@
+//! The steep part of friction: Coulomb friction of joints and coupled motors as `tanh`, whose slope at reversals is `Fc / v`.
+//!
+//! It is the gradient of a convex function of the velocities: coefficients that are negative, which no robot has, count as zero.
+//! Of friction that falls with speed (Stribeck) the level at rest belongs to it, so that what is left of friction is not steep.
+//! Tested in `rust/tests/closed_loop/additive.rs`.
+
+use super::links::{Links, Lower};
+use crate::ground::arrays::MAX_DOF;
+use crate::ground::lanes::{Lanes, Set};
+use crate::robot::arm::for_joints;
+use crate::robot::friction_terms::Law;
+use crate::robot::{CoupledMotor, Coupling, Robot};
+
+/// One number per joint, on lanes.
+type PerJoint<V> = [Lanes<V>; MAX_DOF];
+
+/// Coulomb friction of candidates.
+#[derive(Debug, Clone, Copy)]
+pub struct Steep<'a, V: Set> {
+    /// Coefficients of the joints (N.m or N), forwards and backwards.
+    forward: PerJoint<V>,
+    backward: PerJoint<V>,
+    /// Reciprocals of the smoothing velocities.
+    pub steepness: [f64; MAX_DOF],
+    coupled: &'a [CoupledMotor],
+    /// Coefficients of the coupled motors.
+    shafts: PerJoint<V>,
+}
+
+/// Why a robot's friction has no such part, or another one than [`Steep`] takes; None where it has it.
+pub fn unfit(robot: &Robot) -> Option<&'static str> {
+    let friction = robot.friction();
+    if friction.smoothing.iter().any(|&velocity| velocity <= 0.0) {
+        return Some("it needs friction as tanh at every joint");
+    }
+    if friction.dead_zone.iter().any(|&zone| zone > 0.0) {
+        return Some("it takes no dead zone of friction");
+    }
+    if friction.has_load() {
+        return Some("it takes no friction that depends on the load");
+    }
+    if friction.coupling == Coupling::Printed && !robot.coupled().is_empty() {
+        return Some(
+            "it takes coupled motors that rub with the speed of their shafts alone (coupling = \"shaft\")",
+        );
+    }
+    None
+}
+
+impl<'a, V: Set> Steep<'a, V> {
+    /// Of a robot that is not [`unfit`], with the parameters of `links`.
+    #[inline(always)]
+    pub fn of(robot: &'a Robot, links: &Links<V>) -> Self {
+        let nothing = Lanes::zero();
+        let friction = robot.friction();
+        let [_, first, _, second] = &links.friction;
+        let (mut forward, mut backward) = (*first, if friction.asymmetric { *second } else { *first });
+        for (term, &parameter) in friction.terms.iter().zip(&links.terms) {
+            if let Law::Stribeck { .. } = term.law {
+                forward[term.joint] += parameter;
+                backward[term.joint] += parameter;
+            }
+        }
+        let mut shafts = [nothing; MAX_DOF];
+        for (index, coupled) in robot.coupled().iter().enumerate() {
+            // The motor rubs with the speed of its shaft in the place of that of its joint.
+            let coefficient = links.coupled[index][1].max(nothing);
+            shafts[index] = coefficient;
+            forward[coupled.motor] -= coefficient;
+            backward[coupled.motor] -= coefficient;
+        }
+        let mut steepness = [0.0; MAX_DOF];
+        for (j, velocity) in friction.smoothing.iter().enumerate() {
+            steepness[j] = 1.0 / velocity;
+            (forward[j], backward[j]) = (forward[j].max(nothing), backward[j].max(nothing));
+        }
+        Self { forward, backward, steepness, coupled: robot.coupled(), shafts }
+    }
+
+    /// Adds `w` times the torques at speeds `dq` to `tau`, and their slopes to `matrix`.
+    #[inline(always)]
+    pub fn add(&self, n: usize, w: f64, dq: &PerJoint<V>, tau: &mut PerJoint<V>, matrix: &mut Lower<V>) {
+        let one = Lanes::splat(1.0);
+        for_joints!(j in n => {
+            let s = dq[j].scale(self.steepness[j]).tanh();
+            let coefficient = self.forward[j].or_where_not_above(self.backward[j], s).scale(w);
+            tau[j] = coefficient.mul_add(s, tau[j]);
+            let slope = coefficient.scale(self.steepness[j]);
+            matrix[j][j] = slope.mul_add(s.neg_mul_add(s, one), matrix[j][j]);
+        });
+        for (coupled, &coefficient) in self.coupled.iter().zip(&self.shafts) {
+            let m = coupled.motor;
+            let mut speed = dq[m];
+            for &(i, c) in &coupled.others {
+                speed = dq[i].mul_add(Lanes::splat(c), speed);
+            }
+            let s = speed.scale(self.steepness[m]).tanh();
+            let coefficient = coefficient.scale(w);
+            let slope = coefficient.scale(self.steepness[m]) * s.neg_mul_add(s, one);
+            tau[m] = coefficient.mul_add(s, tau[m]);
+            matrix[m][m] += slope;
+            for (k, &(i, c)) in coupled.others.iter().enumerate() {
+                tau[i] = coefficient.scale(c).mul_add(s, tau[i]);
+                matrix[i][i] += slope.scale(c * c);
+                matrix[m.max(i)][m.min(i)] += slope.scale(c);
+                for &(other, factor) in &coupled.others[..k] {
+                    matrix[other.max(i)][other.min(i)] += slope.scale(c * factor);
+                }
+            }
+        }
+    }
+}
