@@ -7,13 +7,16 @@ from dataclasses import dataclass
 
 from .against_mujoco import MANY as MUJOCO_MANY
 from .against_scipy import COLUMNS, ITERATIONS, SIZES
-from .ours import CACHED, LANES, MANY
+from .ours import CACHED, LANES, MANY, WHOLE_MANY, WHOLE_STEPS
+from .task import STEPS
 from .timing import Figures
 
 SINGLE = "RK4 step and candidate, 1 candidate, 1 thread"
 IN_LANES = f"RK4 step and candidate, {LANES} candidates, 1 thread"
 BATCH = f"RK4 step and candidate, {MANY} candidates, 1 thread"
 BATCH_TWO = f"RK4 step and candidate, {MANY} candidates, 2 threads"
+WHOLE = f"RK4 step and candidate, {WHOLE_MANY} candidates of {WHOLE_STEPS} steps, 1 thread"
+WHOLE_TWO = f"RK4 step and candidate, {WHOLE_MANY} candidates of {WHOLE_STEPS} steps, 2 threads"
 ABA, RNEA = "Pinocchio abaInParallel, 1 thread", "Pinocchio rneaInParallel, 1 thread"
 REGRESSOR = "Pinocchio computeJointTorqueRegressor, called from Python"
 CASADI = "CasADi's C, forward dynamics"
@@ -75,7 +78,8 @@ GOALS = (
     Goal("MuJoCo's RK4 step / ours, one simulation", SINGLE, _mujoco(1) + "1 thread", wanted=5.0),
     Goal("MuJoCo's RK4 step / ours, batches, one core", BATCH, _mujoco(MUJOCO_MANY) + "1 thread"),
     Goal("MuJoCo's RK4 step / ours, batches, two threads", BATCH_TWO, _mujoco(MUJOCO_MANY) + "2 threads"),
-    Goal("one thread / two threads, RK4 batch", BATCH_TWO, BATCH),
+    Goal(f"one thread / two threads, RK4 batch of {STEPS} steps", BATCH_TWO, BATCH),
+    Goal(f"one thread / two threads, RK4 batch of {WHOLE_STEPS} steps", WHOLE_TWO, WHOLE, wanted=1.9),
     Goal("regressor in the cache", f"regressor, {CACHED} samples a call", REGRESSOR, wanted=15.0),
     Goal("rneaInParallel / inverse_dynamics", "inverse_dynamics", RNEA, wanted=5.0),
     Goal("abaInParallel / direct_dynamics", "direct_dynamics", ABA),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import didim
+from didim.loop.closed_loop import ClosedLoop
 
 from .task import SAMPLES, STEPS, Task
 from .timing import Contestant, per_unit
@@ -19,6 +20,8 @@ CACHED = 64
 LANES = 4
 MANY = 16
 """Candidates of a batch."""
+WHOLE_STEPS, WHOLE_MANY = 4000, 64
+"""Steps and candidates of a batch as CLOE has them: the motion of a log, and a direction for each parameter."""
 
 
 def contestants(task: Task, rounds: int) -> list[Contestant]:
@@ -43,7 +46,11 @@ def contestants(task: Task, rounds: int) -> list[Contestant]:
     }
     for candidates, threads in ((1, 1), (LANES, 1), (MANY, 1), (MANY, 2)):
         name = f"RK4 step and candidate, {_count(candidates, 'candidate')}, {_count(threads, 'thread')}"
-        runs[name] = (_costs(task, candidates, threads), STEPS * candidates)
+        runs[name] = (_costs(task, task.loop, candidates, threads), STEPS * candidates)
+    whole = task.longer(WHOLE_STEPS)
+    for threads in (1, 2):
+        name = f"RK4 step and candidate, {WHOLE_MANY} candidates of {WHOLE_STEPS} steps, {_count(threads, 'thread')}"
+        runs[name] = (_costs(task, whole, WHOLE_MANY, threads), WHOLE_STEPS * WHOLE_MANY)
     return [
         Contestant(name=name, measure=per_unit(run, units), unit="us", rounds=rounds)
         for name, (run, units) in runs.items()
@@ -55,14 +62,14 @@ def _repeat(run: Callable[[], object]) -> None:
         run()
 
 
-def _costs(task: Task, candidates: int, threads: int) -> Callable[[], None]:
+def _costs(task: Task, loop: ClosedLoop, candidates: int, threads: int) -> Callable[[], None]:
     """Return simulations of the closed loop that leave a cost each."""
     xs, one = np.tile(task.x, (candidates, 1)), np.ones(6)
-    target = task.loop.reference.at(task.loop.t)[0]
+    target = loop.reference.at(loop.t)[0]
     torque = np.zeros_like(target)
 
     def run() -> None:
-        found, _ = task.loop.costs(xs, target, torque, weight_q=one, weight_tau=one, threads=threads)
+        found, _ = loop.costs(xs, target, torque, weight_q=one, weight_tau=one, threads=threads)
         if not np.isfinite(found).all():
             raise SystemExit("the closed loop did not run to its end")
 

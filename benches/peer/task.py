@@ -69,6 +69,11 @@ class Task:
         """Inertia of the rotors, joint side (kg.m^2), (6,)."""
         return self.free[[self.plain.parameter_names.index(f"Ia{j + 1}") for j in range(6)]]
 
+    def longer(self, steps: int) -> ClosedLoop:
+        """The same closed loop for more steps."""
+        loop = self.loop
+        return _loop(loop.robot, loop.reference, loop.controller, steps)
+
     def check(self, program: str, what: str, theirs: Array, ours: Array, tolerance: float = 1e-9) -> None:
         """Raise `DisagreementError` unless both are equal, relative to the largest value."""
         error = float(np.abs(theirs - ours).max() / np.abs(ours).max())
@@ -97,18 +102,23 @@ def tx40() -> Task:
         seed=1,
     )
     controller = didim.Controller.tuned(NATURAL_HZ, DAMPING, mean_inertia(robot, x, reference))
+    loop = _loop(robot, reference, controller, STEPS)
+    return Task(robot, x, plain, free, q, dq, ddq, didim.inverse_dynamics(robot, q, dq, ddq, x), loop)
+
+
+def _loop(robot: Robot, reference: didim.Reference, controller: didim.Controller, steps: int) -> ClosedLoop:
     loop = ClosedLoop.of(
         robot,
         reference,
         controller,
         rate_hz=1.0 / STEP_S,
-        duration_s=STEPS * STEP_S,
+        duration_s=steps * STEP_S,
         step=STEP_S,
         fine_step=STEP_S,
     )
-    if loop.schedule.steps != STEPS:
-        raise SystemExit(f"the closed loop takes {loop.schedule.steps} steps, {STEPS} were meant")
-    return Task(robot, x, plain, free, q, dq, ddq, didim.inverse_dynamics(robot, q, dq, ddq, x), loop)
+    if loop.schedule.steps != steps:
+        raise SystemExit(f"the closed loop takes {loop.schedule.steps} steps, {steps} were meant")
+    return loop
 
 
 def bodies(task: Task) -> list[tuple[float, Array, Array]]:
