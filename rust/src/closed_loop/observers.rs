@@ -101,12 +101,15 @@ impl<'a> Cost<'a> {
 impl Observer for Cost<'_> {
     fn record(&mut self, k: usize, record: &Record<'_>) {
         let Measured { q, tau, weight_q, weight_tau } = self.measured;
-        for j in 0..self.n {
-            let (at, lanes) = (k * self.n + j, j * record.lanes..(j + 1) * record.lanes);
-            let rows = record.q[lanes.clone()].iter().zip(&record.tau[lanes]);
-            for (sum, (of_q, of_tau)) in self.sums.iter_mut().skip(record.first).zip(rows) {
-                let (e, f) = (of_q - q[at], of_tau - tau[at]);
-                *sum += weight_q[j] * e * e + weight_tau[j] * f * f;
+        let here = k * self.n..(k + 1) * self.n;
+        let (lanes, sums) = (record.lanes, &mut self.sums[record.first..record.first + record.lanes]);
+        let simulated = record.q.chunks_exact(lanes).zip(record.tau.chunks_exact(lanes));
+        let measured = q[here.clone()].iter().zip(&tau[here]);
+        let weights = weight_q.iter().zip(weight_tau);
+        for (((of_q, of_tau), (q, tau)), (weight_q, weight_tau)) in simulated.zip(measured).zip(weights) {
+            for (sum, (of_q, of_tau)) in sums.iter_mut().zip(of_q.iter().zip(of_tau)) {
+                let (e, f) = (of_q - q, of_tau - tau);
+                *sum += weight_q * e * e + weight_tau * f * f;
             }
         }
     }
