@@ -16,14 +16,12 @@ from peer.task import tx40
 
 import didim
 from didim.loop.closed_loop import ClosedLoop
-from didim.loop.tuning import mean_inertia
 
 NOISE = 1e-6 * np.array([1.0, 1.0, 2.0, 2.0, 2.0, 3.0])
 """Encoder noise of each joint (rad)."""
 FINE_S = np.array([5e-4, 5e-4, 2.5e-4, 2e-4, 2e-4, 1.25e-4])
 """Fine steps of each joint for a smoothing of 0.01 rad/s, those of the packaged TX40."""
 CANDIDATES = 8
-NATURAL_HZ = (20.0, 20.0, 25.0, 35.0, 35.0, 50.0)
 
 
 def main() -> None:
@@ -40,21 +38,12 @@ def rows(smoothing: float, seconds: float) -> None:
     """Print the rows of a smoothing (rad/s)."""
     task = tx40()
     robot = task.robot.with_smoothing([smoothing] * 6)
-    reference = didim.Reference.random_fourier(
-        harmonics=20,
-        period_s=10.0,
-        max_position=[2.6, 1.8, 2.0, 3.5, 1.9, 4.0],
-        max_velocity=[4.5, 4.5, 6.5, 6.5, 5.0, 10.0],
-        max_acceleration=[25.0, 25.0, 35.0, 60.0, 60.0, 90.0],
-        seed=1,
-    )
-    controller = didim.Controller.tuned(NATURAL_HZ, 0.7, mean_inertia(robot, task.x, reference))
 
     def loop(**settings: object) -> ClosedLoop:
         return ClosedLoop.of(
             robot,
-            reference,
-            controller,
+            task.loop.reference,
+            task.loop.controller,
             rate_hz=1000,
             duration_s=seconds,
             **settings,  # type: ignore[arg-type]

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 import didim._core as _core
 
 from .._tools.arrays import Array, real_array
-from .._tools.settings import whole
+from .._tools.settings import one_of, whole
 from .._tools.threads import core_threads
 from ..errors import SimulationError
 from ..robot.robot import Robot
@@ -159,10 +159,7 @@ class ClosedLoop:
             )
         if not divergence > 0.0:
             raise SimulationError(f"divergence must be positive, got {divergence}")
-        if integrator not in INTEGRATORS:
-            raise SimulationError(
-                f"integrator must be {' or '.join(map(repr, INTEGRATORS))}, got {integrator!r}"
-            )
+        one_of("integrator", integrator, INTEGRATORS, SimulationError)
         if integrator == "imex":
             _check_friction(robot)
         records = int(np.floor(duration * rate * (1.0 + 1e-12) + 1e-9)) + 1

@@ -1,4 +1,4 @@
-"""A rougher look at a hypothesis, which costs a fiftieth of the columns of a fit. Tested in ``tests/test_verdict_rows.py``.
+"""A rougher look at a hypothesis, which costs a small part of the columns of a fit. Tested in ``tests/test_verdict_rows.py``.
 
 Links and rotors are formed along the decimated motion, and friction, which jumps at reversals, is that of the fit:
 
@@ -40,6 +40,8 @@ class Screen:
     ----------
     declared : (n_dof, n_rows, m) array
         Columns of the declared robot.
+    friction, smooth : (n_dof, n_rows, k) arrays
+        Its columns of friction, decimated, and along the decimated motion.
     """
 
     def __init__(self, robot: Robot, motion: Sequence[Array], exact: Array) -> None:
@@ -49,7 +51,9 @@ class Screen:
         # Friction that base parameters have taken up is smooth: an offset beside a weight.
         self.places = [place for place in friction_places(robot) if place in base]
         self.friction = exact[:, :, [base.index(place) for place in self.places]]
-        self.declared = self.of_robot(robot)
+        self.declared = _columns(robot, self.motion)
+        self.smooth = self.declared[:, :, self.places]
+        self.declared[:, :, self.places] = self.friction
 
     def of_robot(self, robot: Robot) -> Array:
         """Return the columns of another robot along the same motion, (n_dof, n_rows, m).
@@ -65,10 +69,9 @@ class Screen:
 
     def of_motion(self, position: Array) -> Array:
         """Return the columns for positions ``A q``, A (n_dof, n_dof); friction keeps its values or turns its sign."""
-        before = _columns(self.robot, self.motion)[:, :, self.places]
         w = _columns(self.robot, [np.ascontiguousarray(values @ position.T) for values in self.motion])
         after = w[:, :, self.places]
-        even, odd = (np.all(after == sign * before, axis=(0, 1)) for sign in (1.0, -1.0))
+        even, odd = (np.all(after == sign * self.smooth, axis=(0, 1)) for sign in (1.0, -1.0))
         w[:, :, self.places] = np.where(even, self.friction, np.where(odd, -self.friction, after))
         return w
 
