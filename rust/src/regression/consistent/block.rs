@@ -19,14 +19,18 @@ const INSIDE: f64 = 1e-3;
 /// Smallest eigenvalue of the slack of a start outside.
 const MOVED_INSIDE: f64 = 0.1;
 
-/// Smallest eigenvalue of the slack around a start that need not be inside: alone, and as a share of the largest.
-const AROUND: f64 = 0.1;
+/// Smallest eigenvalue of the slack around a start that need not be inside, and as a share of the largest.
+const AROUND: f64 = 0.03;
+const SHARE_AROUND: f64 = 0.1;
 
 /// A slack this near to `F(x)`, as a share of its scaled size, is replaced by it.
 const NEAR: f64 = 0.1;
 
 /// Rounding of `F(x)` relative to its terms: few of them are rounded as far as they can be.
 const ROUNDING: f64 = 0.02 * f64::EPSILON;
+
+/// Steps are not told apart beyond this length: a whole step is all that is taken.
+const FARTHEST: f64 = 1.1;
 
 /// A centring correction moves eigenvalues of `S Z` into this share of the target, and its inverse.
 const CENTRED: f64 = 0.1;
@@ -37,10 +41,10 @@ pub trait Block {
     fn order(&self) -> usize;
     /// Choose slack and `Z = S^-1` at a start that should be inside.
     fn begin(&mut self, x: &DVector<f64>);
-    /// Choose slack and `Z = S^-1` around a start that need not be inside; the squares of what is outside.
-    fn begin_around(&mut self, x: &DVector<f64>) -> f64;
-    /// Smallest eigenvalue of `F(x)`.
-    fn smallest(&self, x: &DVector<f64>) -> f64;
+    /// Choose slack and `Z = S^-1` around a start that need not be inside.
+    fn begin_around(&mut self, x: &DVector<f64>);
+    /// Add the negative eigenvalues of `F(x)` and their derivatives by `x`.
+    fn outside(&self, x: &DVector<f64>, list: &mut Vec<(f64, DVector<f64>)>);
     /// Multiply the multiplier.
     fn scale_multiplier(&mut self, factor: f64);
     /// Multiply the multiplier by a barrier, to which the weight of the cone is added.
@@ -59,6 +63,10 @@ pub trait Block {
     fn add_products(&self, matrix: &mut DMatrix<f64>);
     /// Add `sum_k <B_i, B_k> dx_k` of the scaled basis.
     fn add_product(&self, dx: &DVector<f64>, sum: &mut DVector<f64>);
+    /// `|F(x) - S|^2`, scaled.
+    fn residual_square(&self) -> f64;
+    /// Add `<B_i, F(x) - S>`, scaled.
+    fn add_residual(&self, sum: &mut DVector<f64>);
     /// Sum of `|lambda^2 - gamma|`.
     fn distance(&self) -> f64;
     /// Largest `|lambda^2 - gamma|`.
@@ -225,12 +233,15 @@ impl<const M: usize> Fixed<M> {
         true
     }
 
-    /// Longest step from `diag(lambda)` along a scaled direction.
+    /// Longest step from `diag(lambda)` along a scaled direction, [`FARTHEST`] at most.
     fn longest_along(&self, direction: &Small<M>) -> f64 {
         let relative =
             Small::<M>::from_fn(|i, k| direction[(i, k)] / (self.lambda[i] * self.lambda[k]).sqrt());
-        let smallest = smallest_eigenvalue(&relative);
-        if smallest < 0.0 { -1.0 / smallest } else { f64::INFINITY }
+        // A factorisation costs a tenth of the eigenvalues, and most blocks allow a whole step.
+        if cholesky(&(Small::<M>::identity() + relative * FARTHEST)).is_some() {
+            return FARTHEST;
+        }
+        (-1.0 / smallest_eigenvalue(&relative)).min(FARTHEST)
     }
 }
 
@@ -248,17 +259,24 @@ impl<const M: usize> Block for Fixed<M> {
         self.begin_with_slack();
     }
 
-    fn begin_around(&mut self, x: &DVector<f64>) -> f64 {
+    fn begin_around(&mut self, x: &DVector<f64>) {
         let (values, vectors) = eigen(&symmetric(&self.value(x)));
         let largest = values.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
-        let moved = values.map(|value| value.abs().max(AROUND * largest).max(AROUND));
+        let moved = values.map(|value| value.abs().max(SHARE_AROUND * largest).max(AROUND));
         self.slack = symmetric(&(vectors * diagonal(&moved) * vectors.transpose()));
         self.begin_with_slack();
-        values.iter().map(|value| value.min(0.0).powi(2)).sum()
     }
 
-    fn smallest(&self, x: &DVector<f64>) -> f64 {
-        smallest_eigenvalue(&symmetric(&self.value(x)))
+    fn outside(&self, x: &DVector<f64>, list: &mut Vec<(f64, DVector<f64>)>) {
+        let (values, vectors) = eigen(&symmetric(&self.value(x)));
+        for (k, &value) in values.iter().enumerate().filter(|(_, value)| **value < 0.0) {
+            let vector = vectors.column(k);
+            let mut slope = DVector::zeros(x.len());
+            for (&index, basis) in self.indices.iter().zip(&self.basis) {
+                slope[index] += vector.dot(&(basis * vector));
+            }
+            list.push((value, slope));
+        }
     }
 
     fn scale_multiplier(&mut self, factor: f64) {
@@ -322,6 +340,16 @@ impl<const M: usize> Block for Fixed<M> {
         let moved = self.combine(&self.scaled, dx);
         for (&index, basis) in self.indices.iter().zip(&self.scaled) {
             sum[index] += moved.dot(basis);
+        }
+    }
+
+    fn residual_square(&self) -> f64 {
+        self.residual.norm_squared()
+    }
+
+    fn add_residual(&self, sum: &mut DVector<f64>) {
+        for (&index, basis) in self.indices.iter().zip(&self.scaled) {
+            sum[index] += self.residual.dot(basis);
         }
     }
 

@@ -6,8 +6,9 @@
 //! ```
 //!
 //! A log-det term is the barrier of its cone, stopped at `gamma_j` instead of at zero. The step aims at `gamma_j + tau`. The usual
-//! choice of `tau` from the complementarity alone jams: the dual residual stays while the room for steps vanishes. Here `tau`
-//! is at least the share of the residual that the predictor leaves, measured in nats by `r^T (A^T A + ...)^-1 r`.
+//! choice of `tau` from the complementarity alone jams: the residuals stay while the room for steps vanishes. Here `tau` is at
+//! least [`HELD`] times what the predictor leaves of them, in nats: `r^T (A^T A + ...)^-1 r` for the gradient `r` of the
+//! Lagrangian, and `min_dx dx^T A^T A dx + sum_j |B_j dx + F_j - S_j|^2`, scaled, for slacks apart from `F`.
 //!
 //! The first start is near the solution without conditions ([`super::start`]), slacks apart from `F(x)`; where rounding jams it, the
 //! iteration begins again at the start given, usually a prior. Newton systems are refined ([`super::newton`]).
@@ -15,6 +16,7 @@
 use super::block::{Block, block};
 use super::cone::Cone;
 use super::newton::System;
+use super::quadratic::Quadratic;
 use nalgebra::{DMatrix, DVector};
 
 /// Iterations from a start at most; `benches/interior_point.py` says how many its collection needs.
@@ -41,14 +43,20 @@ const INSIDE: f64 = 0.97;
 /// After a step shorter than this the next one centres, without second order.
 const SHORT: f64 = 0.2;
 
+/// Barrier in units of what the predictor leaves of the residuals, per row of the cones, at least.
+const HELD: f64 = 3.0;
+
 /// Centring corrections of a step at most.
 const CORRECTIONS: usize = 6;
 
 /// Steps longer than this need no centring correction.
 const LONG: f64 = 0.99;
 
-/// Until a step is longer than this, one shorter than [`RAISED`] raises the multipliers tenfold: the barrier is too low for the start.
+/// Until a step is longer than this, one shorter than [`RAISED`] raises the multipliers: the barrier is too low for the start.
 const FREE: f64 = 0.9;
+
+/// Factor by which they are raised.
+const RAISE: f64 = 100.0;
 
 /// See [`FREE`].
 const RAISED: f64 = 0.05;
@@ -91,21 +99,6 @@ pub struct Solution {
     pub multipliers: Vec<Vec<f64>>,
 }
 
-/// The quadratic `1/2 |A x - z|^2`, of which many solutions share `A`.
-#[derive(Debug, Clone)]
-pub struct Quadratic {
-    pub(super) a: DMatrix<f64>,
-    pub(super) hessian: DMatrix<f64>,
-}
-
-impl Quadratic {
-    /// The quadratic of the rows `A`.
-    pub fn new(a: DMatrix<f64>) -> Self {
-        let hessian = a.tr_mul(&a);
-        Self { a, hessian }
-    }
-}
-
 /// State of the iteration.
 pub(super) struct Iterate<'a> {
     pub(super) quadratic: &'a Quadratic,
@@ -120,6 +113,8 @@ pub(super) struct Iterate<'a> {
     pub(super) scale: DVector<f64>,
     /// Dual residual that rounding alone leaves, unknowns scaled.
     rounding: DVector<f64>,
+    /// `|A x - z|^2` at the start given: meeting the conditions costs no more, if they can be met.
+    most: f64,
 }
 
 /// Minimise over cones from a start; the multipliers follow the order of the cones.
@@ -147,7 +142,9 @@ impl<'a> Iterate<'a> {
         }
         let (residual, matrix) = (DVector::zeros(n), DMatrix::zeros(n, n));
         let (scale, rounding) = (DVector::repeat(n, 1.0), DVector::zeros(n));
-        Self { quadratic, z, slope, x, blocks, residual, matrix, scale, rounding }
+        let mut start = Self { quadratic, z, slope, x, blocks, residual, matrix, scale, rounding, most: 0.0 };
+        start.most = start.error().norm_squared();
+        start
     }
 
     /// Iterate from a start to an ending. `begun` is the number of systems solved before, an error where there is no start.
@@ -178,7 +175,7 @@ impl<'a> Iterate<'a> {
             last_step = step;
             free |= step > FREE;
             if !free && step < RAISED {
-                self.blocks.iter_mut().for_each(|block| block.scale_multiplier(10.0));
+                self.blocks.iter_mut().for_each(|block| block.scale_multiplier(RAISE));
                 if !self.factor() {
                     ending = Ending::Stalled;
                     break;
@@ -201,29 +198,25 @@ impl<'a> Iterate<'a> {
     }
 
     pub(super) fn gradient(&self) -> DVector<f64> {
-        self.quadratic.a.tr_mul(&self.error()) + &self.slope
+        self.quadratic.transposed(&self.error()) + &self.slope
     }
 
     pub(super) fn error(&self) -> DVector<f64> {
-        &self.quadratic.a * &self.x - self.z
+        self.quadratic.rows(&self.x) - self.z
     }
 
     /// Residual, matrix and its scale at the iterate.
     pub(super) fn linearise(&mut self) {
         self.residual = self.gradient();
-        self.matrix.copy_from(&self.quadratic.hessian);
+        self.quadratic.curvature(&mut self.matrix);
         for block in &self.blocks {
             block.add_multiplier(-1.0, &mut self.residual);
             block.add_products(&mut self.matrix);
         }
         self.scale = self.matrix.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 1.0 });
         // Rounding of A x - z, whose terms may be far larger than it is.
-        let mut terms = self.z.abs();
-        for (column, x) in self.quadratic.a.column_iter().zip(&self.x) {
-            terms.iter_mut().zip(&column).for_each(|(sum, entry)| *sum += (entry * x).abs());
-        }
-        let error = terms.norm();
-        self.rounding = self.quadratic.hessian.diagonal().map(|d| error * d.max(0.0).sqrt());
+        let terms = self.quadratic.terms(&self.x) + self.z.abs();
+        self.rounding = self.quadratic.sizes() * terms.norm();
         self.blocks.iter().for_each(|block| block.add_multiplier_size(&mut self.rounding));
         self.rounding.component_mul_assign(&self.scale);
         self.rounding *= 4.0 * f64::EPSILON;
@@ -288,13 +281,13 @@ impl<'a> Iterate<'a> {
     fn step(&mut self, system: &System, centring: bool) -> Option<f64> {
         let order = self.order();
         let distance = self.blocks.iter().map(|block| block.distance()).sum::<f64>() / order;
-        let nats = self.residual.dot(&self.solved(system, &self.residual));
+        let nats = self.residual.dot(&self.solved(system, &self.residual)) + self.infeasible_nats(system);
 
         let right = self.aimed(0.0, false);
         let (_, longest) = self.direction(system, &right);
         let left = 1.0 - (0.99 * longest.0.min(longest.1)).min(1.0);
         let least = if centring { 0.5 } else { 0.0 };
-        let tau = ((left * left * left.sqrt()).max(least) * distance).max(left * left * nats / order);
+        let tau = ((left * left * left.sqrt()).max(least) * distance).max(HELD * left * left * nats / order);
 
         let right = self.aimed(tau, !centring);
         let (mut dx, mut longest) = self.direction(system, &right);
@@ -317,6 +310,17 @@ impl<'a> Iterate<'a> {
             (dx, longest) = (other_dx, other);
         }
         self.advance(&dx, ((INSIDE * longest.0).min(1.0), (INSIDE * longest.1).min(1.0)))
+    }
+
+    /// What it costs to bring slacks and `F(x)` together, `min_dx dx^T A^T A dx + sum_j |B_j dx + F_j - S_j|^2` (nats).
+    fn infeasible_nats(&self, system: &System) -> f64 {
+        let square: f64 = self.blocks.iter().map(|block| block.residual_square()).sum();
+        if square == 0.0 {
+            return 0.0;
+        }
+        let mut pull = DVector::zeros(self.x.len());
+        self.blocks.iter().for_each(|block| block.add_residual(&mut pull));
+        (square - pull.dot(&self.solved(system, &pull))).clamp(0.0, self.most)
     }
 
     /// Take a step, halved as long as rounding leads outside.

@@ -19,6 +19,7 @@ pub mod elimination;
 pub mod interior_point;
 mod newton;
 pub mod problem;
+pub mod quadratic;
 pub mod small;
 mod start;
 

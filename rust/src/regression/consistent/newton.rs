@@ -6,7 +6,7 @@
 //! them, with products by `A` and `A^T`, which hold the weak directions.
 
 use super::interior_point::Iterate;
-use nalgebra::{Cholesky, DVector, Dyn};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// Ridges on the unit diagonal, tried in turn.
 const RIDGES: [f64; 5] = [1e-14, 1e-12, 1e-10, 1e-8, 1e-6];
@@ -17,29 +17,40 @@ const REFINEMENTS: usize = 10;
 /// Square of the relative error, in the norm of the matrix, that ends them.
 const REFINED: f64 = 1e-20;
 
+/// Smallest pivot of the scaled matrix with which its factor solves to eight digits alone.
+const CLEAR: f64 = 1e-8;
+
 /// Factor of the scaled matrix.
-pub struct System(Cholesky<f64, Dyn>);
+pub struct System {
+    factor: Cholesky<f64, Dyn>,
+    /// No direction is lost in rounding.
+    clear: bool,
+}
 
 impl Iterate<'_> {
     /// Cholesky factor of the scaled matrix, with the smallest ridge that it needs.
     pub(super) fn factored(&self) -> Option<System> {
         let n = self.x.len();
-        let mut scaled = self.matrix.clone();
-        for column in 0..n {
-            for row in column..n {
-                scaled[(row, column)] *= self.scale[row] * self.scale[column];
-            }
-        }
         RIDGES.into_iter().find_map(|ridge| {
-            let mut matrix = scaled.clone();
-            (0..n).for_each(|k| matrix[(k, k)] += ridge);
-            Cholesky::new(matrix).map(System)
+            let mut scaled = DMatrix::zeros(n, n);
+            for column in 0..n {
+                for row in column..n {
+                    scaled[(row, column)] = self.matrix[(row, column)] * self.scale[row] * self.scale[column];
+                }
+                scaled[(column, column)] += ridge;
+            }
+            let factor = Cholesky::new(scaled)?;
+            let clear = factor.l_dirty().diagonal().iter().all(|root| root * root > CLEAR);
+            Some(System { factor, clear })
         })
     }
 
     /// Solution for a right side.
     pub(super) fn solved(&self, system: &System, right: &DVector<f64>) -> DVector<f64> {
         let mut dx = self.preconditioned(system, right);
+        if system.clear {
+            return dx;
+        }
         let size = right.dot(&dx);
         let mut rest = right - self.product(&dx);
         let mut step = self.preconditioned(system, &rest);
@@ -66,15 +77,16 @@ impl Iterate<'_> {
         dx
     }
 
-    fn preconditioned(&self, system: &System, right: &DVector<f64>) -> DVector<f64> {
+    /// The solution by the factor alone.
+    pub(super) fn preconditioned(&self, system: &System, right: &DVector<f64>) -> DVector<f64> {
         let mut scaled = right.component_mul(&self.scale);
-        system.0.solve_mut(&mut scaled);
+        system.factor.solve_mut(&mut scaled);
         scaled.component_mul(&self.scale)
     }
 
     /// Product with the matrix, by its parts.
     fn product(&self, dx: &DVector<f64>) -> DVector<f64> {
-        let mut sum = self.quadratic.a.tr_mul(&(&self.quadratic.a * dx));
+        let mut sum = self.quadratic.transposed(&self.quadratic.rows(dx));
         self.blocks.iter().for_each(|block| block.add_product(dx, &mut sum));
         sum
     }

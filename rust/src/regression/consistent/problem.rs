@@ -2,7 +2,8 @@
 
 use super::cone::{Cone, ConeError};
 use super::elimination::Elimination;
-use super::interior_point::{Ending, Quadratic, Solution, solve};
+use super::interior_point::{Ending, Solution, solve};
+use super::quadratic::Quadratic;
 use crate::ground::parallel;
 use nalgebra::{DMatrix, DVector};
 
