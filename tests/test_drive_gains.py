@@ -182,7 +182,7 @@ def test_what_cannot_be_known_is_said() -> None:
         didim.identify(experiment, didim.EKF())
     with pytest.raises(FitError, match=r"compares torques, and experiment .* has currents"):
         didim.identify(experiment, didim.CLOE(output="torque"))
-    with pytest.raises(FitError, match="physically consistent solution knows the robot alone"):
+    with pytest.raises(FitError, match="physically consistent solution needs torques"):
         didim.identify(experiment, didim.DIDIM(physical=True))
     with pytest.raises(FitError, match="delay of currents with unknown gains is not estimated"):
         didim.identify(experiment, didim.DIDIM(compensate_samples="estimate"))

@@ -102,8 +102,6 @@ def test_parameters_that_no_recording_tells_are_refused_by_name() -> None:
         ExperimentError, match=r"log 2: payload 'disc' is not described; add a table \[payload.disc\]"
     ):
         didim.identify(arm_logs([False, True], payloads={"disk": Payload(name="disk")}), didim.IDIMLS())
-    with pytest.raises(FitError, match="knows the robot alone"):
-        didim.identify(arm_logs([False, True]), didim.IDIMLS(physical=True))
     with pytest.raises(FitError, match="Kalman"):
         didim.identify(arm_logs([False, True]), didim.EKF())
 

@@ -119,7 +119,7 @@ def identification(
     settings : mapping, optional
         What the method adds to the record of the settings.
     standard : (n_parameters,) array, optional
-        Physically consistent standard parameters; beta lifted without them.
+        Physically consistent standard parameters, those of logs behind them or not; beta lifted without them.
     """
     robot = job.robot
     full = job.selection.expand_covariance(covariance)
@@ -143,7 +143,9 @@ def identification(
         beta=beta[:b],
         covariance=full[:b, :b],
         parameter_names=robot.parameter_names,
-        parameters=robot.base_parameters.lift(beta[:b]) if standard is None else standard,
+        parameters=robot.base_parameters.lift(beta[:b])
+        if standard is None
+        else standard[: len(robot.parameter_names)],
         relative_error=ratios(errors.norms, errors.torques),
         overall_relative_error=ratio(errors.norm, errors.torque),
         error_norm=errors.norm,

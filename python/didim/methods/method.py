@@ -11,10 +11,9 @@ from ..experiment.experiment import Experiment
 from ..regression.logs.parameters import LogParameters
 from ..regression.selection import dropped_names
 from ..regression.settings import LeastSquaresSettings, UncertaintyKind, Variance, Weights
-from ..regression.solver import RobotSolver, SolverChoice, check_solver, solver_of
+from ..regression.solver import RobotSolver, SolverChoice, check_solver, knows_logs, solver_of
 from ..result.identification import Identification
 from ..result.iteration import Iteration
-from ..robot.payload import NOTHING
 from ..robot.robot import Robot
 from ..signal.align import DelaySettings
 from ..signal.processing import SignalProcessing
@@ -134,7 +133,7 @@ class MethodSettings:
             dropped=dropped,
             delay_setting=delay if self.compensate_samples is None else self.compensate_samples,
             solver_choice=self.chosen_solver(),
-            solver=solver_of(self.chosen_solver(), robot, selection),
+            solver=solver_of(self.chosen_solver(), robot, selection, parameters),
             parameters=parameters,
         )
 
@@ -154,10 +153,16 @@ class MethodSettings:
             )
         if parameters.simple:
             return parameters
-        if isinstance(self.chosen_solver(), RobotSolver) or self.chosen_solver() == "consistent":
+        choice = self.chosen_solver()
+        if parameters.n_gains and (isinstance(choice, RobotSolver) or choice == "consistent"):
             raise FitError(
-                "a physically consistent solution knows the robot alone, and recordings have payloads, own offsets or own "
-                "friction: identify without it, then take fit.consistent()"
+                "a physically consistent solution needs torques, and recordings have currents whose drive gains are unknown: "
+                "identify without it, then take fit.consistent()"
+            )
+        if not knows_logs(choice):
+            raise FitError(
+                "this solver knows the robot alone, and recordings have payloads, own offsets or own friction: identify without "
+                "it, or write its `for_logs`"
             )
         friction = robot.friction
         if friction.has_load or friction.open or self.friction == "auto":
@@ -211,8 +216,8 @@ class FitSettings(MethodSettings):
         return "consistent" if physical else "least-squares"
 
     def for_logs(self, experiment: Experiment) -> Self:
-        """Return the settings with plain least squares where the default is physical and the logs do not share all parameters."""
+        """Return the settings with plain least squares where the default is physical and drive gains are unknown."""
         if self.solver is not None or self.physical is not None or not self.physical_by_default:
             return self
-        shared = all(item.payload == NOTHING and not item.own for item in experiment.recordings)
-        return self if shared else replace(self, physical=False)
+        known = all(item.drives is None for item in experiment.recordings)
+        return self if known else replace(self, physical=False)

@@ -39,7 +39,7 @@ def unit_rotors(robot: Robot) -> Array:
 
 
 def start_from_log(job: Job, delay: Delay, name: str) -> Array:
-    """Return standard parameters of a robot made from a log, (n_parameters,).
+    """Return standard parameters of a robot made from a log, (p,), with those that logs have beside it, (p + e,).
 
     Parameters
     ----------
@@ -53,13 +53,13 @@ def start_from_log(job: Job, delay: Delay, name: str) -> Array:
     Raises
     ------
     DidimError
-        One of its kinds, for a log that has no positions or no torques, for recordings with payloads or friction of their own,
-        and when no robot meets all conditions.
+        One of its kinds, for a log that has no positions or no torques, for unknown drive gains, and when no robot meets all
+        conditions.
     """
-    if not job.parameters.simple:
-        raise FitError(f"the start {name!r} is for logs that share all parameters: start from 'idim-ls'")
+    if job.parameters.n_gains:
+        raise FitError(f"the start {name!r} needs torques, and drive gains are unknown: start from 'idim-ls'")
     system = job.system(job.parts("fit", delay))
-    solver = CONSISTENT.for_robot(job.robot, job.selection).on(system)
+    solver = CONSISTENT.for_logs(job.parameters, job.selection).on(system)
     assert solver.problem is not None
     if name == "prior":
         return solver.problem.start

@@ -170,3 +170,10 @@ def _coloured(rows: Array, errors: Array) -> Array:
     filtered = np.fft.irfft(np.fft.rfft(rows, length, axis=1) * weights, length, axis=1)[:, :n]
     product = np.asarray(filtered @ rows.T)
     return 0.5 * (product + product.T)
+
+
+def inverse(covariance: Array) -> Array:
+    """Return the inverse of a covariance whose parameters have different units; zero for those without a deviation."""
+    std = np.sqrt(np.diag(covariance))
+    std = np.where(std > 0.0, std, 1.0)
+    return np.asarray(np.linalg.pinv(covariance / np.outer(std, std), hermitian=True) / np.outer(std, std))

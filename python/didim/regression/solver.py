@@ -16,6 +16,7 @@ from ..errors import FitError
 from ..robot.robot import Robot
 from .fit import Fit, Progress
 from .linear_system import LinearSystem
+from .logs.parameters import LogParameters
 from .selection import Selection
 from .settings import LeastSquaresSettings
 
@@ -35,6 +36,14 @@ class RobotSolver(Protocol):
 
     def for_robot(self, robot: Robot, selection: Selection) -> Solver:
         """Return the solver for the systems of a robot, whose columns are the estimated base parameters of `selection`."""
+
+
+@runtime_checkable
+class LogsSolver(Protocol):
+    """A solver that knows what logs have beside the robot too: payloads, offsets and friction of their own."""
+
+    def for_logs(self, logs: LogParameters, selection: Selection) -> Solver:
+        """Return the solver for the systems of these logs."""
 
 
 SolverChoice = str | Solver | RobotSolver
@@ -67,24 +76,40 @@ def check_solver(choice: object) -> None:
         raise FitError(f"solver must be a name or a function of a system and settings, got {choice!r}")
 
 
-def solver_of(choice: SolverChoice, robot: Robot, selection: Selection) -> Solver:
-    """Return a solver, by name or as it is, for the systems of a robot.
+def solver_of(
+    choice: SolverChoice, robot: Robot, selection: Selection, logs: LogParameters | None = None
+) -> Solver:
+    """Return a solver, by name or as it is, for the systems of a robot, and of what its logs have beside it.
 
     Raises
     ------
     FitError
         For an unknown name.
     """
+    found = _loaded(choice)
+    if logs is not None and isinstance(found, LogsSolver):
+        return found.for_logs(logs, selection)
+    return found.for_robot(robot, selection) if isinstance(found, RobotSolver) else found
+
+
+def knows_logs(choice: SolverChoice) -> bool:
+    """Whether a solver takes the systems of logs with parameters of their own: it knows them, or no parameters at all."""
+    found = _loaded(choice)
+    return isinstance(found, LogsSolver) or not isinstance(found, RobotSolver)
+
+
+def _loaded(choice: SolverChoice) -> Solver | RobotSolver:
     check_solver(choice)
-    if isinstance(choice, str):
-        place = SOLVERS[choice]
-        if isinstance(place, str):
-            module, _, name = place.partition(":")
-            place = getattr(import_module(module), name)
-        # A class of solvers stands for the one with its default settings.
-        choice = place() if isinstance(place, type) else place
-        assert not isinstance(choice, str)
-    return choice.for_robot(robot, selection) if isinstance(choice, RobotSolver) else choice
+    if not isinstance(choice, str):
+        return choice
+    place = SOLVERS[choice]
+    if isinstance(place, str):
+        module, _, name = place.partition(":")
+        place = getattr(import_module(module), name)
+    # A class of solvers stands for the one with its default settings.
+    found = place() if isinstance(place, type) else place
+    assert not isinstance(found, str)
+    return found
 
 
 def solver_name(choice: SolverChoice) -> str:

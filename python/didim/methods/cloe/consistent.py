@@ -24,6 +24,7 @@ from ...result.iteration import Iteration
 from ...result.status import Status
 from ..didim.consistent import ConsistentRun
 from ..didim.didim import DIDIM
+from ..start import further_of
 from ..verdict.torques import CONTRADICTIONS
 from .levenberg_marquardt import MOST_ITERATIONS, spread_at, weigh_by_noise
 from .output_error import OutputError
@@ -60,15 +61,14 @@ def search_consistently(
     )
     robot = experiment.simulation.robot(experiment.robot)
     job = didim.job(experiment, robot)
-    run = ConsistentRun(
-        didim, job, CONSISTENT.for_robot(job.robot, job.selection), lambda iteration: False, say
-    )
+    solver = CONSISTENT.for_logs(job.parameters, job.selection)
+    run = ConsistentRun(didim, job, solver, lambda iteration: False, say)
     begun = run.result()
     assert run.solver.problem is not None
-    there = run.experiment_at(begun.parameters)
-    problem = OutputError(replace(method, start=begun.parameters), method.job(there, robot), say)
+    x = job.parameters.extended(begun.parameters, further_of(begun))
+    problem = OutputError(replace(method, start=begun), method.job(run.experiment_at(x), robot), say)
     problem.n_simulations = begun.n_simulations
-    found = _Search(problem, run.solver.problem, begun.parameters, begun.n_rows, progress).result()
+    found = _Search(problem, run.solver.problem, x, begun.n_rows, progress).result()
     asked = method.chosen_start if isinstance(method.chosen_start, str) else "given"
     settings = {
         **found.settings,
@@ -92,7 +92,7 @@ def search_consistently(
 
 
 class _Search:
-    """One search from standard parameters."""
+    """One search from standard parameters, (p + e,) with those that logs have beside the robot."""
 
     def __init__(
         self,
@@ -160,7 +160,7 @@ class _Search:
             settings={"cost": cost, "initial_cost": initial},
             remarks=(*remarks, *spread.remarks),
         )
-        return replace(fit, parameters=self.x)
+        return replace(fit, parameters=self.x[: len(problem.robot.parameter_names)])
 
     def _point(self, x: Array) -> Array:
         return np.asarray(self.problem.base.project(x)[self.problem.estimated])

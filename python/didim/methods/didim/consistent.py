@@ -25,6 +25,7 @@ from ...model.dynamics import inertia_matrix
 from ...model.safe_step import thinned
 from ...regression.consistent.diagnosis import diagnosis
 from ...regression.consistent.solver import ConsistentSolver
+from ...regression.covariance import inverse
 from ...regression.fit import Fit
 from ...regression.linear_system import LinearSystem
 from ...regression.suspicions import suspicions
@@ -34,12 +35,12 @@ from ...result.status import Status
 from ...signal.segments import Segment
 from ..builder import fitted
 from ..job import Job, ratio
-from ..start import standard_start
+from ..start import further_of, standard_start
 from ..verdict.torques import contradiction_reasons, following_reasons, torque_reasons
 from .convergence import SLOW, Path, best_sentence, rule_sentence, slow_sentence
 from .gains import with_gains
 from .settings import DIDIMSettings
-from .simulability import chosen_steps, damping_of, rates, simulable
+from .simulability import chosen_steps, damping_of, largest_rates, simulable
 from .slack import Loop, Settled, settled
 from .windows import Point, Simulated, Window, motion_record, segments_of, simulated, windows_of
 
@@ -93,7 +94,8 @@ class ConsistentRun:
         say: Callable[[str], None],
     ) -> None:
         self.method, self.job, self.progress, self.say = method, job, progress, say
-        self.robot, self.base = job.robot, job.robot.base_parameters
+        self.robot, self.base = job.robot, job.parameters
+        self.n_robot = len(job.robot.parameter_names)
         self.delay = job.delay()
         self.n_simulations = 0
         self.remarks: list[str] = []
@@ -118,7 +120,7 @@ class ConsistentRun:
         direct = first(self.measured, job.settings)
         assert direct.standard is not None
         assert first.problem is not None
-        self.experiment = with_gains(self.experiment, direct.standard, self.q)
+        self.experiment = with_gains(self.experiment, direct.standard[: self.n_robot], self.q)
         self.damping = damping_of(self._prepared(self.experiment)[0].loop.controller)
         self.solver, self.direct, self.step_s = simulable(solver, self.measured, job.settings, self.damping)
         self.remarks = diagnosis(self.measured, direct, first.problem)
@@ -239,9 +241,9 @@ class ConsistentRun:
             return self.direct.standard
         if isinstance(start, str) and start == "prior":
             return problem.start
-        x = standard_start(self.robot, start)
+        x = self.base.extended(standard_start(self.robot, start), further_of(start))
         # The robot nearest to the start, in the units of the log.
-        root = np.asarray(np.linalg.cholesky(_inverse(self.direct.covariance)).T, dtype=np.float64)
+        root = np.asarray(np.linalg.cholesky(inverse(self.direct.covariance)).T, dtype=np.float64)
         target = self.base.project(x)[self.job.selection.estimated]
         return problem.solve(root, root @ target).x
 
@@ -251,8 +253,10 @@ class ConsistentRun:
             return None
         assert self.direct.standard is not None
         here, real = (
-            np.diagonal(inertia_matrix(self.robot, self.q, parameters), axis1=1, axis2=2).mean(axis=0)
-            for parameters in (x, self.direct.standard)
+            np.diagonal(inertia_matrix(self.robot, self.q, some[: self.n_robot]), axis1=1, axis2=2).mean(
+                axis=0
+            )
+            for some in (x, self.direct.standard)
         )
         scale = here / real
         return None if np.abs(np.log(scale)).max() < SAME else scale
@@ -260,7 +264,9 @@ class ConsistentRun:
     def experiment_at(self, x: Array) -> Experiment:
         """Return the experiment with made-up gains, and the steps in time that the rates of an iterate allow."""
         settings = self.experiment.simulation
-        coarse, fine = chosen_steps(*rates(self.robot, x, self.q, self.damping), settings)
+        recordings = [k for k, item in enumerate(self.experiment.recordings) if item.role == "fit"]
+        robots = np.unique([self.base.standard(x, number) for number in recordings], axis=0)
+        coarse, fine = chosen_steps(*largest_rates(self.robot, robots, self.q, self.damping), settings)
         return replace(self.experiment, simulation=replace(settings, step_s=coarse, fine_step_s=fine))
 
     def _windows(self, x: Array) -> list[Window]:
@@ -285,7 +291,7 @@ class ConsistentRun:
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = np.where(std > 0.0, np.abs(step) / std, 0.0)
         return Direction(
-            system, fit, fit.standard, step, _inverse(fit.covariance), float(moved.max(initial=0.0))
+            system, fit, fit.standard, step, inverse(fit.covariance), float(moved.max(initial=0.0))
         )
 
     def observed(self, point: Point) -> LinearSystem:
@@ -441,10 +447,3 @@ def _entry(
             "remaining_sigma": np.nan if contraction is None else contraction.remaining_largest,
         },
     )
-
-
-def _inverse(covariance: Array) -> Array:
-    """Inverse of a covariance whose parameters have different units."""
-    std = np.sqrt(np.diag(covariance))
-    std = np.where(std > 0.0, std, 1.0)
-    return np.asarray(np.linalg.pinv(covariance / np.outer(std, std), hermitian=True) / np.outer(std, std))

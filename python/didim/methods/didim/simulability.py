@@ -113,6 +113,12 @@ def rates(robot: Robot, x: Array, q: Array, damping: Array) -> tuple[float, Arra
     return slow, fast
 
 
+def largest_rates(robot: Robot, each: Array, q: Array, damping: Array) -> tuple[float, Array]:
+    """Return the largest of the `rates` of several robots, standard parameters (m, p): those of the recordings of a log."""
+    found = [rates(robot, x, q, damping) for x in each]
+    return max(slow for slow, _ in found), np.asarray(np.max([fast for _, fast in found], axis=0))
+
+
 def _sum(drives: Drives, x: Array, terms: Terms) -> Array:
     return np.asarray(np.sum([x[drives.places[name]] * term for name, term in terms.items()], axis=0))
 

@@ -99,11 +99,15 @@ def _mass(robot: Robot, one: Prior, system: LinearSystem, selection: Selection) 
     """Return the mass of each of the equal solids that explain torques best, beside the drives."""
     x = one.parameters(robot)
     inertial = [name.rstrip("0123456789") in INERTIAL for name in robot.parameter_names]
-    matrix = robot.base_parameters.matrix[selection.estimated]
-    body = system.w @ (matrix @ np.where(inertial, x, 0.0))
-    drives = system.w @ matrix[:, np.logical_not(inertial)]
+    whole = robot.base_parameters.matrix
+    own = [place for place in selection.estimated if place < len(whole)]
+    # What logs have beside the robot stands behind its parameters.
+    w, further = system.w[:, : len(own)], system.w[:, len(own) :]
+    matrix = whole[own]
+    body = w @ (matrix @ np.where(inertial, x, 0.0))
+    drives = w @ matrix[:, np.logical_not(inertial)]
     drives = drives[:, np.any(drives != 0.0, axis=0)]
-    columns = np.column_stack([body, drives])
+    columns = np.column_stack([body, drives, further])
     sizes = np.linalg.norm(columns, axis=0)
     if not sizes[0] > 0.0:
         return DEFAULT_MASS

@@ -21,8 +21,10 @@ from ...errors import FitError
 from ...model.consistency import Cone, link_cones
 from ...model.drive_cones import Drives, friction_cones, rotor_cones, simulable_cones
 from ...robot.robot import Robot
+from ..logs.parameters import LogParameters
 from ..selection import Selection
 from .bounds import Bounds
+from .logs import log_conditions, log_start
 from .prior import Prior
 
 FRICTION_WEIGHT = 1e-3
@@ -61,8 +63,8 @@ class Constrained:
 
     Attributes
     ----------
-    x : (p,) array
-        Standard parameters.
+    x : (p + e,) array
+        Standard parameters, and those that logs have beside the robot.
     half_distance : float
         ``1/2 |R (B x) - z|^2``, in nats where rows have unit noise: how far the conditions are from the plain estimate.
     ending : str
@@ -99,6 +101,8 @@ class ConstrainedProblem:
         What is known of masses and centres.
     simulability : Simulability or None
         Conditions (B), which take the place of those on the rotors.
+    logs : LogParameters or None
+        What logs have beside the robot, e parameters: the roles of `selection` and the columns of a system go on with them.
     """
 
     robot: Robot
@@ -107,6 +111,7 @@ class ConstrainedProblem:
     gamma: float
     bounds: Bounds | None = None
     simulability: Simulability | None = None
+    logs: LogParameters | None = None
 
     @cached_property
     def conditions(self) -> tuple[Cone, ...]:
@@ -122,16 +127,16 @@ class ConstrainedProblem:
             wanted = self.simulability
             rotors = simulable_cones(drives, wanted.step_s, wanted.rate, wanted.damping, wanted.smoothing)
         bounds = [] if self.bounds is None else self.bounds.cones(self.robot)
-        return (
-            *links,
+        of_drives = [
             *(_drawn(rotor, self.gamma) for rotor in rotors),
             *(_drawn(friction, FRICTION_WEIGHT) for friction in friction_cones(drives)),
-            *bounds,
-        )
+        ]
+        of_logs = [] if self.logs is None else log_conditions(self.logs, self.gamma, of_drives)
+        return (*links, *of_drives, *bounds, *of_logs)
 
     @cached_property
     def start(self) -> Array:
-        """Standard parameters that the solver starts from: the prior's, rotors large enough for the conditions."""
+        """Parameters that the solver starts from, (p + e,): the prior's, rotors large enough for the conditions."""
         x = self.prior.parameters(self.robot)
         if self.simulability is not None:
             wanted = self.simulability
@@ -139,16 +144,16 @@ class ConstrainedProblem:
             for place, name in enumerate(self.robot.parameter_names):
                 if name.startswith("Ia"):
                     x[place] *= 1.0 + 10.0 * wanted.step_s / wanted.rate * float(rates.max())
-        return x
+        return x if self.logs is None else np.append(x, log_start(self.logs))
 
     @cached_property
     def matrix(self) -> Array:
-        """Rows of ``B`` of the estimated base parameters, (n_estimated, p)."""
-        return np.asarray(self.robot.base_parameters.matrix[self.selection.estimated])
+        """Rows of ``B`` of the estimated base parameters, (n_estimated, p + e): those of logs stand for themselves."""
+        return _beside(self.robot.base_parameters.matrix, self._n_further)[self.selection.estimated]
 
     @cached_property
     def unknowns(self) -> Array:
-        """``T`` with ``x = T u``, (p, p): ``u`` are the standard parameters that regroup, then the base parameters.
+        """``T`` with ``x = T u``, (p + e, p + e): ``u`` are the standard parameters that regroup, then the base parameters.
 
         The core solves for ``u``. No row of a log touches the first of them, so rounding of a strong log does not cover what
         a weak prior says.
@@ -156,7 +161,11 @@ class ConstrainedProblem:
         base, others = self.robot.base_parameters, self._regrouped
         columns = np.eye(len(self.robot.parameter_names))[:, [*others, *base.indices]]
         columns[np.ix_(base.indices, range(len(others)))] = -base.matrix[:, others]
-        return columns
+        return _beside(columns, self._n_further)
+
+    @property
+    def _n_further(self) -> int:
+        return 0 if self.logs is None else self.logs.n_further
 
     @cached_property
     def _regrouped(self) -> list[int]:
@@ -165,7 +174,7 @@ class ConstrainedProblem:
 
     @cached_property
     def _problem(self) -> _core.ConsistentProblem:
-        p, b = len(self.robot.parameter_names), len(self.selection.roles)
+        p, b = len(self.unknowns), len(self.selection.roles)
         known = [index for index, role in enumerate(self.selection.roles) if role != "estimated"]
         cones = []
         for condition in self.conditions:
@@ -207,10 +216,11 @@ class ConstrainedProblem:
         return self._found(self._solved(rows, right, threads), rows, right)
 
     def _solved(self, rows: Array, right: Array, threads: int) -> _core.ConsistentSolutions:
-        p, b = len(self.robot.parameter_names), len(self.selection.roles)
+        p, b = len(self.unknowns), len(self.selection.roles)
         a = np.zeros((len(rows), p))
         a[:, [p - b + place for place in self.selection.estimated]] = rows
-        start = np.append(self.start[self._regrouped], self.robot.base_parameters.matrix @ self.start)
+        base = _beside(self.robot.base_parameters.matrix, self._n_further)
+        start = np.append(self.start[self._regrouped], base @ self.start)
         try:
             return self._problem.solve(a, np.ascontiguousarray(right), start, threads)
         except ValueError as reason:
@@ -257,6 +267,15 @@ class ConstrainedProblem:
             products = weight * np.einsum("iab,kba->ik", scaled, scaled)
             curvature[np.ix_(condition.indices, condition.indices)] += products
         return curvature
+
+
+def _beside(matrix: Array, count: int) -> Array:
+    """Return a matrix that leaves further parameters as they are."""
+    rows, columns = matrix.shape
+    found = np.eye(rows + count, columns + count, columns - rows)
+    found[:rows, :] = 0.0
+    found[:rows, :columns] = matrix
+    return found
 
 
 def conditions_of(robot: Robot) -> Sequence[Cone]:

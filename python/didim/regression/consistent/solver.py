@@ -19,6 +19,7 @@ from ...robot.robot import Robot
 from ..covariance import autocorrelated, covariance
 from ..fit import Fit, Progress
 from ..linear_system import LinearSystem
+from ..logs.parameters import LogParameters
 from ..selection import Selection
 from ..settings import LeastSquaresSettings
 from ..weights import joint_sigma, per_row
@@ -71,6 +72,10 @@ class Consistent:
         """Return the solver for the systems of a robot."""
         return ConsistentSolver(settings=self, robot=robot, selection=selection)
 
+    def for_logs(self, logs: LogParameters, selection: Selection) -> ConsistentSolver:
+        """Return the solver for the systems of a robot and of what its logs have beside it."""
+        return replace(self.for_robot(logs.robot, selection), logs=None if logs.simple else logs)
+
 
 CONSISTENT = Consistent()
 """Consistent least squares with its default settings."""
@@ -90,19 +95,24 @@ class ConsistentSolver:
         Which base parameters the columns are.
     problem : ConstrainedProblem or None
         The problem, once the prior has been sized by a log; made anew for each system without one.
+    logs : LogParameters or None
+        What the logs have beside the robot.
     """
 
     settings: Consistent
     robot: Robot
     selection: Selection
     problem: ConstrainedProblem | None = None
+    logs: LogParameters | None = None
 
     def on(self, system: LinearSystem, simulability: Simulability | None = None) -> ConsistentSolver:
         """Return the solver with its prior sized by a log, and conditions (B) where they are asked for."""
         wish = self.settings
         prior = prior_of(self.robot, wish.prior, system, self.selection)
         gamma = GAMMA * _inflation(system) if wish.gamma is None else wish.gamma
-        problem = ConstrainedProblem(self.robot, self.selection, prior, gamma, wish.bounds, simulability)
+        problem = ConstrainedProblem(
+            self.robot, self.selection, prior, gamma, wish.bounds, simulability, self.logs
+        )
         return replace(self, problem=problem)
 
     def __call__(

@@ -45,12 +45,15 @@ class ColumnBlock:
         Payload or recording that they belong to; empty for gains.
     names, units : tuple of str
         Of the parameters, without their owner: ``MX``, ``Off3``, ``K1``.
+    complete : bool
+        Whether they are all unknowns of their owner. A planar arm leaves some of a payload out, and they describe no body.
     """
 
     kind: Kind
     owner: str
     names: tuple[str, ...]
     units: tuple[str, ...]
+    complete: bool = True
 
     @property
     def full_names(self) -> tuple[str, ...]:
@@ -257,7 +260,8 @@ class _Builder:
             kept = independent(effects)
             if kept:
                 block = tuple(names[index] for index in kept)
-                self.blocks.append(ColumnBlock("payload", name, block, tuple(UNITS[item] for item in block)))
+                units = tuple(UNITS[item] for item in block)
+                self.blocks.append(ColumnBlock("payload", name, block, units, len(kept) == len(names)))
                 self.directions += [(found[index], tuple(numbers)) for index in kept]
 
     def own(self, kind: Literal["offset", "friction"], *, referred: bool) -> None:

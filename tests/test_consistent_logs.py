@@ -1,0 +1,148 @@
+"""Physical conditions on what logs have beside the robot: payloads that are bodies, friction of their own that only dissipates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import didim
+from didim import Experiment, FitError, Identification
+from didim.methods.method import Method
+from didim.model.consistency import violations
+from didim.model.drive_cones import Drives, drive_cones
+from didim.regression.consistent.prior import generic_prior
+from didim.regression.consistent.problem import ConstrainedProblem, Simulability, conditions_of
+from didim.regression.logs.parameters import LogParameters
+from didim.robot.payload import Payload, flange_in_last_frame, last_link
+from didim.robot.rigid_body import body_pseudo_inertia, pose, pseudo_inertia, ten_parameters
+from didim.studies.simulated_log import simulated_log
+from test_solver import KnowsTheRobot
+
+ROBOT = didim.load_robot("tx40")
+LOAD = ten_parameters(
+    body_pseudo_inertia(0.6, np.diag([6e-4, 6e-4, 4e-4]), pose(np.eye(3), (0.01, 0.02, 0.05)))
+)
+
+
+def two_logs(noise: float) -> Experiment:
+    """Two logs of a TX40, the second with a load and with offsets and friction of its own; so many times the packaged noise."""
+    plain = didim.packaged_experiment("tx40")
+    assert plain.measurement is not None
+    louder = tuple(noise * value for value in plain.measurement.torque_noise)
+    plain = replace(plain, measurement=replace(plain.measurement, torque_noise=louder))
+    x = ROBOT.parameter_set("didim_physical")
+    place = last_link(ROBOT, flange_in_last_frame(ROBOT))
+    free, loaded = (
+        simulated_log(plain, x + place @ ten, seed=seed) for seed, ten in ((0, 0.0 * LOAD), (100, LOAD))
+    )
+    recordings = (
+        replace(free.recordings[0], name="free"),
+        replace(loaded.recordings[0], name="loaded", payload="load", own=("offsets", "friction")),
+    )
+    return replace(free, recordings=recordings, payloads={"load": Payload(name="load")})
+
+
+@pytest.fixture(scope="module")
+def noisy() -> Experiment:
+    return two_logs(20.0)
+
+
+def load_of(fit: Identification) -> NDArray[np.float64]:
+    assert fit.further is not None
+    ten, _ = fit.further.ten("load")
+    return np.asarray(ten)
+
+
+def test_least_squares_makes_no_body_of_this_load(noisy: Experiment) -> None:
+    """The tests below would say nothing of a load that the log determines well."""
+    assert np.linalg.eigvalsh(pseudo_inertia(load_of(didim.identify(noisy, didim.IDIMLS()))))[0] < -3e-4
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        didim.IDIMLS(physical=True),
+        didim.DIDIM(),
+        didim.DIDIM(start="prior"),
+        didim.IDIMIV(physical=True),
+        didim.CLOE(physical=True, output="torque", max_iterations=1),
+    ],
+    ids=["idim-ls", "didim", "didim from the prior", "idim-iv", "cloe"],
+)
+def test_robot_and_load_are_bodies_in_every_method(noisy: Experiment, method: Method) -> None:
+    fit = didim.identify(noisy, method)
+    assert fit.converged
+    assert violations(conditions_of(ROBOT), fit.parameters) == []
+    assert np.linalg.eigvalsh(pseudo_inertia(load_of(fit)))[0] > 0.0
+    assert load_of(fit)[9] == pytest.approx(0.6, abs=0.05)
+    # The friction of each log dissipates.
+    job = didim.DIDIM().job(noisy)
+    assert fit.further is not None
+    x = job.parameters.extended(fit.parameters, fit.further.by_name)
+    for recording in (0, 1):
+        assert violations(drive_cones(ROBOT), job.parameters.standard(x, recording)) == []
+
+
+def test_where_truth_is_feasible_plain_least_squares_gives_the_same() -> None:
+    log = two_logs(1.0)
+    plain = didim.identify(log, didim.DIDIM(physical=False, start="consistent"))
+    consistent = didim.identify(log, didim.DIDIM())
+    assert plain.converged
+    assert consistent.converged
+    # Neither is at the fixed point: each stops within 0.3 standard deviations of it.
+    assert np.sqrt(np.mean(((consistent.beta - plain.beta) / plain.std) ** 2)) < 0.05
+    np.testing.assert_allclose(load_of(consistent), load_of(plain), atol=1e-4)
+
+
+def problem_of(own: tuple[str, ...], simulability: Simulability | None = None) -> ConstrainedProblem:
+    """The problem of the two logs, without a log."""
+    experiment = two_logs(1.0)
+    recordings = (experiment.recordings[0], replace(experiment.recordings[1], own=own))
+    logs = LogParameters.of(ROBOT, recordings, experiment.payloads)
+    prior = generic_prior(ROBOT)
+    return ConstrainedProblem(ROBOT, logs.select({}, ()), prior, 1e-6, None, simulability, logs)
+
+
+def test_friction_of_a_recording_is_bounded_with_that_of_the_robot() -> None:
+    """Targets whose sums are negative: each ends where both conditions hold, the nearest in a metric that knows them equally."""
+    problem = problem_of(("friction",))
+    logs = problem.logs
+    assert logs is not None
+    x = np.append(ROBOT.parameter_set("didim_physical"), np.zeros(logs.n_further))
+    x[ROBOT.parameter_names.index("Fv1")] = 2.0
+    place = len(ROBOT.parameter_names) + logs.further_names.index("loaded.Fv1")
+    x[place] = -5.0
+    root = 1e3 * np.eye(len(logs.names))
+    found = problem.solve(root, root @ logs.project(x)).x
+    first, second = (logs.standard(found, recording) for recording in (0, 1))
+    fv = ROBOT.parameter_names.index("Fv1")
+    assert violations(drive_cones(ROBOT), first) == violations(drive_cones(ROBOT), second) == []
+    assert first[fv] == pytest.approx(3.5, abs=1e-3)  # (2, -5) on the line Fv1 + d = 0
+    assert second[fv] == pytest.approx(0.0, abs=1e-3)
+    labels = [condition.label for condition in problem.conditions]
+    assert "Fv1 of recording 'loaded'" in labels
+    assert "payload 'load'" in labels
+
+
+def test_rates_are_bounded_with_the_friction_of_each_recording() -> None:
+    smoothing = ROBOT.with_smoothing([0.01] * 6).friction.smoothing
+    bounded = problem_of(("friction",), Simulability(1e-4, 1.5, (0.0,) * 6, tuple(smoothing)))
+    labels = [condition.label for condition in bounded.conditions]
+    assert "Ia1" in labels
+    assert "Ia1 of recording 'loaded'" in labels
+    assert violations(drive_cones(ROBOT), bounded.start[: len(ROBOT.parameter_names)]) == []
+
+
+def test_own_offsets_have_no_condition() -> None:
+    labels = [condition.label for condition in problem_of(("offsets",)).conditions]
+    assert not any("recording" in label for label in labels)
+    assert len(labels) == len(conditions_of(ROBOT)) + 1
+    assert len(Drives(ROBOT).groups) == 5  # joints 5 and 6 are coupled
+
+
+def test_a_solver_of_ones_own_for_robots_refuses_logs_it_does_not_know(noisy: Experiment) -> None:
+    with pytest.raises(FitError, match="this solver knows the robot alone"):
+        didim.identify(noisy, didim.IDIMLS(solver=KnowsTheRobot()))
