@@ -215,7 +215,11 @@ def test_links_without_inertia(arm: Path) -> None:
     arm.write_text(text[:start] + text[end:])
     robot = didim.load_robot(arm)
     assert "urdf" not in robot.sets
-    assert "some moving links have no mass (forearm), so there is no parameter set 'urdf'" in robot.notes
+    note = "some moving links have no positive mass (forearm), so there is no parameter set 'urdf'"
+    assert note in robot.notes
+    arm.write_text(re.sub(r'<mass value="[^"]*"', '<mass value="-1"', text))
+    note = "some moving links have no positive mass (upper_arm, forearm, hand)"
+    assert any(note in text for text in didim.load_robot(arm).notes)
 
 
 def test_a_link_of_the_file_that_is_not_a_body(arm: Path) -> None:

@@ -69,7 +69,7 @@ def test_two_arms_ask_for_the_tip() -> None:
         chain_of(text)
     assert str(error.value) == (
         "arm.urdf: several chains move (left_7 with 7 joints; right_6 with 6 joints; head with 1 joint); choose one by its last "
-        "link: --tip LINK"
+        "link: didim robot --tip LINK"
     )
     assert len(chain_of(text, tip="left_7").joints) == 7
     # An arm behind a waist is no finger either.
@@ -117,7 +117,7 @@ MIMIC = '<mimic joint="to_l1"/>'
         (GRIPPER_ARM, {"lock": {"elbo": 1.0}}, "there is no moving joint 'elbo' to lock; did you mean 'elbow'?"),
         (GRIPPER_ARM, {"lock": {"stand": 0.0}}, "there is no moving joint 'stand' to lock"),
         (GRIPPER_ARM, {"lock": {"elbow": math.nan}}, "joint 'elbow' of type revolute cannot be locked at nan"),
-        (GRIPPER_ARM, {"tip": "other_finger"}, "joint 'other_finger_joint' mimics 'finger_joint'; lock it"),
+        (GRIPPER_ARM, {"tip": "other_finger"}, "joint 'other_finger_joint' mimics 'finger_joint'; lock it (didim robot"),
         (tree(*arm("base", "l", 13)), {}, "at most 12 joints, and this chain has 13 (to_l1, to_l2,"),
         (tree(("world", "base", "floating"), *arm("base", "l", 3)), {}, "joint 'to_base' is floating"),
         (tree(("world", "base", "planar"), *arm("base", "l", 3)), {}, "joint 'to_base' is planar"),

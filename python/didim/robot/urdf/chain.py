@@ -144,12 +144,12 @@ def _check_joints(where: str, moving: list[UrdfJoint]) -> None:
         if joint.kind not in MOVING:
             raise RobotError(
                 f"{where}: joint {joint.name!r} is {joint.kind}, and a serial robot has revolute and prismatic joints only; "
-                "begin the chain behind it (--base) or end it before (--tip)"
+                "begin the chain behind it (didim robot --base) or end it before (didim robot --tip)"
             )
         if joint.mimic is not None:
             raise RobotError(
-                f"{where}: joint {joint.name!r} mimics {joint.mimic!r}; lock it (--lock {joint.name}=0), or describe a motor "
-                "that drives both as [transmission] coupling of the robot file"
+                f"{where}: joint {joint.name!r} mimics {joint.mimic!r}; lock it (didim robot --lock {joint.name}=0), or "
+                "describe a motor that drives both as [transmission] coupling of the robot file"
             )
     if not moving:
         raise RobotError(f"{where}: no joint moves between base and tip")
@@ -157,7 +157,7 @@ def _check_joints(where: str, moving: list[UrdfJoint]) -> None:
         names = ", ".join(joint.name for joint in moving)
         raise RobotError(
             f"{where}: a robot has at most {LARGEST_CHAIN} joints, and this chain has {len(moving)} ({names}); "
-            "choose a part with --base and --tip, or lock joints with --lock"
+            "choose a part (didim robot --base --tip), or lock joints (didim robot --lock)"
         )
 
 
@@ -171,7 +171,7 @@ def _tip(description: Description, base: str, lock: Mapping[str, float]) -> str:
         if len(moving) > 1 and (not seen or any(reach[joint.child] >= ARM for joint in moving)):
             raise RobotError(
                 f"{description.where}: several chains move ({_ends(description, base, lock)}); "
-                "choose one by its last link: --tip LINK"
+                "choose one by its last link: didim robot --tip LINK"
             )
         if len(moving) != 1:
             return link

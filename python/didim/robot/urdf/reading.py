@@ -241,8 +241,8 @@ def _parameters(
     if empty:
         what = (
             "no moving link has an inertia"
-            if len(empty) == len(names)
-            else f"some moving links have no mass ({', '.join(empty)})"
+            if not any(pseudo.any() for pseudo in pseudos)
+            else f"some moving links have no positive mass ({', '.join(empty)})"
         )
         return {}, [f"{what}, so there is no parameter set {URDF_SET!r}"]
     named: dict[str, float] = {}
