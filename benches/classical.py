@@ -3,8 +3,9 @@
     python benches/classical.py [--data FOLDER] [--seeds N]
 
 With FOLDER, which holds tx40/ and emps/: each of five contiguous parts of a real log is predicted from the other four, with
-5 rows of gap. Then total least squares on the packaged experiment with a cut-off of 60 Hz, and maximum likelihood and IDIM-IV on
-its log without decimation: errors in standard deviations, rms.
+5 rows of gap. Then, on simulated logs of the packaged experiment: the estimators of Huber and Tukey and Hampel's filter on torques
+with spikes, total least squares with a cut-off of 60 Hz, and maximum likelihood and IDIM-IV without decimation. Errors in
+standard deviations, rms.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ Array = NDArray[np.float64]
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 PARTS, GAP = 5, 5
 """Parts of a log, and rows between them that serve neither the fit nor the prediction."""
+SPIKES, SPIKE_SIZE = 0.005, 30.0
+"""Share of the samples of each torque that are wrong, and by how many times its noise."""
 UNDECIMATED_HZ = 450.0
 """Cut-off of the log without decimation, where noise of the motion counts."""
 
@@ -83,6 +86,43 @@ def errors(
     return f"{rms(np.array(each)):.2f} ({min(each):.2f} to {max(each):.2f})"
 
 
+def with_spikes(experiment: didim.Experiment, seed: int) -> didim.Experiment:
+    """The same log with wrong samples of the torques."""
+    (recording,) = experiment.recordings
+    assert recording.tau is not None
+    assert experiment.measurement is not None
+    rng = np.random.default_rng(seed)
+    signs = rng.choice([-1.0, 1.0], recording.tau.shape) * (rng.random(recording.tau.shape) < SPIKES)
+    tau = recording.tau + SPIKE_SIZE * signs * np.array(experiment.measurement.torque_noise)
+    return replace(experiment, recordings=(replace(recording, tau=tau),))
+
+
+def spiked(seeds: int) -> None:
+    """Errors with and without spikes in standard deviations of the log without them."""
+    experiment = didim.packaged_experiment("tx40")
+    x = experiment.robot.parameter_set("didim")
+    truth = experiment.robot.base_parameters.project(x)
+    hampel = replace(experiment.signal, spikes="hampel")
+    methods = {
+        "IDIM-LS": didim.IDIMLS(),
+        "huber": didim.IDIMLS(solver="huber"),
+        "bisquare": didim.IDIMLS(solver="bisquare"),
+        "Hampel, then IDIM-LS": didim.IDIMLS(signal=hampel),
+    }
+    errors: dict[str, list[list[Array]]] = {name: [[], []] for name in methods}
+    for seed in range(seeds):
+        clean = didim.simulated_log(experiment, x, seed=seed)
+        sigma = didim.identify(clean, didim.IDIMLS(uncertainty="decimated")).std
+        for name, method in methods.items():
+            for found, log in zip(errors[name], (with_spikes(clean, seed), clean), strict=True):
+                found.append((didim.identify(log, method).beta - truth) / sigma)
+    for name, (with_them, without) in errors.items():
+        print(
+            f"{name}: {rms(np.array(with_them)):.2f} with spikes, {rms(np.array(without)):.2f} without",
+            flush=True,
+        )
+
+
 def simulated(seeds: int) -> None:
     """Total least squares and maximum likelihood on simulated logs of the TX40."""
     experiment = didim.packaged_experiment("tx40")
@@ -133,6 +173,7 @@ def main() -> None:
     if options.data is not None:
         left_out(didim.load_experiment(EXAMPLES / "tx40_log_best.toml", data=options.data / "tx40"))
         left_out(didim.load_experiment(EXAMPLES / "emps.toml", data=options.data / "emps"))
+    spiked(options.seeds)
     simulated(options.seeds)
 
 

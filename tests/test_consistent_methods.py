@@ -155,6 +155,27 @@ def test_a_made_up_controller_has_gains_for_didim_and_no_other(
     )
 
 
+def test_a_measured_ur10e_with_a_made_up_controller(shared: Path, tmp_path: Path) -> None:
+    """A log without reference and controller, from `didim init`: as good along the measured motion as least squares."""
+    (tmp_path / "free.csv").symlink_to(shared / "data" / "ur10e" / "free.csv")
+    gains = ["14.87", "13.26", "11.13", "10.62", "11.03", "11.47"]
+    columns = ["--columns", "current=14-19", "--gain", *gains]
+    assert main(["init", "ur10e", str(tmp_path / "free.csv"), *columns]) == 0
+    file = tmp_path / "free.toml"
+    loop = '\n[controller]\nkind = "made-up"\n[reference]\nkind = "measured"\n'
+    file.write_text(file.read_text(encoding="utf-8") + loop, encoding="utf-8")
+    experiment = didim.load_experiment(file)
+    direct, fit = identify(experiment), identify(experiment, DIDIM())
+    assert fit.converged
+    assert fit.n_iterations <= 4
+    assert violations(conditions_of(experiment.robot), fit.parameters) == []
+    job = didim.IDIMLS().job(experiment)
+    system = job.system(job.parts("fit", job.delay()))
+    sizes = [np.linalg.norm(system.y - system.w @ found.beta) for found in (direct, fit)]
+    assert 100.0 * sizes[0] / np.linalg.norm(system.y) == pytest.approx(3.59, abs=0.02)
+    assert sizes[1] < 1.02 * sizes[0]
+
+
 def told(log: Experiment) -> str:
     """What consistent DIDIM says of a log, whether it ends with a result or an error."""
     try:
