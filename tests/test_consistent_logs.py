@@ -14,7 +14,12 @@ from didim.methods.method import Method
 from didim.model.consistency import violations
 from didim.model.drive_cones import Drives, drive_cones
 from didim.regression.consistent.prior import generic_prior
-from didim.regression.consistent.problem import ConstrainedProblem, Simulability, conditions_of
+from didim.regression.consistent.problem import (
+    FRICTION_WEIGHT,
+    ConstrainedProblem,
+    Simulability,
+    conditions_of,
+)
 from didim.regression.logs.parameters import LogParameters
 from didim.robot.payload import Payload, flange_in_last_frame, last_link
 from didim.robot.rigid_body import body_pseudo_inertia, pose, pseudo_inertia, ten_parameters
@@ -134,6 +139,22 @@ def test_rates_are_bounded_with_the_friction_of_each_recording() -> None:
     assert "Ia1" in labels
     assert "Ia1 of recording 'loaded'" in labels
     assert violations(drive_cones(ROBOT), bounded.start[: len(ROBOT.parameter_names)]) == []
+
+
+def test_the_prior_of_rotors_does_not_grow_with_the_recordings() -> None:
+    """Each recording repeats the conditions on the rates, and only the robot's own have the weight of the prior."""
+    smoothing = tuple(ROBOT.with_smoothing([0.01] * 6).friction.smoothing)
+    problem = replace(
+        problem_of(("friction",), Simulability(1e-4, 1.5, (0.0,) * 6, smoothing)), gamma=100 * FRICTION_WEIGHT
+    )
+    rotors = [condition for condition in problem.conditions if condition.label.startswith("Ia")]
+    own, repeated = (
+        [condition.weight for condition in rotors if ("recording" in condition.label) == repeats]
+        for repeats in (False, True)
+    )
+    assert len(own) == len(repeated) > 0
+    assert set(own) == {problem.gamma}
+    assert set(repeated) == {FRICTION_WEIGHT}
 
 
 def test_own_offsets_have_no_condition() -> None:

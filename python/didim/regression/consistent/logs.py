@@ -34,7 +34,7 @@ def log_conditions(logs: LogParameters, gamma: float, drives: Sequence[Cone]) ->
     gamma : float
         Weight of the prior of a payload (nats).
     drives : sequence of Cone
-        Conditions of the robot on rotors and friction, with their log-det terms.
+        Conditions of the robot on rotors and friction, with the weights that each recording with friction of its own repeats.
     """
     found = [
         _payload(logs, block, places, gamma)

@@ -131,7 +131,9 @@ class ConstrainedProblem:
             *(_drawn(rotor, self.gamma) for rotor in rotors),
             *(_drawn(friction, FRICTION_WEIGHT) for friction in friction_cones(drives)),
         ]
-        of_logs = [] if self.logs is None else log_conditions(self.logs, self.gamma, of_drives)
+        # The prior weighs a rotor once, however many recordings have friction of their own.
+        weak = [replace(drive, weight=min(drive.weight, FRICTION_WEIGHT)) for drive in of_drives]
+        of_logs = [] if self.logs is None else log_conditions(self.logs, self.gamma, weak)
         return (*links, *of_drives, *bounds, *of_logs)
 
     @cached_property

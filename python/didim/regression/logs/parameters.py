@@ -46,7 +46,8 @@ class ColumnBlock:
     names, units : tuple of str
         Of the parameters, without their owner: ``MX``, ``Off3``, ``K1``.
     complete : bool
-        Whether they are all unknowns of their owner. A planar arm leaves some of a payload out, and they describe no body.
+        Whether they are all unknowns of their owner. The motion of a planar arm does not show all ten of a payload; its
+        pseudo-inertia is then unknown, and no condition is put on it.
     """
 
     kind: Kind
@@ -324,6 +325,11 @@ class _Builder:
         owner = lost[0][0].owner
         which = listing([name for block, name in lost if block.owner == owner])
         if lost[0][0].kind == "payload":
+            if not any(self.recordings[number].payload == owner for number in fitted):
+                raise FitError(
+                    f"no recording to fit has payload '{owner}', of which {which} are unknown: describe it in "
+                    f"[payload.{owner}], or fit a recording with it"
+                )
             raise FitError(
                 f"{which} of payload '{owner}' cannot be told from the last link: no recording to fit is without it; add one "
                 "without a payload or with a known one, or take `didim payload` with the result of such a log"
