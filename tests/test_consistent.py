@@ -149,6 +149,10 @@ def test_the_real_log_has_the_distance_of_the_oracle(shared: Path) -> None:
     near = fit.consistent(draws=40)
     sources = {item["name"]: item["source"] for item in near.settings["consistent"]["parameters"]}
     assert sources["M1"] == "prior"
+    with pytest.raises(didim.FitError, match=r"prior='didim_physical' needs the robot as well"):
+        fit.consistent("didim_physical")
+    named = fit.consistent("didim_physical", robot=experiment.robot, draws=20)
+    assert named.settings["consistent"]["prior"] == "didim_physical"
     assert sources["Fv1"] == "identified"
     assert violations(conditions_of(experiment.robot), near.parameters) == []
     assert "from the prior" in str(near)

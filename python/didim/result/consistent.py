@@ -188,12 +188,17 @@ class MovedToRobot:
         Raises
         ------
         FitError
-            For a result without standard deviations, and when no robot meets all conditions.
+            For a result without standard deviations, a parameter set without `robot`, and when no robot meets all conditions.
 
         Notes
         -----
         ``test_consistent.py`` compares with Clarabel, and checks intervals on simulated logs.
         """
+        if robot is None and isinstance(prior, str) and prior != "generic":
+            raise FitError(
+                f"a result keeps no parameter sets of its robot: prior={prior!r} needs the robot as well, "
+                "robot=didim.load_robot(...)"
+            )
         known = recorded_robot(self.robot, self.settings) if robot is None else robot
         if known.parameter_names != self.parameter_names:
             raise FitError(f"the result is for robot {self.robot!r}, and the robot is {known.name!r}")
