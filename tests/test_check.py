@@ -226,6 +226,14 @@ def test_delay(log: Log, tmp_path: Path, samples: int) -> None:
     assert not check(compensated.write(tmp_path))
 
 
+def test_delay_of_the_wrist(log: Log, tmp_path: Path) -> None:
+    def wrist(q: Array, tau: Array) -> None:
+        tau[:, 3:] = np.roll(tau[:, 3:], 5, axis=0)
+
+    item = alone(check(log.change(wrist).write(tmp_path)), "delay", (4, 5, 6))
+    assert item.sentence.startswith("the torque of joints 4, 5 and 6 is ")
+
+
 @pytest.mark.parametrize(("start", "stop"), [(3000, 3400), (9000, 10001), (0, 700)])
 def test_stuck_encoder(log: Log, tmp_path: Path, start: int, stop: int) -> None:
     item = alone(check(log.change(stuck(3, start, stop)).write(tmp_path)), "stuck", (3,))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._tools.words import listing
+from .._tools.words import joints_text
 from ..errors import DidimError
 from ..methods.job import Delay, Job
 from .finding import Finding
@@ -32,11 +32,7 @@ def check_delay(job: Job, declared: Delay) -> list[Finding]:
     rate = job.experiment.recordings[0].rate_hz
     alike = np.flatnonzero(np.abs(late - worst) < SMALLEST_SAMPLES)
     joints = () if len(alike) == len(late) else tuple(int(joint) + 1 for joint in alike)
-    which = (
-        f" of {'joints' if len(joints) > 1 else 'joint'} {listing([str(j) for j in joints])}"
-        if joints
-        else ""
-    )
+    which = f" of {joints_text(alike)}" if joints else ""
     compensated = declared.samples if isinstance(declared.samples, float) else 0.0
     held = not joints and not declared.hold_s and -HOLD[1] < worst < -HOLD[0]
     values = [f"{value:.2f}" for value in estimate.joints]
