@@ -195,7 +195,11 @@ def test_further_friction_terms_are_named(tmp_path: Path) -> None:
     path.write_text(json.dumps(data))
     source = exported_parameters(fit=path, parameters=None, robot=None, urdf=None)
     assert (source.x == x).all()
-    assert source.notes == ("further friction terms are left out: Fs1",)
+    doubt = "fit.json: Verdict: doubtful, for 1 reason: Fc2 = -1 N.m is negative, by 3.0 sigma."
+    assert source.notes == (doubt, "further friction terms are left out: Fs1")
+    path.write_text(json.dumps(data | {"warnings": [], "verdict": {**data["verdict"], "reasons": []}}))
+    sound = exported_parameters(fit=path, parameters=None, robot=None, urdf=None)
+    assert sound.notes == ("further friction terms are left out: Fs1",)
     del data["standard_parameters"]["ZZ2"]
     path.write_text(json.dumps(data))
     with pytest.raises(FitError, match="it has no parameter 'ZZ2' of robot 'planar2'"):

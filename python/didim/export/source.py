@@ -30,7 +30,7 @@ class Source:
     x : (n_parameters,) array
         Standard parameters.
     notes : tuple of str
-        Sentences on how they were found.
+        Sentences on how they were found, and on a result that is not sound.
     from_prior : mapping of int to tuple of str
         For each link (from 0), its standard parameters that only a prior knows.
     """
@@ -89,6 +89,8 @@ def exported_parameters(
     if further_terms:
         model = _as_fitted(_with_terms(model, result), result)
     x, notes = _by_name(result, result.parameters, model, fit)
+    if not result.verdict.sound:
+        notes.insert(0, f"{fit.name}: {result.verdict.sentence}")
     if prior is None and _are_bodies(model, x):
         return Source(model, x, (*model.notes, *notes), parameters_from_prior(result, model))
     found = consistent_parameters(result, _with_terms(model, result), prior)
