@@ -132,6 +132,18 @@ def test_friction_of_a_recording_is_bounded_with_that_of_the_robot() -> None:
     assert "payload 'load'" in labels
 
 
+def test_friction_that_cancels_leaves_a_curvature() -> None:
+    """Robot and recording may round to a friction of exactly zero, on the boundary of their condition."""
+    problem = problem_of(("friction",))
+    logs = problem.logs
+    assert logs is not None
+    x = problem.start.copy()
+    x[ROBOT.parameter_names.index("Fc1")] = 5.0
+    x[len(ROBOT.parameter_names) + logs.further_names.index("loaded.Fc1")] = -5.0
+    assert np.isfinite(problem.marginal(x)).all()
+    assert np.isfinite(problem.covariance(1e3 * np.eye(len(logs.names)), x)).all()
+
+
 def test_rates_are_bounded_with_the_friction_of_each_recording() -> None:
     smoothing = ROBOT.with_smoothing([0.01] * 6).friction.smoothing
     bounded = problem_of(("friction",), Simulability(1e-4, 1.5, (0.0,) * 6, tuple(smoothing)))

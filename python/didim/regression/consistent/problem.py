@@ -31,6 +31,8 @@ FRICTION_WEIGHT = 1e-3
 """Weight of the log-det terms of friction (nats): no effect on an estimate, and the solver stays inside."""
 ROUNDING = 1e-15
 """Eigenvalue of a scaled curvature, as a share of the largest, below which it is rounding."""
+FEASIBLE = 1e-12
+"""Eigenvalue of a condition, as a share of its terms, below which rounding decides: the infeasibility that the solver allows."""
 LEAST_WEIGHT = 3e-8
 """Weight of the log-det term of every condition at least (nats), for a unique solution."""
 
@@ -264,8 +266,12 @@ class ConstrainedProblem:
         curvature = np.zeros((len(x), len(x)))
         for condition in self.conditions:
             weight = max(condition.weight, LEAST_WEIGHT)
-            inverse = np.linalg.inv(condition.at(x))
-            scaled = inverse @ condition.basis
+            # Terms may cancel to zero, such as the friction of a robot and the difference of a recording.
+            sizes = np.linalg.norm(condition.basis, axis=(1, 2)) * np.abs(x[list(condition.indices)])
+            size = float(np.sum(sizes) + np.linalg.norm(condition.constant))
+            values, vectors = np.linalg.eigh(condition.at(x))
+            least = FEASIBLE * size if size > 0.0 else FEASIBLE
+            scaled = (vectors / np.maximum(values, least)) @ vectors.T @ condition.basis
             products = weight * np.einsum("iab,kba->ik", scaled, scaled)
             curvature[np.ix_(condition.indices, condition.indices)] += products
         return curvature
