@@ -179,3 +179,13 @@ def test_own_offsets_have_no_condition() -> None:
 def test_a_solver_of_ones_own_for_robots_refuses_logs_it_does_not_know(noisy: Experiment) -> None:
     with pytest.raises(FitError, match="this solver knows the robot alone"):
         didim.identify(noisy, didim.IDIMLS(solver=KnowsTheRobot()))
+
+
+def test_fewer_rows_than_parameters_end_in_a_sentence() -> None:
+    log = two_logs(1.0)
+    short = tuple(replace(item, windows=((4000, 4560),)) for item in log.recordings)
+    fit = didim.identify(replace(log, recordings=short), didim.IDIMLS(physical=True))
+    assert fit.n_rows < len(fit.beta) + 28  # ten of the load, 18 of the recording
+    assert not fit.std.any()
+    assert any("fewer rows than parameters" in remark for remark in fit.remarks)
+    assert violations(conditions_of(ROBOT), fit.parameters) == []

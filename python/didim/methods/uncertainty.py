@@ -62,6 +62,9 @@ def spread_of_fit(
     """
     if not fit.covariance.any():
         return Spread(fit.covariance, None)
+    if system.w.shape[0] < system.w.shape[1]:  # physical conditions still give a solution
+        sentence = "there are fewer rows than parameters, so the residual says nothing of the noise: no standard deviations"
+        return Spread(np.zeros_like(fit.covariance), None, (sentence,))
     factors, noise = fit.factors, fit.covariance
     if factors is None:
         w = system.w

@@ -80,7 +80,7 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
         Intervals of time for each log.
     """
     numbers = sorted({block.recording for block in system.blocks})
-    if len(numbers) < 2:
+    if len(numbers) < 2 or system.w.shape[0] < system.w.shape[1]:
         return []
     times = intervals(system.blocks, blocks * len(numbers))
     parts = [part.rows for part in times]
