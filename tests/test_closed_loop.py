@@ -610,7 +610,10 @@ def test_what_a_simulation_cannot_do_without(tmp_path: Path) -> None:
     recorded = table("reference", kind="recorded")
     assert refused(FOURIER).startswith("arm: a simulation needs the table [controller]")
     assert refused(RECORDING, PD).startswith("arm: a simulation needs the table [reference]")
-    assert refused(recorded, PD) == "arm: the reference is 'recorded', and the experiment has no recording"
+    assert (
+        refused(recorded, PD)
+        == "arm: the reference is 'recorded', the motion of a recording, and this simulation is made without one"
+    )
     assert "recording 'log' has no reference positions: add [recording.reference]" in refused(
         recorded, PD, RECORDING.replace("reference =", "#"), recorded=True
     )

@@ -55,7 +55,9 @@ class ReferenceSpec:
         if self.made is not None:
             return self.made
         if recording is None:
-            raise ExperimentError(f"the reference is {self.kind!r}, and the experiment has no recording")
+            raise ExperimentError(
+                f"the reference is {self.kind!r}, the motion of a recording, and this simulation is made without one"
+            )
         start, stop = window or (0, len(recording.q))
         if self.kind == "recorded":
             if recording.q_ref is None:

@@ -77,6 +77,19 @@ fn a_start_outside_is_moved_inside() {
 }
 
 #[test]
+fn numbers_whose_squares_leave_floating_point_are_not_solved_by_their_rounding() {
+    for size in [1e30, 1e120, 1e160, 1e200, 1e300] {
+        for sign in [1.0, -1.0] {
+            let solution = solved(2, &[scalar(&[0], &[1.0], 0.0, 0.0)], &[], &[sign * size, 1.0], &[1.0; 2]);
+            let nearest = if sign > 0.0 { size } else { 0.0 };
+            let met =
+                (solution.x[0] - nearest).abs() <= 1e-6 * size && (solution.x[1] - 1.0).abs() <= 1e-6 * size;
+            assert!(met || solution.ending != Ending::Solved, "{size:e}: {solution:?}");
+        }
+    }
+}
+
+#[test]
 fn contradictions_are_told_with_their_cone() {
     let bounds =
         [scalar(&[1], &[1.0], 0.0, 0.0), scalar(&[0], &[1.0], -7.0, 0.0), scalar(&[0], &[-1.0], 5.0, 0.0)];

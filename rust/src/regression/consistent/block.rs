@@ -29,7 +29,7 @@ const NEAR: f64 = 0.1;
 /// Rounding of `F(x)` relative to its terms: few of them are rounded as far as they can be.
 const ROUNDING: f64 = 0.02 * f64::EPSILON;
 
-/// Steps are not told apart beyond this length: a whole step is all that is taken.
+/// Longest step that is looked for: no step taken is longer than 1.
 const FARTHEST: f64 = 1.1;
 
 /// A centring correction moves eigenvalues of `S Z` into this share of the target, and its inverse.

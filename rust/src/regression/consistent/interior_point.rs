@@ -220,6 +220,10 @@ impl<'a> Iterate<'a> {
         self.blocks.iter().for_each(|block| block.add_multiplier_size(&mut self.rounding));
         self.rounding.component_mul_assign(&self.scale);
         self.rounding *= 4.0 * f64::EPSILON;
+        if !self.rounding.iter().all(|rounding| rounding.is_finite()) {
+            // Terms too large for floating point allow nothing: the iteration ends without a solution.
+            self.rounding.fill(0.0);
+        }
     }
 
     fn stationarity(&self) -> f64 {
@@ -233,6 +237,9 @@ impl<'a> Iterate<'a> {
     /// Largest violation of the optimality conditions, in units of the tolerances.
     fn violation(&self) -> f64 {
         let scaled = self.residual.component_mul(&self.scale);
+        if !scaled.iter().all(|r| r.is_finite()) {
+            return f64::INFINITY;
+        }
         let stationarity =
             scaled.zip_map(&self.rounding, |r, rounding| r.abs() / (STATIONARITY + rounding)).amax();
         let complementarity =

@@ -7,9 +7,9 @@
 //! min_x  1/2 |A x - z|^2 + omega/2 sum_j |S_j^-1/2 (F_j(x) - S_j) S_j^-1/2|^2,    S_j = F_j(prior)
 //! ```
 //!
-//! One Newton system. Slacks are made of the absolute eigenvalues of `F_j`, so they need not equal `F_j(x)`. The barrier is
-//! what it costs to bring the negative ones to zero, one by one in the metric of the log: a barrier that is too low for them
-//! costs an iteration per decade until the steps are free.
+//! This takes one Newton system. Slacks are made of the absolute eigenvalues of `F_j`, so they need not equal `F_j(x)`. The
+//! barrier is the sum of the costs (nats) of moving each negative eigenvalue to zero alone, in the metric of the log: with a barrier
+//! that is too low, each decade of it costs an iteration before the steps are free.
 
 use super::interior_point::Iterate;
 use nalgebra::DVector;
