@@ -12,7 +12,7 @@ import didim
 from didim import Experiment, FitError, Identification
 from didim.methods.method import Method
 from didim.model.consistency import violations
-from didim.model.drive_cones import Drives, drive_cones
+from didim.model.drive_cones import drive_cones
 from didim.regression.consistent.prior import generic_prior
 from didim.regression.consistent.problem import (
     FRICTION_WEIGHT,
@@ -173,7 +173,6 @@ def test_own_offsets_have_no_condition() -> None:
     labels = [condition.label for condition in problem_of(("offsets",)).conditions]
     assert not any("recording" in label for label in labels)
     assert len(labels) == len(conditions_of(ROBOT)) + 1
-    assert len(Drives(ROBOT).groups) == 5  # joints 5 and 6 are coupled
 
 
 def test_a_solver_of_ones_own_for_robots_refuses_logs_it_does_not_know(noisy: Experiment) -> None:

@@ -172,10 +172,11 @@ fn conditions(cones: &[Cone], a: &[f64], z: &[f64], solution: &Solution) -> (f64
             nalgebra::DMatrix::from_row_slice(order, order, &f),
             nalgebra::DMatrix::from_row_slice(order, order, multiplier),
         );
-        let root = f.cholesky().unwrap().l();
-        let one = nalgebra::DMatrix::identity(order, order) * cone.weight;
         // F itself is known to the rounding of its terms only.
-        let rounding = 2.0 * f64::EPSILON * size * multiplier.norm();
+        let rounding = 4.0 * f64::EPSILON * size;
+        let one = nalgebra::DMatrix::identity(order, order);
+        let root = (f + &one * rounding).cholesky().unwrap().l();
+        let (one, rounding) = (one * cone.weight, 2.0 * rounding * multiplier.norm());
         product = product.max((root.transpose() * multiplier * root - one).amax() - rounding);
     }
     (gradient.iter().zip(&terms).map(|(g, t)| g.abs() / t).fold(0.0, f64::max), product)

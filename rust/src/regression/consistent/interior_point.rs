@@ -35,7 +35,7 @@ const FEASIBILITY: f64 = 1e-12;
 const ROUNDED: f64 = 100.0;
 
 /// Share of the violation that a step leaves at most while rounding does not decide.
-const GAIN: f64 = 0.5;
+const GAIN: f64 = 0.9;
 
 /// Share of the way to the boundary that a step takes.
 const INSIDE: f64 = 0.97;
