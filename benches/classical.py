@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import didim
+from didim.methods.method import Method
 from didim.regression.linear_system import LinearSystem
 from didim.regression.solver import SOLVERS, solver_of
 from didim.studies.simulated_log import measured
@@ -75,14 +76,14 @@ def left_out(experiment: didim.Experiment) -> None:
         )
 
 
-def errors(
-    logs: Sequence[didim.Experiment],
-    method: didim.IDIMLS | didim.MaximumLikelihood | didim.IDIMIV,
-    truth: Array,
-    sigma: Array,
-) -> str:
+def off(logs: Sequence[didim.Experiment], method: Method, truth: Array, sigma: Array) -> list[float]:
+    """Errors of a method on each log in standard deviations, rms."""
+    return [rms((didim.identify(log, method).beta - truth) / sigma) for log in logs]
+
+
+def errors(logs: Sequence[didim.Experiment], method: Method, truth: Array, sigma: Array) -> str:
     """Errors of a method on logs with different noise."""
-    each = [rms((didim.identify(log, method).beta - truth) / sigma) for log in logs]
+    each = off(logs, method, truth, sigma)
     return f"{rms(np.array(each)):.2f} ({min(each):.2f} to {max(each):.2f})"
 
 

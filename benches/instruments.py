@@ -9,18 +9,15 @@ simulates the log of the packaged TX40 experiment with the parameters ``didim``,
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from classical import off, rms
 
 import didim
 from didim.experiment.loop import closed_loop
 from didim.loop.controller import Controller
 from didim.studies.simulated_log import measured
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,17 +66,6 @@ def logs_of(case: Case, clean: didim.Experiment, seeds: int) -> list[didim.Exper
     return [replace(measured(experiment, seed), controller=wrong) for seed in range(seeds)]
 
 
-def off(
-    logs: Sequence[didim.Experiment],
-    method: didim.IDIMLS | didim.IDIMIV | didim.DIDIM,
-    truth: Array,
-    sigma: Array,
-) -> float:
-    """Errors of a method on all logs, rms."""
-    errors = [(didim.identify(log, method).beta - truth) / sigma for log in logs]
-    return float(np.sqrt(np.mean(np.square(errors))))
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--seeds", type=int, default=4)
@@ -89,11 +75,12 @@ def main() -> None:
     clean = didim.simulated_log(experiment, x, noise=False)
     truth = experiment.robot.base_parameters.project(x)
     plain = didim.DIDIM(physical=False)
-    sigma = didim.identify(measured(clean, 0), didim.DIDIM(physical=False, uncertainty="decimated")).std
+    sigma = didim.identify(measured(clean, 0), replace(plain, uncertainty="decimated")).std
     print(f"{'':52}{'IDIM-LS':>9}{'IDIM-IV':>9}{'DIDIM':>9}")
     for case in CASES:
         logs = logs_of(case, clean, options.seeds)
-        values = [off(logs, method, truth, sigma) for method in (didim.IDIMLS(), didim.IDIMIV(), plain)]
+        methods = (didim.IDIMLS(), didim.IDIMIV(), plain)
+        values = [rms(np.array(off(logs, method, truth, sigma))) for method in methods]
         print(f"{case!s:52}" + "".join(f"{value:9.3g}" for value in values), flush=True)
 
 

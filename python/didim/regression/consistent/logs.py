@@ -19,6 +19,7 @@ from ...model.consistency import Cone, link_cones
 from ...robot.rigid_body import ten_parameters
 from ..logs.body import RADIUS_M
 from ..logs.parameters import ColumnBlock, LogParameters
+from .prior import drawn
 
 MASS_KG = 1.0
 """Mass of the solid at the last frame that a payload is drawn to."""
@@ -73,15 +74,9 @@ def _payload(logs: LogParameters, block: ColumnBlock, places: slice, gamma: floa
     link = link_cones(logs.robot)[-1]
     moved = _moved(link, logs.columns[recording], logs.known.get(recording))
     own = [k for k, index in enumerate(moved.indices) if index not in link.indices]
-    root = np.linalg.inv(np.linalg.cholesky(_solid()))
-    return Cone(
-        label=f"payload '{block.owner}'",
-        indices=tuple(moved.indices[k] for k in own),
-        basis=root @ moved.basis[own] @ root.T,
-        constant=root @ moved.constant @ root.T,
-        weight=gamma,
-        slope=np.eye(4),
-    )
+    indices = tuple(moved.indices[k] for k in own)
+    body = Cone(f"payload '{block.owner}'", indices, moved.basis[own], moved.constant)
+    return drawn(body, _solid(), gamma)
 
 
 def _moved(cone: Cone, columns: Array, known: Array | None = None) -> Cone:

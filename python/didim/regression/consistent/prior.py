@@ -13,7 +13,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...errors import FitError
-from ...model.consistency import places_of, pseudo_inertias
+from ...model.consistency import Cone, places_of, pseudo_inertias
 from ...robot.rigid_body import INERTIAL, ten_parameters
 from ...robot.robot import Robot
 from ..linear_system import LinearSystem
@@ -113,6 +113,18 @@ def _mass(robot: Robot, one: Prior, system: LinearSystem, selection: Selection) 
         return DEFAULT_MASS
     solution = np.linalg.lstsq(columns / np.where(sizes > 0.0, sizes, 1.0), system.y, rcond=1e-10)[0]
     return float(max(solution[0] / sizes[0], LEAST_MASS))
+
+
+def drawn(condition: Cone, body: Array, weight: float) -> Cone:
+    """Return the condition on a pseudo-inertia in units of a prior's, (4, 4), with a log-det term of a weight (nats)."""
+    root = np.linalg.inv(np.linalg.cholesky(body))
+    return replace(
+        condition,
+        basis=root @ condition.basis @ root.T,
+        constant=root @ condition.constant @ root.T,
+        weight=weight,
+        slope=np.eye(4),
+    )
 
 
 def prior_near(robot: Robot, x: Array, name: str) -> Prior:

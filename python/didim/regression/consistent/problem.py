@@ -25,7 +25,7 @@ from ..logs.parameters import LogParameters
 from ..selection import Selection
 from .bounds import Bounds
 from .logs import log_conditions, log_start
-from .prior import Prior
+from .prior import Prior, drawn
 
 FRICTION_WEIGHT = 1e-3
 """Weight of the log-det terms of friction (nats): no effect on an estimate, and the solver stays inside."""
@@ -119,10 +119,8 @@ class ConstrainedProblem:
     def conditions(self) -> tuple[Cone, ...]:
         """Conditions with their log-det terms."""
         drives = Drives(self.robot)
-        links = []
-        for link, body in zip(link_cones(self.robot), self.prior.bodies, strict=True):
-            root = np.linalg.inv(np.linalg.cholesky(body))
-            links.append(replace(link, basis=root @ link.basis @ root.T, weight=self.gamma, slope=np.eye(4)))
+        bodies = zip(link_cones(self.robot), self.prior.bodies, strict=True)
+        links = [drawn(link, body, self.gamma) for link, body in bodies]
         if self.simulability is None:
             rotors = rotor_cones(drives)
         else:

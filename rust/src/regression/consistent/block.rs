@@ -237,7 +237,7 @@ impl<const M: usize> Fixed<M> {
     fn longest_along(&self, direction: &Small<M>) -> f64 {
         let relative =
             Small::<M>::from_fn(|i, k| direction[(i, k)] / (self.lambda[i] * self.lambda[k]).sqrt());
-        // A factorisation costs a tenth of the eigenvalues, and most blocks allow a whole step.
+        // Most blocks allow a whole step, and a factorisation, which costs less than eigenvalues, says so.
         if cholesky(&(Small::<M>::identity() + relative * FARTHEST)).is_some() {
             return FARTHEST;
         }

@@ -17,13 +17,13 @@ const REFINEMENTS: usize = 10;
 /// Square of the relative error, in the norm of the matrix, that ends them.
 const REFINED: f64 = 1e-20;
 
-/// Smallest pivot of the scaled matrix with which its factor solves to eight digits alone.
+/// Pivots of the scaled matrix above this need no refinement: no direction is near its rounding.
 const CLEAR: f64 = 1e-8;
 
 /// Factor of the scaled matrix.
 pub struct System {
     factor: Cholesky<f64, Dyn>,
-    /// No direction is lost in rounding.
+    /// All pivots are above [`CLEAR`].
     clear: bool,
 }
 

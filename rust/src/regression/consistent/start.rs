@@ -8,8 +8,8 @@
 //! ```
 //!
 //! This takes one Newton system. Slacks are made of the absolute eigenvalues of `F_j`, so they need not equal `F_j(x)`. The
-//! barrier is the sum of the costs (nats) of moving each negative eigenvalue to zero alone, in the metric of the log: with a barrier
-//! that is too low, each decade of it costs an iteration before the steps are free.
+//! barrier per row of the cones is the sum of the costs (nats) of moving each negative eigenvalue to zero alone, in the metric of the
+//! log, or a share of `|A x - z|^2` where that is more: each decade that it is too low costs an iteration before the steps are free.
 
 use super::interior_point::Iterate;
 use nalgebra::DVector;
