@@ -145,7 +145,7 @@ def check(wheel: Path, place: Place) -> None:
             if not commands:
                 sys.exit(f"didim example {name} names no commands:\n{printed}")
             for command in commands.splitlines():
-                succeed(place, empty / name, bare, command.split())
+                succeed(place, empty / name, bare, ["sh", "-c", command])
             print(f"  {name}: {len(commands.splitlines())} commands, {time.perf_counter() - start:.0f} s")
             shutil.rmtree(folder / "empty" / name)
         table = succeed(place, empty, bare, ["didim", "compare", "--nelder-mead", "none"])

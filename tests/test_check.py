@@ -16,6 +16,7 @@ import didim
 from didim import Experiment, Finding, FitError, Recording, SignalProcessing, check, load_experiment
 from didim.cli.main import main
 from didim.diagnosis.finding import KINDS, Findings
+from didim.methods.verdict.torques import constant_torque_reasons
 from didim.studies.simulated_log import PACKAGED, measured, simulated_log
 from planted import SIGNAL, Log, log_of, tx40_exact
 from test_documented import tables
@@ -476,3 +477,40 @@ def test_names_of_joints_stand_below_the_findings() -> None:
     named = Findings("log", (found,), ("shoulder", "elbow"))
     assert str(named).splitlines()[-1] == "joints: 2 elbow"
     assert len(str(Findings("log", (found,))).splitlines()) == 2
+
+
+@pytest.mark.parametrize("value", [0.0, 2.5])
+def test_a_dead_torque_sensor(arm: Experiment, value: float) -> None:
+    """One finding, and nothing compared with the model; `identify` calls its result wrong for it."""
+    (recording,) = measured(arm).recordings
+    assert recording.tau is not None
+    dead = replace(recording, tau=np.where(np.arange(2) == 1, value, recording.tau))
+    item = alone(check(replace(arm, recordings=(dead,))), "constant-torque", (2,))
+    assert f"is {value:g} in all {len(recording.tau)} samples" in item.sentence
+    fit = didim.identify(replace(arm, recordings=(dead,)))
+    assert fit.verdict.state.value == "wrong"
+    (reason,) = [reason for reason in fit.verdict.reasons if reason.code == "constant-torque"]
+    assert reason.joints == (2,)
+    assert reason.sentence.endswith(f"the torque of joint 2 is constant in all {len(recording.tau)} samples")
+
+
+def test_torques_that_are_all_zero(arm: Experiment) -> None:
+    (recording,) = measured(arm).recordings
+    assert recording.tau is not None
+    dead = replace(arm, recordings=(replace(recording, tau=0.0 * recording.tau),))
+    assert [(item.kind, item.joints) for item in check(dead)] == [
+        ("constant-torque", (1,)),
+        ("constant-torque", (2,)),
+    ]
+    assert didim.identify(dead).verdict.state.value == "wrong"
+
+
+def test_a_dead_torque_sensor_of_a_motor_is_found_behind_the_coupling(log: Log, tmp_path: Path) -> None:
+    def plant(q: Array, tau: Array) -> None:
+        tau[:, 4] = 0.7
+
+    motors = replace(on_motor_side(log), side="motor").change(plant).write(tmp_path)
+    item = alone(check(motors), "constant-torque", (5,))
+    assert "the torque of motor 5 (log.csv, column tau5) is 0.7" in item.sentence
+    (reason,) = constant_torque_reasons(load_experiment(motors))
+    assert "the torque of motor 5 is constant" in reason.sentence

@@ -22,7 +22,7 @@ from didim.loop.controller import Controller
 from didim.loop.reference import Reference
 from didim.loop.tuning import mean_inertia
 from didim.methods.didim.settings import GainUpdating
-from didim.methods.start import Start, unit_rotors
+from didim.methods.start import Start, standard_start, unit_rotors
 from didim.result.iteration import Iteration
 from didim.studies.simulated_log import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
 from plain import plain_didim
@@ -169,6 +169,17 @@ def test_kinds_of_starts(arm: Experiment, arm_truth: Array) -> None:
         np.testing.assert_allclose(found.beta, arm_truth, atol=MET)
 
 
+def test_a_start_by_standard_names() -> None:
+    robot = didim.load_robot("planar2")
+    x = robot.parameter_set("reference")
+    named = dict(zip(robot.parameter_names, x.tolist(), strict=True))
+    np.testing.assert_array_equal(standard_start(robot, named), x)
+    beta = dict(zip(robot.base_parameters.names, robot.set_base("reference").tolist(), strict=True))
+    np.testing.assert_array_equal(
+        standard_start(robot, beta), robot.base_parameters.lift(robot.set_base("reference"))
+    )
+
+
 def test_unit_rotors_of_a_coupled_wrist() -> None:
     """(17) literally, Ia = 1 for all, makes the motor block of joints 5 and 6 singular."""
     robot = didim.load_robot("tx40")
@@ -185,7 +196,8 @@ def test_unit_rotors_of_a_coupled_wrist() -> None:
     ("start", "message"),
     [
         ("apriory", "no parameter set 'apriory'"),
-        ({"ZZ1": 1.0}, "the start has no base parameter 'ZZ1'; did you mean 'ZZ1R'"),
+        ({"ZZ1Q": 1.0}, "the start: unknown parameter 'ZZ1Q'; did you mean 'ZZ1'"),
+        ({"ZZ1R": 1.0, "ZZ1": 1.0}, "the start: has both 'ZZ1R' and 'ZZ1'"),
         ({"ZZ1R": "heavy"}, "start must be an array of real numbers"),
         ({"ZZ1R": float("nan")}, "the start has a value that is not finite"),
         ([1.0, 2.0], r"the start needs 28 standard or 13 base parameters, got \(2,\)"),

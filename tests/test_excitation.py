@@ -336,8 +336,8 @@ def test_wrong_settings_are_named(settings: dict[str, Any], sentence: str) -> No
 
 
 def test_a_robot_without_limits_is_asked_for_them() -> None:
-    with pytest.raises(ExcitationError, match="robot 'tx40' has no position limits for joint 1"):
-        excite("tx40")
+    with pytest.raises(ExcitationError, match="robot 'gen3' has no position limits for joint 1"):
+        excite("gen3")
 
 
 def test_what_is_assumed_is_said(planar: Robot) -> None:
@@ -500,3 +500,13 @@ def test_information_near_the_smallest_numbers_gives_no_warning(pair: float) -> 
     value, inverse = log_determinant(unit * np.outer(scale, scale))
     assert np.isfinite(value)
     assert inverse[2, 2] == pytest.approx(1.0)
+
+
+def test_the_packaged_tx40_has_the_limits_of_its_maker() -> None:
+    """A motion can be designed for it without further limits."""
+    whole = motion_limits(didim.load_robot("tx40"))
+    np.testing.assert_allclose(np.degrees(whole.lowest), [-180, -125, -138, -270, -120, -270], atol=1e-4)
+    np.testing.assert_allclose(np.degrees(whole.highest), [180, 125, 138, 270, 133.5, 270], atol=1e-4)
+    settings = ExcitationSettings(duration_s=4.0, harmonics=3, iterations=1, starts=1)
+    q = excite("tx40", settings).sampled(50.0)[1]
+    assert np.all((q > whole.lowest) & (q < whole.highest))

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import didim
+import simulated
 from didim.cli.main import main
-from didim.errors import FitError
+from didim.errors import FitError, ShapeError
 from didim.export.source import exported_parameters
 from didim.robot.friction import FrictionTerm
 from didim.robot.robot import Geometry, Robot
@@ -76,6 +77,7 @@ def check(folder: Path, robot: Robot, x: Array, seed: int = 0) -> None:
     bodies[[name.startswith(("F", "Off", "Rest")) for name in robot.parameter_names]] = 0.0
     gravity = compiled.call("gravity", n, motion.q)
     assert worst(gravity, didim.inverse_dynamics(robot, motion.q, still, still, bodies)) < 1e-12
+    assert worst(gravity, didim.gravity(robot, motion.q, x)) < 1e-12
 
 
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
@@ -186,3 +188,13 @@ def test_a_result_keeps_its_friction(tmp_path: Path) -> None:
         worst(didim.inverse_dynamics(source.robot, *state, source.x), didim.inverse_dynamics(made, *state, x))
         < 1e-9
     )
+
+
+def test_a_result_in_place_of_its_parameters_is_named() -> None:
+    robot = didim.load_robot("planar2")
+    fit = didim.identify(simulated.experiment(robot, simulated.log(robot, robot.parameter_set("reference"))))
+    with pytest.raises(
+        ShapeError, match=r"x is a result \(Identification\): pass its standard parameters, fit\.parameters"
+    ):
+        didim.to_c(robot, fit)  # type: ignore[arg-type]
+    assert didim.to_c(robot, fit.parameters).startswith("/* Inverse dynamics of planar2")

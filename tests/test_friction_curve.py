@@ -12,6 +12,7 @@ import didim
 from didim.errors import FitError
 from didim.robot.friction import FrictionTerm
 from didim.studies.friction_curve import friction_curves
+from several import arm_logs
 from test_friction_terms import log, parameters, planar
 
 
@@ -55,8 +56,21 @@ def test_the_picture_has_a_panel_per_joint() -> None:
 
 def test_another_robot_is_refused() -> None:
     fit, experiment = fitted()
-    with pytest.raises(FitError, match="their parameters differ"):
+    with pytest.raises(
+        FitError, match=r"the parameters differ: only the result has Fa1, Fl2; write the same \[friction\]"
+    ):
         friction_curves(replace(fit, settings={}), replace(experiment, robot=planar()))
     kept = tuple(replace(item, role="held-out") for item in experiment.recordings)
     with pytest.raises(FitError, match="no recording with role 'fit'"):
         friction_curves(fit, replace(experiment, recordings=kept))
+
+
+@pytest.mark.parametrize("own", [(), ("offsets", "friction")])
+def test_payloads_and_what_a_recording_has_for_itself_are_subtracted(own: tuple[str, ...]) -> None:
+    """The dots of all recordings lie on the curve of the robot, whatever each of them carries."""
+    experiment = arm_logs([False, True, True], offsets={1: (0.6, -0.4)} if own else None, own=own)
+    fit = didim.identify(experiment)
+    for curve in friction_curves(fit, experiment):
+        moving = np.abs(curve.measured_speed) > 0.3
+        error = curve.measured[moving] - np.interp(curve.measured_speed[moving], curve.speed, curve.torque)
+        assert np.sqrt(np.mean(error**2)) < 0.03 * np.ptp(curve.torque)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import didim
 from didim import _core
+from didim.errors import ShapeError
 from didim.robot.robot import Robot
 from robots import random_motion, random_parameters, relative, robots
 
@@ -24,6 +25,27 @@ def test_the_regressor_times_the_parameters_is_the_inverse_model(robot: Robot, s
     tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
     W = didim.regressor(robot, motion.q, motion.dq, motion.ddq)
     assert relative(W @ x - tau, tau) < 1e-12
+
+
+@settings(max_examples=50, deadline=None)
+@given(robot=robots(), seed=seeds)
+def test_gravity_is_the_inverse_model_at_rest_without_friction(robot: Robot, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    q = random_motion(rng, 7, robot.n_dof).q
+    x = random_parameters(rng, robot)
+    bodies = x.copy()
+    bodies[[name.startswith(("F", "Off", "Rest")) for name in robot.parameter_names]] = 0.0
+    expected = didim.inverse_dynamics(robot, q, 0.0 * q, 0.0 * q, bodies)
+    np.testing.assert_array_equal(didim.gravity(robot, q, x), expected)
+
+
+def test_gravity_refuses_what_is_no_position_or_no_parameter() -> None:
+    robot = didim.load_robot("planar2")
+    x = robot.parameter_set("reference")
+    with pytest.raises(ShapeError, match=r"q must have shape \(n_samples, 2\)"):
+        didim.gravity(robot, np.zeros(2), x)
+    with pytest.raises(ShapeError, match=r"x must have shape \(28,\)"):
+        didim.gravity(robot, np.zeros((1, 2)), x[:3])
 
 
 @settings(max_examples=50, deadline=None)

@@ -13,6 +13,7 @@ from didim.methods.identify import identify
 from didim.methods.idim_ls import IDIMLS
 from didim.model.dynamics import inertia_matrix
 from didim.model.physics import physical_flags
+from didim.robot.friction import FrictionTerm
 from didim.robot.robot import Robot
 from didim.robot.robot_file import load_robot
 
@@ -121,3 +122,36 @@ def test_flags_are_part_of_the_result() -> None:
     assert "Wrong:\n  Fv2 = -0.5 N.m.s/rad is negative" in str(fit)
     last = str(fit).splitlines()[-1]
     assert last.startswith("Verdict: wrong, for 1 reason: Fv2 = -0.5 N.m.s/rad is negative")
+
+
+def test_an_indefinite_inertia_matrix_with_load_friction_is_flagged() -> None:
+    """Load friction has no sign at rest: the flag is that of the robot without it."""
+    robot = load_robot("planar2")
+    heavy = robot.with_terms([FrictionTerm(law="load", joint=joint) for joint in range(2)])
+    x = np.append(np.asarray(robot.sets["reference"]), [0.1, 0.2])
+    x[robot.parameter_names.index("ZZ1")] = -5.0
+    told = flags(heavy, np.asarray(heavy.base_parameters.project(x)))
+    assert told == flags(robot, np.asarray(robot.base_parameters.project(x[:-2])))
+    assert told[-1].startswith("M(q) is not positive definite in ")
+
+
+def test_load_friction_on_a_log_without_a_positive_definite_estimate() -> None:
+    """Turned torques end in a result with a flag, with load friction as without."""
+    robot = load_robot("planar2").with_terms([FrictionTerm(law="load", joint=0)])
+    x = np.append(np.asarray(load_robot("planar2").sets["reference"]), 0.1)
+    log = simulated.log(robot, x, noise=0.1)
+    assert log.tau is not None
+    fit = identify(simulated.experiment(robot, replace(log, tau=-log.tau)))
+    assert "Fl1" in fit.names
+    assert any(flag.startswith("M(q) is not positive definite in ") for flag in fit.warnings)
+
+
+def test_a_sign_without_a_standard_deviation_is_of_unknown_significance() -> None:
+    """Zero variance means fixed only where the parameter was fixed; a run that has not converged has no significant signs."""
+    robot = load_robot("planar2")
+    beta = base_values(robot, Fv1=-0.2)
+    none = np.zeros((beta.size, beta.size))
+    (flag,) = physical_flags(robot, beta, none, np.zeros((0, 2)), unknown=("Fv1",))
+    assert flag.sentence == "Fv1 = -0.2 N.m.s/rad is negative, of unknown significance"
+    (flag,) = physical_flags(robot, beta, none, np.zeros((0, 2)))
+    assert flag.sentence.endswith("is negative, as fixed")

@@ -19,12 +19,18 @@ FRICTION = re.compile(r"# \[friction\]\n(# .*\n)+")
 
 def run(command: str, code: int = 0) -> None:
     program, *arguments = command.split()
+    if program == "cat":
+        source, sign, target = arguments
+        assert sign == ">>"
+        with Path(target).open("a", encoding="utf-8") as file:
+            file.write(Path(source).read_text(encoding="utf-8"))
+        return
     assert program == "didim"
     assert main(arguments) == code, command
 
 
 def commands(text: str) -> list[str]:
-    return re.findall(r"^    (didim .*)$", text, flags=re.MULTILINE)
+    return re.findall(r"^    ((?:didim|cat) .*)$", text, flags=re.MULTILINE)
 
 
 def fences(text: str) -> list[str]:
@@ -56,18 +62,21 @@ def test_from_a_log_to_parameters(
 ) -> None:
     text = (project / "docs" / "first_log.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    example, simulate, simulate_other, init, check, identify, init_other, validate = commands(text)
+    example, *following = commands(text)
     run(example)
     named = capsys.readouterr().out.split("\n\n", 2)[2].splitlines()
-    assert named == ["cd tx40", simulate, simulate_other, init, check, identify, init_other, validate]
+    # What the example prints is what the page runs, so that both end in the numbers of the page.
+    assert named == ["cd tx40", *following]
+    simulate, simulate_other, init, append, check, identify, init_other, append_other, validate = following
     monkeypatch.chdir("tx40")
     run(simulate)
     run(simulate_other)
     capsys.readouterr()
     run(init)
     assert capsys.readouterr().out == indented(text, "what it took the columns for:")
+    run(append)
     (friction,) = fences(text)
-    with_friction(Path("log.toml"), friction)
+    assert friction in Path("log.toml").read_text(encoding="utf-8")
     run(check)
     assert capsys.readouterr().out == indented(text, f"{check}\n\nprints\n")
     right = (Path("log.toml")).read_text(encoding="utf-8")
@@ -82,7 +91,7 @@ def test_from_a_log_to_parameters(
     printed = capsys.readouterr().out
     same(printed[printed.index("relative error %") :].rstrip(), written)
     run(init_other)
-    with_friction(Path("other.toml"), friction)
+    run(append_other)
     capsys.readouterr()
     run(validate)
     block = text[text.index("    log, by idim-ls") : text.index("Nearly as good as on")]

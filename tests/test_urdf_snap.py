@@ -13,6 +13,7 @@ import pytest
 import didim
 from didim.cli.main import main
 from didim.errors import RobotError, RobotWarning
+from didim.robot.robot_text import robot_text
 from didim.robot.urdf.snap import CUBE, snap_chain
 from robots import random_motion
 from urdfs import random_urdf
@@ -189,3 +190,30 @@ def test_right_angles_of_every_kind() -> None:
         assert angles.snapped(quarter * math.pi / 2 + off) == quarter * math.pi / 2
         assert angles.largest == pytest.approx(abs(off), abs=1e-12)
         assert not angles.suspicious
+
+
+def test_angles_that_were_kept_are_kept_by_the_robot_file(tmp_path: Path) -> None:
+    """What `--snap 0` left as it was, reading its robot file does not change; `snap` overrules the file."""
+    (tmp_path / "ur.urdf").write_text(ur_urdf("1.57079"))
+    arguments = ["robot", str(tmp_path / "ur.urdf"), "--snap", "0", "-o", str(tmp_path / "kept.toml")]
+    assert main(arguments) == 0
+    robot, read = load(tmp_path, ur_urdf("1.57079"), snap=0.0), didim.load_robot(tmp_path / "kept.toml")
+    assert read.geometry == robot.geometry
+    assert read.base_parameters.names == robot.base_parameters.names
+    assert len(read.base_parameters.names) > 58
+    assert read.notes == ()
+    assert len(didim.load_robot(tmp_path / "kept.toml", snap=1e-4).base_parameters.names) == 58
+    assert "snap_rad = 0.0" in (tmp_path / "kept.toml").read_text()
+
+
+@pytest.mark.parametrize("kind", ["mdh", "dh"])
+def test_the_text_of_a_robot_file_with_kept_angles_reads_back(tmp_path: Path, kind: str) -> None:
+    row = "d_m = 0.1" if kind == "mdh" else "a_m = 0.1\nd_m = 0.0"
+    text = f'schema = 1\nconvention = "{kind}"\nsnap_rad = 0\n[[joint]]\nkind = "revolute"\nalpha_rad = 1.5708\n{row}\n'
+    (tmp_path / "arm.toml").write_text(text)
+    robot = didim.load_robot(tmp_path / "arm.toml")
+    (tmp_path / "again.toml").write_text(robot_text(robot))
+    again = didim.load_robot(tmp_path / "again.toml")
+    assert again.geometry == robot.geometry
+    alpha = robot.geometry.alpha[0] if robot.standard is None else robot.standard.alpha[0]
+    assert alpha == 1.5708

@@ -124,7 +124,9 @@ def test_a_joint_at_rest_has_no_relative_error(fit: Identification, other: Exper
 
 def test_what_cannot_be_validated(fit: Identification, other: Experiment) -> None:
     tx40 = didim.load_robot("tx40")
-    with pytest.raises(FitError, match="the result is for robot 'planar2' and the experiment for 'tx40'"):
+    with pytest.raises(
+        FitError, match="the result is for robot 'planar2' with 28 parameters, the experiment for 'tx40'"
+    ):
         validate(fit, replace(other, robot=tx40, recordings=(), simulation=SimulationSettings()))
     with pytest.raises(FitError, match="experiment 'arm' has no recording to validate on"):
         validate(fit, replace(other, recordings=()))
@@ -207,3 +209,14 @@ def test_wrong_commands_are_one_line_and_exit_2(
     (files / "fit.json").unlink()
     assert run(files) == 2
     assert "fit.json" in refused()
+
+
+def test_other_friction_is_named(fit: Identification, other: Experiment) -> None:
+    """The sentence says which parameters only one of the two has."""
+    asymmetric = replace(other, robot=other.robot.with_friction(model="asymmetric"))
+    with pytest.raises(FitError) as raised:
+        validate(fit, asymmetric)
+    assert str(raised.value) == (
+        "the parameters differ: only the result has Fv1, Fc1, Off1, Fv2 and 2 more and only the experiment has "
+        "Fv1+, Fc1+, Fv1-, Fc1- and 4 more; write the same [friction] for both"
+    )

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from .methods.idim_iv import IDIMIV
     from .methods.idim_ls import IDIMLS
     from .methods.maximum_likelihood import MaximumLikelihood
-    from .model.dynamics import direct_dynamics, inertia_matrix, inverse_dynamics, regressor
+    from .model.dynamics import direct_dynamics, gravity, inertia_matrix, inverse_dynamics, regressor
     from .monte_carlo.results import StudyResults
     from .monte_carlo.study import study
     from .regression.consistent.bounds import Bounds
@@ -132,6 +132,7 @@ __all__ = [
     "direct_dynamics",
     "excite",
     "formats",
+    "gravity",
     "identify",
     "inertia_matrix",
     "inverse_dynamics",
@@ -200,6 +201,7 @@ _LATER = {
     "contrast": "result.contrast",
     "direct_dynamics": "model.dynamics",
     "excite": "excitation.excite",
+    "gravity": "model.dynamics",
     "identify": "methods.identify",
     "inertia_matrix": "model.dynamics",
     "inverse_dynamics": "model.dynamics",

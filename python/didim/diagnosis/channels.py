@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from .._tools.arrays import Array
 from ..log.recording import Recording
+from ..methods.verdict.torques import is_constant
 from .finding import Finding
 
 ROUNDING = 1e-12
@@ -114,7 +115,8 @@ def check_channels(recording: Recording) -> list[Finding]:
             if not stuck:
                 jumps += [(channel, sample) for sample in _jumps(channel)]
         else:
-            found += _clipped(channel)
+            constant = _constant(channel)
+            found += constant or _clipped(channel)
         found += _coarse(channel)
     return [*_told_jumps(recording, jumps), *found]
 
@@ -217,6 +219,21 @@ def _told_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) -> l
                 )
             )
     return found
+
+
+def _constant(channel: Channel) -> list[Finding]:
+    """Find a torque that never changes: a dead sensor, or an empty column."""
+    if not is_constant(channel.values):
+        return []
+    return [
+        channel.found(
+            kind="constant-torque",
+            sentence=f"{channel} is {channel.values[0] + 0.0:.6g} in all {len(channel.values)} samples: nothing was compared with "
+            "the model of the robot",
+            advice="Look at the sensor and at columns under [recording.torque]",
+            value=float(channel.values[0]),
+        )
+    ]
 
 
 def _clipped(channel: Channel) -> list[Finding]:

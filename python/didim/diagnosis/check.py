@@ -120,6 +120,7 @@ def check(
     with np.errstate(over="ignore", invalid="ignore"):  # torques beyond floating point are refused by the fit
         shown = recovered(experiment)
     notes: list[str] = []
+    without += [item.recording or "" for item in found if item.kind == "constant-torque"]
     if filtered and not without and any(recording.role == "fit" for recording in experiment.recordings):
         found += _model(experiment, known, shown, notes)
     return Findings(

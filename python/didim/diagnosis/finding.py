@@ -21,6 +21,7 @@ Kind = Literal[
     "too-slow",
     "stuck",
     "jump",
+    "constant-torque",
     "clipped",
     "quantised",
     "spikes",

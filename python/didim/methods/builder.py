@@ -131,7 +131,16 @@ def identification(
     if uncertainty is not None:
         per_joint = freedom / max(1, len(errors.norms))
         uncertainty = replace(uncertainty, joint_std=errors.norms / np.sqrt(per_joint))
-    flags = physical_flags(robot, beta[:b], full[:b, :b], q)
+    estimated = {
+        name
+        for name, role in zip(robot.base_parameters.names, job.selection.roles[:b], strict=True)
+        if role == "estimated"
+    }
+    flags = physical_flags(robot, beta[:b], full[:b, :b], q, unknown=estimated)
+    if not status.converged:  # signs on the way, without standard deviations, are no evidence
+        flags = tuple(
+            item for item in flags if np.isfinite(item.sigmas) or not {*item.parameters} & estimated
+        )
     return Identification(
         name=job.experiment.name,
         robot=robot.name,

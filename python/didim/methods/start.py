@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array, real_array
-from .._tools.words import did_you_mean
-from ..errors import FitError
+from ..errors import FitError, RobotError
 from ..regression.consistent.solver import CONSISTENT
 from ..result.identification import Identification
 from ..robot.parameter_file import is_file, load_parameters
@@ -77,7 +76,7 @@ def standard_start(robot: Robot, start: Start) -> Array:
         The robot.
     start : str, mapping, array or Identification
         "unit" for (17), a parameter set of the robot file such as "apriori" (21), the path of a result or of its parameters
-        (`load_parameters`), values by name, a vector of standard or base parameters, or a result.
+        (`load_parameters`), values of standard or base parameters by name (others are zero), a vector of either, or a result.
 
     Raises
     ------
@@ -100,12 +99,11 @@ def standard_start(robot: Robot, start: Start) -> Array:
             )
         return start.parameters
     if isinstance(start, Mapping):
-        beta = np.zeros(len(base.names))
-        for name, value in zip(start, _finite(list(start.values())), strict=True):
-            if name not in base.names:
-                raise FitError(f"the start has no base parameter {name!r}{did_you_mean(name, base.names)}")
-            beta[base.names.index(name)] = value
-        return base.lift(beta)
+        values = dict(zip(start, _finite(list(start.values())).tolist(), strict=True))
+        try:
+            return robot.parameters_by_name(values, "the start:")
+        except RobotError as reason:
+            raise FitError(str(reason)) from None
     vector = _finite(start)
     if vector.shape == (len(robot.parameter_names),):
         return vector

@@ -104,6 +104,36 @@ def rigid_torque(robot: Robot, q: Array, dq: Array, ddq: Array, x: Array) -> Arr
         raise ShapeError(str(reason)) from None
 
 
+def gravity(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
+    """Torques that hold the robot still against gravity, without friction and offsets: gravity compensation.
+
+    They are those of `inverse_dynamics` at rest with links and rotors alone, and of ``NAME_gravity`` of `didim.to_c`; both are
+    compared in ``tests/test_identities.py`` and ``tests/test_export_c.py``.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot; its file says where gravity points.
+    q : (n_samples, n_dof) array
+        Positions (rad or m), joint side.
+    x : (n_parameters,) array
+        Standard parameters in the order of ``robot.parameter_names``, such as ``fit.parameters``.
+
+    Returns
+    -------
+    (n_samples, n_dof) array
+        Torques (N.m) or forces (N), joint side.
+
+    Raises
+    ------
+    ShapeError
+        For a wrong shape, or a NaN, with its place.
+    """
+    positions = _matrix(robot, "q", q)
+    rest = np.zeros_like(positions)
+    return rigid_torque(robot, positions, rest, rest, standard_vector(robot, x))
+
+
 def friction_places(robot: Robot) -> tuple[int, ...]:
     """Return where the standard parameters of friction and offset stand."""
     inertial = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "Ia")
@@ -194,8 +224,10 @@ def standard_vector(robot: Robot, x: ArrayLike) -> Array:
     Raises
     ------
     ShapeError
-        For a wrong length, or a NaN, with the parameter's name.
+        For a wrong length, a result in place of its parameters, or a NaN, with the parameter's name.
     """
+    if hasattr(x, "parameters"):
+        raise ShapeError(f"x is a result ({type(x).__name__}): pass its standard parameters, fit.parameters")
     vector = real_array("x", x, ShapeError)
     names = robot.parameter_names
     if vector.shape != (len(names),):

@@ -8,6 +8,7 @@ sum. And the inertia matrix must be positive definite at every configuration, th
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +48,9 @@ class Flag:
     sigmas: float
 
 
-def physical_flags(robot: Robot, beta: Array, covariance: Array, q: Array) -> tuple[Flag, ...]:
+def physical_flags(
+    robot: Robot, beta: Array, covariance: Array, q: Array, unknown: Collection[str] = ()
+) -> tuple[Flag, ...]:
     """Return what the estimate has that no robot can have.
 
     Parameters
@@ -60,6 +63,8 @@ def physical_flags(robot: Robot, beta: Array, covariance: Array, q: Array) -> tu
         Their covariance.
     q : ndarray, shape (n_samples, n_dof)
         Joint positions of the log.
+    unknown : collection of str
+        Parameters whose variance is unknown where it is zero; others with a variance of zero are fixed.
 
     Returns
     -------
@@ -76,9 +81,10 @@ def physical_flags(robot: Robot, beta: Array, covariance: Array, q: Array) -> tu
     for index, (name, unit) in enumerate(zip(base.names, base.units, strict=True)):
         if beta[index] < 0.0 and _cannot_be_negative(robot, index):
             times = float(-beta[index] / std[index]) if std[index] > 0.0 else np.inf
+            without = ", of unknown significance" if name in unknown else ", as fixed"
             sentence = (
                 f"{name} = {beta[index]:.4g} {unit} is negative"
-                + (f", by {times:.1f} sigma" if np.isfinite(times) else ", as fixed")
+                + (f", by {times:.1f} sigma" if np.isfinite(times) else without)
                 + (" (noise can explain it)" if times < NOISE_SIGMAS else "")
             )
             flags.append(Flag(sentence, (name,), times))
@@ -100,7 +106,8 @@ def _indefinite(robot: Robot, beta: Array, covariance: Array, q: Array) -> list[
     chosen = np.unique(
         np.linspace(0, q.shape[0] - 1, min(q.shape[0], MOST_CONFIGURATIONS)).round().astype(int)
     )
-    matrices = inertia_matrix(robot, q[chosen], robot.base_parameters.lift(beta))
+    x = robot.base_parameters.lift(beta)
+    matrices = inertia_matrix(robot, q[chosen], x)
     try:
         np.linalg.cholesky(matrices)  # far less work than the eigenvalues, which say how bad it is
     except np.linalg.LinAlgError:
@@ -115,7 +122,8 @@ def _indefinite(robot: Robot, beta: Array, covariance: Array, q: Array) -> list[
     vector = np.linalg.eigh(matrices[worst])[1][:, 0]
     place = q[chosen[worst]][None]
     rest = np.zeros_like(place)
-    columns = regressor(robot, place, rest, vector[None]) - regressor(robot, place, rest, rest)
+    # Load friction has no sign at rest; its columns are zero here, whatever its load.
+    columns = regressor(robot, place, rest, vector[None], x=x) - regressor(robot, place, rest, rest, x=x)
     slopes = vector @ columns[0][:, list(robot.base_parameters.indices)]
     sigma = float(np.sqrt(max(0.0, slopes @ covariance @ slopes)))
     times = float(-smallest[worst]) / sigma if sigma > 0.0 else np.inf

@@ -35,14 +35,20 @@ class RightAngles:
 
     Parameters
     ----------
-    tolerance : float
-        Largest angle (rad) that is snapped.
+    tolerance : float, optional
+        Largest angle (rad) that is snapped; by default that of the file, or `SNAP`.
     """
 
-    def __init__(self, tolerance: float) -> None:
-        self.tolerance = tolerance
+    def __init__(self, tolerance: float | None = None) -> None:
+        self.tolerance = SNAP if tolerance is None else tolerance
+        self.chosen = tolerance is not None
         self.largest = 0.0
         self.suspicious = 0.0
+
+    def follow_file(self, tolerance: float | None) -> None:
+        """Snap by the angle (rad) that a robot file names, unless another was asked for."""
+        if tolerance is not None and not self.chosen:
+            self.tolerance, self.chosen = tolerance, True
 
     def snapped(self, angle: float) -> float:
         """Return an angle (rad), or the right angle that it is nearly."""

@@ -18,7 +18,7 @@ from .collision import read_capsules
 from .correspondence import read_correspondence
 from .friction import read_friction
 from .payload import LARGEST
-from .right_angles import SNAP, RightAngles
+from .right_angles import NEARLY_PARALLEL, SNAP, RightAngles
 from .robot import Geometry, JointLimits, Robot
 from .standard_dh import StandardTable, read_lengths
 from .transmission import reduction_matrix
@@ -49,7 +49,8 @@ def load_robot(
     gravity : sequence of 3 float, optional
         Acceleration of gravity in the base link of a URDF (m/s^2); by default the z axis of the root link points up.
     snap : float, optional
-        Largest angle (rad) by which rounded right angles are snapped; 1e-4 by default, 0 for none. Given, there is no warning.
+        Largest angle (rad) by which rounded right angles are snapped, 0 for none; by default ``snap_rad`` of the file, or
+        1e-4. Given, there is no warning.
 
     Returns
     -------
@@ -85,9 +86,9 @@ def load_robot(
         path = packaged[str(name)]
     content = read_toml(path, RobotError)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    angles = RightAngles(SNAP if snap is None else snap)
+    angles = RightAngles(snap)
     robot = read_robot(content, path, digest=digest, angles=angles)
-    if angles.suspicious and snap is None:
+    if angles.suspicious and not angles.chosen:
         warnings.warn(angles.suspicion(path.name), RobotWarning, stacklevel=2)
     return robot
 
@@ -113,7 +114,7 @@ def read_robot(
     RobotError
         As for `load_robot`.
     """
-    robot = _robot(Table(content, path.name, RobotError), path, angles or RightAngles(SNAP), digest)
+    robot = _robot(Table(content, path.name, RobotError), path, angles or RightAngles(), digest)
     for parameter_set in robot._named:  # now, so that a wrong description is an error of loading
         robot.parameter_set(parameter_set)
     robot.core  # noqa: B018 - likewise, for a robot without sets
@@ -142,6 +143,7 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     description = table.text("description", "")
     convention = table.text("convention", "mdh", choices=("mdh", "dh"))
     gravity = table.numbers("gravity_m_s2", length=3, default=[0.0, 0.0, -9.81])
+    angles.follow_file(table.number("snap_rad", None, minimum=0.0, maximum=NEARLY_PARALLEL))
     joints = table.tables("joint") if table.has("joint") else []
     if not joints:
         raise RobotError(f"{path.name}: a robot needs at least one [[joint]]")

@@ -13,6 +13,7 @@ from .._tools.toml import quoted
 from ..errors import RobotError
 from .correspondence import Correspondence, Pose
 from .friction import KEYS, START_VELOCITY
+from .right_angles import ROUNDING, SNAP, nearest_right_angle
 from .robot import JointLimits, Robot
 
 
@@ -37,6 +38,8 @@ def robot_text(robot: Robot) -> str:
         f'convention = "{"mdh" if robot.standard is None else "dh"}"',
         f"gravity_m_s2 = {_numbers(robot.geometry.gravity)}",
     ]
+    if _snaps(robot):
+        lines.append("snap_rad = 0.0 # angles are kept as they are")
     geometry = robot.geometry
     for j, kind in enumerate(geometry.kinds):
         lines += ["", "[[joint]]"]
@@ -80,6 +83,14 @@ def robot_text(robot: Robot) -> str:
     if robot.correspondence is not None:
         lines += _urdf(robot.correspondence)
     return "\n".join(lines) + "\n"
+
+
+def _snaps(robot: Robot) -> bool:
+    """Whether reading the robot's angles by default would snap some of them, which were kept when it was made."""
+    geometry = robot.geometry
+    alphas = geometry.alpha if robot.standard is None else robot.standard.alpha
+    fixed = [theta for theta, kind in zip(geometry.theta, geometry.kinds, strict=True) if kind == "prismatic"]
+    return any(ROUNDING < abs(angle - nearest_right_angle(angle)) <= SNAP for angle in (*alphas, *fixed))
 
 
 def _transmission(robot: Robot) -> list[str]:

@@ -17,6 +17,7 @@ from ..result.identification import Identification
 from ..robot.robot import Robot
 from ..signal.decimation import decimate, decimation_stages
 from ..signal.segments import segments
+from .loaded import same_parameters, standard_in, with_gains_of
 from .prediction import fitted_experiment, with_friction_of
 
 SPEEDS = 401
@@ -38,8 +39,9 @@ class FrictionCurve:
     low, high : (n,) arrays
         The same at a light and at a heavy load; equal to `torque` without load friction.
     measured_speed, measured : (n_rows,) arrays
-        Rows of the log: the joint's speed, and the measured torque less everything else that the model explains: links, rotors, and
-        the friction of coupled motors that the other joints turn (N.m or N).
+        Rows of the log: the joint's speed, and the measured torque less everything else that the model explains: links, rotors, the
+        friction of coupled motors that the other joints turn, and the payload, own offsets and own friction of the recording
+        (N.m or N).
     """
 
     speed: Array
@@ -68,17 +70,15 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
     Raises
     ------
     FitError
-        For another robot, or without a recording of role "fit" that has positions and torques.
+        For another robot, a payload that neither the result nor the experiment knows, or without a recording of role "fit" that has
+        positions and torques.
     """
-    experiment, delay = fitted_experiment(fit, with_friction_of(fit, experiment))
+    experiment, delay = fitted_experiment(fit, with_gains_of(fit, with_friction_of(fit, experiment)))
     robot = experiment.robot
-    if fit.parameter_names != robot.parameter_names:
-        raise FitError(
-            f"the result is for robot {fit.robot!r} and the experiment for {robot.name!r}: their parameters differ"
-        )
+    same_parameters(fit, robot)
     recordings = [
-        item
-        for item in experiment.recordings
+        (item, standard)
+        for item, standard in zip(experiment.recordings, standard_in(fit, experiment, robot), strict=True)
         if item.role == "fit" and item.tau is not None and item.has_positions
     ]
     if not recordings:
@@ -92,10 +92,10 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
     speeds: list[Array] = []
     rests: list[Array] = []
     loads: list[Array] = []
-    for recording in recordings:
+    for recording, standard in recordings:
         for part in segments(recording, experiment.signal, delay.measured(recording.rate_hz)):
-            rigid = rigid_torque(robot, part.q, part.dq, part.ddq, x)
-            rest = part.tau - inverse_dynamics(robot, part.q, part.dq, part.ddq, x)
+            rigid = rigid_torque(robot, part.q, part.dq, part.ddq, standard)
+            rest = part.tau - inverse_dynamics(robot, part.q, part.dq, part.ddq, standard)
             for joint in range(robot.n_dof):
                 own, share = _alone(robot, joint, part.dq[:, joint], friction_only)
                 rest[:, joint] += own + share * np.abs(rigid[:, joint])

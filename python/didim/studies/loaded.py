@@ -5,6 +5,7 @@ Tested in ``tests/test_logs.py``.
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 from .._tools.arrays import Array
@@ -15,6 +16,11 @@ from ..regression.logs.parameters import LogParameters
 from ..result.identification import Identification
 from ..robot.payload import NOTHING
 from ..robot.robot import Robot
+
+FRICTION = re.compile(r"(F[a-z]+|Off|Rest)\d+[+-]?")
+"""Names of standard parameters of friction."""
+MOST_NAMES = 4
+"""Largest number of parameters that a message names."""
 
 
 def standard_in(fit: Identification, experiment: Experiment, robot: Robot) -> list[Array]:
@@ -47,6 +53,38 @@ def standard_in(fit: Identification, experiment: Experiment, robot: Robot) -> li
             )
     x = parameters.extended(fit.parameters, further)
     return [parameters.standard(x, number) for number in range(len(experiment.recordings))]
+
+
+def same_parameters(fit: Identification, robot: Robot) -> None:
+    """Refuse a result whose parameters are not those of a robot, and say which differ.
+
+    Raises
+    ------
+    FitError
+        Where the geometry or the friction differs (``tests/test_validate.py``).
+    """
+    fitted, known = fit.parameter_names, robot.parameter_names
+    if fitted == known:
+        return
+    more = [name for name in fitted if name not in known]
+    fewer = [name for name in known if name not in fitted]
+    if fit.robot != robot.name or not (more or fewer):
+        raise FitError(
+            f"the result is for robot {fit.robot!r} with {len(fitted)} parameters, the experiment for {robot.name!r} with "
+            f"{len(known)}: they must be the same robot"
+        )
+    places = [names for names in (_shown("the result", more), _shown("the experiment", fewer)) if names]
+    friction = all(FRICTION.fullmatch(name) for name in (*more, *fewer))
+    advice = "write the same [friction] for both" if friction else "the robot file has changed"
+    raise FitError(f"the parameters differ: only {' and only '.join(places)}; {advice}")
+
+
+def _shown(owner: str, names: list[str]) -> str:
+    """Name the owner of parameters with the first of them; empty for none."""
+    if not names:
+        return ""
+    left = len(names) - MOST_NAMES
+    return f"{owner} has {', '.join(names[:MOST_NAMES])}" + (f" and {left} more" if left > 0 else "")
 
 
 def unloaded(experiment: Experiment) -> Experiment:

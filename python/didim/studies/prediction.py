@@ -32,7 +32,7 @@ from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, segments, trimmed
 from ..signal.spikes import without_spikes
-from .loaded import standard_in, unloaded, with_gains_of
+from .loaded import same_parameters, standard_in, unloaded, with_gains_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,10 +170,7 @@ def predict(
     """
     experiment = with_gains_of(fit, with_friction_of(fit, experiment))
     robot = experiment.simulation.robot(experiment.robot)
-    if fit.parameter_names != robot.parameter_names:
-        raise FitError(
-            f"the result is for robot {fit.robot!r} and the experiment for {robot.name!r}: their parameters differ"
-        )
+    same_parameters(fit, robot)
     recordings = [(k, item) for k, item in enumerate(experiment.recordings) if role in ("all", item.role)]
     if not recordings:
         what = "recording" if role == "all" else f"recording with role {role!r}"

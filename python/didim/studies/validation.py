@@ -158,16 +158,13 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     from ..experiment.loop import closed_loop
     from ..methods.job import ratio, ratios
     from ..methods.method import FitSettings
-    from .loaded import standard_in, unloaded, with_gains_of
+    from .loaded import same_parameters, standard_in, unloaded, with_gains_of
     from .prediction import with_friction_of
     from .run import recording_errors
 
     experiment = with_gains_of(fit, with_friction_of(fit, experiment))
     robot = experiment.simulation.robot(experiment.robot)
-    if fit.parameter_names != robot.parameter_names:
-        raise FitError(
-            f"the result is for robot {fit.robot!r} and the experiment for {robot.name!r}: their parameters differ"
-        )
+    same_parameters(fit, robot)
     same_robot(fit, experiment)
     if not experiment.recordings:
         raise FitError(f"experiment '{experiment.name}' has no recording to validate on")

@@ -19,7 +19,7 @@ from .causes.search import explained
 from .held_out import held_out_reasons
 from .loop import loop_reasons
 from .simulated import Beside, least_errors, simulated_reasons
-from .torques import TORQUE_CODES
+from .torques import TORQUE_CODES, constant_torque_reasons
 
 SUSPICIOUS = frozenset({"not-white", "not-physical"})
 """Codes of grave reasons that say that the log contradicts its model, but not why."""
@@ -45,12 +45,13 @@ def judged(
     """
     if fit.further is not None and fit.further.gains is not None:
         experiment = experiment.with_gains(fit.further.gains)
-    found: list[Reason] = []
+    # CLOE from positions alone has no use for torques.
+    found = [] if getattr(method, "output", None) == "position" else constant_torque_reasons(experiment)
     if fit.n_simulations:
         found += loop_reasons(experiment, fit.parameters if fit.converged else None)
         found += _simulated(fit, experiment, method, bool(found))
     found += held_out_reasons(fit)
-    codes = {reason.code for reason in fit.verdict.grave}
+    codes = {reason.code for reason in (*fit.verdict.grave, *found)}
     explicable = (
         fit.overall_relative_error > ROUNDING
     )  # hypotheses explain a residual, and of rounding there is nothing to explain

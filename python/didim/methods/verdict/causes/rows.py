@@ -81,6 +81,8 @@ class Rows:
         self.n_rows = self.y.shape[1]
         if self.n_rows < STRETCHES:
             raise FitError(f"{self.n_rows} rows are too few for hypotheses on a log")
+        if not y.any(axis=1).all():
+            raise FitError("a joint without torque says nothing of hypotheses on a log")
         self.folds = self._folds()
         self.beside: Array | None = None
         motion = [self.reduced([getattr(part, key) for part in self.parts]) for key in MOTION]
