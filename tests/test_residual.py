@@ -15,8 +15,9 @@ from arm import arm_file
 from didim import Experiment, FitError
 from didim.cli.main import main
 from didim.robot.payload import Payload, flange_in_last_frame, last_link
-from didim.studies.loads.detection import payload_change
-from didim.studies.loads.observer import observe
+from didim.studies.loads.detection import contacts, payload_change, shortest_s
+from didim.studies.loads.observer import low_pass, observe
+from didim.studies.loads.payload import identify_payload
 from didim.studies.loads.residual import residual_torques
 from several import arm_logs
 from test_payload import LOAD, loaded, tx40_log
@@ -130,6 +131,54 @@ def test_a_payload_that_is_picked_up_is_told_from_a_contact(known: didim.Identif
     whole = residual_torques(known, loaded(8)).windows[0].payload_change
     assert whole is not None
     assert whole.whole
+
+
+def test_the_payload_that_residual_reports_is_that_of_payload(known: didim.Identification) -> None:
+    """Estimate and standard deviations are those of `didim payload`, for a whole log with a load that is not declared."""
+    log = loaded(8)
+    change = residual_torques(known, log).windows[0].payload_change
+    assert change is not None
+    found = identify_payload(known, log)
+    np.testing.assert_allclose(change.std, found.std, rtol=1e-9)
+    np.testing.assert_allclose(change.change, found.ten, rtol=1e-9, atol=1e-12)
+    # A load that is declared is part of the model: a further one is the change.
+    (item,) = log.recordings
+    tool = Payload(
+        name="tool",
+        mass_kg=1.5,
+        com_m=(0.03, -0.02, 0.11),
+        inertia_kg_m2=(0.009, 0.0, 0.0, 0.0075, 0.0, 0.0045),
+    )
+    named = replace(log, recordings=(replace(item, payload="tool"),), payloads={"tool": tool})
+    further = residual_torques(known, named).windows[0].payload_change
+    assert further is not None
+    assert abs(further.change[9] - 0.5) < 4.0 * further.std[9]
+    assert further.std[9] == pytest.approx(found.std[9], rel=0.2)
+
+
+def test_a_short_tip_of_a_residual_that_lasts_is_no_contact() -> None:
+    """The shortest contact follows the correlation of the residual: a tip of 30 ms counts in white noise, not in a model error."""
+    rate, n = 100.0, 6000
+    t = np.arange(n) / rate
+    noise = np.random.default_rng(0).standard_normal((n, 1))
+    slow = low_pass(noise, rate, 0.5)
+    for residual, expected in ((noise, 1), (slow, 0)):
+        residual = residual / residual.std()
+        limits = np.full((n, 1), 6.0)
+        shortest = shortest_s(residual, limits, rate, 6.0)
+        tip = residual.copy()
+        tip[3000:3003] = 7.0
+        assert len(contacts(t, tip, limits, shortest)) == expected
+        # One that is far beyond its limit is a contact however short, and so is one that stays.
+        tip[3000:3003] = 12.0
+        assert len(contacts(t, tip, limits, shortest)) == 1
+        tip[3000:3060] = 7.0
+        assert len(contacts(t, tip, limits, shortest)) == 1
+    # The correlation time of a first-order low-pass of 0.5 Hz is 2 / (2 pi 0.5 Hz).
+    expected_s = np.sqrt(2.0 * np.pi) * 2.0 / np.pi / 6.0
+    assert shortest_s(slow, np.full((n, 1), 6.0 * slow.std()), rate, 6.0)[0] == pytest.approx(
+        expected_s, rel=0.35
+    )
 
 
 def test_a_residual_beside_which_no_load_is_seen_is_no_payload() -> None:

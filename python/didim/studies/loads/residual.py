@@ -9,7 +9,7 @@ Torques from outside are positive where they push the joint forward.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from ..._tools.arrays import Array
 from ..._tools.notebook import Printed
 from ..._tools.pickling import Pickled
 from ..._tools.settings import positive
-from ...errors import FitError
+from ...errors import DidimError, FitError
 from ...experiment.experiment import Experiment
 from ...log.recording import Recording
 from ...methods.job import Delay
@@ -28,7 +28,7 @@ from ...regression.selection import select
 from ...result.identification import Identification
 from ...result.table import aligned
 from ...result.uncertainty import student_factor
-from ...robot.payload import flange_in_last_frame, last_link
+from ...robot.payload import NOTHING, flange_in_last_frame, last_link
 from ...robot.robot import Robot
 from ...signal.align import align
 from ...signal.noise import stamp_noise
@@ -37,17 +37,25 @@ from ...signal.spikes import without_spikes
 from ..loaded import standard_in, with_gains_of
 from ..prediction import predict, with_friction_of
 from ..validation import same_robot
-from .detection import Contact, PayloadChange, contacts, payload_change
+from .detection import (
+    Contact,
+    PayloadChange,
+    clearly_loaded,
+    contacts,
+    payload_change,
+    shortest_s,
+)
 from .observer import BANDWIDTH_HZ, low_pass, observe, stamp_gain
+from .payload import identify_payload
 
 THRESHOLD = 6.0
 """Standard deviations from which the observer reports a torque from outside."""
 SETTLING = 5.0
 """Time constants of the observer after the start of a window that are not judged."""
-SLOW = 0.02
-"""Share of a joint's largest speed in the window below which the sign of its friction is not known."""
 NORMAL = 1.4826
 """Standard deviation over median absolute deviation of normal noise."""
+SLOW = 0.02
+"""Share of a joint's largest speed in the window below which the sign of its friction is not known."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -305,7 +313,10 @@ def _window(
     limits += _reversals(experiment.robot, x, q, rate, bandwidth_hz)
     seen = np.where(settled[:, None], observed, 0.0)
     change = _payload_change(fit, experiment, recording, window, x)
-    told = contacts(when, seen, limits)
+    if change is not None:
+        change = _weighed(fit, experiment, recording, window, x, change)
+    shortest = shortest_s(observed[settled], limits[settled], rate, threshold)
+    told = contacts(when, seen, limits, shortest)
     if change is not None:
         told = [contact for contact in told if contact.stop_s < change.start_s]
     return ExternalTorque(
@@ -357,6 +368,34 @@ def _payload_change(
     t = np.arange(rows) / rows * (len(part.q) / part.rate_hz)
     first = recording.t[recording.windows[window][0]] + experiment.signal.trim_start / part.rate_hz
     return payload_change(first + t, residual, columns, 1.0 / size, names)
+
+
+def _weighed(
+    fit: Identification,
+    experiment: Experiment,
+    recording: Recording,
+    window: int,
+    x: Array,
+    change: PayloadChange,
+) -> PayloadChange | None:
+    """Return a change of the payload with the estimate and the standard deviations of `identify_payload`; None if it is not clear.
+
+    These have a part from the residual as it lasts, and a part from the robot, which the search leaves out.
+    """
+    start, stop = recording.windows[window]
+    first = start + int(np.searchsorted(recording.t[start:stop], change.start_s))
+    rest = replace(
+        recording, role="fit", payload=NOTHING, own=(), windows=((start if change.whole else first, stop),)
+    )
+    # With the parameters of this recording, its own payload included, the estimate is the change.
+    here = replace(fit, parameters=x, beta=experiment.robot.base_parameters.project(x), further=None)
+    try:
+        found = identify_payload(here, replace(experiment, recordings=(rest,)))
+    except DidimError:  # too short a rest of the log to weigh it
+        return replace(change, std=(0.0,) * len(change.std))
+    if not clearly_loaded(found.ten, found.std):
+        return None
+    return replace(change, change=tuple(found.ten.tolist()), std=tuple(found.std.tolist()))
 
 
 def _rms(values: Array) -> Array:
