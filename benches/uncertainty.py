@@ -43,8 +43,16 @@ def parts(experiment: didim.Experiment, count: int) -> list[didim.Experiment]:
 
 
 def distances(fits: Sequence[didim.Identification]) -> Array:
-    """Differences of all pairs of estimates over their combined standard deviations."""
-    return np.concatenate([(a.beta - b.beta) / np.hypot(a.std, b.std) for a, b in combinations(fits, 2)])
+    """Differences of all pairs of estimates over their combined standard deviations, without the shift of missing friction."""
+    return np.concatenate(
+        [(a.beta - b.beta) / np.hypot(noise(a), noise(b)) for a, b in combinations(fits, 2)]
+    )
+
+
+def noise(fit: didim.Identification) -> Array:
+    """Return the standard deviations of the noise alone: parts of one log share the error of a missing law."""
+    assert fit.uncertainty is not None
+    return fit.uncertainty.without_shift(fit.std)
 
 
 def line(name: str, z: Array, factor: float = 1.96) -> str:

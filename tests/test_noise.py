@@ -14,7 +14,7 @@ from didim.experiment.specs import SimulationSettings
 from didim.loop.controller import Controller
 from didim.loop.reference import Reference
 from didim.signal.filters import central_differences
-from didim.signal.noise import stamp_noise, white_noise
+from didim.signal.noise import encoder_step, stamp_noise, white_noise
 from didim.signal.processing import Form
 
 pytestmark = pytest.mark.usefixtures("without_causes")
@@ -153,3 +153,19 @@ def test_windows_without_trimming_spoil_nothing(cutoff_hz: float | None, form: F
     assert didim.validate(fit, experiment).recordings[0].direct_overall == pytest.approx(
         fit.overall_relative_error
     )
+
+
+@pytest.mark.parametrize("counts", [256, 4096, 65536])
+@pytest.mark.parametrize("rate_hz", [100.0, 1000.0])
+def test_the_step_of_an_encoder_is_read_off_its_positions(counts: int, rate_hz: float) -> None:
+    t = np.arange(int(10 * rate_hz)) / rate_hz
+    q = np.stack([1.2 * np.sin(2.1 * t) + 0.4 * np.sin(7.3 * t), 0.8 * np.sin(3.3 * t + 1.0)], axis=1)
+    step = 2.0 * np.pi / counts
+    counted = np.round(q / step + 0.3) * step
+    np.testing.assert_allclose(encoder_step(counted), step, rtol=1e-9)
+    printed = np.deg2rad(np.round(np.rad2deg(counted), 4))
+    np.testing.assert_allclose(encoder_step(printed), step, rtol=1e-3)
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(q.shape)
+    assert not encoder_step(q).any()
+    assert not encoder_step(q + noise).any()
+    assert not encoder_step(np.zeros((100, 2))).any()

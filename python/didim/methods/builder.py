@@ -15,8 +15,10 @@ import numpy as np
 from .._tools.arrays import Array
 from .._tools.version import __version__
 from ..experiment.experiment import Experiment
+from ..model.dynamics import rigid_torque
 from ..model.physics import physical_flags
 from ..regression.fit import Fit
+from ..regression.friction.alarm import FrictionAlarm, friction_alarm
 from ..regression.linear_system import LinearSystem
 from ..regression.logs.drift import Difference, differences, drifts
 from ..regression.logs.load import load_between
@@ -27,9 +29,11 @@ from ..result.iteration import Iteration
 from ..result.status import Status
 from ..result.uncertainty import Uncertainty
 from ..result.verdict import Reason
+from ..signal.noise import encoder_step
+from ..signal.segments import Segment
 from .job import Delay, Job, ratio, ratios
 from .method import Described
-from .uncertainty import spread_of_fit
+from .uncertainty import spread_of_fit, with_alarm
 from .verdict.physics import physical_reasons
 from .verdict.whiteness import whiteness, whiteness_reasons
 
@@ -217,12 +221,16 @@ def fitted(
     settings: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
     evidence: Sequence[Reason] = (),
+    parts: Sequence[Segment] = (),
 ) -> Identification:
     """Put together the result of a method that ends with the solution of a system (7); see `identification`.
 
-    `beta` are the parameters reached, (b,), where they are not those of the last solution.
+    `beta` are the parameters reached, (b,), where they are not those of the last solution. `parts` is the motion along which the
+    system was written, where its residual can be tested for friction that the model lacks.
     """
     spread = spread_of_fit(system, fit, job.settings, job.selection)
+    if parts and status.converged:
+        spread = with_alarm(spread, _friction(job, method, system, fit, parts), job.selection)
     errors = TorqueErrors.of(system, fit.residual)
     lasting = whiteness_reasons(
         whiteness(fit.residual, system.blocks, len(system.joints)),
@@ -263,6 +271,23 @@ def fitted(
         ),
         standard=fit.standard,
     )
+
+
+def _friction(
+    job: Job, method: Described, system: LinearSystem, fit: Fit, parts: Sequence[Segment]
+) -> FrictionAlarm:
+    """Test the residual of a fit for friction that the model lacks."""
+    x = job.parameters.lift(job.selection.expand(fit.solution))
+    load = [
+        rigid_torque(job.robot, part.q, part.dq, part.ddq, job.parameters.standard(x, part.recording))
+        for part in parts
+    ]
+    step = None
+    if method.motion == "measured":
+        recorded = {part.recording for part in parts}
+        steps = [encoder_step(job.experiment.recordings[number].measured_positions()) for number in recorded]
+        step = np.max(steps, axis=0)
+    return friction_alarm(system, fit, job.robot, parts, job.signal, load, step)
 
 
 def _drift(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:

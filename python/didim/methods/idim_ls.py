@@ -118,4 +118,5 @@ class IDIMLS(FitSettings):
             q=np.concatenate([part.q for part in parts]),
             remarks=found,
             evidence=torque_reasons(found),
+            parts=parts,
         )

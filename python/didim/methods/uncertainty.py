@@ -15,6 +15,7 @@ from .._tools.words import counted
 from ..regression.block import Block
 from ..regression.covariance import covariance
 from ..regression.fit import Fit
+from ..regression.friction.alarm import FrictionAlarm
 from ..regression.jackknife import Factors, intervals, jackknife, rescaled
 from ..regression.linear_system import LinearSystem
 from ..regression.selection import Selection
@@ -170,3 +171,19 @@ def spread_of_factors(
         ),
         tuple(remarks),
     )
+
+
+def with_alarm(spread: Spread, alarm: FrictionAlarm, selection: Selection) -> Spread:
+    """Return a spread that knows of friction that the model lacks: ``s^2 = s_jackknife^2 + shift^2``, correlations as they were.
+
+    The other kinds of uncertainty are what was asked for, and stay.
+    """
+    if spread.uncertainty is None:
+        return spread
+    shift = np.zeros(len(selection.roles))
+    shift[selection.estimated] = alarm.shift
+    uncertainty = replace(spread.uncertainty, friction=replace(alarm, shift=shift))
+    if uncertainty.kind != "jackknife" or not alarm.raised:
+        return replace(spread, uncertainty=uncertainty)
+    variances = np.diag(spread.covariance) + alarm.shift**2
+    return replace(spread, uncertainty=uncertainty, covariance=rescaled(spread.covariance, variances))

@@ -11,12 +11,23 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.pickling import Pickled
+from .._tools.words import joints_text
 from ..errors import FitError
+from ..regression.friction.alarm import FrictionAlarm
 
 Kind = Literal["jackknife", "decimated", "white", "correlated", "draws"]
 """Where the standard deviations come from: the delete-block jackknife, (10) with the correlation of decimated noise, (10)
 itself, the correlation that the errors of a closed-loop output-error method show, or draws of an estimate by its own standard
 deviations, each moved to the nearest robot."""
+
+
+LAWS = {
+    "stribeck": "Stribeck friction",
+    "atan": "friction that bends with the speed (arctangent)",
+    "load": "friction that grows with the load",
+    "dahl": "friction with memory (Dahl)",
+}
+"""Names of the families of friction laws that a residual is tested for."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +75,9 @@ class Uncertainty(Pickled):
         Estimate without each block less the estimate.
     single_block : mapping of str to int
         Parameters that a single block determines, with its number from 0: their standard deviation is not the jackknife's.
+    friction : FrictionAlarm or None
+        Whether the residual has friction that the model lacks; the standard deviations then include its shift. None where it
+        was not tested.
     """
 
     kind: Kind
@@ -73,6 +87,7 @@ class Uncertainty(Pickled):
     blocks: tuple[TimeBlock, ...] = ()
     deletions: Array = field(default_factory=lambda: np.zeros((0, 0)))
     single_block: Mapping[str, int] = field(default_factory=dict)
+    friction: FrictionAlarm | None = None
 
     def __post_init__(self) -> None:
         for key in ("std_white", "joint_std", "deletions"):
@@ -91,6 +106,15 @@ class Uncertainty(Pickled):
         """
         return student_factor(level, self.degrees_of_freedom)
 
+    def without_shift(self, std: Array) -> Array:
+        """Return standard deviations, shape (b,), without the shift of friction that the model lacks: those of the noise alone.
+
+        ``test_uncertainty.py`` compares parts of a real log with them.
+        """
+        if self.friction is None or self.kind != "jackknife":
+            return std
+        return np.asarray(np.sqrt(np.square(std) - np.square(self.friction.shift)))
+
     def lines(self, std: Array) -> list[str]:
         """Return the lines of a printed result on standard deviations, (b,)."""
         if not std.any():
@@ -104,7 +128,24 @@ class Uncertainty(Pickled):
             found.append(
                 f"only the rows of {self.blocks[block]} determine {names}: there sigma is that of noise alone"
             )
-        return found
+        return [*found, *self._friction_lines(std)]
+
+    def _friction_lines(self, std: Array) -> list[str]:
+        alarm = self.friction
+        if alarm is None or not alarm.tested:
+            return []
+        if alarm.raised:
+            joints = joints_text([joint + 1 for joint in alarm.joints])
+            included = "sigma includes how far the parameters move with it"
+            effect = (
+                included
+                if self.kind == "jackknife"
+                else "sigma does not include how far the parameters move with it"
+            )
+            return [
+                f"{LAWS[alarm.law]} explains the residual of {joints} (p = {alarm.p_value.min():.2g}); {effect}"
+            ]
+        return ["no friction law that the model lacks was seen in the residual; sigma holds if there is none"]
 
     def of_draws(self) -> Uncertainty:
         """Return that of the nearest robot: Student's distribution of its draws has the degrees of freedom of the estimate."""
@@ -130,6 +171,7 @@ class Uncertainty(Pickled):
             "blocks": [vars(block) for block in self.blocks],
             "deletions": self.deletions.tolist(),
             "single_block": dict(self.single_block),
+            "friction": None if self.friction is None else self.friction.to_dict(),
         }
 
     @classmethod
@@ -145,6 +187,7 @@ class Uncertainty(Pickled):
             blocks=tuple(TimeBlock(**block) for block in data["blocks"]),
             deletions=deletions.reshape(len(data["blocks"]), -1) if data["blocks"] else np.zeros((0, 0)),
             single_block=data["single_block"],
+            friction=FrictionAlarm.from_dict(data["friction"]) if data.get("friction") else None,
         )
 
 

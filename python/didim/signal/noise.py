@@ -18,6 +18,14 @@ _CIRCLE = 2048
 
 ROUNDING = 1e-9
 """Share of a signal's range below which a change is rounding."""
+FEWEST_GAPS = 20
+"""Gaps between levels of a signal below which its step is not read off."""
+WIDEST_GAP = 50.0
+"""Widest gap that is compared with multiples of the step, in steps: the error of the step adds up in wider ones."""
+OFF_GRID = 0.1
+"""Largest distance of a gap from a multiple of the step, in steps, that printed digits explain."""
+ON_GRID = 0.95
+"""Smallest share of the gaps that are multiples of the step: by chance it is a fifth."""
 MOST_CHANGES = 0.9
 """Share of samples that may differ from the one before in a signal that counts as quantised."""
 LARGEST_DECIMATION = 10_000
@@ -90,6 +98,45 @@ def _median_moving(differences: Array) -> float:
     """Median of the differences that are not zero: reversals, where friction jumps, hardly change it."""
     moving = differences[differences > 0.0]
     return float(np.median(moving)) if moving.size else 0.0
+
+
+def encoder_step(q: Array) -> Array:
+    """Read the step of each joint's encoder off recorded positions: the distance of the values on whose grid all samples lie.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n_samples, n_dof)
+        Positions as they were recorded, not filtered (rad or m).
+
+    Returns
+    -------
+    ndarray, shape (n_dof,)
+        Step in the unit of the positions; zero where the values lie on no grid, as those of coupled motors or of noisy
+        simulations.
+
+    Notes
+    -----
+    ``test_noise.py`` reads the steps of quantised motions, fast ones too, and none off positions that are not quantised.
+    """
+    return np.array([_grid(column) for column in q.T])
+
+
+def _grid(values: Array) -> float:
+    levels = np.unique(values)
+    scale = max(float(np.ptp(levels)), np.abs(levels).max(initial=0.0))
+    gaps = np.diff(levels)
+    # Values that differ by rounding are one level.
+    gaps = gaps[gaps > ROUNDING * scale]
+    if gaps.size < FEWEST_GAPS:
+        return 0.0
+    smallest = float(np.min(gaps))
+    step = float(np.median(gaps[gaps < 1.5 * smallest]))
+    for widest in (0.1 * WIDEST_GAP, WIDEST_GAP):
+        small = gaps[gaps < widest * step]
+        step = float(np.sum(small) / np.sum(np.round(small / step)))
+    # Of values on no grid the gaps are spread evenly, and few are near a multiple of the smallest.
+    on_grid = np.abs(small / step - np.round(small / step)) < OFF_GRID
+    return step if small.size >= 0.5 * gaps.size and np.mean(on_grid) > ON_GRID else 0.0
 
 
 def smallest_step(values: Array, ranges: Array) -> Array:

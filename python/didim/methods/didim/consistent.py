@@ -383,6 +383,7 @@ class ConsistentRun:
                 *following_reasons(point.simulated.error),
             ],
             n_simulations=self.n_simulations,
+            parts=segments_of(self.windows, point.simulated) if not job.parameters.n_gains else (),
         )
         if not status.converged:
             result = replace(result, covariance=np.zeros_like(result.covariance))

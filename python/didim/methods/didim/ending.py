@@ -20,7 +20,7 @@ from ..verdict.torques import following_reasons, torque_reasons
 from .convergence import step_sentence, stuck_sentence
 from .loops import Loops
 from .settings import DIDIMSettings
-from .windows import Point, Solved, motion_record
+from .windows import Point, Solved, motion_record, segments_of
 
 RECORDED = ("tolerance", "sigma_fraction", "max_iterations", "gain_updating", "margin")
 """Settings in the record of a result, beside the start."""
@@ -87,6 +87,7 @@ def result_at(
         remarks=found,
         evidence=evidence,
         n_simulations=loops.n_simulations,
+        parts=segments_of(loops.windows, point.simulated) if not job.parameters.n_gains else (),
     )
     return replace(result, ending=ending, output_error=(first_error, point.simulated.error))
 

@@ -1,0 +1,390 @@
+r"""Friction that the model lacks: a score test that sees it, and how far the parameters move with it.
+
+A missing law repeats its error in every stretch of the log. Standard deviations from stretches left out cannot see it, and the
+whiteness of decimated rows is that of their filter. The score of the law's column sees it. With ``A`` the weighted observation
+matrix, ``rho`` the weighted residual and ``c`` the column of a law at one joint, weighted and freed of the columns of A:
+
+    S_i = c_i^T rho_i           over block i,            t = sum_i S_i / sqrt(sum_i S_i^2)
+
+Where the model is right, the sums of the blocks are as likely negative as positive, whatever the correlation within a block.
+Flipping the signs of whole blocks, the same for all columns of a joint, gives the distribution of the largest ``|t|`` of its laws.
+Blocks are taken in two ways, equal stretches of time and stretches between the reversals of the joint; both must alarm. The shift
+of a family of laws is the change of the estimate with the columns of all joints beside A,
+
+    b_h - b = -R^-1 Q^T C (C~^T C~)^-1 C~^T rho,        C~ = C - Q Q^T C,    A = Q R
+
+Sources: Liu (1988) and Cameron, Gelbach, Miller (2008) for flipped blocks; Schwarz (1978) for the choice among laws.
+Tested in ``tests/test_friction_alarm.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._tools.arrays import Array
+from ...robot.robot import Robot
+from ...signal.decimation import decimate, decimation_stages
+from ...signal.processing import SignalProcessing
+from ...signal.segments import Segment, at_place
+from ..fit import Fit
+from ..jackknife import Rows, intervals
+from ..linear_system import LinearSystem
+from .memory import start_column, state
+
+STRIBECK = (0.05, 0.1, 0.2, 0.4)
+"""Stribeck velocities of the hypotheses (rad/s), each about where a factor of two changes the column."""
+ATAN = (0.05, 0.2, 0.8)
+"""Velocities of the arctangents among the hypotheses (rad/s)."""
+WIDTHS = (0.003, 0.01, 0.03, 0.1)
+"""Displacements of Dahl's memory among the hypotheses (rad)."""
+PRISMATIC = 0.1
+"""Velocities and displacements of a prismatic joint (m/s, m) over those of a revolute one (rad/s, rad)."""
+RESOLVED_STEPS = 20.0
+"""Steps of the encoder within the smallest of `WIDTHS`, at least: quantisation by coarser steps looks like memory of any width."""
+TIME_BLOCKS = 20
+"""Stretches of time whose signs are flipped: long against the correlation of residuals, many enough for a probability of 1 %."""
+FEWEST_BLOCKS = 8
+"""Blocks below which flips have too few patterns (2^7) for a probability of 1 %: no test then."""
+FEWEST_ROWS = 3
+"""Rows of a stretch between two reversals; shorter ones join the next."""
+FLIPS = 3999
+"""Random patterns of signs beside the observed one; the smallest probability is 1 in 4 000."""
+MEMORY_SHARE = 0.25
+"""Share of the false alarms that memory laws may have; the other laws, tested apart, have the rest."""
+SEED = 20261
+"""Seed of the patterns, so that the same log always has the same probability."""
+VISIBLE = 6.0
+"""Score, in its deviation without the law, that a law needs to be seen nearly always: with the law itself in the deviation of 20
+blocks it counts as 3.6."""
+LEVEL = 0.01
+"""False alarms of a test over all joints of a log, at most: the level is divided by the joints."""
+ROUNDING = 1e-8
+"""Share of a column left after the columns of A are taken out, below which the model has the column already."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrictionAlarm:
+    """What the score test says about friction laws that the model lacks.
+
+    Attributes
+    ----------
+    p_value : ndarray, shape (n_dof,)
+        Probability of scores as large where the model is right, per joint, times the number of joints; the larger of the
+        tests over stretches of time and between reversals. One where a joint was not tested.
+    law : str
+        Family that explains the residual best: ``"stribeck"``, ``"atan"``, ``"load"`` or ``"dahl"``; empty without an alarm.
+    tested : tuple of str
+        Families that were tested.
+    shift : ndarray, shape (b,)
+        Largest change of each parameter among the families, in the parameter's unit; zero without an alarm.
+    visible : mapping of str to ndarray, shape (n_dof,)
+        By family, the amplitude of its friction at each joint that the test would see (N.m or N), whichever of its
+        velocities or widths it has: a score of `VISIBLE` deviations. Infinite where a joint was not tested.
+    """
+
+    p_value: Array
+    law: str
+    tested: tuple[str, ...]
+    shift: Array
+    visible: Mapping[str, Array]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all fields as JSON has them; an amplitude that no log would show is null."""
+        return {
+            "p_value": self.p_value.tolist(),
+            "law": self.law,
+            "tested": list(self.tested),
+            "shift": self.shift.tolist(),
+            "visible": {
+                family: [value if np.isfinite(value) else None for value in values.tolist()]
+                for family, values in self.visible.items()
+            },
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> FrictionAlarm:
+        """Restore what `to_dict` made."""
+        return cls(
+            p_value=np.array(data["p_value"], dtype=np.float64),
+            law=data["law"],
+            tested=tuple(data["tested"]),
+            shift=np.array(data["shift"], dtype=np.float64),
+            visible={
+                family: np.array([np.inf if value is None else value for value in values], dtype=np.float64)
+                for family, values in data["visible"].items()
+            },
+        )
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Joints, from 0, whose residual has the friction of a law that the model lacks."""
+        return tuple(int(joint) for joint in np.flatnonzero(self.p_value < LEVEL))
+
+    @property
+    def raised(self) -> bool:
+        """Whether the test alarms."""
+        return bool(self.joints)
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """One law at one velocity or width: its columns, (r, n_dof), zero where the joint does not test it."""
+
+    family: str
+    columns: Array
+    amplitude: Array
+    """Friction of each joint per unit of its column, as it counts for a user: the largest along the log, (n_dof,)."""
+    start: Array | None = None
+
+
+def friction_alarm(
+    system: LinearSystem,
+    fit: Fit,
+    robot: Robot,
+    parts: Sequence[Segment],
+    signal: SignalProcessing,
+    load: Sequence[Array],
+    encoder_step: Array | None = None,
+) -> FrictionAlarm:
+    """Test a residual for friction laws that the model lacks.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        The system (7), made of `parts`.
+    fit : Fit
+        Its solution, with residual and weights.
+    robot : Robot
+        Robot of the system; laws that a joint has already are not tested there.
+    parts : sequence of Segment
+        Motion along which the columns are.
+    signal : SignalProcessing
+        Decimation.
+    load : sequence of ndarray, shape (n_samples, n_dof)
+        Torques of links and rotors along each of the parts with the estimate (N.m or N, joint side).
+    encoder_step : ndarray, shape (n_dof,), optional
+        Step of the position encoder of each joint (rad or m), zero where it is not seen. A joint whose steps are coarser
+        than `RESOLVED_STEPS` allows is not tested for memory.
+
+    Returns
+    -------
+    FrictionAlarm
+
+    Raises
+    ------
+    SignalError
+        When the decimation cannot be applied.
+
+    Notes
+    -----
+    ``test_friction_alarm.py`` counts false alarms on right models and alarms on each missing law.
+    """
+    n = robot.n_dof
+    step = np.zeros(n) if encoder_step is None else encoder_step
+    candidates = _candidates(robot, parts, signal, system, load, step)
+    tested = tuple(dict.fromkeys(item.family for item in candidates))
+    weights = fit.weights
+    # Fitted velocities of laws are unknowns of the model as well; their columns need no scale of their own.
+    w = np.column_stack([system.w, *system.slopes.values()]) * weights[:, None]
+    size = np.linalg.norm(w, axis=0)
+    size[size == 0.0] = 1.0
+    q, r = np.linalg.qr(w / size)
+    rho = fit.residual * weights
+    free = [_freed(q, item.columns * weights[:, None]) for item in candidates]
+    p_value = np.ones(n)
+    visible = {family: np.zeros(n) for family in tested}
+    time = [part.rows for part in intervals(system.blocks, TIME_BLOCKS)]
+    speeds = _decimated([part.dq for part in parts], parts, signal)
+    for joint in range(n):
+        blocks = (time, _between_reversals(system, speeds, joint))
+        if min(map(len, blocks)) < FEWEST_BLOCKS:
+            continue
+        own = [
+            (item, columns[:, joint])
+            for item, columns in zip(candidates, free, strict=True)
+            if columns[:, joint].any()
+        ]
+        probability, amplitudes = _joint_test(own, rho, blocks)
+        p_value[joint] = min(1.0, n * probability)
+        for item, amplitude in amplitudes:
+            seen = visible[item.family]
+            seen[joint] = max(seen[joint], amplitude * item.amplitude[joint])
+    raised = bool((p_value < LEVEL).any())
+    moved = _shifts(candidates, q, r, weights, rho, system) if raised else {}
+    return FrictionAlarm(
+        p_value=p_value,
+        law=min(moved, key=lambda family: moved[family][0], default=""),
+        tested=tested,
+        shift=(
+            np.max([np.abs(change) for _, change in moved.values()], axis=0) / size if moved else 0.0 * size
+        )[: system.w.shape[1]],
+        visible={family: np.where(values > 0.0, values, np.inf) for family, values in visible.items()},
+    )
+
+
+def direction(robot: Robot, dq: Array) -> Array:
+    """Return the sign of the Coulomb friction of each joint at velocities (n_samples, n_dof), as the model takes it."""
+    friction = robot.friction
+    if friction.coulomb == "tanh":
+        return np.asarray(np.tanh(dq / np.asarray(friction.smoothing)))
+    return np.sign(dq) * (np.abs(dq) > np.asarray(friction.dead_zone))
+
+
+def _candidates(
+    robot: Robot,
+    parts: Sequence[Segment],
+    signal: SignalProcessing,
+    system: LinearSystem,
+    load: Sequence[Array],
+    encoder_step: Array,
+) -> list[_Candidate]:
+    """Return the laws that are tested, with their decimated columns."""
+    n = robot.n_dof
+    unit = np.array([1.0 if kind == "revolute" else PRISMATIC for kind in robot.joint_kinds])
+    known = {(term.law, term.joint) for term in robot.friction.terms}
+    velocity_laws = ("atan", "stribeck", "root", "table")
+    smooth = np.array([not any((law, joint) in known for law in velocity_laws) for joint in range(n)])
+    loaded = np.array([("load", joint) not in known for joint in range(n)])
+    signs = [direction(robot, part.dq) for part in parts]
+    found: list[_Candidate] = []
+
+    def add(family: str, values: Sequence[Array], joints: NDArray[np.bool_]) -> None:
+        if joints.any():
+            rows = _decimated([value * joints for value in values], parts, signal)
+            largest = np.max([np.abs(value).max(axis=0) for value in values], axis=0)
+            found.append(_Candidate(family, _columns(rows, system), largest))
+
+    for velocity in STRIBECK:
+        values = [
+            sign * np.exp(-np.square(part.dq / (velocity * unit)))
+            for part, sign in zip(parts, signs, strict=True)
+        ]
+        add("stribeck", values, smooth)
+    for velocity in ATAN:
+        values = [
+            np.arctan(part.dq / (velocity * unit)) - 0.5 * np.pi * sign
+            for part, sign in zip(parts, signs, strict=True)
+        ]
+        add("atan", values, smooth)
+    add("load", [np.abs(torque) * sign for torque, sign in zip(load, signs, strict=True)], loaded)
+    resolved = WIDTHS[0] * unit >= RESOLVED_STEPS * encoder_step
+    for width in WIDTHS if resolved.any() else ():
+        add(
+            "dahl",
+            [state(part.q, width * unit) - sign for part, sign in zip(parts, signs, strict=True)],
+            resolved,
+        )
+        start = _decimated([start_column(part.q, width * unit) * resolved for part in parts], parts, signal)
+        found[-1] = replace(found[-1], start=_columns(start, system))
+    return found
+
+
+def _decimated(values: Sequence[Array], parts: Sequence[Segment], signal: SignalProcessing) -> Array:
+    """Return signals of the segments, (n_samples, n_dof) each, on the rows of the system, (n_rows, n_dof)."""
+    rows = []
+    for part, value in zip(parts, values, strict=True):
+        with at_place(part.place):
+            stages = decimation_stages(part.q.shape[0], signal)
+            rows.append(decimate(np.ascontiguousarray(value), stages)[signal.kept_rows])
+    return np.concatenate(rows)
+
+
+def _columns(rows: Array, system: LinearSystem) -> Array:
+    """Return one column of W per joint, (r, n_dof), zero in the rows of the other joints."""
+    columns = np.zeros((system.y.size, rows.shape[1]))
+    for joint, place in enumerate(system.joints):
+        columns[place, joint] = rows[:, joint]
+    return columns
+
+
+def _freed(q: Array, columns: Array) -> Array:
+    """Return columns without their part in the space of Q, (r, n); zero where nothing but rounding is left."""
+    free = columns - q @ (q.T @ columns)
+    clear = np.linalg.norm(free, axis=0) > ROUNDING * np.linalg.norm(columns, axis=0)
+    return np.asarray(free * clear)
+
+
+def _between_reversals(system: LinearSystem, speeds: Array, joint: int) -> list[Rows]:
+    """Return the rows of a joint between the reversals of its velocity, window by window."""
+    found: list[Rows] = []
+    first = system.joints[joint].start
+    for block in system.joint_blocks[joint]:
+        start, stop = block.rows.start, block.rows.stop
+        moving = np.sign(speeds[start - first : stop - first, joint])
+        edges = [0]
+        for cut in [*(np.flatnonzero(np.diff(moving)) + 1).tolist(), stop - start]:
+            if cut - edges[-1] >= FEWEST_ROWS or cut == stop - start:
+                edges.append(cut)
+        found += [np.arange(start + a, start + b) for a, b in pairwise(edges) if b > a]
+    return found
+
+
+def _joint_test(
+    own: Sequence[tuple[_Candidate, Array]], rho: Array, blocks: Sequence[Sequence[Rows]]
+) -> tuple[float, list[tuple[_Candidate, float]]]:
+    """Return the probability of the scores of a joint's laws, and the units of each column that the test would see."""
+    probability = 1.0
+    amplitudes: list[tuple[_Candidate, float]] = []
+    for memory, share in ((False, 1.0 - MEMORY_SHARE), (True, MEMORY_SHARE)):
+        group = [(item, column) for item, column in own if (item.family == "dahl") is memory]
+        if not group:
+            continue
+        columns = np.stack([column for _, column in group], axis=1)
+        scores = [np.array([columns[rows].T @ rho[rows] for rows in some]) for some in blocks]
+        probability = min(probability, max(map(_flipped, scores)) / share)
+        spread = np.max([np.sqrt(np.sum(np.square(part), axis=0)) for part in scores], axis=0)
+        amplitudes += [
+            (item, VISIBLE * float(deviation) / float(column @ column))
+            for (item, column), deviation in zip(group, spread, strict=True)
+        ]
+    return probability, amplitudes
+
+
+def _flipped(scores: Array) -> float:
+    """Return the probability of the largest score of columns, (n_blocks, k), when the signs of blocks are flipped."""
+    spread = np.sqrt(np.sum(np.square(scores), axis=0))
+    spread[spread == 0.0] = np.inf
+    observed = np.max(np.abs(scores.sum(axis=0)) / spread)
+    drawn = np.max(np.abs(_signs(len(scores)) @ (scores / spread)), axis=1)
+    # A pattern that is the observed one up to its sign counts, whatever the rounding.
+    return float((1 + np.sum(drawn >= observed * (1.0 - 1e-9))) / (FLIPS + 1))
+
+
+@lru_cache(maxsize=32)
+def _signs(blocks: int) -> Array:
+    """Return the random signs of blocks, (FLIPS, blocks)."""
+    return np.asarray(np.random.default_rng(SEED).integers(0, 2, (FLIPS, blocks)) * 2.0 - 1.0)
+
+
+def _shifts(
+    candidates: Sequence[_Candidate], q: Array, r: Array, weights: Array, rho: Array, system: LinearSystem
+) -> dict[str, tuple[float, Array]]:
+    """Return for each family its best criterion of Schwarz and the change of the scaled estimate with it, (b,)."""
+    found: dict[str, tuple[float, Array]] = {}
+    n_rows = system.y.size / len(system.joints)
+    for item in candidates:
+        used = item.columns[:, item.columns.any(axis=0)]
+        if item.start is not None:
+            used = np.hstack([used, item.start[:, item.start.any(axis=0)]])
+        weighted = used * weights[:, None]
+        seen = q.T @ weighted
+        free = weighted - q @ seen
+        size = np.linalg.norm(free, axis=0)
+        kept = size > ROUNDING * np.linalg.norm(weighted, axis=0)
+        if not kept.any():
+            continue
+        amount = np.linalg.lstsq(free[:, kept] / size[kept], rho, rcond=None)[0] / size[kept]
+        left = rho - free[:, kept] @ amount
+        squares = np.array([left[joint] @ left[joint] for joint in system.joints])
+        criterion = n_rows * float(np.sum(np.log(squares))) + int(kept.sum()) * np.log(n_rows)
+        if item.family not in found or criterion < found[item.family][0]:
+            change = -np.linalg.solve(r, seen[:, kept] @ amount)
+            found[item.family] = (criterion, change)
+    return found

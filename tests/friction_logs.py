@@ -1,0 +1,124 @@
+"""Logs of a planar arm whose friction has a law that the fitted model may lack, for tests and benches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+import didim
+from didim.log.recording import Recording
+from didim.loop.reference import Reference
+from didim.regression.friction.memory import state
+from didim.result.identification import Identification
+from didim.robot.robot import Robot
+from didim.signal.processing import SignalProcessing
+from simulated import experiment
+
+Array = NDArray[np.float64]
+Law = Callable[[Array, Array, Array, Array], Array]
+"""Friction beside Coulomb's (N.m) at positions, velocities, torques of links and Coulomb friction of the joints."""
+
+SMOOTHING = 0.02
+SIGMA = np.array([0.2, 0.1])
+
+
+@cache
+def robot() -> Robot:
+    return didim.load_robot("planar2").with_smoothing([SMOOTHING, SMOOTHING])
+
+
+def sign(dq: Array) -> Array:
+    return np.asarray(np.tanh(dq / SMOOTHING))
+
+
+def coulomb(q: Array, dq: Array, rigid: Array, fc: Array) -> Array:
+    return np.zeros_like(dq)
+
+
+def stribeck(share: float, velocity: float = 0.15) -> Law:
+    return lambda q, dq, rigid, fc: np.asarray(share * fc * sign(dq) * np.exp(-((dq / velocity) ** 2)))
+
+
+def atan(share: float, velocity: float = 0.3) -> Law:
+    return lambda q, dq, rigid, fc: np.asarray(share * fc * np.arctan(dq / velocity))
+
+
+def load(share: float) -> Law:
+    return lambda q, dq, rigid, fc: np.asarray(share * np.abs(rigid) * sign(dq))
+
+
+def dahl(width: float) -> Law:
+    return lambda q, dq, rigid, fc: np.asarray(fc * (state(q, width) - sign(dq)))
+
+
+def lugre(width: float, share: float = 0.3, velocity: float = 0.15) -> Law:
+    """Memory and Stribeck friction together, from sample to sample."""
+
+    def law(q: Array, dq: Array, rigid: Array, fc: Array) -> Array:
+        height = 1.0 + share * np.exp(-((dq / velocity) ** 2))
+        z = np.zeros_like(q)
+        for k, change in enumerate(np.diff(q, axis=0)):
+            kept = np.exp(-np.abs(change) / (width * height[k]))
+            z[k + 1] = height[k] * np.sign(change) * (1.0 - kept) + kept * z[k]
+        return np.asarray(fc * (z - sign(dq)))
+
+    return law
+
+
+def fitted(law: Law, seed: int, **settings: object) -> Identification:
+    """Identify a log of the robot with Coulomb friction."""
+    return didim.identify(logged(robot(), law, seed, **settings), didim.IDIMLS())  # type: ignore[arg-type]
+
+
+def logged(
+    fitted_robot: Robot,
+    law: Law,
+    seed: int,
+    *,
+    draw: int = 0,
+    noise: str = "white",
+    rate_hz: float = 500.0,
+    counts: int = 0,
+) -> didim.Experiment:
+    """Return a log of 10 s whose friction has a law beside Coulomb's, made at eight times the rate."""
+    fine, arm = 8, robot()
+    reference = Reference.random_fourier(
+        harmonics=15,
+        period_s=10.0,
+        max_position=[1.5, 1.5],
+        max_velocity=[4.0, 5.0],
+        max_acceleration=[30.0, 40.0],
+        seed=seed,
+    )
+    q, dq, ddq = reference.at(np.arange(int(10.0 * rate_hz) * fine) / (rate_hz * fine))
+    x = arm.parameter_set("reference")
+    names = arm.parameter_names
+    frictionless = np.array([0.0 if name[:2] in ("Fv", "Fc", "Of") else 1.0 for name in names]) * x
+    rigid = didim.inverse_dynamics(arm, q, dq, ddq, frictionless)
+    fc = np.array([x[names.index(f"Fc{joint}")] for joint in (1, 2)])
+    tau = didim.inverse_dynamics(arm, q, dq, ddq, x) + law(q, dq, rigid, fc)
+    q, tau = q[::fine], tau[::fine]
+    rng = np.random.default_rng([seed, draw, 77])
+    errors = rng.standard_normal((tau.shape[0] + 2000, 2))
+    if noise == "correlated":
+        errors = lfilter([np.sqrt(1.0 - 0.95**2)], [1.0, -0.95], errors, axis=0)
+    if counts:
+        step = 2.0 * np.pi / counts
+        q = np.round(q / step + 0.3) * step
+    recording = Recording.from_arrays(q, tau + SIGMA * errors[2000:], rate_hz=rate_hz, name="log")
+    signal = SignalProcessing(
+        cutoff_hz=min(50.0, 0.4 * rate_hz),
+        trim_start=25,
+        trim_end=25,
+        decimation=(max(2, round(rate_hz / 50)),),
+    )
+    return experiment(fitted_robot, recording, signal=signal)
+
+
+def truth() -> Array:
+    """Return the true base parameters of the robot."""
+    return np.asarray(robot().base_parameters.project(robot().parameter_set("reference")))

@@ -1,0 +1,92 @@
+"""Friction that the model lacks: false alarms on right models, alarms on missing laws, and the intervals after them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import didim
+from didim.regression.friction.alarm import FrictionAlarm
+from didim.result.identification import Identification
+from friction_logs import Law, atan, coulomb, dahl, fitted, load, logged, robot, stribeck, truth
+
+
+def alarm(fit: Identification) -> FrictionAlarm:
+    assert fit.uncertainty is not None
+    assert fit.uncertainty.friction is not None
+    return fit.uncertainty.friction
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"noise": "correlated"}, {"rate_hz": 100.0}, {"counts": 65536}, {"counts": 4096}],
+    ids=["white", "correlated", "100 Hz", "2^16 counts", "4096 counts"],
+)
+def test_right_models_raise_no_alarm(settings: dict[str, object]) -> None:
+    for seed in range(4):
+        found = alarm(fitted(coulomb, 500 + seed, **settings))
+        assert not found.raised, found.p_value
+        assert not found.shift.any()
+        assert found.law == ""
+
+
+@pytest.mark.parametrize(
+    ("law", "names"),
+    [
+        (stribeck(0.2), {"stribeck", "atan"}),
+        (atan(0.4), {"atan", "stribeck"}),
+        (load(0.08), {"load"}),
+        (dahl(0.02), {"dahl"}),
+    ],
+    ids=["stribeck", "atan", "load", "dahl"],
+)
+def test_a_missing_law_is_seen_and_its_shift_is_in_the_intervals(law: Law, names: set[str]) -> None:
+    inside, before = [], []
+    for seed in range(3):
+        fit = fitted(law, 500 + seed)
+        found = alarm(fit)
+        assert found.raised, found.p_value
+        assert found.law in names
+        error = np.abs(fit.beta - truth())
+        assert fit.uncertainty is not None
+        factor = fit.uncertainty.factor(0.95)
+        inside.append(error <= factor * fit.std)
+        before.append(error <= factor * np.sqrt(fit.std**2 - found.shift**2))
+    assert np.mean(inside) >= 0.9
+    assert np.mean(before) < np.mean(inside)
+
+
+def test_a_coarse_encoder_is_not_tested_for_memory() -> None:
+    assert "dahl" in alarm(fitted(coulomb, 500, counts=65536)).tested
+    assert "dahl" not in alarm(fitted(coulomb, 500, counts=4096)).tested
+
+
+def test_what_the_log_would_show_is_said_in_torque() -> None:
+    """A law of the visible amplitude raises the alarm, one of a thirtieth does not."""
+    right = alarm(fitted(coulomb, 501))
+    fc = np.array(
+        [robot().parameter_set("reference")[robot().parameter_names.index(f"Fc{j}")] for j in (1, 2)]
+    )
+    share = float((right.visible["stribeck"] / fc).min())
+    assert alarm(fitted(stribeck(share, 0.2), 501)).raised
+    assert not alarm(fitted(stribeck(share / 30.0, 0.2), 501)).raised
+
+
+def test_a_law_of_the_model_is_not_tested_again() -> None:
+    terms = tuple(didim.FrictionTerm(law="stribeck", joint=joint, velocity=0.15) for joint in (0, 1))
+    arm = robot().with_terms(terms)
+    found = alarm(didim.identify(logged(arm, stribeck(0.2), 500), didim.IDIMLS()))
+    assert set(found.tested) == {"load", "dahl"}
+    assert not found.raised
+
+
+def test_the_alarm_is_saved_with_the_result(tmp_path: Path) -> None:
+    fit = fitted(stribeck(0.2), 500)
+    fit.save(tmp_path / "fit.json")
+    restored = Identification.load(tmp_path / "fit.json")
+    assert np.array_equal(alarm(restored).p_value, alarm(fit).p_value)
+    assert np.array_equal(alarm(restored).shift, alarm(fit).shift)
+    assert alarm(restored).law == alarm(fit).law
+    assert "Stribeck friction explains the residual of joint" in str(fit)
