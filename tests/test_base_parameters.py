@@ -64,7 +64,7 @@ def test_random_base_values_lifted_leave_the_torques_unchanged() -> None:
     np.testing.assert_allclose(base.project(base.lift(random_beta)), random_beta, rtol=1e-14)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(robot=robots(largest=7), seed=st.integers(0, 2**32 - 1))
 def test_regrouping_leaves_the_torques_of_any_robot_unchanged(robot: Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -76,7 +76,7 @@ def test_regrouping_leaves_the_torques_of_any_robot_unchanged(robot: Robot, seed
     assert relative(lifted - tau, tau) < 1e-8
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(robot=robots(largest=6))
 def test_the_count_is_the_rank_of_random_states(robot: Robot) -> None:
     motion = random_motion(np.random.default_rng(7), 400, robot.n_dof)

@@ -138,7 +138,7 @@ def test_consistent_didim_meets_a_robot_in_two_iterations() -> None:
 
 
 def test_the_real_log_has_the_distance_of_the_oracle(shared: Path) -> None:
-    """Numbers of a prototype and of Clarabel for the real TX40 (methods.md, 3.3)."""
+    """Numbers of a prototype and of Clarabel, which agree to the digits given, for the real TX40."""
     experiment = didim.load_experiment(EXAMPLE, data=shared / "data" / "tx40")
     fit = didim.identify(experiment, didim.IDIMLS(uncertainty="decimated"))
     root = np.linalg.cholesky(np.linalg.inv(fit.covariance)).T

@@ -520,8 +520,10 @@ def test_emps_from_one_kilogram_needs_gain_updating(emps: Experiment) -> None:
     assert found.status is Status.NOT_CONVERGED
     full = [item.more["residual_change"] for item in found.history if item.more["step_length"] == 1.0]
     assert np.nanmin(full) < 0.025
-    told = "with these parameters the robot does not follow: its torques are off by 5"
-    (reason,) = [reason for reason in found.verdict.grave if reason.sentence.startswith(told)]
+    # How far a run that diverges is off depends on rounding: not its size is looked at, only that it is nonsense.
+    (reason,) = [reason for reason in found.verdict.grave if reason.code == "controller"]
+    assert reason.value is not None
+    assert reason.value > 1.0
     assert reason.advice.endswith("or let gain_updating be 'first'")
     near = identify(emps, plain_didim(gain_updating="never", start="published"))
     assert near.converged

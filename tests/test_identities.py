@@ -16,7 +16,7 @@ from robots import random_motion, random_parameters, relative, robots
 seeds = st.integers(0, 2**32 - 1)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(robot=robots(), seed=seeds)
 def test_the_regressor_times_the_parameters_is_the_inverse_model(robot: Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -27,7 +27,7 @@ def test_the_regressor_times_the_parameters_is_the_inverse_model(robot: Robot, s
     assert relative(W @ x - tau, tau) < 1e-12
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(robot=robots(), seed=seeds)
 def test_gravity_is_the_inverse_model_at_rest_without_friction(robot: Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -61,7 +61,7 @@ def test_the_inertia_matrix_of_the_inverse_model_is_symmetric(robot: Robot, seed
     assert relative(M - M.T, M) < 1e-12
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(robot=robots(coupled=False), seed=seeds)
 def test_inertial_torques_have_the_power_of_the_kinetic_and_potential_energy(robot: Robot, seed: int) -> None:
     # d/dt (1/2 dq' M dq) + dq' g = dq' tau along q(t), without friction: the Coriolis terms by M and g alone.
@@ -88,7 +88,7 @@ def test_inertial_torques_have_the_power_of_the_kinetic_and_potential_energy(rob
     assert abs(rate + float(dq @ gravity) - float(dq @ tau)) / scale < 1e-7
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(robot=robots(), seed=seeds)
 def test_direct_after_inverse_is_the_identity(robot: Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -106,7 +106,7 @@ def test_direct_after_inverse_is_the_identity(robot: Robot, seed: int) -> None:
     assert relative(ddq - motion.ddq, motion.ddq) < 1e-9
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(robot=robots(), seed=seeds)
 def test_the_inertia_matrix_has_the_columns_of_the_inverse_model(robot: Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -148,7 +148,7 @@ def test_an_indefinite_inertia_matrix_is_told() -> None:
         didim.direct_dynamics(robot, rest, rest, rest, x)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(robot=robots(largest=6), seed=seeds, threads=st.sampled_from([1, 2, 5]))
 def test_observation_without_filters_is_the_regressor_joint_by_joint(
     robot: Robot, seed: int, threads: int

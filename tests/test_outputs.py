@@ -351,7 +351,8 @@ def test_ctrl_c_while_modules_are_loaded_is_one_line(tmp_path: Path) -> None:
     folder = tmp_path / "numpy"
     folder.mkdir()
     (folder / "__init__.py").write_text(
-        "import sys, time\nprint('loading', file=sys.stderr, flush=True)\ntime.sleep(30)\n", encoding="utf-8"
+        "import signal, sys\nprint('loading', file=sys.stderr, flush=True)\nsignal.pause()\n",
+        encoding="utf-8",
     )
     path = os.pathsep.join([str(tmp_path), *sys.path])
     process = subprocess.Popen(

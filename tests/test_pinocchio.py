@@ -32,7 +32,7 @@ def check(robot: Robot, rng: np.random.Generator) -> None:
         assert relative(W[k][:, columns] - reference, reference) < 1e-9
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(robot=robots(coupled=False), seed=st.integers(0, 2**32 - 1))
 def test_random_chains(robot: Robot, seed: int) -> None:
     check(robot, np.random.default_rng(seed))
@@ -63,7 +63,7 @@ def check_direct(robot: Robot, rng: np.random.Generator) -> None:
         assert relative(M[k] - matrix, matrix) < 1e-9
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(robot=robots(coupled=False), seed=st.integers(0, 2**32 - 1))
 def test_direct_model_of_random_chains(robot: Robot, seed: int) -> None:
     check_direct(robot, np.random.default_rng(seed))

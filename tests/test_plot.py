@@ -145,7 +145,7 @@ def test_autocorrelation() -> None:
 # Frames.
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(robot=robots(coupled=False), seed=st.integers(0, 2**32 - 1))
 def test_frames_are_those_of_pinocchio(robot: Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)

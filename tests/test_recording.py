@@ -485,10 +485,14 @@ def test_faults_of_arrays(tmp_path: Path, suffix: str) -> None:
     assert said(variable="q", header=True) == f"{file}: delimiter and header are for CSV files only"
 
 
-def test_matlab_files_of_another_version(tmp_path: Path) -> None:
+def test_a_damaged_matlab_file_of_version_73(tmp_path: Path) -> None:
+    pytest.importorskip("h5py", reason="needs the extra 'hdf5'")
     header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n"
     (tmp_path / "a.mat").write_bytes(header)
     assert message(tmp_path, described("a.mat")) == "a.mat: this is not a readable MATLAB version 7.3 file"
+
+
+def test_files_that_are_not_what_their_suffix_says(tmp_path: Path) -> None:
     (tmp_path / "a.mat").write_bytes(b"no such thing" * 50)
     assert message(tmp_path, described("a.mat")) == "a.mat: this is not a readable MATLAB version 5 file"
     (tmp_path / "a.npz").write_bytes(b"no such thing" * 50)

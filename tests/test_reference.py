@@ -122,7 +122,7 @@ def test_a_short_move_is_a_triangle() -> None:
     np.testing.assert_allclose(dq[:, 0], [-0.5, -1.0, -0.5], rtol=0, atol=1e-9)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(2, 5), st.sampled_from([0.0, 0.3]))
 def test_points_are_met_at_rest_within_the_limits(seed: int, n: int, points: int, dwell: float) -> None:
     rng = np.random.default_rng(seed)

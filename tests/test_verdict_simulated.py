@@ -44,7 +44,7 @@ def test_a_right_loop_moves_as_measured_with_a_slope_of_one(sound: Log) -> None:
 
 
 def test_cloe_with_gains_one_percent_low_is_doubted_by_the_slope(sound: Log) -> None:
-    """Row 5 of real-robots.md: all parameters are 1 % off, and it converged without a remark."""
+    """Every parameter of such a fit is 1 % off, and the fit converges."""
     one = Fault("kp and kv 1 % low", ("torque-slope",), plant=_controller(_both(0.99)))
     experiment = planted(sound, one, 0, 0.003)
     fit = didim.identify(experiment, cloe())
