@@ -482,7 +482,7 @@ def test_faults_of_arrays(tmp_path: Path, suffix: str) -> None:
     expected = f"{file}: variables 'one' and 'short' differ in length: {N} and {N - 1}"
     assert said(columns=["one", "short"]) == expected
     assert said(columns=["one", "q"]) == f"{file}: variable 'q' must be a vector, its shape is ({N}, 2)"
-    assert said(variable="q", header=True) == f"{file}: delimiter and header are for CSV files only"
+    assert said(variable="q", header=True) == f"{file}: delimiter, header and decimal are for CSV files only"
 
 
 def test_a_damaged_matlab_file_of_version_73(tmp_path: Path) -> None:

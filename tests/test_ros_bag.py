@@ -77,7 +77,7 @@ def test_joints_of_a_robot_without_names_are_listed(tmp_path: Path) -> None:
         ),
         ({"columns": [1, 2]}, r"bag: joints of a bag go by name, got column 1"),
         ({"variable": "torque"}, r"bag: variable must be one of 'stamp', .*, got 'torque'"),
-        ({"delimiter": ";"}, r"bag: delimiter and header are for CSV files only"),
+        ({"delimiter": ";"}, r"bag: delimiter, header and decimal are for CSV files only"),
     ],
 )
 def test_wrong_keys(tmp_path: Path, change: dict[str, Any], message: str) -> None:

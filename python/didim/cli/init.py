@@ -33,7 +33,7 @@ def add(commands: Commands) -> None:
         metavar="LOG",
         type=Path,
         nargs="+",
-        help="text with one sample a line, .npz, .mat, .h5, or a ROS bag; several become several recordings",
+        help="text with one sample a line, .npz, .mat, .h5, or a ROS bag; several are recordings, or the signals of one recording",
     )
     parser.add_argument(
         "-o",
@@ -50,16 +50,23 @@ def add(commands: Commands) -> None:
         metavar="KIND=COLUMNS",
         action="append",
         default=[],
-        help="columns of a signal whose names do not say it: --columns position=2-7 --columns current=14-19; kinds are time, "
-        "position, velocity, torque, current, voltage, reference",
+        help="columns of a signal, by name or number, where their names do not say it: --columns position=2-7 --columns "
+        "current=14-19, of one of several files --columns torque=drives.csv:1-6; kinds are time, position, velocity, torque, "
+        "current, voltage, reference",
     )
     parser.add_argument(
         "--gain",
         metavar="GAIN",
-        type=float,
         nargs="+",
         default=[],
-        help="drive gains, N.m or N per A or V: one for all joints, or one for each",
+        help="drive gains, N.m or N per A or V: one for all joints, one for each, or estimate",
+    )
+    parser.add_argument(
+        "--side",
+        metavar="TABLE=SIDE",
+        action="append",
+        default=[],
+        help="side of the gears on which positions or torques were logged: --side torque=motor",
     )
     parser.add_argument(
         "--values-per-sample",
@@ -68,6 +75,18 @@ def add(commands: Commands) -> None:
         help="values in each sample, for a text with one value a line",
     )
     parser.add_argument("--topic", metavar="TOPIC", help="topic of joint states, for a ROS bag with several")
+    tree = parser.add_argument_group("robot of a URDF with several chains")
+    tree.add_argument(
+        "--tip", metavar="LINK", help="last link of the chain (default: that whose joints the log names)"
+    )
+    tree.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root)")
+    tree.add_argument(
+        "--lock",
+        metavar="JOINT=VALUE",
+        action="append",
+        default=[],
+        help="keep a joint still at a position (rad or m); may be given several times",
+    )
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
 
@@ -82,24 +101,41 @@ EXAMPLES = (
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from .._tools.files import write_atomically
+    from .._tools.words import did_you_mean
     from ..experiment.draft import initialise
+    from ..log.units import ESTIMATE
 
-    chosen = {}
-    for text in options.columns:
-        kind, sign, columns = text.partition("=")
-        if not sign or not columns:
-            return refuse(f"--columns takes KIND=COLUMNS, such as --columns torque=14-19, got {text!r}")
-        chosen[kind] = columns
+    chosen: dict[str, dict[str, str]] = {"columns": {}, "side": {}, "lock": {}}
+    wanted = (
+        ("columns", "KIND=COLUMNS", "torque=14-19"),
+        ("side", "TABLE=SIDE", "torque=motor"),
+        ("lock", "JOINT=VALUE", "finger_joint=0.02"),
+    )
+    for option, form, example in wanted:
+        for text in getattr(options, option):
+            key, sign, value = text.partition("=")
+            if not sign or not value or (option == "lock" and _number(value) is None):
+                return refuse(f"--{option} takes {form}, such as --{option} {example}, got {text!r}")
+            chosen[option][key] = value
+    numbers = [_number(text) for text in options.gain]
+    estimated = options.gain == [ESTIMATE]
+    if None in numbers and not estimated:
+        wrong = options.gain[numbers.index(None)]
+        return refuse(f"--gain takes numbers or {ESTIMATE!r}, got {wrong!r}{did_you_mean(wrong, [ESTIMATE])}")
+    chain = {"tip": options.tip, "base": options.base}
+    locked = {joint: float(value) for joint, value in chosen["lock"].items()}
     saved = Saved()
     path, draft = initialise(
         options.robot,
         options.logs,
         options.output,
         rate_hz=options.rate,
-        columns=chosen,
-        gains=options.gain,
+        columns=chosen["columns"],
+        gains=ESTIMATE if estimated else [number for number in numbers if number is not None],
+        sides=chosen["side"],
         values_per_sample=options.values_per_sample,
         topic=options.topic,
+        chain={**chain, "lock": locked or None} if locked or any(chain.values()) else None,
         force=options.force,
         write=lambda path, text: saved.save(path, lambda place: write_atomically(place, text)),
     )
@@ -111,3 +147,10 @@ def run(options: argparse.Namespace) -> int:
     for question in draft.questions:
         message(question, "open")
     return saved.code(NOT_CONVERGED if draft.questions else CONVERGED)
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None

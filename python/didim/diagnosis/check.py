@@ -28,7 +28,8 @@ from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem
 from ..regression.suspicions import driving_friction
 from ..result.identification import Identification
-from ..signal.decimation import decimate, decimation_stages
+from ..signal.decimation import decimate, decimation_stages, least_samples
+from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, stretches
 from ..studies.run import standard_parameters
 from .bandwidth import check_bandwidth
@@ -101,7 +102,7 @@ def check(
         found += of_columns
         if experiment.signal.spikes is None:
             found += check_spikes(recording)
-        recordings.append(_without(recording, of_columns))
+        recordings.append(_filterable(_without(recording, of_columns), experiment.signal))
     experiment = replace(experiment, recordings=tuple(recordings))
     found += check_reference(experiment)
     found += check_bandwidth(experiment)
@@ -149,6 +150,13 @@ def _without(recording: Recording, findings: Sequence[Finding]) -> Recording:
     return replace(recording, windows=windows) if windows else recording
 
 
+def _filterable(recording: Recording, signal: SignalProcessing) -> Recording:
+    """Leave out windows that are too short for the filters, where others are not: gaps of a log cut it anywhere."""
+    least = least_samples(signal) + signal.trim_start + signal.trim_end
+    windows = tuple((start, stop) for start, stop in recording.windows if stop - start >= least)
+    return replace(recording, windows=windows) if windows else recording
+
+
 def _standard(experiment: Experiment, parameters: str | Path | Identification | ArrayLike) -> Array:
     """Return known standard parameters, (n_parameters,)."""
     robot = experiment.robot
@@ -185,9 +193,10 @@ def _model(
         ]
     robot = job.robot
     declared = job.declared_delay
+    least = least_samples(job.signal)
     try:
         parts = job.parts("fit", declared)
-        probe = Probe(job, stretches(parts, MOST_SAMPLES))
+        probe = Probe(job, stretches(parts, MOST_SAMPLES, least))
         whole = probe if probe.n_samples == sum(len(part.q) for part in parts) else Probe(job, parts)
     except (SignalError, FitError) as error:
         return [
@@ -200,10 +209,10 @@ def _model(
     beta = None
     if known is not None:
         beta = job.parameters.project(job.parameters.extended(known))[job.selection.estimated]
-        probe = Probe(job, stretches(parts, MOST_SAMPLES), beta)
+        probe = Probe(job, stretches(parts, MOST_SAMPLES, least), beta)
     (recording, *_) = (item for item in experiment.recordings if item.role == "fit")
     timed = all("time" in item.origin for item in experiment.recordings)
-    quick = Probe(job, stretches(parts, _quick_samples(job, parts)), beta)
+    quick = Probe(job, stretches(parts, _quick_samples(job, parts), least), beta)
     reader = Reader(
         probe, quick, robot, recording, timed=timed, noise=_noise(job, parts), known=known is not None
     )

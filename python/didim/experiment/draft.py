@@ -6,27 +6,36 @@ line with a question. Tested in ``tests/test_init.py`` and ``tests/test_init_log
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from .._tools.files import check_output, write_atomically
 from .._tools.toml import Table, quoted
-from .._tools.words import counted, one_line
-from ..errors import DidimError, ExperimentError
+from .._tools.words import counted, did_you_mean, listing, one_line
+from ..errors import DidimError, ExperimentError, RobotError
 from ..log.data_folder import DataFolder
 from ..log.recording import Recording
 from ..log.recording_file import read_recording, read_reduction
+from ..log.units import ESTIMATE
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
+from ..robot.robot_text import robot_text
+from ..robot.urdf.log_chain import chain_of_names
+from .draft_files import assembled
 from .draft_filters import choose_filters, sentence_of
-from .draft_source import open_log
-from .draft_writer import Draft, RecordingWriter, names_of
+from .draft_source import choose_columns, log_names, open_log
+from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
+
+UNFINISHED = "# Unfinished draft of `didim init`, which may replace it; SHA-256 of the lines above: "
+"""Begin of the last line of a file with open questions: one that nobody has edited since is replaced without --force."""
 
 
 def initialise(
@@ -36,9 +45,11 @@ def initialise(
     *,
     rate_hz: float | None = None,
     columns: Mapping[str, str] | None = None,
-    gains: Sequence[float] = (),
+    gains: Sequence[float] | str = (),
+    sides: Mapping[str, str] | None = None,
     values_per_sample: int | None = None,
     topic: str | None = None,
+    chain: Mapping[str, Any] | None = None,
     force: bool = False,
     write: Callable[[Path, str], None] = write_atomically,
 ) -> tuple[Path, Draft]:
@@ -49,19 +60,25 @@ def initialise(
     robot : str
         Packaged name, or path of a robot file or a URDF.
     logs : Path or sequence of Path
-        Text with one sample a line, .npz, .mat, .h5, or a ROS bag.
+        Text with one sample a line, .npz, .mat, .h5, or a ROS bag. Several are several recordings, or the signals of one where no
+        file has positions and torques both.
     output : Path, optional
         Experiment file; beside the first log, with its name, by default.
     rate_hz : float, optional
         Sampling rate, where the log has no time stamps.
     columns : mapping of str to str, optional
-        Columns by kind of signal where names do not tell: ``{"torque": "14-19"}``.
-    gains : sequence of float
+        Columns by kind of signal where names do not tell: ``{"torque": "14-19"}``, or ``{"torque": "drives.csv:1-6"}``.
+    gains : sequence of float, or "estimate"
         Drive gains (N.m or N per A or V), one or one per joint.
+    sides : mapping of str to str, optional
+        Sides of the gears by table: ``{"torque": "motor"}``.
     values_per_sample : int, optional
         Of text with one value a line.
     topic : str, optional
         Topic of a ROS bag.
+    chain : mapping, optional
+        `tip`, `base` and `lock` of a URDF, as of `load_robot`. Without them the chain of a tree is the one whose joints the log
+        names. The robot is then written beside the experiment file.
     force : bool
         Overwrite an existing file.
     write : callable
@@ -82,32 +99,135 @@ def initialise(
         When the file cannot be written to, before the log is read.
     """
     paths = [logs] if isinstance(logs, Path) else list(logs)
-    model = load_robot(robot)
     path = paths[0].with_suffix(".toml") if output is None else output
-    if path.exists() and not force:
-        raise ExperimentError(f"{path}: the file is there already; --force overwrites it, -o writes another")
-    if rate_hz is not None and not 0.0 < rate_hz < math.inf:
-        raise ExperimentError(f"the rate must be a positive number of Hz, got {rate_hz:g}")
-    if gains and (len(gains) not in (1, model.n_dof) or not np.isfinite(gains).all() or not all(gains)):
-        raise ExperimentError(
-            f"--gain takes one number or {model.n_dof}, one for each joint, none of them zero; got {list(gains)}"
-        )
+    if not force:
+        _check_free(path)
+    model, own_file = _model(robot, paths, chain or {}, topic)
+    _check_options(model, rate_hz, gains, sides or {})
     check_output(path)
+    place = path.with_name(f"{path.stem}_robot.toml")
+    if own_file:
+        check_output(place)
+        if not force and place.exists() and place.read_text(encoding="utf-8") != own_file:
+            raise ExperimentError(
+                f"{place}: another robot is there already; --force overwrites it, -o writes another"
+            )
     draft = Draft(notes=model.notes)
-    writers = []
-    for log in paths:
-        source = open_log(
-            log, path.parent, model, columns or {}, values_per_sample=values_per_sample, topic=topic
+    sources = [
+        open_log(
+            log,
+            path.parent,
+            model,
+            values_per_sample=values_per_sample,
+            topic=topic,
+            alone=len(paths) == 1,
         )
-        writers.append(RecordingWriter(model, source, log, rate_hz, gains, draft))
+        for log in paths
+    ]
+    for kind, text in (columns or {}).items():
+        choose_columns(sources, kind, text)
+    recorded, told = assembled(sources, model)
+    draft.read += told
+    options = DraftOptions(rate_hz, gains, sides or {})
+    writers = [
+        RecordingWriter(model, source, name, file.name, options, draft) for source, name, file in recorded
+    ]
     body = [line for writer in writers for line in writer.lines()]
-    head = _head(model, _named(robot, path), path, paths)
     transmission = _transmission(model, draft) if any(writer.motors for writer in writers) else []
-    text = "\n".join([*head, *body, *transmission])
-    recordings, in_torque = _recordings(text, model, path)
-    draft.text = "\n".join([text, *_signal(model, recordings, in_torque, draft)]) + "\n"
+    rest = "\n".join([*body, *transmission])
+    recordings, in_torque = _recordings(rest, model, path)
+    signal = _signal(model, recordings, in_torque, draft)
+    name = (paths[0] if len(paths) == 1 else path).stem
+    head = _head(model, _named(str(place) if own_file else robot, path), path, paths, name)
+    draft.text = _finished("\n".join([*_open(draft.questions), *head, rest, *signal]) + "\n", draft)
+    if own_file:
+        draft.read.insert(
+            0, f"{place}: written, the robot with {counted(model.n_dof, 'joint')} whose chain was chosen"
+        )
+        write(place, own_file)
     write(path, draft.text)
     return path, draft
+
+
+def _check_options(
+    robot: Robot, rate_hz: float | None, gains: Sequence[float] | str, sides: Mapping[str, str]
+) -> None:
+    if rate_hz is not None and not 0.0 < rate_hz < math.inf:
+        raise ExperimentError(f"the rate must be a positive number of Hz, got {rate_hz:g}")
+    if gains and gains != ESTIMATE:
+        numbers = [gain for gain in gains if isinstance(gain, float | int)]
+        if (
+            len(numbers) != len(gains)
+            or len(gains) not in (1, robot.n_dof)
+            or not np.isfinite(numbers).all()
+            or not all(numbers)
+        ):
+            raise ExperimentError(
+                f'--gain takes one number or {robot.n_dof}, one for each joint, none of them zero, or "{ESTIMATE}"; '
+                f"got {list(gains)}"
+            )
+    for table, side in sides.items():
+        for word, known in ((table, ("position", "torque", "reference")), (side, ("joint", "motor"))):
+            if word not in known:
+                raise ExperimentError(
+                    f"--side takes one of {listing(known)} there, got {word!r}{did_you_mean(word, known)}"
+                )
+
+
+def _check_free(path: Path) -> None:
+    """Refuse a file that is there, unless it is an unfinished draft as `didim init` wrote it."""
+    if not path.exists():
+        return
+    edited = ""
+    if path.is_file():
+        text, _, last = path.read_bytes().rstrip(b"\n").rpartition(b"\n")
+        if last.startswith(UNFINISHED.encode()):
+            if last.removeprefix(UNFINISHED.encode()).decode() == hashlib.sha256(text).hexdigest():
+                return
+            edited = ", a draft that was edited since didim init wrote it"
+    raise ExperimentError(
+        f"{path}: the file is there already{edited}; --force overwrites it, -o writes another"
+    )
+
+
+def _open(questions: Sequence[str]) -> list[str]:
+    """Key that keeps a file with open questions from being used."""
+    if not questions:
+        return []
+    return [
+        "# Not finished: answer these questions by options of `didim init`, or fill in the lines below and delete `open`.",
+        f"open = {quoted(list(questions))}",
+        "",
+    ]
+
+
+def _finished(text: str, draft: Draft) -> str:
+    """Text with its mark, where questions are open."""
+    if not draft.questions:
+        return text
+    text = text.rstrip("\n")
+    return f"{text}\n{UNFINISHED}{hashlib.sha256(text.encode()).hexdigest()}\n"
+
+
+def _model(
+    robot: str, logs: Sequence[Path], chain: Mapping[str, Any], topic: str | None
+) -> tuple[Robot, str | None]:
+    """Load the robot; of a tree the chain whose joints the logs name, and the text of its robot file."""
+    if Path(robot).suffix.lower() != ".urdf":
+        return load_robot(robot, **chain), None
+    if any(chain.values()):
+        model = load_robot(robot, **chain)
+        return model, robot_text(model)
+    try:
+        return load_robot(robot), None
+    except RobotError as error:
+        names = [name for log in logs for name in log_names(log, topic)]
+        found = chain_of_names(Path(robot), names)
+        if found is None:
+            raise RobotError(str(error).replace("didim robot --tip", "--tip")) from None
+        tip, locked = found
+        model = load_robot(robot, tip=tip, lock=dict.fromkeys(locked, 0.0))
+        return model, robot_text(model)
 
 
 def _named(robot: str, path: Path) -> str:
@@ -117,14 +237,14 @@ def _named(robot: str, path: Path) -> str:
     return Path(os.path.relpath(robot, path.parent)).as_posix()
 
 
-def _head(robot: Robot, named: str, path: Path, logs: Sequence[Path]) -> list[str]:
+def _head(robot: Robot, named: str, path: Path, logs: Sequence[Path], name: str) -> list[str]:
     speed = "m_s" if "prismatic" in robot.joint_kinds else "rad_s"
     names = one_line(", ".join(log.name for log in logs))
     return [
         f'# Written by `didim init` from {names}. Lines that say "confirm" are guesses;',
         f"# `didim check {one_line(path.name)}` looks for wrong ones.",
         "schema = 1",
-        f"name = {quoted((logs[0] if len(logs) == 1 else path).stem)}",
+        f"name = {quoted(name)}",
         f"robot = {quoted(named)} # {counted(robot.n_dof, 'joint')}{names_of(robot)}",
         "",
         "# Friction; without this table that of the robot file. Smooth for a simulated log, a dead zone for standstill.",
@@ -152,8 +272,12 @@ def _transmission(robot: Robot, draft: Draft) -> list[str]:
 
 
 def _recordings(text: str, robot: Robot, path: Path) -> tuple[list[Recording], bool]:
-    """Read the recordings of the file as it stands, and whether their torques are known; none where something is open."""
-    table = Table(tomllib.loads(text), path.name, ExperimentError)
+    """Read the recordings of the file as it stands, and whether their torques are known; none where something is open.
+
+    Drive gains may be open: the band of the motion does not depend on them.
+    """
+    closed = text.replace(f"\n{OPEN_GAIN} ", f"\n{OPEN_GAIN[2:]} ")
+    table = Table(tomllib.loads(closed), path.name, ExperimentError)
     found = []
     try:
         reduction = read_reduction(table.table("transmission", None), robot.reduction, robot.n_dof)
@@ -162,7 +286,7 @@ def _recordings(text: str, robot: Robot, path: Path) -> tuple[list[Recording], b
             found.append(read_recording(part, f"recording {k + 1}", robot, reduction, folder))
     except DidimError:
         return [], False
-    return found, all(recording.tau is not None for recording in found)
+    return found, closed == text and all(recording.tau is not None for recording in found)
 
 
 def _signal(robot: Robot, recordings: Sequence[Recording], in_torque: bool, draft: Draft) -> list[str]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 WORDS = {
-    "time": ("t", "time", "timestamp", "stamp", "clock"),
+    "time": ("t", "time", "times", "timestamp", "timestamps", "stamp", "stamps", "clock"),
     "reference": (
         "ref",
         "reference",
@@ -134,6 +134,10 @@ class Column:
         Array of a file of arrays that the column belongs to.
     stem : str
         The name without numbers: columns of one signal share it.
+    placed : bool
+        Whether the name only says where a signal was measured (``Joint_1``): the name of the file may say which it is.
+    file : int
+        Number of the file, from 0, of a log in several files.
     """
 
     name: str | int
@@ -143,6 +147,8 @@ class Column:
     motor: bool = False
     variable: str | None = None
     stem: str = ""
+    placed: bool = False
+    file: int = 0
 
 
 def column(name: str, joint_names: Sequence[str] = ()) -> Column:
@@ -172,8 +178,10 @@ def column(name: str, joint_names: Sequence[str] = ()) -> Column:
     joint, rest = named
     found = _column(name, rest)
     # A log of positions alone may name its columns after the joints and nothing else.
-    what = "position" if not re.search(r"\w", rest) else found.what
-    return replace(found, number=joint + 1, what=what)
+    bare = not re.search(r"\w", rest)
+    return replace(
+        found, number=joint + 1, what="position" if bare else found.what, placed=bare or found.placed
+    )
 
 
 def _joint_of(name: str, joint_names: Sequence[str]) -> tuple[int, str] | None:
@@ -211,7 +219,8 @@ def _column(name: str, text: str) -> Column:
         if any(word in known for word in signal):
             kind = what
             break
-    motor = any(word in ("motor", "mot") for word in words)
+    motor = any(word in ("motor", "mot", "motors") for word in words)
+    placed = False
     if kind == "reference" and any(
         word in known
         for what, known in WORDS.items()
@@ -227,6 +236,63 @@ def _column(name: str, text: str) -> Column:
     ):
         # A name such as motor_3 says nothing of what it is unless it has a unit.
         kind = "position" if unit is not None or not motor else "other"
+        placed = True
     if any(word in FOREIGN for word in words):
         kind = "other"
-    return Column(name, kind, numbers[-1] if numbers else None, unit, motor, stem=_stem(text))
+    return Column(name, kind, numbers[-1] if numbers else None, unit, motor, stem=_stem(text), placed=placed)
+
+
+def name_without_signal(name: str) -> tuple[str, ...]:
+    """Words of the name of a file, without those of a signal: what the files of one log have in common.
+
+    Parameters
+    ----------
+    name : str
+        Name without suffix: ``motor_position_run2`` gives ``motor``, ``run`` and ``2``.
+    """
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", name)
+    words = [word.lower() for word in re.split(r"[^A-Za-z0-9]+", spaced) if word]
+    signals = {word for known in WORDS.values() for word in known}
+    return tuple(word for word in words if word not in signals)
+
+
+def _common_begin(names: Sequence[str]) -> str:
+    """Longest text that all names begin with."""
+    first, last = min(names), max(names)
+    end = next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
+    return first[:end]
+
+
+def joints_by_name(found: Sequence[str], joint_names: Sequence[str], n_dof: int) -> tuple[list[str], str]:
+    """Joints of a log in the order of the robot's, and how they were found where their names are others.
+
+    Parameters
+    ----------
+    found : sequence of str
+        Names in the log.
+    joint_names : sequence of str
+        Names of the robot's joints, or none.
+    n_dof : int
+        Number of the robot's joints.
+
+    Returns
+    -------
+    list of str, str
+        Names of the log, none where it is not clear which joint is which, and a sentence, empty where the names are the robot's.
+    """
+    if joint_names and set(joint_names) <= set(found):
+        return list(joint_names), ""
+    common = _common_begin(joint_names) if len(joint_names) > 1 else ""
+    ends = [name.removeprefix(common) for name in joint_names]
+    begins = {name.removesuffix(ends[0]) for name in found if ends and name.endswith(ends[0])}
+    fitting = [begin for begin in begins if all(begin + end in found for end in ends)]
+    if len(fitting) == 1:
+        names = [fitting[0] + end for end in ends]
+        return names, f"joints {names[0]} to {names[-1]} of the log are {joint_names[0]} to {joint_names[-1]}"
+    numbers = [re.findall(r"\d+", name)[-1:] for name in found]
+    if len(found) == n_dof and all(numbers) and not fitting:
+        ordered = sorted(zip((int(number[0]) for number in numbers), found, strict=True))
+        if [number for number, _ in ordered] == list(range(ordered[0][0], ordered[0][0] + n_dof)):
+            names = [name for _, name in ordered]
+            return names, f"joints {names[0]} to {names[-1]} of the log are joints 1 to {n_dof} of the robot"
+    return [], ""

@@ -1,8 +1,8 @@
 """Filters for a log: the band of its motion, and the best of three cut-offs on blocks that were held out.
 
-The band comes from the reference where there is one. Otherwise it comes from the part of the velocity that the torques share:
-jitter of the time stamps and steps of the encoder are in the positions alone. Three cut-offs around it are then compared by the
-torques that IDIM-LS predicts for every other block of time. Tested in ``tests/test_init_filters.py``.
+The band comes from the reference where there is one, otherwise from the positions, up to where their velocity sinks into the
+noise: jitter of the time stamps and steps of the encoder do not count. Three cut-offs around it are then compared by the torques
+that IDIM-LS predicts for every other block of time. Tested in ``tests/test_init_filters.py``.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from ..regression.selection import Selection
 from ..robot.robot import Robot
 from ..signal.processing import SignalProcessing
 from ..signal.segments import segments
-from ..signal.spectrum import motion_band
+from ..signal.spectrum import contiguous_band, motion_band
 
 CUTOFF_TIMES = 20.0
 """Times the band of the velocity that the middle cut-off is: reversals under friction reach far beyond the band."""
@@ -40,10 +39,6 @@ BLOCKS = 20
 """Blocks of time: every other one is held out."""
 AS_GOOD = 1.01
 """Held-out errors within this factor of the smallest are as good: the cut-off nearest to the middle one is taken then."""
-POWER = 0.99
-"""Share of the velocity's power that lies in the band."""
-PIECES = 16
-"""Pieces of a log whose coherence is averaged."""
 LEAST_SAMPLES = 400
 """Samples below which nothing is compared."""
 
@@ -138,50 +133,15 @@ def _trim(cutoff: float, rate: float, samples: int) -> int:
 def _band(recordings: Sequence[Recording]) -> tuple[float, str]:
     """Highest frequency of the motion (Hz), and what it was read from, as the begin of a sentence."""
     if all(recording.q_ref is not None for recording in recordings):
-        found = max(
-            motion_band(replace(item, q=item.q_ref, dq=None)) for item in recordings if item.q_ref is not None
-        )
+        references = [replace(item, q=item.q_ref, dq=None) for item in recordings if item.q_ref is not None]
+        # A reference may be jittered and rounded too: then its spectrum in long pieces says nothing.
+        found = max(min(motion_band(item), contiguous_band(item) or math.inf) for item in references)
         if found > 0.0:
             return found, "the reference moves below"
-    if all(recording.driving is not None for recording in recordings):
-        shared = max(shared_band(recording) for recording in recordings)
-        if shared > 0.0:
-            return shared, "motion and torques share the band below"
+    measured = max(contiguous_band(recording) for recording in recordings)
+    if measured > 0.0:
+        return measured, "the motion stands out of the noise below"
     return max(motion_band(recording) for recording in recordings), "the motion ends near"
-
-
-def shared_band(recording: Recording) -> float:
-    """Frequency (Hz) below which 99 % of the power of the velocity is that the torques share, of the highest joint; or 0.
-
-    The power of each frequency counts with the squared coherence of the velocity of a joint and its torque, where that is
-    significant: noise that is in the positions alone does not count.
-    """
-    from scipy.signal import csd, welch
-
-    torque = recording.driving
-    assert torque is not None
-    start, stop = max(recording.windows, key=lambda window: window[1] - window[0])
-    size = 2 * (stop - start) // (PIECES + 1)
-    if size < 64:
-        return 0.0
-    pieces = max(1, 2 * (stop - start) // size - 1)
-    limit = 1.0 - 0.01 ** (1.0 / max(1, pieces - 1))
-    options: dict[str, Any] = {"fs": recording.rate_hz, "nperseg": size, "detrend": "linear"}
-    found = 0.0
-    for joint in range(recording.q.shape[1]):
-        speed = np.gradient(recording.q[start:stop, joint])
-        tau = torque[start:stop, joint]
-        if not (np.ptp(speed) > 0.0 and np.ptp(tau) > 0.0):
-            continue
-        f, power = welch(speed, **options)
-        _, other = welch(tau, **options)
-        _, cross = csd(speed, tau, **options)
-        coherence = np.abs(cross) ** 2 / np.maximum(power * other, np.finfo(float).tiny)
-        shared = power * np.where(coherence > limit, coherence, 0.0)
-        total = np.cumsum(shared)
-        if total[-1] > 0.0:
-            found = max(found, float(f[np.searchsorted(total, POWER * total[-1])]))
-    return found
 
 
 def _held_out_error(

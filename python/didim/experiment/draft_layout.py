@@ -38,7 +38,7 @@ def layout(values: Array, n_dof: int) -> list[Column]:
     if rest or count < 2 or len(values) < 8:
         return _columns(["time"] * first + ["other"] * (width - first), n_dof, first)
     blocks = [values[:, first + k * n_dof : first + (k + 1) * n_dof] for k in range(count)]
-    kinds = _kinds(blocks, t)
+    kinds = kinds_of_blocks(blocks, t)
     return _columns(["time"] * first + [kind for kind in kinds for _ in range(n_dof)], n_dof, first)
 
 
@@ -51,8 +51,16 @@ def _columns(kinds: list[str], n_dof: int, first: int) -> list[Column]:
     ]
 
 
-def _kinds(blocks: list[Array], t: Array) -> list[str]:
-    """Return the kind of each block."""
+def kinds_of_blocks(blocks: list[Array], t: Array) -> list[str]:
+    """Return the kind of each block of one column per joint.
+
+    Parameters
+    ----------
+    blocks : list of (n_samples, n_dof) array
+        Signals.
+    t : (n_samples,) array
+        Time, in any unit.
+    """
     kinds = ["other"] * len(blocks)
     rates = [np.gradient(block, t, axis=0) for block in blocks]
     pairs = [

@@ -6,17 +6,18 @@ Tested in ``tests/test_init.py`` and ``tests/test_init_logs.py``.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.toml import quoted
-from .._tools.words import listing
+from .._tools.words import did_you_mean, listing
 from ..errors import ExperimentError, RecordingError
-from ..log.array_file import ArrayFile
+from ..log.array_file import ArrayFile, samples_in_columns
 from ..log.csv_file import CsvFile
 from ..log.data_file import TEXT, open_data_file
 from ..log.data_folder import MANY_COLUMNS
@@ -24,7 +25,7 @@ from ..log.data_format import DataFile
 from ..log.ros_bag import RosBag
 from ..log.text_files import OneValueALine
 from ..robot.robot import Robot
-from .draft_columns import WORDS, Column, column
+from .draft_columns import WORDS, Column, column, joints_by_name
 from .draft_layout import layout
 
 LEAST_ROWS = 16
@@ -32,11 +33,17 @@ LEAST_ROWS = 16
 
 BAG_KINDS = {"position": "position", "velocity": "velocity", "effort": "torque", "reference": "reference"}
 """Kinds of the signals of a bag."""
+SNIFFED_LINES = 50
+"""First lines of a text that tell its delimiter and its decimal sign."""
+NUMBER = re.compile(
+    r"\"?[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?\"?|\"?[+-]?(nan|inf(inity)?)\"?|", re.IGNORECASE
+)
+"""A number with either decimal sign, or an empty cell."""
 
 
 @dataclass
 class LogSource:
-    """An opened log.
+    """An opened file of a log.
 
     Attributes
     ----------
@@ -46,14 +53,23 @@ class LogSource:
         What there is in it.
     keys : list of str
         Lines of TOML that every table of it has: file, delimiter, topic.
+    path : Path
+        Where it is.
     named : bool
         Whether the columns have names.
+    joints : tuple of str
+        Joints of a bag of which it is not clear which joint of the robot each is; none where it is.
+    note : str
+        How the joints of a bag were found, where their names are not those of the robot.
     """
 
     data: DataFile
     columns: list[Column]
     keys: list[str]
+    path: Path
     named: bool = True
+    joints: tuple[str, ...] = ()
+    note: str = ""
 
     def want(self, columns: Sequence[Column]) -> None:
         """Announce columns: a text is then parsed once, and of a bag the messages of other joints are left out."""
@@ -78,11 +94,17 @@ class LogSource:
             return self.data.get([item.name], None, 1)
         return self.data.get([item.name], item.variable, 1)
 
+    def place(self, item: Column, row: int) -> str:
+        """Place of a value in words, with file, row from 1 and column."""
+        line = f" (line {row + 1})" if self.named and isinstance(self.data, CsvFile) else ""
+        matrix = f" of {item.variable!r}" if item.variable not in (None, item.name) else ""
+        return f"{self.path.name}: row {row}{line}, column {item.name!r}{matrix}"
+
     def lines(self, columns: Sequence[Column], robot: Robot) -> list[str]:
         """Lines of TOML that name some columns."""
         names = [item.name for item in columns]
         if isinstance(self.data, RosBag):
-            if not names or names == list(robot.joint_names):
+            if not names or columns[0].variable == "stamp" or names == list(robot.joint_names):
                 return list(self.keys)
             return [*self.keys, f"columns = {quoted(names)}"]
         variables = {item.variable for item in columns if isinstance(item.name, int)} - {None}
@@ -100,12 +122,12 @@ def open_log(
     log: Path,
     beside: Path,
     robot: Robot,
-    chosen: Mapping[str, str],
     *,
     values_per_sample: int | None = None,
     topic: str | None = None,
+    alone: bool = True,
 ) -> LogSource:
-    """Open a log and sort its columns.
+    """Open a file of a log and sort its columns.
 
     Parameters
     ----------
@@ -115,44 +137,79 @@ def open_log(
         Folder of the experiment file.
     robot : Robot
         Its joints and their names.
-    chosen : mapping of str to str
-        Columns by kind of signal, as the user says: ``{"torque": "14-19"}``.
     values_per_sample : int, optional
         Of a text with one value a line.
     topic : str, optional
         Of a bag.
+    alone : bool
+        Whether it is the only file: a text with one value a line must then hold whole samples.
 
     Raises
     ------
     RecordingError
         When the log cannot be read.
     ExperimentError
-        When a chosen column does not exist.
+        When an option is not for this container.
     """
     file = Path(os.path.relpath(log, beside)).as_posix()
     keys = [f"file = {quoted(file)}"]
     if log.suffix.lower() in TEXT:
-        source = _text(log, keys, robot, values_per_sample)
+        source = _text(log, keys, robot, values_per_sample, alone=alone)
     else:
         if values_per_sample is not None:
             raise ExperimentError(f"{log.name}: --values-per-sample is for text files")
         data = open_data_file(log, log.name, delimiter=None, header=None, topic=topic)
-        source = _bag(data, keys, robot) if isinstance(data, RosBag) else _arrays(data, keys, robot)
-    for kind, text in chosen.items():
-        _choose(source, kind, text, log.name)
+        source = _bag(data, keys, robot, log) if isinstance(data, RosBag) else _arrays(data, keys, robot, log)
+    _by_file_name(source)
     return source
 
 
-def _text(log: Path, keys: list[str], robot: Robot, values_per_sample: int | None) -> LogSource:
-    line = _first_line(log)
-    delimiter = next((sign for sign in (",", ";", "\t") if sign in line), " " if " " in line.strip() else ",")
-    data: DataFile = open_data_file(log, log.name, delimiter=delimiter, header=None)
+def log_names(log: Path, topic: str | None) -> list[str]:
+    """Names in a file, before it is known which robot it is of: columns, arrays, joints of a bag.
+
+    Raises
+    ------
+    RecordingError
+        When the log cannot be read.
+    """
+    if log.suffix.lower() in TEXT:
+        delimiter, decimal = _signs(_first_lines(log))
+        data = open_data_file(log, log.name, delimiter=delimiter, header=None, decimal=decimal)
+        return list(getattr(data, "names", None) or [])
+    data = open_data_file(log, log.name, delimiter=None, header=None, topic=topic)
+    return list(data.joints if isinstance(data, RosBag) else getattr(data, "names", ()))
+
+
+def _by_file_name(source: LogSource) -> None:
+    """Take the kind of signal from the name of the file where the names of all columns leave it open."""
+    signals = [item for item in source.columns if item.what != "time"]
+    if not all(item.placed or (item.what == "other" and not source.named) for item in signals):
+        return
+    said = column(source.path.stem)
+    if said.placed or said.what in ("other", "acceleration"):
+        return
+    for k, item in enumerate(source.columns):
+        if item.what != "time":
+            number = said.number if len(source.columns) == 1 else item.number
+            source.columns[k] = replace(
+                item, what=said.what, motor=item.motor or said.motor, number=number, placed=False
+            )
+
+
+def _text(
+    log: Path, keys: list[str], robot: Robot, values_per_sample: int | None, *, alone: bool
+) -> LogSource:
+    lines = _first_lines(log)
+    delimiter, decimal = _signs(lines)
+    data: DataFile = open_data_file(log, log.name, delimiter=delimiter, header=None, decimal=decimal)
     assert isinstance(data, CsvFile)
     if delimiter != ",":
         keys.append(f"delimiter = {quoted(delimiter)}")
+    if decimal is not None:
+        keys.append(f"decimal = {quoted(decimal)}")
     if data.names is not None:
-        return LogSource(data, [column(name, robot.joint_names) for name in data.names], keys)
-    width = len(line.split() if delimiter == " " else line.split(delimiter))
+        return LogSource(data, [column(name, robot.joint_names) for name in data.names], keys, log)
+    width = len(_cells(lines[0], delimiter))
     if values_per_sample is not None:
         if not 1 <= values_per_sample <= MANY_COLUMNS:
             raise ExperimentError(
@@ -160,25 +217,46 @@ def _text(log: Path, keys: list[str], robot: Robot, values_per_sample: int | Non
             )
         data, width = OneValueALine(data, values_per_sample), values_per_sample
         keys.append(f"values_per_sample = {values_per_sample}")
-    elif width == 1:
+    elif width == 1 and alone:
         raise ExperimentError(
             f"{log.name}: the file has one value a line; --values-per-sample N says how many make a sample"
         )
     values = data.get(list(range(1, width + 1)), None, width)
-    return LogSource(data, layout(values, robot.n_dof), keys, named=False)
+    return LogSource(data, layout(values, robot.n_dof), keys, log, named=False)
 
 
-def _first_line(log: Path) -> str:
+def _first_lines(log: Path) -> list[str]:
+    """First lines of a text, at least one."""
     try:
         with log.open(encoding="utf-8-sig", errors="replace") as file:
-            return file.readline().rstrip("\r\n")
+            return [file.readline().rstrip("\r\n") for _ in range(SNIFFED_LINES)]
     except FileNotFoundError:
         raise RecordingError(f"{log}: no such data file") from None
     except OSError as reason:
         raise RecordingError(f"{log}: cannot be read ({reason.strerror})") from None
 
 
-def _arrays(data: DataFile, keys: list[str], robot: Robot) -> LogSource:
+def _cells(line: str, delimiter: str) -> list[str]:
+    return line.split() if delimiter == " " else line.split(delimiter)
+
+
+def _signs(lines: list[str]) -> tuple[str, str | None]:
+    """Delimiter and decimal sign of a text: those with which the lines below the first are numbers."""
+    rows = [line for line in lines[1:] if line.strip()]
+    for delimiter in (";", "\t", ",", " "):
+        cells = [cell.strip() for line in rows for cell in _cells(line, delimiter)]
+        if len(cells) == len(rows) or not cells:
+            continue
+        if all(NUMBER.fullmatch(cell) for cell in cells):
+            commas = delimiter != "," and any("," in cell for cell in cells)
+            return delimiter, "," if commas else None
+    first = lines[0]
+    return next(
+        (sign for sign in (",", ";", "\t") if sign in first), " " if " " in first.strip() else ","
+    ), None
+
+
+def _arrays(data: DataFile, keys: list[str], robot: Robot, log: Path) -> LogSource:
     """Columns of a file of arrays: vectors by their names, columns of a matrix by its name and their number."""
     assert isinstance(data, ArrayFile)
     columns: list[Column] = []
@@ -189,21 +267,23 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot) -> LogSource:
             continue
         if not shape or max(shape) < LEAST_ROWS or len(shape) > 2:
             continue
-        kind = column(name.rsplit("/", 1)[-1], robot.joint_names)
+        kind = column(re.split(r"[/.]", name)[-1], robot.joint_names)
         if len(shape) == 1 or 1 in shape:
             columns.append(Column(name, kind.what, kind.number, kind.unit, kind.motor, name, kind.stem))
             continue
+        width = shape[0] if samples_in_columns(shape) else shape[1]
         columns += [
             Column(k + 1, kind.what, k + 1, kind.unit, kind.motor, name, name)
-            for k in range(min(shape[1], MANY_COLUMNS))
+            for k in range(min(width, MANY_COLUMNS))
         ]
-    return LogSource(data, columns, keys)
+    return LogSource(data, columns, keys, log)
 
 
-def _bag(data: RosBag, keys: list[str], robot: Robot) -> LogSource:
-    """Columns of a bag: the joints of the robot by name."""
+def _bag(data: RosBag, keys: list[str], robot: Robot, log: Path) -> LogSource:
+    """Columns of a bag: the joints of the robot by name, or by names that differ in their beginning only."""
     if data.ambiguous:
         keys = [*keys, f"topic = {quoted(data.topic)}"]
+    names, note = joints_by_name(data.joints, robot.joint_names, robot.n_dof)
     columns = [Column("stamp", "time", None, "s", variable="stamp", stem="stamp")]
     for signal, kind in BAG_KINDS.items():
         if data.has(signal):
@@ -211,40 +291,93 @@ def _bag(data: RosBag, keys: list[str], robot: Robot) -> LogSource:
             columns += [
                 Column(
                     joint,
-                    kind,
-                    robot.joint_names.index(joint) + 1 if joint in robot.joint_names else None,
-                    unit,
+                    kind if joint in names else "other",
+                    names.index(joint) + 1 if joint in names else None,
+                    unit if "prismatic" not in robot.joint_kinds else None,
                     variable=signal,
                     stem=signal,
                 )
                 for joint in data.joints
-                if not robot.joint_names or joint in robot.joint_names
             ]
-    return LogSource(data, columns, keys)
+    return LogSource(data, columns, keys, log, joints=() if names else data.joints, note=note)
 
 
-def _choose(source: LogSource, kind: str, text: str, log: str) -> None:
-    """Make the columns that the user names those of a kind, and no others."""
+def choose_columns(sources: Sequence[LogSource], kind: str, text: str) -> None:
+    """Make the columns that the user names those of a kind, and no others.
+
+    Parameters
+    ----------
+    sources : sequence of LogSource
+        All files of the command.
+    kind : str
+        Kind of signal.
+    text : str
+        Names, numbers and ranges of numbers from 1, after ``FILE:`` those of one file.
+
+    Raises
+    ------
+    ExperimentError
+        When the kind is unknown, or no file has these columns.
+    """
     if kind not in WORDS:
-        raise ExperimentError(f"--columns: {kind!r} is not a kind of signal; known are {listing(WORDS)}")
-    names = {str(item.name): k for k, item in enumerate(source.columns)}
-    places = []
-    for part in text.split(","):
-        first, dash, last = part.strip().partition("-")
-        if part.strip() in names:
-            places.append(names[part.strip()])
-        elif dash and first.isdigit() and last.isdigit() and first in names and last in names:
-            places += list(range(names[first], names[last] + 1))
+        raise ExperimentError(
+            f"--columns: {kind!r} is not a kind of signal; known are {listing(WORDS)}{did_you_mean(kind, WORDS)}"
+        )
+    file, colon, columns = text.partition(":")
+    meant = [source for source in sources if colon and file in (source.path.name, source.path.stem)]
+    found = [(source, _places(source, columns if meant else text)) for source in meant or sources]
+    fitting = [(source, places) for source, places in found if isinstance(places, list)]
+    if not fitting:
+        source, missing = found[0]
+        names = [item.name for item in source.columns]
+        near = did_you_mean(str(missing), map(str, names)) if source.named else ""
+        raise ExperimentError(
+            f"{source.path.name}: --columns {kind}={text}: there is no column {missing!r}{near}"
+        )
+    for source, places in fitting:
+        _choose(source, kind, places)
+
+
+def _places(source: LogSource, text: str) -> list[int] | str:
+    """Places of the columns that a text names, or the first part of it that is none."""
+    names: dict[str, list[int]] = {}
+    for k, item in enumerate(source.columns):
+        names.setdefault(str(item.name), []).append(k)
+        if item.variable is not None and isinstance(item.name, int):
+            names.setdefault(item.variable, []).append(k)
+    if isinstance(source.data, RosBag):
+        names = {name: found[:1] for name, found in names.items()}
+    numbers = {str(k + 1): [k] for k in range(len(source.columns))}
+    places: list[int] = []
+    for part in (part.strip() for part in text.split(",")):
+        first, dash, last = part.partition("-")
+        if part in names:
+            places += names[part]
+        elif part in numbers:
+            places += numbers[part]
+        elif dash and first in numbers and last in numbers and int(first) <= int(last):
+            places += range(int(first) - 1, int(last))
         else:
-            raise ExperimentError(f"{log}: --columns {kind}={text}: there is no column {part.strip()!r}")
+            return part
+    return places
+
+
+def _choose(source: LogSource, kind: str, places: list[int]) -> None:
+    if isinstance(source.data, RosBag):
+        # Joints are chosen once, for all signals of the bag.
+        order = [source.columns[k].name for k in places]
+        source.joints, source.note = (), ""
+        for k, item in enumerate(source.columns):
+            signal = BAG_KINDS.get(str(item.variable))
+            if signal is not None:
+                number = order.index(item.name) + 1 if item.name in order else None
+                source.columns[k] = replace(item, what=signal if number else "other", number=number)
+        return
     # Velocities of a file that names them keep their kind; what was taken for this one is none now.
     for k, item in enumerate(source.columns):
         if item.what == kind:
-            source.columns[k] = Column(
-                item.name, "other", item.number, item.unit, item.motor, item.variable, item.stem
-            )
+            source.columns[k] = replace(item, what="other")
     for number, k in enumerate(places):
-        item = source.columns[k]
-        source.columns[k] = Column(
-            item.name, kind, number + 1, item.unit, item.motor, item.variable, f"--columns {kind}"
+        source.columns[k] = replace(
+            source.columns[k], what=kind, number=number + 1, stem=f"--columns {kind}", placed=False
         )

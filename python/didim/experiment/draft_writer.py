@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,10 @@ from .._tools.words import counted, one_line
 from ..errors import RecordingError
 from ..log.resampling import GAP, resampling, step_range
 from ..log.sampling import time_faults
+from ..log.units import ESTIMATE
 from ..robot.robot import Robot
 from .draft_columns import Column
-from .draft_source import LogSource
+from .draft_files import REPEATED, Log
 
 TWO_TURNS = 4.0 * math.pi
 """Positions through more than this are taken for degrees: few joints turn so far."""
@@ -28,6 +28,13 @@ REST_S = 0.5
 """Shortest rest before or after the motion that is left out (s)."""
 SHORT = 0.1
 """Share of the longest stretch of motion below which one before or after it is no part of the experiment: the way to its start."""
+USUAL_SHARE = 0.98
+"""Share of the values of a column that tells what is usual there; spikes are rarer."""
+ABSURD = 1e6
+"""Largest deviation of a value from the median, in deviations of the usual ones: no sensor has a range so much larger than its
+signal, and two numbers that run together easily exceed it."""
+OPEN_GAIN = "# gain = 1.0"
+"""Commented line of a drive gain that nobody has said."""
 AT_REST = 0.02
 """Share of the largest speed below which the arm is at rest."""
 
@@ -54,6 +61,25 @@ class Draft:
     questions: list[str] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class DraftOptions:
+    """What the user says of a log.
+
+    Attributes
+    ----------
+    rate_hz : float or None
+        Sampling rate, where the log has no time stamps.
+    gains : sequence of float, or "estimate"
+        Drive gains, or none.
+    sides : mapping of str to str
+        "motor" or "joint" by table.
+    """
+
+    rate_hz: float | None = None
+    gains: Sequence[float] | str = ()
+    sides: Mapping[str, str] = field(default_factory=dict)
+
+
 class RecordingWriter:
     """Writes one ``[[recording]]``.
 
@@ -63,12 +89,12 @@ class RecordingWriter:
         Its robot.
     source
         The log.
-    log
-        Its path.
-    rate_hz
-        Sampling rate, where the log has no time stamps.
-    gains
-        Drive gains that the user gave, or none.
+    name
+        Name of the recording.
+    file
+        Name of the file in messages.
+    options
+        What the user says of the log.
     draft
         Takes sentences and questions.
     """
@@ -76,13 +102,14 @@ class RecordingWriter:
     def __init__(
         self,
         robot: Robot,
-        source: LogSource,
-        log: Path,
-        rate_hz: float | None,
-        gains: Sequence[float],
+        source: Log,
+        name: str,
+        file: str,
+        options: DraftOptions,
         draft: Draft,
     ) -> None:
-        self.robot, self.source, self.log, self.rate, self.gains = robot, source, log, rate_hz, gains
+        self.robot, self.source, self.name, self.file = robot, source, name, file
+        self.rate, self.gains, self.sides = options.rate_hz, options.gains, options.sides
         self.draft = draft
         self.position = self._group("position")
         self.torque = self._group("torque") or self._group("current") or self._group("voltage")
@@ -92,16 +119,22 @@ class RecordingWriter:
     @property
     def motors(self) -> bool:
         """Whether columns are of motors."""
-        return any(item.motor for item in (*self.position, *self.torque))
+        return any(
+            self._of_motors(table, columns)
+            for table, columns in (("position", self.position), ("torque", self.torque))
+            if columns
+        )
 
     def lines(self) -> list[str]:
         """Lines of the table."""
-        lines = ["", "[[recording]]", f"name = {quoted(self.log.stem)}"]
+        lines = ["", "[[recording]]", f"name = {quoted(self.name)}"]
         stamps = [item for item in self.source.columns if item.what == "time"]
         # The stamp of a header is when a message was made, another one when it arrived.
         stamps.sort(key=lambda item: "stamp" not in str(item.name))
         for group in (stamps[:1], self.position, self.torque, self.reference):
             self.source.want(group)
+        if self.source.note:
+            self._tell(f"{self.source.note}, by what their names have in common; confirm it")
         lines += self._time(stamps)
         lines += self._motion("position", self.position)
         if self.velocity:
@@ -109,25 +142,29 @@ class RecordingWriter:
         lines += self._effort(self.torque)
         if self.reference:
             lines += self._motion("reference", self.reference)
-        used = {self._key(item) for item in (*self.position, *self.torque, *self.reference, *stamps[:1])}
-        left = [str(item.name) for item in self.source.columns if self._key(item) not in used]
+        used = {self._key(item) for item in (*self.position, *self.velocity, *self.torque, *self.reference)}
+        used |= {self._key(item) for item in stamps}
+        left = [
+            str(item.name)
+            for item in self.source.columns
+            if item.what != REPEATED and self._key(item) not in used
+        ]
         if left and self.source.named:
             lines += ["", f"# Columns that are not used: {', '.join(one_line(name) for name in left)}"]
         return lines
 
     @staticmethod
-    def _key(item: Column) -> tuple[str | None, str | int]:
-        return item.variable, item.name
+    def _key(item: Column) -> tuple[int, str | None, str | int]:
+        return item.file, item.variable, item.name
 
     def _group(self, kind: str) -> list[Column]:
         """Columns of a kind, one for each joint, in the order of their numbers; a question where several could be meant."""
         n = self.robot.n_dof
-        groups: dict[tuple[str | None, str], list[Column]] = {}
+        groups: dict[tuple[int, str | None, str], list[Column]] = {}
         for item in self.source.columns:
             if item.what == kind:
-                groups.setdefault(
-                    (item.variable if isinstance(item.name, int) else None, item.stem), []
-                ).append(item)
+                variable = item.variable if isinstance(item.name, int) else None
+                groups.setdefault((item.file, variable, item.stem), []).append(item)
         whole = [group for group in groups.values() if len(group) == n and self._one_each(group)]
         every = [item for group in groups.values() for item in group]
         if not whole and len(every) == n:
@@ -176,7 +213,7 @@ class RecordingWriter:
         step = float(np.median(steps[steps != 0.0])) if steps.any() else math.nan
         if not step > 0.0:
             raise RecordingError(
-                f"{self.log.name}: column {stamp.name!r} looks like time stamps, and does not grow"
+                f"{self.file}: column {stamp.name!r} looks like time stamps, and does not grow"
             )
         # A robot is logged at 10 Hz to 50 kHz.
         unit = stamp.unit or ("s" if step < 0.11 else "ms" if step < 110.0 else "us")
@@ -184,13 +221,9 @@ class RecordingWriter:
         if seconds is None:
             unit, seconds = "s", 1.0
         t = t * seconds
-        faults = list(time_faults(t, None, self.log.name))
+        faults = list(time_faults(t, None, self.file))
         how = "" if stamp.unit else " # confirm"
         table = ["[recording.time]", *self.source.lines([stamp], self.robot)]
-        if isinstance(stamp.name, str) and not any(
-            line.startswith(("columns", "topic")) for line in table[2:]
-        ):
-            table = ["[recording.time]", *self.source.lines([], self.robot)]
         table.append(f"unit = {quoted(unit)}{how}")
         if faults:
             return self._resampled(stamp, unit, t, faults[0].sentence, table)
@@ -203,7 +236,7 @@ class RecordingWriter:
 
     def _resampled(self, stamp: Column, unit: str, t: Array, fault: str, table: list[str]) -> list[str]:
         """Lines of uneven time stamps: the log is made even, and what that costs is told."""
-        plan = resampling(t, self.rate, self.log.name)
+        plan = resampling(t, self.rate, self.file)
         self.rate = plan.rate_hz
         self._tell(f"time stamps {stamp.name!r} in {unit}: uneven, {counted(len(t), 'sample')} ({fault})")
         self._tell(f"resample = true: {plan.sentence(step_range(t))}")
@@ -252,10 +285,17 @@ class RecordingWriter:
             f"--columns {wanted}=..., " if wanted != "torque" else "--columns torque=... or current=..., "
         )
         blocks = self._open_blocks()
-        self._ask(
-            f"which columns hold the {wanted}s of the {counted(n, 'joint')}{blocks}? Answer with {option}"
-            f"or fill in [recording.{table}]"
-        )
+        if self.source.joints:
+            self._ask(
+                f"which of the joints {', '.join(self.source.joints)} of the log are the {counted(n, 'joint')} of the robot? "
+                "Answer with their names in order, --columns position=JOINT,JOINT,..."
+            )
+            names = quoted(list(self.source.joints))
+        else:
+            self._ask(
+                f"which columns hold the {wanted}s of the {counted(n, 'joint')}{blocks}? Answer with {option}"
+                f"or fill in [recording.{table}]"
+            )
         return [
             f"# [recording.{table}] # which {counted(n, 'column')} hold the {wanted}s? There are {names[1:-1]}",
             *(f"# {line}" for line in self.source.keys),
@@ -277,17 +317,37 @@ class RecordingWriter:
         ]
         return f" ({' or '.join(found)})" if found else ""
 
-    def _side(self, columns: list[Column]) -> str:
-        motor = all(item.motor for item in columns)
+    def _of_motors(self, table: str, columns: list[Column]) -> bool:
+        """Whether values are in front of the gears: as the user says, or the names of the columns."""
+        if table in self.sides:
+            return self.sides[table] == "motor"
+        return all(item.motor for item in columns)
+
+    def _side(self, table: str, columns: list[Column]) -> str:
+        motor = self._of_motors(table, columns)
         return f'side = "{"motor" if motor else "joint"}"' + (
-            "" if motor else ' # confirm: "motor" for values in front of the gears'
+            "" if motor or table in self.sides else ' # confirm: "motor" for values in front of the gears'
         )
+
+    def _plausible(self, columns: list[Column]) -> Array:
+        """Values of a signal; refuse one that is out of all proportion, as two numbers that run together make it."""
+        values = self.source.values(columns)
+        apart = np.abs(values - np.median(values, axis=0))
+        usual = np.quantile(apart, USUAL_SHARE, axis=0)
+        wrong = np.argwhere((apart > ABSURD * usual) & (usual > 0.0))
+        if len(wrong):
+            row, column = (int(place) for place in wrong[0])
+            raise RecordingError(
+                f"{self.source.place(columns[column], row + 1)}, is {values[row, column]:.6g}, where {100 * USUAL_SHARE:g} % "
+                f"of the values are within {usual[column]:.3g} of their median: is a line cut, or two run together?"
+            )
+        return values
 
     def _motion(self, table: str, columns: list[Column]) -> list[str]:
         if not columns:
             return self._missing("position", "position")
-        values = self.source.values(columns)
-        motor = all(item.motor for item in columns)
+        values = self._plausible(columns)
+        motor = self._of_motors(table, columns)
         units, sure = [], True
         for item, kind, value in zip(columns, self.robot.joint_kinds, values.T, strict=True):
             span = float(np.ptp(value))
@@ -310,7 +370,7 @@ class RecordingWriter:
         if "count" in units:
             lines.append("# counts_per_rev = 4096 # how many counts make one turn?")
             self._ask(f"how many counts make one turn (counts_per_rev under [recording.{table}])?")
-        return [*lines, self._side(columns)]
+        return [*lines, self._side(table, columns)]
 
     def _velocity(self) -> list[str]:
         """Commented lines: measured velocities may be better than differences of the positions, or late."""
@@ -326,11 +386,11 @@ class RecordingWriter:
         what = columns[0].what
         units = []
         for item, kind in zip(columns, self.robot.joint_kinds, strict=True):
-            usual = "N.m" if kind == "revolute" or item.motor else "N"
+            usual = "N.m" if kind == "revolute" or self._of_motors("torque", columns) else "N"
             usual = {"current": "A", "voltage": "V"}.get(what, usual)
             units.append(item.unit if item.unit in ("N.m", "N", "A") else usual)
         sure = all(item.unit in ("N.m", "N", "A") for item in columns)
-        values = self.source.values(columns)
+        values = self._plausible(columns)
         largest = ", ".join(f"{value:.3g}" for value in np.abs(values).max(axis=0))
         self._tell(f"torque {_listed(columns)} in {'/'.join(dict.fromkeys(units))}")
         lines = [f"[recording.torque] # largest values: {largest}", *self.source.lines(columns, self.robot)]
@@ -339,20 +399,22 @@ class RecordingWriter:
         )
         if set(units) & {"A", "V"}:
             lines.append(self._gain(columns, units[0]))
-        return [*lines, self._side(columns)]
+        return [*lines, self._side("torque", columns)]
 
     def _gain(self, columns: list[Column], unit: str) -> str:
+        if self.gains == ESTIMATE:
+            return f'gain = "{ESTIMATE}" # needs another log with a load of known mass: payload, and [payload.NAME]'
         if self.gains:
-            gains = list(self.gains)
+            gains = [float(gain) for gain in self.gains]
             return f"gain = {gains[0]:g}" if len(gains) == 1 else f"gain = {quoted(gains)}"
-        motor = all(item.motor for item in columns)
+        motor = self._of_motors("torque", columns)
         if self.robot.gains is not None and (motor or self.robot.reduction is None):
             return "# gain: that of the robot file"
         self._ask(
             f"how many N.m are one {unit} (--gain, or gain under [recording.torque]; "
-            '"estimate" there if another log has a load of known mass)?'
+            "--gain estimate if another log has a load of known mass)?"
         )
-        return f"# gain = 1.0 # how many N.m are one {unit}? One number, or one for each joint"
+        return f"{OPEN_GAIN} # how many N.m are one {unit}? One number, or one for each joint"
 
 
 def _stretches(places: NDArray[np.intp], rest: int) -> tuple[int, int] | None:

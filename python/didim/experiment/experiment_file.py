@@ -103,6 +103,11 @@ def read_experiment(
     schema = table.integer("schema")
     if schema != SCHEMA:
         table.fail(f"schema {schema} is unknown; this version reads schema {SCHEMA}")
+    questions = table.texts("open", [])
+    if questions:
+        table.fail(
+            f"not finished, open is: {questions[0]} Answer by options of `didim init`, or fill it in and delete open"
+        )
     name = table.text("name", path.stem)
     robot = _robot(table, path, robot)
     transmission = table.table("transmission", None)

@@ -15,6 +15,9 @@ from .._tools.words import did_you_mean, listing
 from ..errors import RecordingError
 from .data_format import Column
 
+MOST_SIGNALS = 100
+"""Largest number of columns that a matrix with fewer rows may have: one with more has a sample in each column."""
+
 
 class ArrayFile(ABC):
     """A file of named arrays. A format has two methods: `variables` and `array`.
@@ -111,7 +114,8 @@ class ArrayFile(ABC):
                 row, column = bad[0]
                 place = f"row {row + 1}, column {column + 1}"
                 self.fail(f"variable {name!r}, {place}, is {values[row, column]}")
-            self._arrays[name] = values
+            lies = samples_in_columns(values.shape)
+            self._arrays[name] = np.ascontiguousarray(values.T) if lies else values
         return self._arrays[name]
 
     def _number_array(self, name: str) -> Array:
@@ -148,6 +152,11 @@ class ArrayFile(ABC):
         return np.column_stack([vector for _, vector in vectors])
 
 
+def samples_in_columns(shape: tuple[int, ...]) -> bool:
+    """Whether a matrix has a sample in each column, as some programs of MATLAB write them (a vector is left as it is)."""
+    return len(shape) == 2 and 1 < shape[0] < shape[1] and shape[1] > MOST_SIGNALS
+
+
 class NpzFile(ArrayFile):
     """NumPy's npz."""
 
@@ -170,16 +179,41 @@ class MatFile(ArrayFile):
     kind = "MATLAB version 5"
 
     def variables(self) -> list[str]:
-        """Names of the variables."""
+        """Names of the variables; of a structure those of its fields, as MATLAB writes them: ``rec.position``."""
         from scipy.io import whosmat
 
         # Any, because scipy-stubs know paths only; the file is not read a second time.
         stream: Any = io.BytesIO(self.raw)
-        return [str(entry[0]) for entry in whosmat(stream)]
+        entries = whosmat(stream)
+        self._structures = {
+            str(name): self._load(str(name)) for name, _, kind in entries if kind == "struct" and name
+        }
+        return [
+            field
+            for entry in entries
+            for field in _fields(str(entry[0]), self._structures.get(str(entry[0])))
+        ]
 
     def array(self, name: str) -> Any:
-        """Variable of a name."""
+        """Variable of a name, or field of a structure."""
+        first, _, rest = name.partition(".")
+        if first not in self._structures:
+            return self._load(name)
+        value = self._structures[first]
+        for field in rest.split(".") if rest else ():
+            value = value[field].flat[0]
+        return value
+
+    def _load(self, name: str) -> Any:
         from scipy.io import loadmat
 
         stream: Any = io.BytesIO(self.raw)
         return loadmat(stream, variable_names=[name])[name]
+
+
+def _fields(name: str, value: Any) -> list[str]:
+    """Names of the arrays of a structure of one element, or the name itself."""
+    fields = getattr(getattr(value, "dtype", None), "names", None)
+    if not fields or value.size != 1:
+        return [name]
+    return [found for field in fields for found in _fields(f"{name}.{field}", value[field].flat[0])]

@@ -46,9 +46,13 @@ class CsvFile:
         One character; a blank stands for any white space.
     header
         Whether the first line holds names; None finds out, and refuses a first line that is half of each.
+    decimal
+        Decimal sign of the numbers: a point or a comma.
     """
 
-    def __init__(self, raw: bytes, name: str, delimiter: str, header: bool | None) -> None:
+    def __init__(
+        self, raw: bytes, name: str, delimiter: str, header: bool | None, decimal: str = "."
+    ) -> None:
         self.name = name
         self.sha256 = hashlib.sha256(raw).hexdigest()
         self._check_text(raw)
@@ -58,6 +62,8 @@ class CsvFile:
         end = self._body.find(b"\n")
         self._first = (self._body if end < 0 else self._body[:end]).decode("utf-8", "replace")
         cells = [cell.strip().strip('"') for cell in self._split(self._first)]
+        if decimal == ",":
+            cells = self._with_points(cells, header, end)
         self._n_columns = len(cells)
         if not any(cells):
             self._fail("the first line is blank")
@@ -113,6 +119,23 @@ class CsvFile:
             return next(csv.reader([line.rstrip("\r\n")], delimiter=self._delimiter), [])
         except csv.Error as reason:
             self._fail(f"this is not a CSV file ({reason})")
+
+    def _with_points(self, cells: list[str], header: bool | None, end: int) -> list[str]:
+        """Turn decimal commas into points, in the numbers and not in the names; return the cells of the first line."""
+        if self._delimiter == ",":
+            self._fail('decimal = "," needs another delimiter than a comma: delimiter = ";"')
+        points = [cell.replace(",", ".") for cell in cells]
+        if header is None:
+            header = not any(_number_or_none(cell) is not None for cell in points)
+        begin = (len(self._body) if end < 0 else end + 1) if header else 0
+        numbers = self._body[begin:]
+        place = numbers.find(b".")
+        if place >= 0:
+            row = numbers.count(b"\n", 0, place) + 1
+            line = row + 1 if header else row
+            self._fail(f"line {line} has a point, and decimal = ',' says that commas are the decimal signs")
+        self._body = self._body[:begin] + numbers.replace(b",", b".")
+        return cells if header else points
 
     def _delimiter_hint(self) -> str:
         """End of a sentence that names another delimiter where the first line looks like it."""
@@ -213,7 +236,7 @@ class CsvFile:
                 self._fail(f"{self._row(row)} is blank; samples must not be missing")
             cells = self._split(line)
             if len(cells) != self._n_columns:
-                hint = "; are there decimal commas?" if len(cells) == 2 * self._n_columns else ""
+                hint = self._ragged_hint(len(cells), last=row + (self.names is not None) == len(lines))
                 self._fail(
                     f"{self._row(row)} has {counted(len(cells), 'column')} where the first line has "
                     f"{self._n_columns}{hint}"
@@ -221,6 +244,13 @@ class CsvFile:
             for index in usecols:
                 cell = cells[index].strip()
                 if _number_or_none(cell) is None:
-                    hint = "; a decimal comma must be a point" if DECIMAL_COMMA.fullmatch(cell) else ""
+                    comma = DECIMAL_COMMA.fullmatch(cell)
+                    hint = '; a decimal comma must be a point, or decimal = "," says so' if comma else ""
                     text = f"{cell!r}, not a number{hint}" if cell else "empty"
                     self._fail(f"{self._row(row)}, column {self._column(index)}, is {text}")
+
+    def _ragged_hint(self, count: int, *, last: bool) -> str:
+        """End of a sentence on a line with another number of cells than the first."""
+        if count == 2 * self._n_columns:
+            return "; are there decimal commas?"
+        return "; it is the last one: delete it if the recording was cut off" if last else ""

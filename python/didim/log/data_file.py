@@ -32,7 +32,13 @@ BAGS = (".mcap", ".db3", ".bag")
 
 
 def open_data_file(
-    path: Path, name: str, *, delimiter: str | None, header: bool | None, topic: str | None = None
+    path: Path,
+    name: str,
+    *,
+    delimiter: str | None,
+    header: bool | None,
+    topic: str | None = None,
+    decimal: str | None = None,
 ) -> DataFile:
     """Open a data file by its suffix.
 
@@ -47,6 +53,8 @@ def open_data_file(
     delimiter, header
         Of a CSV file: separator (a comma by default; a blank stands for any white space), and whether the
         first line holds names (found out by default). Not for the other formats.
+    decimal
+        Of a CSV file: its decimal sign, a point by default, or a comma.
 
     Raises
     ------
@@ -57,8 +65,8 @@ def open_data_file(
     if topic is not None and not bag:
         raise RecordingError(f"{name}: topic is for ROS bags only")
     if bag and path.exists():
-        if delimiter is not None or header is not None:
-            raise RecordingError(f"{name}: delimiter and header are for CSV files only")
+        if any(option is not None for option in (delimiter, header, decimal)):
+            raise RecordingError(f"{name}: delimiter, header and decimal are for CSV files only")
         from .ros_bag import RosBag
 
         return RosBag(path, name, topic)
@@ -74,9 +82,9 @@ def open_data_file(
         raise RecordingError(f"{name}: the file is empty")
     suffix = path.suffix.lower()
     if suffix in TEXT:
-        return CsvFile(raw, name, "," if delimiter is None else delimiter, header)
-    if delimiter is not None or header is not None:
-        raise RecordingError(f"{name}: delimiter and header are for CSV files only")
+        return CsvFile(raw, name, "," if delimiter is None else delimiter, header, decimal or ".")
+    if any(option is not None for option in (delimiter, header, decimal)):
+        raise RecordingError(f"{name}: delimiter, header and decimal are for CSV files only")
     if suffix not in READERS:
         known = " ".join((*TEXT, *READERS, *BAGS))
         raise RecordingError(f"{name}: the format {suffix!r} is unknown; known are {known}")

@@ -72,6 +72,7 @@ class DataFolder:
             "delimiter": table.text("delimiter", None, choices=[",", ";", "\t", " "]),
             "header": table.boolean("header", None),
             "topic": table.text("topic", None),
+            "decimal": table.text("decimal", None, choices=[".", ","]),
         }
         width = table.integer("values_per_sample", None, minimum=1, maximum=MANY_COLUMNS)
         variable = table.text("variable", None)

@@ -1,4 +1,4 @@
-"""ROS bags: joint states and controller states, joints by name, in whatever order and topic they were logged.
+"""ROS bags: joint states, controller states and trajectories, joints by name, in whatever order and topic they were logged.
 
 Needs the extra ``ros`` (`rosbags`, which needs no ROS): folders of ROS 2 (SQLite and MCAP), single .mcap and .db3 files, and
 .bag files of ROS 1. Time is that of the header, not of the recorder. Tested in ``tests/test_ros_bag.py``.
@@ -30,6 +30,9 @@ SIGNALS = {
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
+
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+"""A recorded trajectory: each point is a sample, at its time from the start."""
 
 CONTROLLER_DEFINITION = """std_msgs/Header header
 string[] joint_names
@@ -149,8 +152,9 @@ class RosBag:
                 self.topic = self._topic({c.topic: c.msgtype for c in reader.connections}, topic)
                 chosen = [c for c in reader.connections if c.topic == self.topic]
                 found = [
-                    _content(reader.deserialize(raw, connection.msgtype))
+                    content
                     for connection, _, raw in reader.messages(connections=chosen)
+                    for content in _contents(reader.deserialize(raw, connection.msgtype))
                 ]
         except RecordingError:
             raise
@@ -164,7 +168,9 @@ class RosBag:
         return sorted(found, key=lambda message: message.stamp)
 
     def _topic(self, types: Mapping[str, str], topic: str | None) -> str:
-        known = [name for name, kind in types.items() if kind in (JOINT_STATE, CONTROLLER_STATE)]
+        states = [name for name, kind in types.items() if kind in (JOINT_STATE, CONTROLLER_STATE)]
+        # A trajectory is often a command: it is a log where nothing else is.
+        known = states or [name for name, kind in types.items() if kind == TRAJECTORY]
         self.ambiguous = len(known) > 1
         if topic is None:
             if len(known) == 1:
@@ -178,7 +184,7 @@ class RosBag:
             self._fail(
                 f"there is no topic {topic!r}; topics are {listing(sorted(types))}{did_you_mean(topic, types)}"
             )
-        if topic not in known:
+        if topic not in known and types[topic] != TRAJECTORY:
             self._fail(
                 f"topic {topic} has messages of type {types[topic]}; read are {JOINT_STATE} and {CONTROLLER_STATE}"
             )
@@ -188,9 +194,28 @@ class RosBag:
         raise RecordingError(f"{self.name}: {text}")
 
 
+def _contents(message: Any) -> list[_Message]:
+    """Samples of a message: one, or the points of a trajectory."""
+    if not hasattr(message, "points"):
+        return [_content(message)]
+    start, names = _nanoseconds(message.header.stamp), tuple(message.joint_names)
+    return [
+        _Message(
+            start + _nanoseconds(point.time_from_start),
+            names,
+            {"position": point.positions, "velocity": point.velocities, "effort": point.effort},
+        )
+        for point in message.points
+    ]
+
+
+def _nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
 def _content(message: Any) -> _Message:
     stamp = message.header.stamp
-    time = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    time = _nanoseconds(stamp)
     if hasattr(message, "name"):
         values = {key: getattr(message, key) for key in ("position", "velocity", "effort")}
         return _Message(time, tuple(message.name), values)

@@ -58,6 +58,21 @@ def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:
     return list(_stages(n_samples, signal.decimation, signal.decimation_convention))
 
 
+def least_samples(signal: SignalProcessing) -> int:
+    """Return the samples below which `decimation_stages` refuses a record, or no row is left of it.
+
+    Parameters
+    ----------
+    signal : SignalProcessing
+        Factors, convention and rows that are left out at the ends. Tested in ``tests/test_check_gaps.py``.
+    """
+    padlen = padding_length(DECIMATION_ORDER, signal.decimation_convention)
+    least = 2 * signal.edge_rows + 1 if signal.decimation else 1
+    for factor in reversed(signal.decimation):
+        least = max(padlen + 1, factor, factor * (least - 1) + 1)
+    return least
+
+
 @lru_cache(maxsize=64)
 def _stages(n_samples: int, factors: tuple[int, ...], convention: Convention) -> tuple[Stage, ...]:
     """Stages of `decimation_stages`; designing them takes longer than a small log takes to filter, and `check` filters often."""

@@ -168,7 +168,7 @@ def place_of(recording: Recording, window: tuple[int, int]) -> str:
     return place
 
 
-def stretches(parts: Sequence[Segment], most_samples: int) -> list[Segment]:
+def stretches(parts: Sequence[Segment], most_samples: int, least_samples: int = 1) -> list[Segment]:
     """Return the parts, or three stretches of each, evenly apart, where a log has more samples than that.
 
     Parameters
@@ -177,13 +177,18 @@ def stretches(parts: Sequence[Segment], most_samples: int) -> list[Segment]:
         Windows of a log.
     most_samples : int
         About how many samples the stretches have together.
+    least_samples : int
+        Samples that a stretch needs, for its filters: a part that has no three of them is taken whole.
     """
     total = sum(len(part.q) for part in parts)
     if total <= most_samples:
         return list(parts)
     found = []
     for part in parts:
-        length = int(len(part.q) * most_samples / total / 3)
+        length = max(int(len(part.q) * most_samples / total / 3), least_samples)
+        if 3 * length >= len(part.q):
+            found.append(part)
+            continue
         for start in np.linspace(0, len(part.q) - length, 3).astype(int):
             kept = slice(start, start + length)
             q, dq, ddq, tau = (

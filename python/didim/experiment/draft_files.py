@@ -1,0 +1,266 @@
+"""Several files of one command: several recordings, or several signals of one log.
+
+Half of the public logs have a file for each signal: positions in one, velocities or torques in another. Files that hold positions
+and torques are recordings; of those that hold one of them, files whose names differ only in the word of the signal belong together.
+Tested in ``tests/test_init_files.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.toml import quoted
+from .._tools.words import counted
+from ..errors import ExperimentError
+from ..robot.robot import Robot
+from .draft_columns import Column, name_without_signal
+from .draft_layout import kinds_of_blocks
+from .draft_source import LogSource
+
+EFFORTS = ("torque", "current", "voltage")
+"""Kinds of signals that drives make."""
+SIGNALS = ("position", "velocity", "reference", *EFFORTS)
+"""Kinds of signals that a recording is made of."""
+REPEATED = "repeated"
+"""Kind of time stamps that another file has too."""
+SAME_TIME = 0.5
+"""Difference of two time stamps of one row, in median steps, up to which two files have the same rows."""
+
+
+class Log(Protocol):
+    """What the writer of a recording needs of a log, in one file or in several."""
+
+    columns: list[Column]
+    joints: tuple[str, ...]
+    note: str
+
+    @property
+    def keys(self) -> list[str]:
+        """Lines of TOML that every table of it has."""
+
+    @property
+    def named(self) -> bool:
+        """Whether all columns have names."""
+
+    def want(self, columns: Sequence[Column]) -> None:
+        """Announce columns."""
+
+    def values(self, columns: Sequence[Column]) -> Array:
+        """Values of some columns, (n_samples, n)."""
+
+    def place(self, item: Column, row: int) -> str:
+        """Place of a value in words, with file, row from 1 and column."""
+
+    def lines(self, columns: Sequence[Column], robot: Robot) -> list[str]:
+        """Lines of TOML that name some columns."""
+
+
+@dataclass
+class LogFiles:
+    """A log in several files with equal rows; the attribute `file` of a column says which has it.
+
+    Attributes
+    ----------
+    files : sequence of LogSource
+        Its files.
+    columns : list of Column
+        Those of all files.
+    joints, note
+        Of a bag, which is never one of several files.
+    """
+
+    files: Sequence[LogSource]
+    columns: list[Column]
+    joints: tuple[str, ...] = field(default=(), init=False)
+    note: str = field(default="", init=False)
+
+    @property
+    def keys(self) -> list[str]:
+        """Keys of the first file."""
+        return self.files[0].keys
+
+    @property
+    def named(self) -> bool:
+        """Whether all columns have names."""
+        return all(source.named for source in self.files)
+
+    def want(self, columns: Sequence[Column]) -> None:
+        """Announce columns."""
+        for number, source in enumerate(self.files):
+            source.want([item for item in columns if item.file == number])
+
+    def values(self, columns: Sequence[Column]) -> Array:
+        """Values of some columns, (n_samples, n)."""
+        return np.hstack([self.files[item.file].values([item]) for item in columns])
+
+    def place(self, item: Column, row: int) -> str:
+        """Place of a value in words, with file, row from 1 and column."""
+        return self.files[item.file].place(item, row)
+
+    def lines(self, columns: Sequence[Column], robot: Robot) -> list[str]:
+        """Lines of TOML that name some columns; one column a file becomes a list of files."""
+        numbers = [item.file for item in columns]
+        if len(set(numbers)) < 2:
+            return self.files[numbers[0] if numbers else 0].lines(columns, robot)
+        others = self.files[numbers[0]].keys[1:]
+        names = [self.files[number].keys[0].removeprefix("file = ") for number in numbers]
+        return [
+            f"file = [{', '.join(names)}]",
+            *others,
+            f"columns = {quoted([item.name for item in columns])}",
+        ]
+
+
+def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Log, str, Path]], list[str]]:
+    """Decide which files are recordings of their own, and which are signals of one.
+
+    Parameters
+    ----------
+    sources : sequence of LogSource
+        All files, in the order of the command line.
+    robot : Robot
+        Its joints.
+
+    Returns
+    -------
+    list of (Log, str, Path), list of str
+        Logs with the name of the recording and a path for messages, and sentences on what was decided.
+
+    Raises
+    ------
+    ExperimentError
+        When files of one log differ in their number of rows.
+    """
+    groups = _groups(sources, robot)
+    logs: list[tuple[Log, str, Path]] = []
+    told = []
+    for group in groups:
+        if len(group) == 1:
+            logs.append((group[0], group[0].path.stem, group[0].path))
+            continue
+        log = _merged(group, robot)
+        files = ", ".join(
+            f"{source.path.name} ({'/'.join(_kinds(log.columns, k)) or 'not used'})"
+            for k, source in enumerate(group)
+        )
+        told.append(f"{counted(len(group), 'file')} are signals of one recording: {files}")
+        name = "_".join(name_without_signal(group[0].path.stem)) or group[0].path.stem
+        logs.append((log, name, group[0].path))
+    if len(groups) > 1:
+        told.append(f"{counted(len(sources), 'file')} make {len(groups)} recordings")
+    return logs, told
+
+
+def _kinds(columns: Sequence[Column], file: int | None = None) -> list[str]:
+    """Kinds of signals among some columns."""
+    there = {item.what for item in columns if (file is None or item.file == file) and not item.placed}
+    return [kind for kind in ("time", *SIGNALS) if kind in there]
+
+
+def _groups(sources: Sequence[LogSource], robot: Robot) -> list[list[LogSource]]:
+    alone = [[source] for source in sources]
+    parts = [source for source in sources if not _complete([source], robot)]
+    if len(sources) < 2 or not parts or any(source.joints or source.note for source in sources):
+        return alone
+    by_name: dict[tuple[str, ...], list[LogSource]] = {}
+    for source in parts:
+        by_name.setdefault(name_without_signal(source.path.stem), []).append(source)
+    named = list(by_name.values())
+    if not all(_complete(group, robot) and _disjoint(group, robot) for group in named):
+        if not (len(parts) == len(sources) and _disjoint(parts, robot)):
+            return alone
+        named = [parts]
+    # In the order of the command line.
+    of = {id(source): group for group in [*alone, *named] for source in group}
+    return list({id(of[id(source)]): of[id(source)] for source in sources}.values())
+
+
+def _complete(group: Sequence[LogSource], robot: Robot) -> bool:
+    """Whether files have positions of all joints and what their drives made, together."""
+    kinds = [item.what for source in group for item in source.columns if not item.placed]
+    return kinds.count("position") >= robot.n_dof and any(
+        kinds.count(kind) >= robot.n_dof for kind in EFFORTS
+    )
+
+
+def _disjoint(group: Sequence[LogSource], robot: Robot) -> bool:
+    """Whether no two files have the same signal, apart from time stamps; files of one column may have one each."""
+    seen: set[tuple[str, int | None]] = set()
+    blank = 0
+    for source in group:
+        signals = [item for item in source.columns if item.what != "time"]
+        kinds = [kind for kind in _kinds(signals) if kind in SIGNALS]
+        if signals and not kinds:
+            if len(signals) != robot.n_dof:
+                return False
+            blank += 1
+        mine = {(kind, signals[0].number if len(signals) == 1 else None) for kind in kinds}
+        if mine & seen:
+            return False
+        seen |= mine
+    # Without a word on any of them, positions and torques are told from their values.
+    return blank == 0 or (blank == len([s for s in group if any(i.what != "time" for i in s.columns)]) >= 2)
+
+
+def _merged(group: Sequence[LogSource], robot: Robot) -> LogFiles:
+    """One log of several files with equal rows."""
+    columns = [replace(item, file=k) for k, source in enumerate(group) for item in source.columns]
+    rows = [_rows(source) for source in group]
+    for source, count in zip(group, rows, strict=True):
+        if count != rows[0]:
+            raise ExperimentError(
+                f"{source.path.name} has {counted(count, 'row')} and {group[0].path.name} has {rows[0]}: files of one log "
+                "need equal rows; several recordings need positions and torques in each file"
+            )
+    log = LogFiles(group, columns)
+    if not any(kind in SIGNALS for kind in _kinds(columns)):
+        _by_values(log, robot)
+    _one_time(log)
+    return log
+
+
+def _rows(source: LogSource) -> int:
+    return len(source.values(source.columns[:1]))
+
+
+def _by_values(log: LogFiles, robot: Robot) -> None:
+    """Tell positions, velocities and torques from their values where no name says which file has them."""
+    blocks = [
+        [k for k, item in enumerate(log.columns) if item.file == number and item.what != "time"]
+        for number in range(len(log.files))
+    ]
+    blocks = [block for block in blocks if block]
+    values = [log.values([log.columns[k] for k in block]) for block in blocks]
+    stamps = [item for item in log.columns if item.what == "time"]
+    t = log.values(stamps[:1])[:, 0] if stamps else np.arange(len(values[0]), dtype=np.float64)
+    for kind, block in zip(kinds_of_blocks(values, t), blocks, strict=True):
+        for number, k in enumerate(block):
+            log.columns[k] = replace(log.columns[k], what=kind, number=number + 1, placed=False)
+
+
+def _one_time(log: LogFiles) -> None:
+    """Keep the time stamps of the file with the positions; refuse files whose stamps differ."""
+    stamps = [item for item in log.columns if item.what == "time"]
+    if len({item.file for item in stamps}) < 2:
+        return
+    place = next((item.file for item in log.columns if item.what == "position"), stamps[0].file)
+    first = next((item for item in stamps if item.file == place), stamps[0])
+    t = log.values([first])[:, 0]
+    step = float(np.median(np.abs(np.diff(t)))) if len(t) > 1 else 0.0
+    for item in stamps:
+        if item.file == first.file:
+            continue
+        apart = np.abs(log.values([item])[:, 0] - t)
+        if apart.max() > SAME_TIME * step:
+            row = int(np.argmax(apart > SAME_TIME * step))
+            files = f"{log.files[item.file].path.name} and {log.files[first.file].path.name}"
+            raise ExperimentError(
+                f"{files} have other time stamps from row {row + 1} on: files of one log need equal rows; bring them to one clock"
+            )
+        log.columns[log.columns.index(item)] = replace(item, what=REPEATED)
