@@ -312,7 +312,7 @@ POSITION_ONLY = {"file": "a.csv", "unit": "rad", "side": "joint"}
         (
             "q1;q2\n0,5;-1,5e-3\n",
             {"delimiter": ";"},
-            "row 1 (line 2), column 'q1', is '0,5', not a number; a decimal comma must be a point",
+            "row 1 (line 2), column 'q1', is '0,5', not a number; for decimal commas, decimal = \",\"",
         ),
         (
             "q1,q2\n0,5,1,5\n",

@@ -245,7 +245,7 @@ class CsvFile:
                 cell = cells[index].strip()
                 if _number_or_none(cell) is None:
                     comma = DECIMAL_COMMA.fullmatch(cell)
-                    hint = '; a decimal comma must be a point, or decimal = "," says so' if comma else ""
+                    hint = '; for decimal commas, decimal = ","' if comma else ""
                     text = f"{cell!r}, not a number{hint}" if cell else "empty"
                     self._fail(f"{self._row(row)}, column {self._column(index)}, is {text}")
 

@@ -195,7 +195,7 @@ class RosBag:
 
 
 def _contents(message: Any) -> list[_Message]:
-    """Samples of a message: one, or the points of a trajectory."""
+    """Return the samples of a message: one, or the points of a trajectory."""
     if not hasattr(message, "points"):
         return [_content(message)]
     start, names = _nanoseconds(message.header.stamp), tuple(message.joint_names)
