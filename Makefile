@@ -11,7 +11,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Material announces its successor in every build.
 export NO_MKDOCS_2_WARNING := 1
 
-.PHONY: help demo test test-tools coverage coverage-rust lint bench docs wheel sdist wheel-check clean
+.PHONY: help demo test test-tools test-machines coverage coverage-rust lint bench docs wheel sdist wheel-check clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -19,6 +19,7 @@ help:
 	@echo "make demo    the paper's experiment: all methods on a simulated TX40, beside the truth"
 	@echo "make test    the Python tests (the Rust tests are: cargo test --release)"
 	@echo "make test-tools  tests of the programs in benches/ and of releases, which make test leaves out"
+	@echo "make test-machines  the tests as other processors, other versions of NumPy and SciPy and a loaded machine run them (hours)"
 	@echo "make coverage  which lines of the Python package the tests run; make coverage-rust: of the core"
 	@echo "make lint    rustfmt, clippy, ruff, mypy and the stubs of the core"
 	@echo "make bench   speed of the core, its instructions (where valgrind is installed), and speed beside other programs"
@@ -31,7 +32,7 @@ help:
 $(BIN)/maturin:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "didim needs Python 3.11 or later")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet 'maturin>=1.9,<2' 'pip>=25.1'
+	$(BIN)/python -m pip install --quiet 'maturin>=1.16,<2' 'pip>=25.1'
 
 # The package itself, editable: changed Python needs no new build, changed Rust does.
 $(VENV)/.built: $(BIN)/maturin $(RUST)
@@ -51,6 +52,10 @@ test: $(VENV)/.built $(VENV)/.group-test
 
 test-tools: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/python -m pytest -m tools
+
+# One combination after the other; what this processor cannot run is skipped with a sentence.
+test-machines: $(VENV)/.built $(VENV)/.group-test
+	$(BIN)/python benches/machines.py
 
 # Branches too; fails under the share in pyproject.toml.
 coverage: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-coverage
@@ -79,9 +84,10 @@ bench: $(VENV)/.built $(VENV)/.group-peers
 docs: $(VENV)/.built $(VENV)/.group-docs
 	$(BIN)/mkdocs build --strict
 
-# zig, a package of PyPI, links with the symbols of an old glibc: the wheel runs on systems older than this one.
+# zig, a package of PyPI, links with the symbols of an old glibc: the wheel runs on systems older than this one. maturin asks the first
+# python3 on the path for it.
 wheel: $(VENV)/.group-wheels
-	$(BIN)/maturin build --release --strip --zig --compatibility manylinux2014 --out dist
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/maturin build --release --strip --zig --compatibility manylinux2014 --out dist
 
 sdist: $(BIN)/maturin
 	$(BIN)/maturin sdist --out dist

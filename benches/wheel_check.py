@@ -4,8 +4,8 @@
 
 installs the newest wheel of dist/ (`make wheel`) into an empty environment of each interpreter, runs every example with all its
 commands and the paper's experiment in an empty folder, with no Rust and no project on any path, and prints what was installed and
-how large it is. It fails where a command fails, where anything is imported from outside the environment, and where the core asks
-for a later glibc than the name of the wheel says.
+how large it is. It fails where a command fails, where anything is imported from outside the environment, where the core asks
+for a later glibc than the name of the wheel says, and where the licence of a Rust package inside, or the SBOM, is missing.
 
 `FOLDER:PYTHON` is an interpreter in the root of another system, entered by chroot (as root):
 
@@ -16,6 +16,7 @@ for a later glibc than the name of the wheel says.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
 import shutil
@@ -39,6 +40,8 @@ except (OSError, KeyError):
     system = platform.system()
 print(platform.python_implementation(), platform.python_version(), *platform.libc_ver(), "of", system)
 """
+MUST_TRAVEL = ("faer", "nalgebra", "numpy", "pyo3", "simba")
+"""Packages that make up most of the core, under MIT, Apache-2.0 and BSD-2-Clause."""
 GLIBC = re.compile(rb"GLIBC_2\.(\d+)")
 
 
@@ -93,6 +96,32 @@ def glibc(wheel: Path) -> tuple[int, int | None]:
     asked = max(int(number) for core in cores for number in GLIBC.findall(core))
     named = re.search(r"manylinux_2_(\d+)_", wheel.name)
     return asked, int(named.group(1)) if named else None
+
+
+def unlicensed(wheel: Path) -> list[str]:
+    """Return the packages of the wheel's SBOM whose licence asks for its text, and whose text does not travel with the wheel.
+
+    Raises
+    ------
+    SystemExit
+        When the wheel has no SBOM, or no file of third-party licences.
+    """
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+        sboms = [name for name in names if re.search(r"\.dist-info/sboms/.*\.json$", name)]
+        texts = [name for name in names if name.endswith(".dist-info/licenses/THIRD_PARTY_LICENSES.txt")]
+        if not sboms or not texts:
+            raise SystemExit(
+                f"{wheel.name} has {'no SBOM' if not sboms else 'no licences of its Rust packages'}"
+            )
+        components = json.loads(archive.read(sboms[0]))["components"]
+        text = archive.read(texts[0]).decode()
+    # Packages under MIT or Apache-2.0 that only build scripts and tests use stand in the SBOM, and are not in the core.
+    return [
+        f"{item['name']} {item['version']}"
+        for item in components
+        if item["name"] in MUST_TRAVEL and f"{item['name']} {item['version']}: " not in text
+    ]
 
 
 def run(
@@ -190,6 +219,9 @@ def main() -> int:
     print(f"{wheel.name}: {wheel.stat().st_size / 1e6:.1f} MB; needs glibc 2.{asked}")
     if named is not None and asked > named:
         sys.exit(f"the name of the wheel promises glibc 2.{named}, and its core needs 2.{asked}")
+    missing = unlicensed(wheel)
+    if missing:
+        sys.exit(f"the licence of {missing[0]} does not travel with the wheel: python benches/licences.py")
     for name in options.python:
         check(wheel, Place.named(name))
     return 0

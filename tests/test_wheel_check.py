@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import tomllib
 import zipfile
 from pathlib import Path
 from types import ModuleType
@@ -80,3 +82,33 @@ def test_a_command_runs_in_its_folder_and_must_end_well(check: ModuleType, tmp_p
     assert check.succeed(here, tmp_path, environment, ["pwd", "-P"]).strip() == str(tmp_path.resolve())
     with pytest.raises(SystemExit, match="sh -c exit 3 ended with exit code 3"):
         check.succeed(here, tmp_path, environment, ["sh", "-c", "exit 3"])
+
+
+def wheel_with(folder: Path, **files: str) -> Path:
+    wheel = folder / "didim-1-x.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        for name, text in files.items():
+            archive.writestr(f"didim-1.dist-info/{name.replace('__', '/')}", text)
+    return wheel
+
+
+def test_licences_and_the_sbom_must_travel(check: ModuleType, project: Path, tmp_path: Path) -> None:
+    text = (project / "THIRD_PARTY_LICENSES.txt").read_text(encoding="utf-8")
+    sbom = json.dumps({"components": [{"name": "nalgebra", "version": "9.9.9"}]})
+    licences = {"licenses__THIRD_PARTY_LICENSES.txt": text}
+    with pytest.raises(SystemExit, match="has no SBOM"):
+        check.unlicensed(wheel_with(tmp_path, **licences))
+    with pytest.raises(SystemExit, match="has no licences of its Rust packages"):
+        check.unlicensed(wheel_with(tmp_path, **{"sboms__a.json": sbom}))
+    assert check.unlicensed(wheel_with(tmp_path, **licences, **{"sboms__a.json": sbom})) == ["nalgebra 9.9.9"]
+    locked = tomllib.loads((project / "Cargo.lock").read_text(encoding="utf-8"))["package"]
+    sbom = json.dumps({"components": locked})
+    assert check.unlicensed(wheel_with(tmp_path, **licences, **{"sboms__a.json": sbom})) == []
+    assert {item["name"] for item in locked} >= {*check.MUST_TRAVEL}
+    assert "Apache License" in text
+    assert "Redistribution and use in source and binary forms" in text
+
+
+def test_the_file_of_licences_is_that_of_the_lock_file(project: Path) -> None:
+    licences = script(project / "benches" / "licences.py")
+    assert licences.FILE.read_text(encoding="utf-8") == licences.document()
