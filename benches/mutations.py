@@ -1,10 +1,15 @@
 """Errors made on purpose: each must be caught by a test.
 
     python benches/mutations.py [--rust] [--only NAME]
+    python benches/mutations.py --constants 150 [--seed 0] [--seconds 120]
 
 A mutation changes one place of the package in a scratch copy of the project: a sign, an index, a unit, a weight. The tests named
 beside it are run there, first as it is, which must pass, then changed, which must not. ``--rust`` takes those of the core
 instead, by ``cargo test --release`` in the copy (minutes each; the first build apart, which all share).
+
+``--constants`` draws module constants of heuristics, doubled or halved (``benches/constants.py``), and runs the tests that reach
+each, the nearest first, for so many seconds at most. Where one fails, it is run once more without the change, and must pass.
+What is not caught needs a test, is not needed, or has a reason, such as a bound that only saves time.
 """
 
 from __future__ import annotations
@@ -18,6 +23,8 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+
+from constants import Planted, drawn, tests_of
 
 PROJECT = Path(__file__).resolve().parent.parent
 
@@ -47,8 +54,8 @@ PYTHON = (
     Mutation(
         "degrees are gradians",
         "python/didim/log/units.py",
-        "math.pi / 180.0",
-        "math.pi / 200.0",
+        'POSITION = {"rad": 1.0, "deg": math.pi / 180.0',
+        'POSITION = {"rad": 1.0, "deg": math.pi / 200.0',
         "tests/test_recording.py",
     ),
     Mutation(
@@ -88,9 +95,9 @@ PYTHON = (
     ),
     Mutation(
         "a standard MDH row takes its angle from the wrong joint",
-        "python/didim/robot/robot_file.py",
-        "alpha, d = (0.0, *alpha[:-1]), (0.0, *d[:-1])",
-        "alpha, d = (0.0, *alpha[1:]), (0.0, *d[:-1])",
+        "python/didim/robot/standard_dh.py",
+        "return (0.0, *self.alpha[:-1]), (0.0, *self.a[:-1])",
+        "return (0.0, *self.alpha[1:]), (0.0, *self.a[:-1])",
         "tests/test_robot.py",
     ),
     Mutation(
@@ -150,10 +157,10 @@ PYTHON = (
         "tests/test_signals.py",
     ),
     Mutation(
-        "millimetres of a reference are centimetres",
+        "limits of a reference in degrees or millimetres are taken as SI",
         "python/didim/experiment/loop_tables.py",
-        '"mm": 1e-3}',
-        '"mm": 1e-2}',
+        "values[joint] = number * factor",
+        "values[joint] = number",
         "tests/test_closed_loop.py",
     ),
     Mutation(
@@ -169,6 +176,69 @@ PYTHON = (
         "[p * d, d, d / ti, a, w,",
         "[p * d, d, d * ti, a, w,",
         "tests/test_control.py",
+    ),
+    Mutation(
+        "steps of a coarsely quantised torque are spikes",
+        "python/didim/signal/spikes.py",
+        "np.maximum(floor, _resolution(cleaned[:, column]))",
+        "floor",
+        "tests/test_spikes.py",
+    ),
+    Mutation(
+        "moves of a points design are not looked at between the samples of the search",
+        "python/didim/excitation/points.py",
+        "if value > best and all(self.verified(*ends[j]) for j in around):",
+        "if value > best:",
+        "tests/test_excitation_search.py",
+    ),
+    Mutation(
+        "the damping of Levenberg and Marquardt is never raised",
+        "python/didim/methods/cloe/levenberg_marquardt.py",
+        "damping *= 1e4",
+        "pass",
+        "tests/test_cloe.py",
+    ),
+    Mutation(
+        "a derivative at the edge of the feasible set is zero",
+        "python/didim/methods/cloe/output_error.py",
+        "moved[back] = np.where(inside[:, None], (errors - other) / steps[back, None], 0.0)",
+        "moved[back] = 0.0",
+        "tests/test_cloe.py",
+    ),
+    Mutation(
+        "consistent DIDIM takes no secant step",
+        "python/didim/methods/didim/consistent.py",
+        "first = self._secant(direction, before, length) if len(history) >= 2 else 1.0",
+        "first = 1.0",
+        "tests/test_consistent.py tests/test_consistent_methods.py tests/test_slack_loop.py",
+    ),
+    Mutation(
+        "consistent DIDIM goes uphill as far as it likes",
+        "python/didim/methods/didim/consistent.py",
+        "after <= RISE * cost",
+        "after <= 1e9 * cost",
+        "tests/test_consistent.py tests/test_consistent_methods.py tests/test_slack_loop.py",
+    ),
+    Mutation(
+        "what is left of a contraction is called smaller than it is",
+        "python/didim/methods/didim/convergence.py",
+        "left = SAFETY * expected",
+        "left = 0.2 * expected",
+        "tests/test_didim_endings.py tests/test_slack_loop.py",
+    ),
+    Mutation(
+        "held-out recordings may fit twice as badly",
+        "python/didim/methods/verdict/held_out.py",
+        "LARGER = 1.5",
+        "LARGER = 3.0",
+        "tests/test_verdict.py",
+    ),
+    Mutation(
+        "records of a digital controller are not late by its hold",
+        "python/didim/methods/verdict/loop_rows.py",
+        "return digital.sample_time_s * digital.delay_samples + held",
+        "return digital.sample_time_s * digital.delay_samples",
+        "tests/test_verdict_rows.py",
     ),
 )
 
@@ -216,46 +286,83 @@ def copy(target: Path) -> None:
         (target.parent / "shared").symlink_to(shared.resolve())
 
 
-def run(folder: Path, mutation: Mutation, rust: bool) -> tuple[bool, str]:
-    """Run the tests of a mutation in a copy; return whether they pass, and the first that does not."""
+def run(folder: Path, tests: str, rust: bool, seconds: float | None = None) -> tuple[bool, str]:
+    """Run tests in a copy; return whether they pass, and the first that does not. Out of time counts as passed."""
     environment = {**os.environ, "PYTHONPATH": str(folder / "python"), "PYTHONDONTWRITEBYTECODE": "1"}
     if rust:
-        command = ["cargo", "test", "--release", *mutation.tests.split()]
+        command = ["cargo", "test", "--release", *tests.split()]
         pattern = r"^test (\S+) \.\.\. FAILED|^(error.*)"
     else:
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-x",
-            "-q",
-            "-p",
-            "no:cacheprovider",
-            *mutation.tests.split(),
-        ]
-        pattern = r"^FAILED \S+?::(\w+)|^ERROR (.*)"
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests.split()]
+        pattern = r"^FAILED (\S+?::\S+)|^ERROR (.*)"
+    try:
+        done = subprocess.run(
+            command,
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=seconds,
+        )
+    except subprocess.TimeoutExpired:
+        return True, "out of time"
     found = re.search(pattern, done.stdout + done.stderr, re.MULTILINE)
     first = next((group for group in found.groups() if group), "") if found else "?"
-    return done.returncode == 0, first
+    # 5: no test was chosen, which is none that fails.
+    return done.returncode in (0, 5), first
 
 
-def mutate(folder: Path, mutation: Mutation) -> str:
-    """Change the place; return the whole text as it was.
+def stale(project: Path = PROJECT) -> list[str]:
+    """Return the mutations whose place is not there exactly once: the code has moved on, and they must follow."""
+    lost = []
+    for mutation in (*PYTHON, *RUST):
+        path = project / mutation.file
+        count = path.read_text(encoding="utf-8").count(mutation.old) if path.exists() else 0
+        if count != 1:
+            lost.append(f"{mutation.file}: {count} times {mutation.old!r}, for '{mutation.name}'")
+        absent = [name for name in mutation.tests.split() if not (project / name).exists()]
+        lost += [f"{name}, for '{mutation.name}', is not there" for name in absent]
+    return lost
 
-    Raises
-    ------
-    SystemExit
-        When the place is not there exactly once: the code has moved on, and the mutation must follow.
-    """
-    path = folder / mutation.file
-    text = path.read_text(encoding="utf-8")
-    if text.count(mutation.old) != 1:
-        raise SystemExit(
-            f"{mutation.file}: {text.count(mutation.old)} times {mutation.old!r}, for '{mutation.name}'"
+
+def named(folder: Path, chosen: list[Mutation], rust: bool) -> int:
+    """Plant the mutations one after the other; return how many were not caught."""
+    escaped = 0
+    sound: set[str] = set()
+    for mutation in chosen:
+        if mutation.tests not in sound:
+            passed, first = run(folder, mutation.tests, rust)
+            if not passed:
+                raise SystemExit(f"without any mutation {mutation.tests or 'the tests'} fail: {first}")
+            sound.add(mutation.tests)
+        path = folder / mutation.file
+        text = path.read_text(encoding="utf-8")
+        path.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
+        passed, first = run(folder, mutation.tests, rust)
+        path.write_text(text, encoding="utf-8")
+        escaped += passed
+        print(f"{mutation.name} ({mutation.file}): {'NOT CAUGHT' if passed else first}", flush=True)
+    return escaped
+
+
+def changed_constants(folder: Path, chosen: list[Planted], seconds: float) -> int:
+    """Change the constants one after the other; return how many no test noticed."""
+    escaped = 0
+    for planted in chosen:
+        path = folder / planted.file
+        text = path.read_text(encoding="utf-8")
+        path.write_text(planted.apply(text), encoding="utf-8")
+        tests = tests_of(planted, PROJECT)
+        passed, first = (
+            run(folder, " ".join(tests), False, seconds) if tests else (True, "no test reaches it")
         )
-    path.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
-    return text
+        path.write_text(text, encoding="utf-8")
+        if not passed and not run(folder, first, False)[0] and "::" in first:
+            passed, first = True, f"{first} fails without it too"
+        escaped += passed
+        print(f"{planted}: {f'NOT CAUGHT ({first})' if passed else first}", flush=True)
+    return escaped
 
 
 def main() -> int:
@@ -263,25 +370,26 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--rust", action="store_true", help="those of the core; builds it once for each")
     parser.add_argument("--only", default="", metavar="NAME", help="those whose name has this in it")
+    parser.add_argument(
+        "--constants", type=int, metavar="N", help="so many module constants, doubled or halved"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="which constants are drawn")
+    parser.add_argument("--seconds", type=float, default=120.0, help="of tests for each constant at most")
     options = parser.parse_args()
-    chosen = [item for item in (RUST if options.rust else PYTHON) if options.only in item.name]
-    escaped = 0
+    lost = stale()
+    if lost:
+        raise SystemExit("\n".join(lost))
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch, "didim")
         copy(folder)
-        sound: set[str] = set()
-        for mutation in chosen:
-            if mutation.tests not in sound:
-                passed, first = run(folder, mutation, options.rust)
-                if not passed:
-                    raise SystemExit(f"without any mutation {mutation.tests or 'the tests'} fail: {first}")
-                sound.add(mutation.tests)
-            text = mutate(folder, mutation)
-            passed, first = run(folder, mutation, options.rust)
-            (folder / mutation.file).write_text(text, encoding="utf-8")
-            escaped += passed
-            print(f"{mutation.name} ({mutation.file}): {'NOT CAUGHT' if passed else first}", flush=True)
-    print(f"{len(chosen) - escaped} of {len(chosen)} caught")
+        if options.constants is not None:
+            count = len(planted := drawn(PROJECT, options.constants, options.seed))
+            escaped = changed_constants(folder, planted, options.seconds)
+        else:
+            chosen = [item for item in (RUST if options.rust else PYTHON) if options.only in item.name]
+            count = len(chosen)
+            escaped = named(folder, chosen, options.rust)
+    print(f"{count - escaped} of {count} caught")
     return 1 if escaped else 0
 
 

@@ -1,0 +1,61 @@
+"""Errors made on purpose: their places are where they say, and constants are found, changed and reached."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+
+@pytest.fixture
+def constants(project: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(project / "benches"))
+    return importlib.import_module("constants")
+
+
+def test_every_place_is_there_once(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(project / "benches"))
+    assert importlib.import_module("mutations").stale() == []
+
+
+def test_a_change_is_that_of_one_value(constants: ModuleType, project: Path) -> None:
+    every = list(constants.constants(project))
+    assert len(every) > 300
+    for planted in every:
+        text = (project / planted.file).read_text(encoding="utf-8")
+        before, after = (ast.parse(part).body for part in (text, planted.apply(text)))
+        (changed,) = [b for a, b in zip(before, after, strict=True) if ast.dump(a) != ast.dump(b)]
+        assert isinstance(changed, ast.Assign | ast.AnnAssign)
+        (name,) = [node.id for node in ast.walk(changed) if isinstance(node, ast.Name) and node.id.isupper()]
+        assert name == planted.name
+
+
+def test_constants_come_by_their_seed_and_whole_ones_stay_whole(
+    constants: ModuleType, tmp_path: Path
+) -> None:
+    folder = tmp_path / "python" / "didim" / "methods"
+    folder.mkdir(parents=True)
+    (folder / "a.py").write_text(
+        '"""Tested in ``tests/test_b.py``."""\nMOST = 3\n"""é"""; SHARE: float = -0.5\nONE = 1\nOFF = 0.0\nYES = True\nlow = 2\n',
+        encoding="utf-8",
+    )
+    found = [(planted.name, planted.new) for planted in constants.constants(tmp_path)]
+    assert found == [
+        ("MOST", "3 * 2"),
+        ("MOST", "3 // 2"),
+        ("SHARE", "-0.5 * 2"),
+        ("SHARE", "-0.5 / 2"),
+        ("ONE", "1 * 2"),
+    ]
+    two = constants.drawn(tmp_path, 2, 5)
+    assert two == constants.drawn(tmp_path, 2, 5)
+    assert len(constants.drawn(tmp_path, 99, 5)) == 5
+    (tmp_path / "tests").mkdir()
+    for name, text in (("b", ""), ("c", "from didim.methods.a import ONE"), ("d", "import other")):
+        (tmp_path / "tests" / f"test_{name}.py").write_text(text, encoding="utf-8")
+    by_name = {planted.name: planted for planted in constants.constants(tmp_path)}
+    assert constants.tests_of(by_name["ONE"], tmp_path) == ["tests/test_c.py", "tests/test_b.py"]
+    assert constants.tests_of(by_name["MOST"], tmp_path) == ["tests/test_b.py", "tests/test_c.py"]
