@@ -189,7 +189,7 @@ PYTHON = (
         "python/didim/excitation/points.py",
         "if value > best and all(self.verified(*ends[j]) for j in around):",
         "if value > best:",
-        "tests/test_excitation_search.py",
+        "tests/test_excitation.py",
     ),
     Mutation(
         "the damping of Levenberg and Marquardt is never raised",

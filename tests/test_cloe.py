@@ -385,6 +385,47 @@ def test_candidates_that_no_robot_has_cost_infinitely_much() -> None:
     assert np.isposinf(costs[1:]).all()
 
 
+def test_the_damping_is_raised_until_a_step_goes_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = short_arm()
+    start = off(arm)
+    tried: list[np.ndarray] = []
+    known = OutputError.costs
+
+    def costs(problem: OutputError, points: np.ndarray) -> np.ndarray:
+        tried.append(points - problem.start)
+        return np.full(len(points), np.inf) if len(tried) < 3 else known(problem, points)
+
+    monkeypatch.setattr(OutputError, "costs", costs)
+    found = didim.identify(arm, didim.CLOE(start=start, optimizer="levenberg-marquardt", max_iterations=1))
+    assert len(tried) == 3
+    shortest = [np.linalg.norm(steps, axis=1).min() for steps in tried]
+    assert shortest[0] > 100.0 * shortest[1]
+    assert shortest[1] > 100.0 * shortest[2]
+    assert found.history[0].relative_error < 1.0
+
+
+def test_a_derivative_at_the_edge_is_taken_on_the_other_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = short_arm()
+    job = FitSettings().job(arm, arm.simulation.robot(arm.robot))
+    problem = OutputError(didim.CLOE(start=off(arm)), job, lambda text: None)
+    (errors,), _ = problem.errors(problem.start[None])
+    inner = problem.derivatives(problem.start, errors)
+    known, calls = OutputError.errors, list[int]()
+
+    def at_the_edge(problem: OutputError, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found, completed = known(problem, points)
+        calls.append(len(points))
+        if len(calls) == 1:
+            found[2], completed[2] = np.nan, False
+        return found, completed
+
+    monkeypatch.setattr(OutputError, "errors", at_the_edge)
+    edge = problem.derivatives(problem.start, errors)
+    assert calls == [len(inner), 1]
+    np.testing.assert_array_equal(np.delete(edge, 2, axis=0), np.delete(inner, 2, axis=0))
+    assert np.linalg.norm(edge[2] - inner[2]) < 1e-2 * np.linalg.norm(inner[2])
+
+
 def test_sigma_of_errors_that_are_no_noise(project: Path, shared: Path) -> None:
     """On the EMPS the position errors are model error, correlated over seconds: white noise would give tiny sigmas."""
     experiment = didim.load_experiment(project / "examples" / "emps.toml", data=shared / "data" / "emps")

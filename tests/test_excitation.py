@@ -420,6 +420,28 @@ def test_a_motion_from_point_to_point_is_chosen_well(planar: Robot) -> None:
     assert q.shape[1] == 2
 
 
+def test_points_that_break_a_limit_between_the_samples_are_not_exchanged(
+    planar: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every exchange asks for the fine grid: where that refuses all moves, the random points stay."""
+    exchange, asked = PointDesign._exchange, list[int]()
+
+    def refused(design: PointDesign, a: Array, b: Array) -> bool:
+        asked.append(1)
+        return False
+
+    def watched(design: PointDesign, *rest: Any) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(PointDesign, "verified", refused)
+            exchange(design, *rest)
+
+    monkeypatch.setattr(PointDesign, "_exchange", watched)
+    settings = ExcitationSettings(kind="point-to-point", points=4, starts=1, acceleration=20.0)
+    found = excite(planar, settings)
+    assert asked
+    assert found.log_det == found.random_log_det
+
+
 def test_points_cannot_keep_a_jerk_limit(planar: Robot) -> None:
     settings = ExcitationSettings(kind="point-to-point", acceleration=20.0, jerk=300.0)
     with pytest.raises(ExcitationError, match="trapezoidal velocities, whose jerk has no bound"):

@@ -54,6 +54,15 @@ def test_constant_and_coarse_signals_are_left_alone(resolution: float) -> None:
     assert np.array_equal(found, signal[:, None])
 
 
+def test_levels_of_a_coarse_signal_that_alternate_are_no_spikes() -> None:
+    """Noise below the resolution flips samples one by one, in windows that are otherwise constant; ten steps are a spike."""
+    noise = 0.1 * np.random.default_rng(0).standard_normal(3000)
+    signal = 0.5 * np.round(6.0 * np.sin(np.arange(3000) / 1000.0) + noise)
+    assert not hampel(signal[:, None])[1].any()
+    signal[700] += 5.0
+    assert np.flatnonzero(hampel(signal[:, None])[1]).tolist() == [700]
+
+
 def test_a_spike_in_a_constant_signal_is_found() -> None:
     signal = np.zeros((100, 1))
     signal[40] = 1.0
