@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import didim
 from didim import _core
 from didim.cli.main import main
 from didim.experiment.experiment_file import load_experiment
@@ -22,7 +23,7 @@ from didim.regression.selection import select
 from didim.result.identification import Identification
 from didim.signal.processing import Convention, Form
 from didim.signal.segments import segments
-from tx40_oracle import Expected, expected
+from tx40_oracle import RATE_HZ, REDUCTION, Expected, expected
 
 pytestmark = pytest.mark.usefixtures("without_causes")
 
@@ -160,6 +161,37 @@ def test_tx40_fit(tx40: Identification, oracle: Expected) -> None:
     np.testing.assert_allclose(100.0 * tx40.relative_error, errors, rtol=0, atol=1e-4)
     assert round(100.0 * tx40.overall_relative_error, 2) == 6.78
     assert len(tx40.history) == 4
+
+
+def test_a_simulated_log_on_the_way_of_the_measured_one(project: Path, tmp_path: Path) -> None:
+    """Files of motors, coupled wrist, filter, two decimations, dead zone, weights, (10): all of it, without measured data."""
+    example = project / "examples" / "tx40_log_best.toml"
+    robot = load_experiment(example, data=written_log(tmp_path, 5.0)).robot
+    fit = identify(load_experiment(example, data=tmp_path), IDIMLS(decimation_corrected=False))
+    other = expected(tmp_path, fit.names)
+    assert np.max(np.abs(fit.beta - other.beta) / other.std) < 1e-5
+    np.testing.assert_allclose(fit.std, other.std, rtol=1e-5)
+    np.testing.assert_allclose(fit.relative_error, other.relative_error, rtol=1e-6)
+    assert fit.condition_number == pytest.approx(other.condition_number, rel=1e-5)
+    off = (fit.beta - robot.base_parameters.project(robot.parameter_set("didim"))) / fit.std
+    assert np.sqrt(np.mean(off**2)) < 3.0
+
+
+def written_log(folder: Path, seconds: float) -> Path:
+    """Write a log of the inverse model as that of the TX40 was: motor side, one file for positions and one for torques."""
+    robot = didim.load_robot("tx40")
+    rng = np.random.default_rng(4)
+    omega = 2.0 * np.pi * np.array([0.4, 0.6, 1.0, 1.8, 2.6])[:, None]
+    phase = omega * np.arange(0.0, seconds, 1.0 / RATE_HZ)[:, None, None]
+    size, shift = rng.uniform(0.1, 0.4, (5, 6)), rng.uniform(0.0, 6.0, (5, 6))
+    motion = [size * wave for wave in (np.sin(phase + shift), omega * np.cos(phase + shift))]
+    q, dq, ddq = (part.sum(axis=1) for part in (*motion, -(omega**2) * motion[0]))
+    tau = didim.inverse_dynamics(robot, q, dq, ddq, robot.parameter_set("didim"))
+    tau += 0.02 * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
+    header = ",".join(f"Joint_{joint}" for joint in range(1, 7))
+    for name, values in (("position", q @ REDUCTION.T), ("torque", tau @ np.linalg.inv(REDUCTION))):
+        np.savetxt(folder / f"motor_{name}.csv", values, "%.9g", delimiter=",", header=header, comments="")
+    return folder
 
 
 @pytest.mark.parametrize("form", get_args(Form))
