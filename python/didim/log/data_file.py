@@ -23,6 +23,8 @@ READERS: dict[str, str | Reader] = {
     ".mat": "didim.log.hdf5_file:mat_file",
     ".h5": "didim.log.hdf5_file:Hdf5File",
     ".hdf5": "didim.log.hdf5_file:Hdf5File",
+    ".pt": "didim.log.torch_file:TorchFile",
+    ".pth": "didim.log.torch_file:TorchFile",
 }
 """Readers of the other formats by suffix, or where they are, as "module:name": loaded when such a file is opened."""
 
