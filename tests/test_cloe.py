@@ -14,6 +14,7 @@ from scipy.optimize import minimize
 import didim
 from didim.errors import FitError
 from didim.experiment.experiment import Experiment
+from didim.experiment.specs import Measurement
 from didim.methods.cloe import nelder_mead
 from didim.methods.cloe.output_error import OutputError
 from didim.methods.method import FitSettings
@@ -23,7 +24,7 @@ from didim.result.status import Status
 from didim.signal.align import DelaySettings
 from didim.signal.noise import white_noise
 from didim.studies.compare import position_norms
-from didim.studies.simulated_log import packaged_experiment, simulated_log
+from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 from pickling_executor import Pickling
 
 pytestmark = pytest.mark.usefixtures("without_causes")
@@ -138,6 +139,20 @@ def test_every_output_finds_the_truth_without_noise(output: str) -> None:
     start = truth * np.linspace(0.7, 1.4, truth.size)
     fit = didim.identify(arm, didim.CLOE(output=output, start=start))  # type: ignore[arg-type]
     np.testing.assert_allclose(fit.beta, truth, rtol=1e-3, atol=1e-3 * np.abs(truth).max())
+
+
+@pytest.mark.parametrize("physical", [False, True])
+def test_steps_of_the_search_do_not_bias_the_estimate(physical: bool) -> None:
+    """The error of a coarse integration repeats with the motion: it must not enter the estimate as noise does."""
+    arm = replace(short_arm(), measurement=Measurement(position_noise=(1e-7, 1e-7)))
+    log = measured(arm, seed=3)
+    coarse = replace(log, simulation=replace(log.simulation, step_s=1e-3, fine_step_s=(1e-3, 1e-3)))
+    method = didim.CLOE(start="reference", physical=physical)
+    fine_fit, coarse_fit = didim.identify(log, method), didim.identify(coarse, method)
+    assert fine_fit.settings["cloe"]["moved_by_finer_steps"] < 0.5
+    assert coarse_fit.settings["cloe"]["moved_by_finer_steps"] > 2.0
+    moved = (coarse_fit.beta - fine_fit.beta) / fine_fit.std_white
+    assert np.abs(moved).max() < 0.3
 
 
 def test_a_start_that_cannot_be_simulated_is_named() -> None:

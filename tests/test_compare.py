@@ -107,6 +107,11 @@ def test_the_table(tx40: Comparison) -> None:
     text = str(tx40)
     lines = text.splitlines()
     assert lines[0] == "TX40, simulated: 10 s at 1000 Hz, 60 base parameters"
+    # Student's distribution with 19 degrees of freedom has 0.738 % beyond 3, the normal distribution 0.27 %.
+    assert lines[1] == (
+        "off: estimate less truth, in standard deviations; 0.74 % of right estimates are off by more than 3 (Student's "
+        "distribution, 19 degrees of freedom)"
+    )
     fit = tx40.fits["didim"]
     index = fit.names.index("Ia3")
     (row,) = [line for line in lines if line.startswith("Ia3 ")]

@@ -20,7 +20,7 @@ from .monte_carlo.text import HEAD, NOTES, cells
 from .result.identification import Identification
 from .result.table import LARGEST_PERCENT
 from .robot.base_parameters import BaseParameters
-from .studies.comparison import TITLES, Comparison, sentence
+from .studies.comparison import TITLES, Comparison, off_explained, sentence
 
 FORMATS = ("text", "markdown", "latex", "csv")
 """Formats of a result; text is what ``print`` shows."""
@@ -184,7 +184,7 @@ def _comparison(comparison: Comparison, form: str) -> str:
     align = "llr" + "rrr" * len(fits)
     titles = [TITLES.get(method, method) for method in fits]
     notes = [
-        "off: estimate less truth, in standard deviations",
+        off_explained(comparison),
         sentence(comparison),
         *comparison.notes,
         *comparison.remarks,

@@ -13,6 +13,7 @@ from .._tools.words import counted
 
 # The paper calls a parameter well identified below this relative standard deviation.
 WELL_IDENTIFIED_PERCENT = 20.0
+"""Relative standard deviation (%) above which a parameter is not well identified."""
 
 # Beyond it a relative sigma says no more than that nothing is known.
 LARGEST_PERCENT = 999

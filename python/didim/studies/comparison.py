@@ -6,6 +6,7 @@ Tested in ``tests/test_compare.py``.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +20,7 @@ from .._tools.notebook import page, pandas
 from .._tools.words import counted
 from ..experiment.experiment import Experiment
 from ..result.identification import Identification
+from ..result.table import WELL_IDENTIFIED_PERCENT
 
 TITLES = {
     "idim-ls": "IDIM-LS",
@@ -32,7 +34,8 @@ TITLES = {
     "cloe-nelder-mead-adaptive": "CLOE, adaptive",
     "cloe-levenberg-marquardt": "CLOE, Levenberg-Marquardt",
 }
-WELL_IDENTIFIED_PERCENT = 20.0
+FAR = 3.0
+"""Distance of an estimate from the truth, in standard deviations, that few right estimates exceed: the table says how many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +138,7 @@ def _render(comparison: Comparison) -> str:
     lines = [
         f"{comparison.experiment.name}: {recording.t[-1]:g} s at {recording.rate_hz:g} Hz, "
         f"{counted(len(base.names), 'base parameter')}",
-        "off: estimate less truth, in standard deviations",
+        off_explained(comparison),
         "",
     ]
     methods = list(comparison.fits)
@@ -164,6 +167,26 @@ def _render(comparison: Comparison) -> str:
         lines += ["To know:", *(f"  {text}" for text in comparison.remarks), ""]
     lines += [sentence(comparison), *comparison.notes]
     return "\n".join(lines)
+
+
+def off_explained(comparison: Comparison) -> str:
+    """Return what the column ``off`` is, and how many of its numbers lie beyond `FAR` where nothing is wrong.
+
+    The methods of a table have the same blocks of the jackknife, so the fewest degrees of freedom stand for all.
+    """
+    known = [
+        fit.uncertainty.degrees_of_freedom for fit in comparison.fits.values() if fit.uncertainty is not None
+    ]
+    text = "off: estimate less truth, in standard deviations"
+    if not known or not math.isfinite(min(known)):
+        return text
+    from scipy.special import stdtr  # not scipy.stats, which takes half a second to load
+
+    share = 2.0 * float(stdtr(min(known), -FAR))
+    return (
+        f"{text}; {100.0 * share:.2g} % of right estimates are off by more than {FAR:g} (Student's distribution, "
+        f"{min(known):.0f} degrees of freedom)"
+    )
 
 
 def _percent(share: float) -> str:

@@ -26,6 +26,7 @@ from ..didim.consistent import ConsistentRun
 from ..didim.didim import DIDIM
 from ..start import further_of
 from ..verdict.torques import CONTRADICTIONS
+from .finer_steps import corrected
 from .levenberg_marquardt import MOST_ITERATIONS, spread_at, weigh_by_noise
 from .output_error import OutputError
 from .settings import CLOESettings
@@ -34,6 +35,8 @@ DAMPINGS = np.array([1e-4, 1e-2, 1.0, 1e2])
 """Factors of the damping that are tried at once, one in each lane."""
 MOST_RAISES = 4
 """How often the damping is raised beyond them before the search ends."""
+UNDAMPED = 1e-8
+"""Damping of corrections by finer steps: each is smaller than a standard deviation or two, and needs none."""
 AT_OPTIMUM = 1e-4
 """Share of the cost that the linear model promises at most at an optimum; a change of all parameters by a sigma is more."""
 
@@ -149,6 +152,23 @@ class _Search:
                 met = promised <= AT_OPTIMUM or (accepted and fall <= AT_OPTIMUM)
                 status = Status.STOPPED if stopped else (Status.CONVERGED if met else Status.NOT_CONVERGED)
                 break
+        moved: float | None = None
+        if status is Status.CONVERGED:
+
+            def advance(x: Array, errors: Array) -> Array:
+                share = np.sqrt(max(0, errors.size - point.size) / cost * min(1.0, self.n_rows / errors.size))
+                return self._trials(self._point(x), errors, jacobian, UNDAMPED, float(share))[0][0]
+
+            end = corrected(problem, self.x, jacobian @ jacobian.T, advance, self._point)
+            if end is not None:
+                problem, self.x, errors, cost, moved = (
+                    end.problem,
+                    end.candidate,
+                    end.errors,
+                    end.cost,
+                    end.moved,
+                )
+                point = self._point(self.x)
         spread, condition, remarks = spread_at(problem, jacobian @ jacobian.T, errors, jacobian)
         fit = problem.result(
             point,
@@ -157,7 +177,7 @@ class _Search:
             covariance=spread.covariance,
             uncertainty=spread.uncertainty,
             condition_number=condition,
-            settings={"cost": cost, "initial_cost": initial},
+            settings={"cost": cost, "initial_cost": initial, "moved_by_finer_steps": moved},
             remarks=(*remarks, *spread.remarks),
         )
         return replace(fit, parameters=self.x[: len(problem.robot.parameter_names)])

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -20,12 +21,15 @@ from ...result.iteration import Iteration
 from ...result.status import Status
 from ...signal.noise import white_noise
 from ..uncertainty import Spread, spread_of_factors
+from .finer_steps import corrected
 from .output_error import OutputError
 
 DAMPINGS = np.array([1e-4, 1e-2, 1.0, 1e2])
 """Factors of the damping that are tried at once, one in each lane."""
 GRADIENT = 0.03
 """Cosine of the residual and the derivatives below which the gradient counts as zero."""
+SINGULAR = 1e-14
+"""Largest ratio of the extreme eigenvalues of the scaled normal matrix that counts as singular: rounding is about 1e-16 of it."""
 MOST_ITERATIONS = 100
 NOISE_SAMPLES = 5
 """Fifth differences need more samples than these."""
@@ -54,7 +58,7 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
     status = Status.CONVERGED if finished else Status.NOT_CONVERGED
     normal = np.eye(point.size)
     jacobian: Array | None = None
-    accepted = False
+    accepted, moved = False, None
     most, begin, done_before = method.max_iterations or MOST_ITERATIONS, time.monotonic(), len(history)
     try:
         for number in range(len(history) + 1, len(history) if finished else most + 1):
@@ -118,6 +122,16 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
         if jacobian is None or (accepted and status is not Status.STOPPED):
             jacobian = problem.derivatives(point, errors)
             normal = jacobian @ jacobian.T
+        if status is Status.CONVERGED and identifies(normal):
+            end = corrected(problem, point, normal, partial(_correction, problem, jacobian), lambda at: at)
+            if end is not None:
+                problem, point, errors, cost, moved = (
+                    end.problem,
+                    end.candidate,
+                    end.errors,
+                    end.cost,
+                    end.moved,
+                )
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
     spread, condition, remarks = spread_at(problem, normal, errors, jacobian)
@@ -134,6 +148,7 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
             "noise_position": (1.0 / np.sqrt(problem.weight_q)).tolist() if problem.weight_q.all() else None,
             "cost": cost,
             "initial_cost": initial,
+            "moved_by_finer_steps": moved,
         },
         remarks=(*remarks, *spread.remarks),
     )
@@ -173,6 +188,26 @@ def _trials(
     return np.stack(trials)
 
 
+def _correction(problem: OutputError, jacobian: Array, point: Array, errors: Array) -> Array:
+    """Return a point after an undamped step with given errors, kept where M(q) is positive definite."""
+    normal = jacobian @ jacobian.T
+    diagonal = np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0)
+    return np.asarray(_trials(problem, point, normal, jacobian @ errors, diagonal, np.zeros(1))[0])
+
+
+def _scaled(normal: Array) -> tuple[Array, Array, Array]:
+    """Return the lengths of the derivatives, and eigenvalues and eigenvectors of the normal matrix of unit derivatives."""
+    size = np.sqrt(np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0))
+    values, vectors = np.linalg.eigh(normal / np.outer(size, size))
+    return size, values, vectors
+
+
+def identifies(normal: Array) -> bool:
+    """Return whether the outputs identify every combination of the parameters."""
+    _, values, _ = _scaled(normal)
+    return bool(values[0] > SINGULAR * values[-1])
+
+
 def spread_at(
     problem: OutputError, normal: Array, errors: Array, jacobian: Array | None
 ) -> tuple[Spread, float, list[str]]:
@@ -188,9 +223,8 @@ def spread_at(
             math.inf,
             ["stopped before the Jacobian was computed, so there are no standard deviations"],
         )
-    size = np.sqrt(np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0))
-    values, vectors = np.linalg.eigh(normal / np.outer(size, size))
-    if values[0] <= 1e-14 * values[-1]:
+    size, values, vectors = _scaled(normal)
+    if values[0] <= SINGULAR * values[-1]:
         names = [problem.base.names[index] for index in problem.estimated]
         hardly = ", ".join(names[k] for k in np.flatnonzero(np.abs(vectors[:, 0]) > 0.1))
         told = f"the outputs hardly identify {hardly}: there are no standard deviations; fix or drop one"

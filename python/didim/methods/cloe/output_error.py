@@ -186,6 +186,12 @@ class OutputError:
         other.start, other.n_simulations = point, 0
         return other
 
+    def divided(self, parts: int) -> OutputError:
+        """Return the same problem with every step of its simulations divided into `parts`."""
+        other = copy.copy(self)
+        other.windows = [replace(window, loop=window.loop.divided(parts)) for window in self.windows]
+        return other
+
     def no_start(self) -> FitError:
         """Return the error for a start that cannot be simulated, with what becomes of its run."""
         x = self.standard(self.start[None])
