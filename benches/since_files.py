@@ -206,7 +206,10 @@ def interrupted_import(folder: Path) -> Value:
     del folder
     with tempfile.TemporaryDirectory() as place:
         (Path(place) / "numpy").mkdir()
-        text = "import sys, time\nprint('loading', file=sys.stderr, flush=True)\ntime.sleep(30)\n"
+        text = (
+            "import signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+            "print('loading', file=sys.stderr, flush=True)\ntime.sleep(30)\n"
+        )
         (Path(place) / "numpy" / "__init__.py").write_text(text, encoding="utf-8")
         path = os.pathsep.join([place, os.environ["PYTHONPATH"]])
         process = subprocess.Popen(

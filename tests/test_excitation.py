@@ -351,7 +351,7 @@ def test_what_is_assumed_is_said(planar: Robot) -> None:
         assert words in remarks
 
 
-def test_an_interrupted_search_keeps_the_best_motion(planar: Robot) -> None:
+def test_an_interrupted_search_keeps_the_best_motion(planar: Robot, ctrl_c: None) -> None:
     interrupted: list[float] = []
 
     def progress(start: int, evaluations: int, value: float) -> None:
