@@ -24,7 +24,7 @@ from didim import CLOE, IDIMLS, identify
 from didim._tools.files import check_output, write_atomically, write_elsewhere
 from didim._tools.words import printable
 from didim.cli.main import main
-from didim.errors import DidimError, FitError
+from didim.errors import DidimError, FitError, OutputError
 from didim.robot.parameter_file import load_parameters
 
 
@@ -256,6 +256,200 @@ def test_write_elsewhere_takes_no_name_that_is_taken(tmp_path: Path, monkeypatch
     assert Path("out-1.csv").read_text(encoding="utf-8") == "old"
 
 
+# Outputs that are inputs.
+
+
+@pytest.fixture
+def inputs(file: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Folder with an experiment, its robot, its log, a result and a link of each kind to the log."""
+    folder = file.parent
+    monkeypatch.chdir(folder)
+    robot = Path(didim.__file__).parent / "packaged" / "robots" / "planar2.toml"
+    (folder / "robot.toml").write_bytes(robot.read_bytes())
+    text = file.read_text(encoding="utf-8").replace('robot = "planar2"', 'robot = "robot.toml"')
+    file.write_text(text, encoding="utf-8")
+    assert "robot.toml" in text
+    identify(didim.load_experiment(file), IDIMLS()).save(folder / "fit.json")
+    (folder / "alias").symlink_to(LOG)
+    (folder / "twin").hardlink_to(LOG)
+    return folder
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+LOG = "log.npz"
+WRITING = {
+    "identify": ("identify", "arm.toml", "--json"),
+    "parameters": ("identify", "arm.toml", "--save-parameters"),
+    "report": ("identify", "arm.toml", "--report"),
+    "checkpoint": ("identify", "arm.toml", "--method", "cloe", "--start", "reference", "--checkpoint"),
+    "validate": ("validate", "fit.json", "arm.toml", "--json"),
+    "validate-report": ("validate", "fit.json", "arm.toml", "--report"),
+    "check": ("check", "arm.toml", "--json"),
+    "payload": ("payload", "fit.json", "arm.toml", "--json"),
+    "residual": ("residual", "fit.json", "arm.toml", "-o"),
+    "simulate": ("simulate", "arm.toml", "--parameters", "fit.json", "-o"),
+    "init": ("init", "robot.toml", LOG, "--force", "-o"),
+    "export": ("export", "fit.json", "--robot", "robot.toml", "--mjcf", "--force", "-o"),
+}
+READ_BY = {
+    "export": ("robot.toml", "fit.json"),
+    "init": ("robot.toml", LOG, "alias", "twin"),
+    **dict.fromkeys(("validate", "validate-report", "payload", "residual", "simulate"), (LOG, "fit.json")),
+}
+"""Files that a command reads, where it is not the experiment alone."""
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (command, name)
+        for command in WRITING
+        for name in READ_BY.get(command, ("arm.toml", "robot.toml", LOG, "alias", "twin"))
+    ],
+)
+def test_no_output_is_written_over_an_input(
+    command: str,
+    name: str,
+    inputs: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(IDIMLS, "run", None)  # called, it would be an error of another kind
+    before = contents(inputs)
+    arguments = [*WRITING[command], name]
+    if command == "parameters" and not arguments[-1].endswith((".toml", ".npz")):
+        pytest.skip("no name of a file of parameters")
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith(f"didim: cannot write '{arguments[-1]}': it is ")
+    assert "is read by the same command and would be lost" in err
+    assert contents(inputs) == before
+
+
+def test_results_are_not_saved_over_what_they_were_made_of(inputs: Path) -> None:
+    """From Python, and under a name that nobody has read: the content decides."""
+    experiment = didim.load_experiment("arm.toml")
+    fit = identify(experiment, IDIMLS())
+    before = contents(inputs)
+    for name in ("arm.toml", "robot.toml", LOG, "alias", "twin"):
+        with pytest.raises(OutputError, match="the result was computed from this file"):
+            fit.save(name)
+        with pytest.raises(OutputError, match="the result was computed from this file"):
+            didim.check(experiment).save(name)
+    with pytest.raises(OutputError, match="the result was computed from this file"):
+        fit.save_parameters("arm.toml")
+    assert contents(inputs) == before
+    fit.save("fit.json")  # a result may be replaced by another
+    didim.Identification.load("fit.json").save("fit.json")
+
+
+def test_reports_and_runs_are_not_saved_over_what_they_were_made_of(tmp_path: Path) -> None:
+    from didim.report import write
+
+    file = arm_file(arm_log(1), tmp_path, tmp_path / "arm.toml")
+    experiment = didim.load_experiment(file)
+    fit = identify(experiment, IDIMLS())
+    with pytest.raises(OutputError, match="the result was computed from this file"):
+        write(tmp_path / LOG, fit, experiment)
+
+
+@pytest.mark.parametrize("option", ["--json", "--report", "--save-parameters"])
+def test_links_that_lead_in_a_circle_are_refused(
+    option: str, file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(file.parent)
+    monkeypatch.setattr(IDIMLS, "run", None)
+    Path("loop.toml").symlink_to("loop.toml")
+    assert main(["identify", str(file), option, "loop.toml"]) == 2
+    assert capsys.readouterr().err == ("didim: cannot write 'loop.toml': Too many levels of symbolic links\n")
+    assert Path("loop.toml").is_symlink()
+
+
+def test_names_of_files_need_not_be_utf_8(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(file.parent)
+    odd = Path(os.fsdecode(b"\xffarm.toml"))
+    file.rename(odd)
+    out = Path(os.fsdecode(b"\xfe.json"))
+    assert main(["identify", str(odd), "--json", str(out)]) == 0
+    assert main(["identify", str(odd), "--quiet", "--save-parameters", "found.toml"]) == 0
+    assert main(["simulate", str(odd), "--parameters", "found.toml", "-o", os.fsdecode(b"\xfd.csv")]) in (
+        0,
+        1,
+    )
+    assert didim.Identification.load(out).name == didim.load_experiment(odd).name
+    capsys.readouterr()
+
+
+def test_init_does_not_name_a_log_that_toml_cannot_name(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(file.parent)
+    log = Path(os.fsdecode(b"\xff.csv"))
+    log.write_text("t,q1,q2,tau1,tau2\n" + "0,0,0,0,0\n" * 20, encoding="utf-8")
+    assert main(["init", "planar2", str(log), "-o", "new.toml"]) == 2
+    assert "is not UTF-8" in capsys.readouterr().err
+    assert not Path("new.toml").exists()
+
+
+def test_whatever_fails_in_an_output_the_result_is_printed(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(didim.Identification, "save", broken)
+    assert main(["identify", str(file), "--quiet", "--json", str(tmp_path / "fit.json")]) == 1
+    out, err = capsys.readouterr()
+    assert "parameter" in out
+    assert err.endswith("fit.json: ZeroDivisionError; it could not be written elsewhere either\n")
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(didim.Identification, "save", interrupted)
+    assert main(["identify", str(file), "--quiet", "--json", str(tmp_path / "fit.json")]) == 130
+    out, err = capsys.readouterr()
+    assert "parameter" in out
+    assert err.endswith("fit.json: interrupted, not written\n")
+
+
+def test_text_that_stdout_cannot_encode_is_escaped(file: Path) -> None:
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace('name = "arm"', 'name = "bras d\u2019essai"', 1), encoding="utf-8")
+    run = subprocess.run(
+        [sys.executable, "-m", "didim", "identify", str(file)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        check=False,
+    )
+    assert run.returncode in (0, 1)
+    assert run.stdout.startswith("bras d\\u2019essai: ")
+
+
+def test_export_says_what_it_assumed_beside_what_it_wrote(
+    inputs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    arguments = ["export", "fit.json", "--robot", "robot.toml", "--c", "-o", "arm.h"]
+    assert main(arguments) == 0
+    assert "didim: note: " in capsys.readouterr().err
+    monkeypatch.setattr("didim._tools.files.write_atomically", full)
+    assert main([*arguments, "--force"]) == 1
+    out, err = capsys.readouterr()
+    assert "didim: note: " not in err
+    assert "it could not be written elsewhere either" in err
+    assert "#include" in out
+
+
 # Damaged inputs.
 
 
@@ -295,7 +489,8 @@ def test_damaged_parameter_files_are_one_sentence(
         "cut": sound[: len(sound) // 2],
     }[kind]
     path.write_bytes(content)
-    with pytest.raises(FitError, match="not an npz file of parameters"):
+    sentence = "declare a content of" if kind == "huge" else "not an npz file of parameters"
+    with pytest.raises(FitError, match=sentence):
         load_parameters(didim.load_robot("planar2"), path)
     assert main(["simulate", str(file), "--parameters", str(path)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
@@ -347,11 +542,12 @@ def test_wrong_numbers_of_threads_are_one_sentence(threads: Any) -> None:
 
 
 def test_ctrl_c_while_modules_are_loaded_is_one_line(tmp_path: Path) -> None:
-    """A module that is loaded late says that it is being loaded, and waits."""
+    """A module that is loaded late says that it is being loaded, and waits; a shell may have Ctrl-C ignored."""
     folder = tmp_path / "numpy"
     folder.mkdir()
     (folder / "__init__.py").write_text(
-        "import signal, sys\nprint('loading', file=sys.stderr, flush=True)\nsignal.pause()\n",
+        "import signal, sys\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "print('loading', file=sys.stderr, flush=True)\nsignal.pause()\n",
         encoding="utf-8",
     )
     path = os.pathsep.join([str(tmp_path), *sys.path])

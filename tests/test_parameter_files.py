@@ -208,5 +208,5 @@ def test_a_start_from_a_file(experiment: didim.Experiment, fit: Identification, 
     by_fit = didim.identify(log, DIDIM(start=fit))
     assert by_file.converged
     np.testing.assert_array_equal(by_file.beta, by_fit.beta)
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FitError, match=r"none\.npz: no such file"):
         standard_start(experiment.robot, str(tmp_path / "none.npz"))

@@ -231,7 +231,7 @@ def test_parameters_that_are_not_there(
     assert simulate(arm, parameters="referenc") == 2
     assert "planar2.toml: no parameter set 'referenc'; did you mean 'reference'?" in one_line(capsys)
     assert simulate(arm, parameters=str(tmp_path / "none.json")) == 2
-    assert "none.json: No such file or directory" in one_line(capsys)
+    assert "none.json: no such file" in one_line(capsys)
     empty = tmp_path / "empty.json"
     empty.write_text("{}", encoding="utf-8")
     assert simulate(arm, parameters=str(empty)) == 2

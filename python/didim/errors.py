@@ -73,6 +73,10 @@ class ExampleError(DidimError):
     """An example that does not come with the package, or a folder that has its files already."""
 
 
+class OutputError(DidimError):
+    """An output that is also an input: writing it would destroy what was read."""
+
+
 class ThreadsError(DidimError):
     """A number of threads that cannot be."""
 

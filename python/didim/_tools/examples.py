@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from ..errors import ExampleError
-from .files import write_atomically
+from .files import check_output, write_atomically
 from .words import did_you_mean, listing
 
 FOLDER = Path(__file__).parents[1] / "packaged" / "examples"
@@ -55,6 +55,8 @@ def copy_example(name: str, folder: Path, *, force: bool = False) -> list[Path]:
             f"{folder}: it has {listing(there)} already; --force overwrites, -o takes another folder"
         )
     folder.mkdir(parents=True, exist_ok=True)
+    for path in files:
+        check_output(folder / path.name)
     for path in files:
         write_atomically(folder / path.name, path.read_bytes())
     return [folder / path.name for path in files]

@@ -6,11 +6,14 @@ import contextlib
 import os
 import stat
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from ..errors import OutputError
+from .inputs import note_output
 
-def write_atomically(path: Path, content: str | bytes) -> None:
+
+def write_atomically(path: Path, content: str | bytes, made_of: Iterable[str] = ()) -> None:
     """Write a file so that a reader, or a crash, never meets half of it.
 
     Several threads and processes may write to one path: each writes a file of its own, and the last one to finish stays.
@@ -20,14 +23,21 @@ def write_atomically(path: Path, content: str | bytes) -> None:
     path : Path
         A link is followed; a pipe or a terminal is written to directly. An existing file keeps its mode.
     content : str or bytes
-        Text is written as UTF-8.
+        Text is written as UTF-8. Bytes of file names that are not become escapes, which JSON reads back as they were.
+    made_of : iterable of str
+        SHA-256 of the files that the content was computed from.
 
     Raises
     ------
+    OutputError
+        When the file is one of those that the content was computed from, or was read by the same command.
     OSError
         When the folder is missing or not writable, or the disk is full; ``filename`` is the path.
     """
-    data = content.encode() if isinstance(content, str) else content
+    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
+    note_output(path)
+    _keep_sources(path, frozenset(made_of))
+    _require_end(path)
     try:
         if path.exists() and not path.is_file():
             path.write_bytes(data)
@@ -42,14 +52,33 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         raise OSError(error.errno, os.strerror(error.errno), str(path)) from None
 
 
+def _keep_sources(path: Path, digests: frozenset[str]) -> None:
+    """Refuse to write over a file whose content is one of those that something was computed from."""
+    if not digests or not path.is_file():
+        return
+    from hashlib import file_digest
+
+    with path.open("rb") as file:
+        same = file_digest(file, "sha256").hexdigest() in digests
+    if same:
+        raise OutputError(
+            f"cannot write '{path}': the result was computed from this file, which would be lost"
+        )
+
+
 def check_output(path: Path) -> None:
     """Refuse a path that nothing can be written to, before the work that makes its content.
 
     Raises
     ------
+    OutputError
+        When the same command reads this file, by whatever name or link.
     OSError
-        When the path is a folder, its folder is missing, or no file can be made there (``test_outputs.py``).
+        When the path is a folder, its folder is missing, its links lead in a circle, or no file can be made there
+        (``test_outputs.py``).
     """
+    note_output(path)
+    _require_end(path)
     if path.is_dir():
         raise IsADirectoryError(f"cannot write '{path}': it is a folder")
     if path.exists() and not path.is_file():
@@ -81,19 +110,31 @@ def write_elsewhere(path: Path, write: Callable[[Path], None]) -> Path | None:
     Path or None
         Where it is now; None when it could not be written there either.
     """
-    folders = [Path.cwd()]
-    with contextlib.suppress(OSError):  # where nothing can be written, there is no such folder
-        folders.append(Path(tempfile.gettempdir()))
+    folders = []
+    for folder_of in (Path.cwd, tempfile.gettempdir):
+        with contextlib.suppress(OSError):  # the folder is gone, or nothing can be written
+            folders.append(Path(folder_of()))
     for folder in folders:
         for number in range(1, 1000):
             place = folder / f"{path.stem}-{number}{path.suffix}"
             if place.exists():
                 continue
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(Exception):  # whatever a writer stumbles over
                 write(place)
                 return place
             break
     return None
+
+
+def _require_end(path: Path) -> None:
+    """Refuse links that lead in a circle: what takes their place would be another file than was meant."""
+    if path.is_symlink():
+        try:
+            path.stat()
+        except FileNotFoundError:  # a link to a file that is still to be made
+            return
+        except OSError as error:
+            raise OSError(f"cannot write '{path}': {error.strerror}") from None
 
 
 def _require_folder(path: Path, target: Path) -> None:

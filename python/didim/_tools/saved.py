@@ -6,10 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..errors import FitError
+from ..errors import FitError, OutputError
+from .inputs import read_file
 
 SCHEMA = 1
 """Version of the format that this code writes and reads."""
+COPIES = 4
+"""Memory that JSON takes while it is read, in bytes of the file: numbers of 18 digits become objects of 32 bytes, in lists."""
 
 
 def read_saved(path: str | Path) -> dict[str, Any]:
@@ -18,12 +21,12 @@ def read_saved(path: str | Path) -> dict[str, Any]:
     Raises
     ------
     FitError
-        When the file is not JSON, or not that of a result of this schema.
-    OSError
-        When it cannot be read.
+        When the file cannot be read, is not JSON, or not that of a result of this schema.
     """
     try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
+        data = json.loads(read_file(Path(path), FitError, copies=COPIES).decode("utf-8-sig"))
+    except (OutputError, FitError):
+        raise
     except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, an integer of thousands of digits
         raise FitError(f"{path}: not a JSON file: {error}") from None
     if not isinstance(data, dict) or "schema" not in data:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from ..errors import DidimError
+from .inputs import read_small_file
 from .words import counted, did_you_mean, listing, nearest
 
 MISSING: Any = object()
@@ -24,6 +26,11 @@ MISSING: Any = object()
 
 LARGEST_INTEGER = 2**63 - 1
 """TOML promises no larger ones."""
+
+DEEPEST_KEY = 100
+"""Dots of a key that are read. The memory that a key takes grows with the square of its dots: 50 000 of them take 3 GB."""
+_PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
+DEEP_KEY = re.compile(rf"""(?<![\w'"-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{DEEPEST_KEY + 1}}}""")
 
 _Default = TypeVar("_Default")
 
@@ -86,20 +93,17 @@ def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
     DidimError
         Of class `error`, when the file is missing, unreadable, or not TOML (with its line and column).
     """
+    raw = read_small_file(path, error, f"no such file{_near(path)}")
     try:
         # Some editors of Windows open a file with a byte-order mark, which TOML does not know.
-        content = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        near = path.with_name(path.name + ".toml")
-        hint = f"; did you mean {near.name!r}?" if near.is_file() else ""
-        raise error(f"{path}: no such file{hint}") from None
-    except OSError as reason:
-        raise error(f"{path}: cannot be read ({reason.strerror})") from None
+        content = raw.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as reason:
         text = f"not a TOML file, byte {reason.start} is not UTF-8"
-    except ValueError as reason:  # a zero byte in the name
-        raise error(f"{str(path)!r} is not a file name ({reason})") from None
     else:
+        if DEEP_KEY.search(content):
+            raise error(
+                f"{path.name}: a key has more than {DEEPEST_KEY} dots, and no key of didim has more than ten"
+            )
         try:
             return tomllib.loads(content)
         except (
@@ -111,9 +115,20 @@ def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
     raise error(f"{path.name}: {text}{hint}")
 
 
+def _near(path: Path) -> str:
+    """End of the sentence on a file that is missing, and is there with the ending .toml."""
+    name = f"{path.name}.toml"
+    return f"; did you mean {name!r}?" if path.name and path.with_name(name).is_file() else ""
+
+
 def quoted(value: object) -> str:
     """Return a text, or a list, as TOML: that of JSON, but for DEL, which TOML wants escaped."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise DidimError(f"{value!a} is not UTF-8, and a TOML file cannot name it: rename it") from None
+    return text
 
 
 class Table:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,10 +93,9 @@ def run(options: argparse.Namespace) -> int:
         prior=options.prior,
         further_terms=options.c or options.latex,
     )
-    tell(source.notes)
     if options.c or options.latex:
         text = to_c(source.robot, source.x, prefix=options.prefix) if options.c else to_latex(source.robot)
-        return _written(options.output, text.encode())
+        return _written(options.output, text.encode(), notes=source.notes)
     content, report = export(
         source.robot,
         source.x,
@@ -104,20 +104,24 @@ def run(options: argparse.Namespace) -> int:
         keep_lumped=options.keep_lumped,
         from_prior=source.from_prior,
     )
-    return _written(options.output, content, f"{report}")
+    return _written(options.output, content, f"{report}", source.notes)
 
 
-def _written(path: Path | None, content: bytes, report: str = "") -> int:
-    """Write a file, or to stdout, and the report beside it."""
+def _written(path: Path | None, content: bytes, report: str = "", notes: Sequence[str] = ()) -> int:
+    """Write a file, or to stdout, and then the report beside it and what was assumed."""
     from .._tools.files import write_atomically
 
     if path is None:
         sys.stdout.buffer.write(content)
+        tell(notes)
         if report:
             print(fitted(report), file=sys.stderr)
         return CONVERGED
     saved = Saved()
     saved.save(path, lambda path: write_atomically(path, content))
+    if saved.lost:
+        sys.stdout.buffer.write(content)
+    tell(() if saved.lost else notes)
     parts = [] if saved.failed else [f"{path}: written"]
     saved.show("\n\n".join([*parts, *([report] if report else [])]))
     return saved.code(CONVERGED)

@@ -140,7 +140,9 @@ def run(options: argparse.Namespace) -> int:
         write=lambda path, text: saved.save(path, lambda place: write_atomically(place, text)),
     )
     if not saved.failed:
-        print(f"{path}: written")
+        saved.show(f"{path}: written", exact=True)
+    elif saved.lost:
+        saved.show(draft.text, exact=True)
     tell(draft.notes)
     for sentence in draft.read:
         saved.show(f"- {sentence}")

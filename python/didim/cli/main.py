@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from .._tools.inputs import Run, one_run
 from .._tools.threads import core_threads
 from .._tools.version import __version__
 from ..errors import DidimError, RobotWarning
@@ -58,6 +59,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ``test_cli.py`` runs every command, its errors and its interruption.
     """
     options = _parser().parse_args(arguments)
+    with one_run() as files:
+        return _run(options, files)
+
+
+def _run(options: argparse.Namespace, files: Run) -> int:
+    """Run a command; whatever its input does to it ends in one sentence."""
     try:
         core_threads()  # a wrong DIDIM_THREADS is refused before the work
         with warnings.catch_warnings():
@@ -74,6 +81,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except DidimError as error:
         return refuse(str(error))
+    except (MemoryError, RecursionError, ValueError) as error:
+        kind = next((base.__name__ for base in type(error).__mro__ if base.__name__ in BEYOND), None)
+        if kind is None:
+            raise
+        last = f"{next(reversed(files.read))}: " if files.read else ""
+        return refuse(f"{last}{BEYOND[kind]}{f' ({error})' if str(error) else ''}")
     except OSError as error:
         if error.strerror is None:
             return refuse(str(error))
@@ -81,6 +94,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"{error.filename}: {error.strerror}" if error.filename else f"cannot write: {error.strerror}"
         )
     return code
+
+
+BEYOND = {
+    "MemoryError": "there is not enough memory for this",
+    "RecursionError": "this is nested too deeply",
+    "UnicodeError": "a text is not UTF-8",
+    "LinAlgError": "its numbers have no solution",
+}
+"""Errors that no reader has foreseen, by the names of their classes (NumPy is loaded late), and what a sentence says of them.
+
+The sentence opens with the last file that was read: that is where the numbers come from.
+"""
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:

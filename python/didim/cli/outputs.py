@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._tools.files import check_output, write_atomically, write_elsewhere
+from .._tools.inputs import same_file
 from .._tools.words import printable
-from .options import NOT_CONVERGED, shown
+from .options import INTERRUPTED, NOT_CONVERGED, shown
 from .terminal.messages import message
 
 if TYPE_CHECKING:
@@ -22,20 +23,18 @@ RESULT = Path("didim-result.txt")
 
 
 def check_outputs(*paths: Path | None) -> None:
-    """Refuse output paths that cannot be written to, and two outputs of one path.
+    """Refuse output paths that cannot be written to or that the command reads, and two outputs of one path.
 
     Raises
     ------
-    OSError
-        Its sentence names the path.
+    OSError, OutputError
+        The sentence names the path.
     """
     given = [path for path in paths if path is not None]
     for path in given:
         check_output(path)
     for index, path in enumerate(given):
-        if path.resolve() in [other.resolve() for other in given[:index]] and (
-            path.is_file() or not path.exists()
-        ):
+        if any(same_file(path, other) for other in given[:index]) and (path.is_file() or not path.exists()):
             raise FileExistsError(f"two outputs have the same path '{path}'")
 
 
@@ -48,31 +47,37 @@ class Saved:
         Whether an output is not where it was asked for.
     lost : bool
         Whether an output could not be written anywhere.
+    interrupted : bool
+        Whether Ctrl-C came while an output was made: the others and the table are still written.
     """
 
     def __init__(self) -> None:
-        self.failed = self.lost = False
+        self.failed = self.lost = self.interrupted = False
 
     def save(self, path: Path | None, write: Callable[[Path], None]) -> None:
-        """Write an output, if it was asked for."""
+        """Write an output, if it was asked for: whatever fails, the result goes on to its next place."""
         if path is None:
             return
         try:
             write(path)
-        except OSError as error:
+        except KeyboardInterrupt:
+            self.failed = self.interrupted = True
+            message(f"{path}: interrupted, not written")
+        except Exception as error:
             self._elsewhere(path, write, error)
 
     def save_json(self, path: Path | None, content: object) -> None:
         """Write an output as JSON, if it was asked for."""
-        if path is not None:
-            text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-            self.save(path, lambda place: write_atomically(place, text))
+
+        def write(place: Path) -> None:
+            write_atomically(place, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+        self.save(path, write)
 
     def show(self, text: str, verdict: Verdict | None = None, *, exact: bool = False) -> None:
         """Print the result on stdout, in the width of a terminal unless `exact`; its verdict is in colour there."""
         try:
-            print(printable(text) if exact else shown(printable(text), verdict))
-            sys.stdout.flush()
+            _print(printable(text) if exact else shown(printable(text), verdict))
         except BrokenPipeError:
             raise
         except OSError as error:
@@ -81,11 +86,13 @@ class Saved:
             self._elsewhere(RESULT, lambda path: write_atomically(path, text + "\n"), error, "the output")
 
     def code(self, code: int) -> int:
-        """Return the exit code: 1 instead of 0 when an output is not where it was asked for."""
+        """Return the exit code: 1 instead of 0 when an output is not where it was asked for, 130 after Ctrl-C."""
+        if self.interrupted:
+            return INTERRUPTED
         return code or (NOT_CONVERGED if self.failed else code)
 
     def _elsewhere(
-        self, path: Path, write: Callable[[Path], None], error: OSError, what: str | None = None
+        self, path: Path, write: Callable[[Path], None], error: Exception, what: str | None = None
     ) -> None:
         self.failed = True
         place = write_elsewhere(path, write)
@@ -93,5 +100,15 @@ class Saved:
         ending = (
             f"the content is in '{place}' instead" if place else "it could not be written elsewhere either"
         )
-        reason = error.strerror or str(error)
+        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         message(f"{what or path}: {reason}; {ending}")
+
+
+def _print(text: str) -> None:
+    """Print on stdout, with escapes for what its encoding does not have."""
+    try:
+        print(text)
+    except UnicodeEncodeError:
+        encoding = sys.stdout.encoding
+        print(text.encode(encoding, "backslashreplace").decode(encoding))
+    sys.stdout.flush()

@@ -105,7 +105,7 @@ def run(options: argparse.Namespace) -> int:
     if options.output is not None:
         saved.save(options.output, lambda path: write_atomically(path, robot_text(reading.robot)))
         if not saved.failed:
-            print(f"{options.output}: written")
+            saved.show(f"{options.output}: written", exact=True)
     saved.show(summary(reading))
     return saved.code(CONVERGED)
 
@@ -131,7 +131,7 @@ def _described(options: argparse.Namespace, rows_and_frames: Callable[[Robot], s
             return refused
         saved.save(options.output, lambda path: write_atomically(path, file.read_bytes()))
         if not saved.failed:
-            print(f"{options.output}: written")
+            saved.show(f"{options.output}: written", exact=True)
     tell(robot.notes)
     saved.show(rows_and_frames(robot))
     return saved.code(CONVERGED)

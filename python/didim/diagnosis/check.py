@@ -125,7 +125,12 @@ def check(
     if filtered and not without and any(recording.role == "fit" for recording in experiment.recordings):
         found += _model(experiment, known, shown, notes)
     return Findings(
-        experiment.name, tuple(found), experiment.robot.joint_names, loop_table(shown), tuple(notes)
+        experiment.name,
+        tuple(found),
+        experiment.robot.joint_names,
+        loop_table(shown),
+        tuple(notes),
+        tuple(experiment.digests.values()),
     )
 
 

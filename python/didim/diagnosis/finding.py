@@ -126,6 +126,8 @@ class Findings(Sequence[Finding]):
         Heading and rows of a table: gains that the log shows over the declared ones, by joint; empty without a controller.
     notes : tuple of str
         What the log cannot show; nothing is wrong with it for that.
+    sources : tuple of str
+        SHA-256 of the files of the experiment, which `save` does not write over.
     """
 
     experiment: str
@@ -133,6 +135,7 @@ class Findings(Sequence[Finding]):
     joint_names: tuple[str, ...] = ()
     closed_loop: tuple[tuple[str, ...], ...] = ()
     notes: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()
 
     @overload
     def __getitem__(self, index: int) -> Finding: ...
@@ -187,4 +190,5 @@ class Findings(Sequence[Finding]):
 
     def save(self, path: str | Path) -> None:
         """Write the JSON of `to_dict`, whole or not at all."""
-        write_atomically(Path(path), json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
+        write_atomically(Path(path), text + "\n", self.sources)

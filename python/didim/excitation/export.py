@@ -42,7 +42,7 @@ def save(design: Excitation, path: str | Path) -> None:
     """
     path = Path(path)
     check_path(path, design.robot)
-    write_atomically(path, WRITERS[path.suffix](design))
+    write_atomically(path, WRITERS[path.suffix](design), (design.robot.digest,))
 
 
 def check_path(path: Path, robot: Robot) -> None:

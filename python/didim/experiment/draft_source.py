@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.inputs import first_lines
 from .._tools.toml import quoted
 from .._tools.words import did_you_mean, listing
 from ..errors import ExperimentError, RecordingError
@@ -21,7 +22,7 @@ from ..log.array_file import ArrayFile, samples_in_columns
 from ..log.csv_file import CsvFile
 from ..log.data_file import TEXT, open_data_file
 from ..log.data_folder import MANY_COLUMNS
-from ..log.data_format import DataFile
+from ..log.data_format import LONGEST_LINE, DataFile
 from ..log.ros_bag import RosBag
 from ..log.text_files import OneValueALine
 from ..robot.robot import Robot
@@ -227,13 +228,8 @@ def _text(
 
 def _first_lines(log: Path) -> list[str]:
     """First lines of a text, at least one."""
-    try:
-        with log.open(encoding="utf-8-sig", errors="replace") as file:
-            return [file.readline().rstrip("\r\n") for _ in range(SNIFFED_LINES)]
-    except FileNotFoundError:
-        raise RecordingError(f"{log}: no such data file") from None
-    except OSError as reason:
-        raise RecordingError(f"{log}: cannot be read ({reason.strerror})") from None
+    lines = first_lines(log, RecordingError, SNIFFED_LINES, LONGEST_LINE)
+    return [line.decode("utf-8-sig", errors="replace").rstrip("\r\n") for line in lines]
 
 
 def _cells(line: str, delimiter: str) -> list[str]:

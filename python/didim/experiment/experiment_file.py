@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from .._tools.inputs import read_small_file
 from .._tools.toml import Table, read_toml
 from ..errors import DidimError, ExperimentError
 from ..log.data_folder import DataFolder, expanded
@@ -66,7 +67,7 @@ def load_experiment(
     """
     path = Path(path)
     content = read_toml(path, ExperimentError)
-    digests = {f"experiment {path.name}": hashlib.sha256(path.read_bytes()).hexdigest()}
+    digests = {f"experiment {path.name}": hashlib.sha256(read_small_file(path, ExperimentError)).hexdigest()}
     return read_experiment(content, path, data=data, faults=faults, digests=digests)
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
+from .._tools.inputs import read_small_file
 from ..errors import FitError
 from ..robot.rigid_body import central, why_no_body
 from ..robot.robot import Robot
@@ -80,7 +81,7 @@ def urdf_bytes(robot: Robot, urdf: Path) -> bytes:
             f"robot {robot.name!r} was not read from a URDF: its file has no [urdf] table "
             f"(make one: didim robot {urdf.name} -o arm.toml)"
         )
-    data = urdf.read_bytes()
+    data = read_small_file(urdf, FitError)
     if hashlib.sha256(data).hexdigest() != places.sha256:
         raise FitError(
             f"{urdf.name} is not the file that robot {robot.name!r} was read from ({places.file}, whose digest the robot has); "

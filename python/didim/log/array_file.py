@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import io
+import struct
+import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from math import prod
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.inputs import BLOCK, check_expanded, open_npz
 from .._tools.words import did_you_mean, listing
 from ..errors import RecordingError
 from .data_format import Column
@@ -164,7 +168,7 @@ class NpzFile(ArrayFile):
 
     def variables(self) -> list[str]:
         """Names of the arrays."""
-        with np.load(io.BytesIO(self.raw), allow_pickle=False) as arrays:
+        with open_npz(self.raw, self.name, RecordingError) as arrays:
             return list(arrays.files)
 
     def array(self, name: str) -> Any:
@@ -182,9 +186,13 @@ class MatFile(ArrayFile):
         """Names of the variables; of a structure those of its fields, as MATLAB writes them: ``rec.position``."""
         from scipy.io import whosmat
 
+        check_expanded(_inflated(self.raw), len(self.raw), self.name, RecordingError)
         # Any, because scipy-stubs know paths only; the file is not read a second time.
         stream: Any = io.BytesIO(self.raw)
         entries = whosmat(stream)
+        # Whole numbers are stored in one byte each. The size of a sparse matrix is not that of its content.
+        size = sum(8 * prod(shape) for _, shape, kind in entries if kind != "sparse")
+        check_expanded(size, len(self.raw), self.name, RecordingError)
         self._structures = {
             str(name): self._load(str(name)) for name, _, kind in entries if kind == "struct" and name
         }
@@ -217,3 +225,24 @@ def _fields(name: str, value: Any) -> list[str]:
     if not fields or value.size != 1:
         return [name]
     return [found for field in fields for found in _fields(f"{name}.{field}", value[field].flat[0])]
+
+
+MAT_HEADER, MAT_COMPRESSED = 128, 15
+"""Bytes before the first element of a mat file of version 5, and the type of an element that is compressed."""
+
+
+def _inflated(raw: bytes) -> int:
+    """Bytes of the compressed elements of a mat file of version 5, counted without keeping them; 0 for any other file."""
+    order = {b"IM": "<", b"MI": ">"}.get(raw[126:MAT_HEADER])
+    place, size = MAT_HEADER, 0
+    while order is not None and place + 8 <= len(raw):
+        kind, count = struct.unpack(f"{order}II", raw[place : place + 8])
+        place += 8
+        if kind == MAT_COMPRESSED:
+            inflate = zlib.decompressobj()
+            waiting = raw[place : place + count]
+            while waiting and not inflate.eof:
+                size += len(inflate.decompress(waiting, BLOCK))
+                waiting = inflate.unconsumed_tail
+        place += count
+    return size

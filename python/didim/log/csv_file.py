@@ -10,7 +10,7 @@ import hashlib
 import io
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NoReturn
 
 import numpy as np
@@ -20,7 +20,7 @@ import didim._core as _core
 from .._tools.arrays import Array
 from .._tools.words import counted, did_you_mean, listing
 from ..errors import RecordingError
-from .data_format import Column
+from .data_format import LONGEST_LINE, MOST_COLUMNS, Column
 
 # A number as they are written where the decimal sign is a comma.
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
@@ -60,11 +60,13 @@ class CsvFile:
         self._body = raw.removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n ")
         self._delimiter = delimiter
         end = self._body.find(b"\n")
-        self._first = (self._body if end < 0 else self._body[:end]).decode("utf-8", "replace")
+        self._first = self._decoded(0, len(self._body) if end < 0 else end, 1)
         cells = [cell.strip().strip('"') for cell in self._split(self._first)]
         if decimal == ",":
             cells = self._with_points(cells, header, end)
         self._n_columns = len(cells)
+        if self._n_columns > MOST_COLUMNS:
+            self._fail(f"the first line has {self._n_columns} columns, and a log has at most {MOST_COLUMNS}")
         if not any(cells):
             self._fail("the first line is blank")
         numeric = [_number_or_none(cell) is not None for cell in cells]
@@ -111,6 +113,23 @@ class CsvFile:
             self._fail(f"this is not a text file in UTF-8, byte {zero} is zero (is it binary, or UTF-16?)")
         if b"\r" in raw and raw.count(b"\r") != raw.count(b"\r\n"):
             self._fail("lines end with a carriage return alone; save the file with LF or CR LF line ends")
+
+    def _decoded(self, start: int, end: int, line: int) -> str:
+        """Text of a line, refused when it is no line of a log."""
+        if end - start > LONGEST_LINE:
+            self._fail(
+                f"line {line} has {(end - start) / 1e6:.3g} MB; is the file binary, or are its line ends missing?"
+            )
+        return self._body[start:end].decode("utf-8", "replace")
+
+    def _lines(self) -> Iterator[tuple[int, str]]:
+        """Lines with their numbers from 1, decoded one by one: a log may be larger than half of the memory."""
+        start, number = 0, 1
+        while start <= len(self._body):
+            end = self._body.find(b"\n", start)
+            end = len(self._body) if end < 0 else end
+            yield number, self._decoded(start, end, number)
+            start, number = end + 1, number + 1
 
     def _split(self, line: str) -> list[str]:
         if self._delimiter == " ":
@@ -230,13 +249,15 @@ class CsvFile:
 
     def _find_fault(self, usecols: list[int]) -> None:
         """Raise on the first line that is blank, ragged or not numeric; return when there is none."""
-        lines = self._body.decode("utf-8", "replace").split("\n")
-        for row, line in enumerate(lines[self.names is not None :], start=1):
+        for number, line in self._lines():
+            row = number - (self.names is not None)
+            if row == 0:
+                continue
             if not line.strip():
                 self._fail(f"{self._row(row)} is blank; samples must not be missing")
             cells = self._split(line)
             if len(cells) != self._n_columns:
-                hint = self._ragged_hint(len(cells), last=row + (self.names is not None) == len(lines))
+                hint = self._ragged_hint(len(cells), last=number == self._body.count(b"\n") + 1)
                 self._fail(
                     f"{self._row(row)} has {counted(len(cells), 'column')} where the first line has "
                     f"{self._n_columns}{hint}"

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
+from .._tools.inputs import read_file
 from ..errors import RecordingError
 from .csv_file import CsvFile
 from .data_format import DataFile
@@ -72,14 +73,7 @@ def open_data_file(
         from .ros_bag import RosBag
 
         return RosBag(path, name, topic)
-    try:
-        raw = path.read_bytes()
-    except FileNotFoundError:
-        raise RecordingError(f"{path}: no such data file") from None
-    except OSError as reason:
-        raise RecordingError(f"{path}: cannot be read ({reason.strerror})") from None
-    except ValueError as reason:  # a zero byte in the name
-        raise RecordingError(f"{str(path)!r} is not a file name ({reason})") from None
+    raw = read_file(path, RecordingError, "no such data file", copies=2)
     if not raw or raw.isspace():
         raise RecordingError(f"{name}: the file is empty")
     suffix = path.suffix.lower()

@@ -16,13 +16,13 @@ from .._tools.arrays import Array
 from .._tools.toml import Table
 from .._tools.words import counted, did_you_mean
 from .data_file import open_data_file
-from .data_format import Column, DataFile
+from .data_format import MOST_COLUMNS, Column, DataFile
 from .text_files import OneColumnAFile, OneValueALine
 
 SOURCES = ("time", "position", "velocity", "torque", "external", "reference")
 """Tables of a recording that name data files."""
 
-MANY_COLUMNS = 10_000
+MANY_COLUMNS = MOST_COLUMNS
 """Upper bound of `values_per_sample`, and columns of a matrix that are looked at."""
 
 

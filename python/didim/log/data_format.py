@@ -9,6 +9,10 @@ from .._tools.arrays import Array
 
 Column = str | int
 """A column by name, or by number from 1."""
+MOST_COLUMNS = 10_000
+"""Columns that a log has at most: 100 signals of 100 joints."""
+LONGEST_LINE = 1_000_000
+"""Bytes that a line of a log has at most: 100 for each of `MOST_COLUMNS`. A longer one is binary, or has lost its line ends."""
 
 
 class DataFile(Protocol):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+from math import prod
 from typing import Any
 
 import numpy as np
 
+from .._tools.inputs import check_expanded
 from ..errors import RecordingError
 from .array_file import ArrayFile, MatFile
 
@@ -20,20 +22,26 @@ class Hdf5File(ArrayFile):
         """Paths of the numeric datasets."""
         h5py = self._library()
         names: list[str] = []
+        sizes: list[int] = []
 
         def visit(name: str, item: Any) -> None:
             # MATLAB keeps its own tables under names that begin with #.
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and not name.startswith("#"):
                 names.append(name)
+                sizes.append(8 * prod(item.shape or ()))
 
         with h5py.File(io.BytesIO(self.raw), "r") as file:
             file.visititems(visit)
+        check_expanded(sum(sizes), len(self.raw), self.name, RecordingError)
         return names
 
     def array(self, name: str) -> Any:
         """Dataset of a path."""
         with self._library().File(io.BytesIO(self.raw), "r") as file:
-            return np.array(file[name])
+            item = file[name]
+            if item.external or item.is_virtual:  # any file, a device too
+                raise ValueError("its numbers are in other files")
+            return np.array(item)
 
     def _library(self) -> Any:
         try:

@@ -7,6 +7,7 @@ Needs the extra ``ros`` (`rosbags`, which needs no ROS): folders of ROS 2 (SQLit
 from __future__ import annotations
 
 import hashlib
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.inputs import check_expanded, check_input
 from .._tools.words import counted, did_you_mean, listing
 from ..errors import RecordingError
 from .data_format import Column
@@ -41,6 +43,13 @@ trajectory_msgs/JointTrajectoryPoint actual
 trajectory_msgs/JointTrajectoryPoint error
 """
 """The controller's message as ROS 2 had it while bags did not carry definitions."""
+
+
+EXPANDED = 5
+"""Memory of a message (bytes), so many times its bytes in the bag: names become texts, values arrays."""
+
+CHUNK = 6
+"""Record of an .mcap file that holds messages, as a rule compressed."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +83,10 @@ class RosBag:
 
     def __init__(self, path: Path, name: str, topic: str | None) -> None:
         self.name = name
+        for file in _files(path):
+            check_input(file, RecordingError, "no such data file")
+            if file.suffix == ".mcap":
+                check_expanded(EXPANDED * _inflated(file), file.stat().st_size, name, RecordingError)
         self.sha256 = _digest(path)
         self._wanted: dict[str, None] = {}
         self._messages = self._read(path, topic)
@@ -233,15 +246,31 @@ def _content(message: Any) -> _Message:
     return _Message(time, tuple(message.joint_names), values)
 
 
+def _files(path: Path) -> list[Path]:
+    """Files of a bag: itself, or those of its folder."""
+    return [file for file in sorted(path.iterdir()) if not file.is_dir()] if path.is_dir() else [path]
+
+
 def _digest(path: Path) -> str:
     """SHA-256 of a file, or of the files of a folder with their names."""
     digest = hashlib.sha256()
-    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-        if not file.is_file():
-            continue
+    for file in _files(path):
         if path.is_dir():
             digest.update(file.name.encode() + b"\0")
         with file.open("rb") as stream:
             while block := stream.read(1 << 20):
                 digest.update(block)
     return digest.hexdigest()
+
+
+def _inflated(path: Path) -> int:
+    """Bytes of the messages of an .mcap file, as its chunks declare them."""
+    size, end = 0, path.stat().st_size
+    with path.open("rb") as stream:
+        place = 8  # the magic bytes
+        while place + 33 <= end:
+            stream.seek(place)
+            kind, length, _, _, declared = struct.unpack("<BQQQQ", stream.read(33))
+            size += declared if kind == CHUNK else 0
+            place += 9 + length
+    return size

@@ -86,7 +86,9 @@ def write(
     OSError
         When the file cannot be written.
     """
-    write_atomically(Path(path), render(result, experiment))
+    own = result.experiment if isinstance(result, Comparison) else result
+    sources = {**getattr(own, "digests", {}), **({} if experiment is None else experiment.digests)}
+    write_atomically(Path(path), render(result, experiment), sources.values())
 
 
 def check(path: str | Path) -> None:

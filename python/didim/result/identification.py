@@ -378,11 +378,13 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
         Raises
         ------
+        OutputError
+            When the file is one that the result was computed from (``test_outputs.py``).
         OSError
             When the file cannot be written.
         """
         text = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-        write_atomically(Path(path), text + "\n")
+        write_atomically(Path(path), text + "\n", self.digests.values())
 
     def save_parameters(self, path: str | Path) -> None:
         """Write the parameters alone, as TOML or npz: see `didim.robot.parameter_file.write_parameters`."""
@@ -398,7 +400,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             parameter_names=self.parameter_names,
             parameters=self.parameters,
         )
-        write_parameters(estimates, path)
+        write_parameters(estimates, path, self.digests.values())
 
     @classmethod
     def load(cls, path: str | Path) -> Identification:
@@ -407,9 +409,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         Raises
         ------
         FitError
-            When the file is not such JSON; the message says what is missing.
-        OSError
-            When it cannot be read.
+            When the file cannot be read, or is not such JSON; the message says what is missing.
         """
         data = read_saved(path)
         try:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from .._tools.arrays import Array, relative_percent
 from .._tools.files import write_atomically
+from .._tools.inputs import open_npz, read_file
 from .._tools.saved import read_saved
 from .._tools.toml import Table, quoted, read_toml
 from .._tools.words import counted, listing, one_line
@@ -74,7 +75,7 @@ class Estimates:
     parameters: Array
 
 
-def write_parameters(estimates: Estimates, path: str | Path) -> None:
+def write_parameters(estimates: Estimates, path: str | Path, made_of: Iterable[str] = ()) -> None:
     """Write the parameters of a result, whole or not at all.
 
     Parameters
@@ -86,6 +87,8 @@ def write_parameters(estimates: Estimates, path: str | Path) -> None:
         consistent result all standard parameters. It may be pasted into the robot file. ``.npz``: ``names``, ``units``,
         ``roles``, ``beta`` (b,), ``std`` (b,), ``covariance`` (b, b), and of the standard parameters ``parameter_names`` and
         ``parameters`` (p,). SI units, joint side.
+    made_of : iterable of str
+        SHA-256 of the files that the result was computed from, which are not written over.
 
     Raises
     ------
@@ -96,7 +99,8 @@ def write_parameters(estimates: Estimates, path: str | Path) -> None:
     """
     path = Path(path)
     check_path(path)
-    write_atomically(path, _toml(estimates, path.stem) if path.suffix == ".toml" else _npz(estimates))
+    content = _toml(estimates, path.stem) if path.suffix == ".toml" else _npz(estimates)
+    write_atomically(path, content, made_of)
 
 
 def load_parameters(robot: Robot, path: str | Path) -> Array:
@@ -197,11 +201,13 @@ def _set(path: Path) -> tuple[dict[str, float], str]:
 
 
 def _arrays(path: Path) -> tuple[Sequence[str], Array]:
-    content = io.BytesIO(path.read_bytes())
+    content = read_file(path, FitError)
     try:
-        with np.load(content, allow_pickle=False) as arrays:
+        with open_npz(content, str(path), FitError) as arrays:
             names = [str(name) for name in arrays["parameter_names"]]
             parameters = np.array(arrays["parameters"], dtype=np.float64)
+    except FitError:
+        raise
     except KeyError as error:
         raise FitError(f"{path}: not a file of parameters, {error.args[0]}") from None
     except (

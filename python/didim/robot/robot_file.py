@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .._tools.inputs import read_small_file
 from .._tools.toml import Table, read_toml
 from .._tools.words import did_you_mean
 from ..errors import RobotError, RobotWarning
@@ -85,7 +86,7 @@ def load_robot(
             raise RobotError(_no_robot(path, packaged))
         path = packaged[str(name)]
     content = read_toml(path, RobotError)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    digest = hashlib.sha256(read_small_file(path, RobotError)).hexdigest()
     angles = RightAngles(snap)
     robot = read_robot(content, path, digest=digest, angles=angles)
     if angles.suspicious and not angles.chosen:

@@ -98,7 +98,8 @@ class Comparison:
 
     def save(self, path: Path) -> None:
         """Write as JSON."""
-        write_atomically(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
+        write_atomically(path, text + "\n", self.experiment.digests.values())
 
     def __str__(self) -> str:
         return _render(self)

@@ -64,7 +64,8 @@ class Contrasts(Printed):
     def save(self, path: str | Path) -> None:
         """Write the JSON of `to_dict`, whole or not at all."""
         text = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-        write_atomically(Path(path), text + "\n")
+        sources = {digest for fit in self.fits.values() for digest in fit.digests.values()}
+        write_atomically(Path(path), text + "\n", sources)
 
 
 def contrasts_of(log: Experiment, *, verbose: bool | None = None) -> Contrasts:

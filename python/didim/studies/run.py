@@ -75,7 +75,7 @@ class SimulationReport(Printed):
         text = io.StringIO()
         text.write(",".join(names) + "\n")
         np.savetxt(text, np.column_stack([self.loop.t, *groups.values()]), fmt="%.15g", delimiter=",")
-        write_atomically(path, text.getvalue())
+        write_atomically(path, text.getvalue(), self.experiment.digests.values())
 
     def __str__(self) -> str:
         robot = self.loop.robot

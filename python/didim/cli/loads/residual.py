@@ -71,7 +71,6 @@ def run(options: argparse.Namespace) -> int:
         from ...plot.external import external
         from ...plot.style import svg
 
-        picture = svg(external(found))
-        saved.save(options.plot, lambda path: write_atomically(path, picture))
+        saved.save(options.plot, lambda path: write_atomically(path, svg(external(found))))
     saved.show(str(found))
     return saved.code(CONVERGED)

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ..._tools.files import write_atomically
+from ..._tools.inputs import open_npz
 from ..._tools.words import counted
 from ...errors import FitError
 from ...result.iteration import Iteration
@@ -90,9 +91,11 @@ class Checkpoint:
             raise FitError(f"{path}: a checkpoint must be a file")
         try:
             # From memory: NumPy does not close files that are not archives.
-            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
+            with open_npz(path.read_bytes(), str(path), FitError) as data:
                 named = {key: data[key] for key in data.files}
             text, seal = str(named.pop("record")), str(named.pop("seal"))
+        except FitError:
+            raise
         except Exception as reason:  # whatever the reader of archives stumbles over in bytes of another kind
             raise FitError(f"{path}: this is not a checkpoint of a search ({reason})") from None
         if seal != _seal(text, named):

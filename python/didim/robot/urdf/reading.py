@@ -15,6 +15,7 @@ import numpy as np
 import didim._core as _core
 
 from ..._tools.arrays import Array
+from ..._tools.inputs import read_small_file
 from ...errors import RobotError
 from ..correspondence import Correspondence, LinkPlace, rows_of
 from ..friction import Friction
@@ -100,12 +101,7 @@ def read_urdf(
     where = path.name
     if not 0.0 <= snap <= NEARLY_PARALLEL:
         raise RobotError(f"{where}: snap must be an angle between 0 and {NEARLY_PARALLEL} rad, got {snap!r}")
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise RobotError(f"{path}: no such file") from None
-    except OSError as reason:
-        raise RobotError(f"{path}: cannot be read ({reason.strerror})") from None
+    data = read_small_file(path, RobotError)
     description = read_description(data, where)
     chain = choose_chain(description, base=base, tip=tip, lock=lock)
     down = _gravity(gravity, chain, where)
