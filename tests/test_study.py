@@ -101,6 +101,54 @@ def test_a_study_goes_on_where_it_was_interrupted(finished: Path, tmp_path: Path
     assert path.read_bytes() == before
 
 
+def test_a_study_makes_damaged_and_edited_rows_again(finished: Path, tmp_path: Path) -> None:
+    """The first line is the truth of a scenario, on which half of the table rests."""
+    lines = finished.read_text().splitlines()
+    edited = lines[4].replace('"status":"SOLVED"', '"status":"STOPPED"')
+    assert edited != lines[4]
+    path = tmp_path / "rows.jsonl"
+    path.write_text("\n".join([lines[0][:-20], *lines[1:4], edited, *lines[5:]]) + "\n")
+    results = study(SPEC, path, executor="serial")
+    assert len(results.figures) == 4
+    assert not results.missing()
+    assert sorted(line for line in sorted_lines(path) if line in lines) == sorted(lines)
+    assert results.rows.remarks == (
+        "rows.jsonl: line 1 is no row (unfinished or damaged), dropped",
+        "rows.jsonl: line 5 is not as written (digests differ), dropped",
+    )
+
+
+@pytest.mark.parametrize("name", ["study.toml", "notes.txt", "other.jsonl"])
+def test_a_study_goes_on_with_its_own_file_only(
+    name: str, finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "study.toml"
+    file.write_text(STUDY.format(experiment=small_study()["experiment"]), encoding="utf-8")
+    (tmp_path / "notes.txt").write_text("notes of mine\nwithout an end", encoding="utf-8")
+    (tmp_path / "other.jsonl").write_text(finished.read_text(), encoding="utf-8")
+    before = (tmp_path / name).read_bytes()
+    assert main(["study", str(file), "-o", str(tmp_path / name), "--executor", "serial", "--quiet"]) == 2
+    out, err = capsys.readouterr()
+    sentences = {
+        "study.toml": "is read by the same command",
+        "notes.txt": "this file holds no rows of a study",
+        "other.jsonl": "its rows are of another study",
+    }
+    assert (out, err.count("\n")) == ("", 1)
+    assert sentences[name] in err
+    assert (tmp_path / name).read_bytes() == before
+
+
+STUDY = """
+schema = 1
+experiment = {experiment!r}
+parameters = "reference"
+method = ["idim-ls"]
+[repeat]
+seeds = 1
+"""
+
+
 def test_a_larger_study_keeps_the_rows_that_it_has(finished: Path, tmp_path: Path) -> None:
     path = tmp_path / "rows.jsonl"
     path.write_text(finished.read_text())
@@ -136,7 +184,7 @@ def test_an_unexpected_error_is_a_row_too(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(worker, "identify", broken)
     task = next(task for task in tasks(SPEC) if task["method"] is not None)
     result = run_task(task)
-    assert json.loads(result["row"]) == {
+    row = {
         "id": task["id"],
         "scenario": task["scenario"]["name"],
         "method": "idim-ls",
@@ -144,6 +192,7 @@ def test_an_unexpected_error_is_a_row_too(monkeypatch: pytest.MonkeyPatch) -> No
         "status": "ERROR",
         "sentence": "ZeroDivisionError: float division by zero",
     }
+    assert json.loads(result["row"]) == worker.sealed(row)
 
 
 def test_a_worker_of_another_version_ends_the_study() -> None:

@@ -12,6 +12,7 @@ import pytest
 from didim.errors import StudyError
 from didim.monte_carlo.results import StudyResults
 from didim.monte_carlo.rows import RowFile, read_rows, times_path
+from didim.monte_carlo.worker import sealed
 
 FIT = {"beta": [1.0], "std": [0.1], "factor": 2.0, "torque_error": None, "simulations": 0}
 
@@ -26,16 +27,23 @@ def truth(name: str, **more: Any) -> dict[str, Any]:
     return {"id": name, "scenario": "s"} | own | more
 
 
+def without(count: int) -> str:
+    """Remark on rows of version 0.2.0."""
+    rows = "1 row" if count == 1 else f"{count} rows"
+    return f"rows.jsonl: {rows} without a digest, as before version 0.3.0: changes would not be seen"
+
+
 def write(path: Path, *rows: dict[str, Any], end: str = "") -> Path:
     path.write_text("".join(json.dumps(item) + "\n" for item in rows) + end)
     return path
 
 
 def test_an_unfinished_line_is_cut_off_before_more_is_appended(tmp_path: Path) -> None:
-    path = write(tmp_path / "rows.jsonl", row("a"), end='{"id": "b", "scen')
+    path = write(tmp_path / "rows.jsonl", sealed(row("a")), end='{"id": "b", "scen')
+    before = path.read_text()
     with RowFile(path) as file:
-        assert path.read_text() == json.dumps(row("a")) + "\n"
-        file.append(json.dumps(row("b")))
+        assert path.read_text() == before
+        file.append(json.dumps(sealed(row("b"))))
     rows = read_rows(path)
     assert list(rows.fits) == ["a", "b"]
     assert rows.remarks == ()
@@ -43,11 +51,58 @@ def test_an_unfinished_line_is_cut_off_before_more_is_appended(tmp_path: Path) -
 
 @pytest.mark.parametrize("size", [10, 65_536, 200_000])
 def test_an_unfinished_line_of_any_length_is_cut_off(tmp_path: Path, size: int) -> None:
-    for start in ("", "first\n"):
+    for start in ("", json.dumps(row("a")) + "\n"):
         path = tmp_path / "rows.jsonl"
-        path.write_text(start + "x" * size)
-        RowFile(path).close()
-        assert path.read_text() == start
+        path.write_text(start + '{"id":' + "x" * size)
+        with RowFile(path) as file:
+            file.append("next")
+        assert path.read_text() == start + "next\n"
+
+
+@pytest.mark.parametrize("content", ["notes\nof mine", "schema = 1\n", "[1]\n", '{"name": 1}\n', "\0"])
+def test_a_file_of_something_else_is_left_as_it_is(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text(content)
+    with pytest.raises(StudyError, match=r"notes[.]txt: this file holds no rows of a study"):
+        RowFile(path)
+    assert path.read_text() == content
+
+
+def test_rows_are_not_appended_to_a_device() -> None:
+    with pytest.raises(StudyError, match="/dev/null: rows are appended to a file"):
+        RowFile(Path("/dev/null"))
+
+
+def test_a_damaged_or_edited_row_is_dropped_and_named(tmp_path: Path) -> None:
+    lines = [json.dumps(sealed(item)) for item in (truth("t"), row("a"), row("b"), row("c"))]
+    lines[1] = lines[1].replace('"beta": [1.0]', '"beta": [1.5]')
+    lines[2] = lines[2][:-1]
+    lines[3] = lines[3].replace('"beta": [1.0]', '"beta": [NaN]')
+    path = tmp_path / "rows.jsonl"
+    path.write_text("\n".join(lines) + "\n")
+    rows = read_rows(path)
+    assert not rows.fits
+    assert rows.done == {"t"}
+    assert rows.remarks == (
+        "rows.jsonl: line 3 is no row (unfinished or damaged), dropped",
+        "rows.jsonl: lines 2, 4 are not as written (digests differ), dropped",
+    )
+
+
+def test_a_digest_does_not_depend_on_how_a_row_is_written(tmp_path: Path) -> None:
+    item = sealed(row("a"))
+    path = tmp_path / "rows.jsonl"
+    path.write_text(json.dumps(dict(sorted(item.items())), separators=(" , ", " : ")) + "\n")
+    assert read_rows(path).remarks == ()
+
+
+def test_a_truth_that_was_damaged_leaves_its_runs_out_with_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "rows.jsonl"
+    damaged = json.dumps(sealed(truth("t")))[1:]
+    path.write_text("\n".join([damaged, *(json.dumps(sealed(row(name))) for name in "ab")]) + "\n")
+    found = StudyResults.read(path)
+    assert found.rows.remarks == ("rows.jsonl: line 1 is no row (unfinished or damaged), dropped",)
+    assert "1 scenario without the row of the truth: s; 2 runs not in this table" in str(found)
 
 
 def test_torn_lines_are_dropped_with_a_remark(tmp_path: Path) -> None:
@@ -57,14 +112,13 @@ def test_torn_lines_are_dropped_with_a_remark(tmp_path: Path) -> None:
     )
     rows = read_rows(path)
     assert list(rows.fits) == ["a"]
-    assert rows.remarks == ("rows.jsonl: 2 unfinished lines dropped",)
+    assert rows.remarks == ("rows.jsonl: lines 2, 3 are no row (unfinished or damaged), dropped", without(1))
 
 
 def test_merged_files_count_each_row_once(tmp_path: Path) -> None:
-    first = write(tmp_path / "one.jsonl", row("a"), row("b", status="LOST"))
-    second = write(
-        tmp_path / "two.jsonl", row("b"), row("a"), row("b", status="LOST"), row("c", status="LOST")
-    )
+    first = write(tmp_path / "one.jsonl", *map(sealed, (row("a"), row("b", status="LOST"))))
+    more = (row("b"), row("a"), row("b", status="LOST"), row("c", status="LOST"))
+    second = write(tmp_path / "two.jsonl", *map(sealed, more))
     rows = read_rows(first, second)
     assert {key: item["status"] for key, item in rows.fits.items()} == {
         "a": "SOLVED",
@@ -73,7 +127,7 @@ def test_merged_files_count_each_row_once(tmp_path: Path) -> None:
     }
     assert rows.done == {"a", "b"}
     assert rows.remarks == ()
-    other = write(tmp_path / "three.jsonl", row("a", beta=[2.0]))
+    other = write(tmp_path / "three.jsonl", sealed(row("a", beta=[2.0])))
     assert read_rows(first, other).remarks == (
         "three.jsonl: 1 row differ from earlier ones of the same task, which count",
     )
@@ -175,7 +229,10 @@ def test_damaged_times_are_refused(tmp_path: Path, value: object) -> None:
 
 def test_brackets_within_brackets_are_an_unfinished_line(tmp_path: Path) -> None:
     path = write(tmp_path / "rows.jsonl", row("a"), end="[" * 100_000 + "\n")
-    assert read_rows(path).remarks == ("rows.jsonl: 1 unfinished line dropped",)
+    assert read_rows(path).remarks == (
+        "rows.jsonl: line 2 is no row (unfinished or damaged), dropped",
+        without(1),
+    )
 
 
 @pytest.mark.filterwarnings("error")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -9,6 +10,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
+from .._tools.files import write_atomically
 from .._tools.notebook import Printed
 from .._tools.words import counted
 from ..errors import StudyError
@@ -44,15 +46,22 @@ class StudyResults(Printed):
         return cls(spec.name, rows, scenarios, tuple(item.label for item in spec.methods))
 
     @classmethod
-    def read(cls, *paths: str | Path) -> StudyResults:
+    def read(cls, *paths: str | Path, appended: bool = False) -> StudyResults:
         """Read the rows of a study, of one file or several.
+
+        Parameters
+        ----------
+        paths : str or Path
+            Files of rows.
+        appended : bool
+            They are outputs of this run.
 
         Raises
         ------
         StudyError
             For a file that does not hold rows.
         """
-        rows = read_rows(*(Path(path) for path in paths))
+        rows = read_rows(*(Path(path) for path in paths), appended=appended)
         fits = rows.fits.values()
         names = [*rows.truths, *(row["scenario"] for row in fits)]
         methods = sorted({row["method"] for row in fits})
@@ -106,7 +115,9 @@ class StudyResults(Printed):
             import pyarrow.parquet
         except ImportError:
             raise StudyError("Parquet files need pyarrow: pip install pyarrow") from None
-        pyarrow.parquet.write_table(pyarrow.table(self.columns()), str(path))
+        content = io.BytesIO()
+        pyarrow.parquet.write_table(pyarrow.table(self.columns()), content)
+        write_atomically(Path(path), content.getvalue())
 
     def missing(self) -> str:
         """Return a sentence on rows of scenarios without a truth, or an empty text."""
@@ -115,7 +126,11 @@ class StudyResults(Printed):
             return ""
         reasons = [self.rows.untrue[name]["sentence"] for name in lost if name in self.rows.untrue]
         why = f" ({reasons[0]})" if reasons else ""
-        return f"{counted(len(lost), 'scenario')} without the row of the truth: {', '.join(lost[:3])}{why}"
+        runs = sum(row["scenario"] in lost for row in self.rows.fits.values())
+        left = f"; {counted(runs, 'run')} not in this table" if runs else ""
+        return (
+            f"{counted(len(lost), 'scenario')} without the row of the truth: {', '.join(lost[:3])}{why}{left}"
+        )
 
     def __str__(self) -> str:
         return "\n".join(study_lines(self.name, self.figures, self.missing()))

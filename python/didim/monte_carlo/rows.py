@@ -11,10 +11,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from .._tools.inputs import read_file
 from .._tools.words import counted
 from ..errors import StudyError
 from ..result.status import Status
-from .worker import ERROR, FAILED, LOST, TRUTH
+from .worker import ERROR, FAILED, LOST, SEAL, TRUTH, seal_of
 
 Row = dict[str, Any]
 
@@ -61,17 +62,18 @@ def times_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}.times{path.suffix or '.jsonl'}")
 
 
-def read_rows(*paths: Path, own_times: bool = True) -> Rows:
+def read_rows(*paths: Path, appended: bool = False) -> Rows:
     """Read files of rows, and the times beside them.
 
-    A row that stands in several files counts once. A line that a killed process has left unfinished is dropped, with a remark.
+    A row that stands in several files counts once. A line that a killed process has left unfinished is dropped with a remark, and
+    so is a row whose content is not that of its digest. Rows of versions before 0.3.0 have no digest, and a remark says so.
 
     Parameters
     ----------
     paths : Path
         Files of rows.
-    own_times : bool
-        Read the times beside each file too.
+    appended : bool
+        The files are outputs of this run, which go on.
 
     Raises
     ------
@@ -80,10 +82,10 @@ def read_rows(*paths: Path, own_times: bool = True) -> Rows:
     """
     collected = Collected()
     for path in paths:
-        collected.add(_lines(_content(path)), path.name)
+        collected.add(_lines(_content(path, appended)), path.name)
         beside = times_path(path)
-        if own_times and beside.is_file():
-            collected.add_times(_lines(_content(beside)), beside.name)
+        if beside.is_file():
+            collected.add_times(_lines(_content(beside, appended)), beside.name)
     return collected.rows()
 
 
@@ -114,19 +116,33 @@ class Collected:
         StudyError
             For a row that no study writes; the sentence names the file, the line and the key.
         """
-        torn = different = 0
+        torn: list[int] = []
+        changed: list[int] = []
+        different = unsealed = 0
         for number, row in lines:
             if row is None:
-                torn += 1
+                torn.append(number)
+                continue
+            if SEAL not in row:
+                unsealed += 1
+            elif not _is_sound(row):
+                changed.append(number)
                 continue
             _check_row(row, f"{name}: line {number}")
+            row = {key: value for key, value in row.items() if key != SEAL}
             before = self._found.get(row["id"])
             if before is None or before["status"] == LOST:
                 self._found[row["id"]] = row
             elif before != row and row["status"] != LOST:
                 different += 1
         if torn:
-            self._remarks.append(f"{name}: {counted(torn, 'unfinished line')} dropped")
+            self._remarks.append(f"{name}: {_places(torn)} no row (unfinished or damaged), dropped")
+        if changed:
+            self._remarks.append(f"{name}: {_places(changed)} not as written (digests differ), dropped")
+        if unsealed:
+            self._remarks.append(
+                f"{name}: {counted(unsealed, 'row')} without a digest, as before version 0.3.0: changes would not be seen"
+            )
         if different:
             self._remarks.append(
                 f"{name}: {counted(different, 'row')} differ from earlier ones of the same task, which count"
@@ -150,6 +166,22 @@ class Collected:
         return _sorted(self._found, self._times, self._remarks)
 
 
+def _is_sound(row: Row) -> bool:
+    """Whether a row has the content that its digest was made of."""
+    try:
+        return bool(row[SEAL] == seal_of(row))
+    except ValueError:  # infinities, or texts that are none, which no row is written with
+        return False
+
+
+def _places(lines: list[int]) -> str:
+    """Numbers of lines as the subject of a sentence."""
+    if len(lines) == 1:
+        return f"line {lines[0]} is"
+    more = f" and {len(lines) - 3} more" if len(lines) > 3 else ""
+    return f"lines {', '.join(map(str, lines[:3]))}{more} are"
+
+
 def _sorted(found: dict[str, Row], times: dict[str, Row], remarks: Iterable[str]) -> Rows:
     # Rows come in the order in which workers ended: that of the ids is always the same.
     ordered = [found[key] for key in sorted(found)]
@@ -162,7 +194,9 @@ def _sorted(found: dict[str, Row], times: dict[str, Row], remarks: Iterable[str]
     )
 
 
-def _content(path: Path) -> bytes:
+def _content(path: Path, appended: bool) -> bytes:
+    if not appended:
+        return read_file(path, StudyError, "cannot be read (there is no such file)", copies=2)
     try:
         return path.read_bytes()
     except OSError as reason:
@@ -262,26 +296,33 @@ def _check_row(row: Row, where: str) -> None:
         )
 
 
+OPENING = b'{"id":'
+"""How a row begins."""
+
+
 class RowFile:
     """File that rows are appended to, each by one write: a reader or a crash never meets half of one but the last.
 
     Parameters
     ----------
     path : Path
-        An unfinished last line is cut off when the file is opened.
+        It is left as it is until the first row is appended; an unfinished last line is cut off then.
 
     Raises
     ------
     StudyError
-        When another process writes to the file.
+        When another process writes to the file, or it holds something else than rows.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        if path.exists() and not path.is_file():
+            raise StudyError(f"{path}: rows are appended to a file and read again, and this is none")
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
+        self._whole = False
         try:
             _lock(self._file, path)
-            _cut_unfinished(self._file)
+            _require_rows(path)
         except BaseException:
             os.close(self._file)
             raise
@@ -294,6 +335,9 @@ class RowFile:
         OSError
             When it could not be written whole, such as on a full disk.
         """
+        if not self._whole:
+            _cut_unfinished(self._file)
+            self._whole = True
         data = line.encode() + b"\n"
         written = os.write(self._file, data)
         if written != len(data):
@@ -328,6 +372,28 @@ def _lock(file: int, path: Path) -> None:
     except OSError:
         # A file system without locks.
         return
+
+
+def _require_rows(path: Path) -> None:
+    """Refuse a file of something else: appending to it would spoil it.
+
+    One line with an id is enough, because any other may be damaged; a first line that was never finished opens as a row does.
+    """
+    with path.open("rb") as file:
+        opening = file.read(len(OPENING))
+        file.seek(0)
+        for line in file:
+            try:
+                row = json.loads(line)
+            except (ValueError, RecursionError):
+                continue
+            if isinstance(row, dict) and isinstance(row.get("id"), str):
+                return
+        if OPENING.startswith(opening) if len(opening) < len(OPENING) else opening == OPENING:
+            return
+    raise StudyError(
+        f"{path}: this file holds no rows of a study, and nothing was written to it; give -o another file"
+    )
 
 
 def _cut_unfinished(file: int) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from .._tools.progress import ProgressLine
-from ..errors import DidimError
+from ..errors import DidimError, StudyError
 from .engine import run_all
 from .executors import pool
 from .logs import model_of, truth_of
@@ -97,7 +97,8 @@ def study(
     Raises
     ------
     StudyError
-        For a wrong study, a file that another study writes to, or workers that do not work.
+        For a wrong study, a file that another study writes to or that holds something else than rows of this study, or workers
+        that do not work.
     DidimError
         For a wrong experiment, robot or method, before the work begins.
     """
@@ -112,7 +113,8 @@ def study(
             place = Path(output)
             store = stack.enter_context(RowFile(place))
             times = stack.enter_context(RowFile(times_path(place)))
-            known = read_rows(place)
+            known = read_rows(place, appended=True)
+            _require_own(spec, known, place)
         lines: list[tuple[str, str | None]] = []
         state = Progress(total=count(spec))
         line = ProgressLine() if verbose is not False else None
@@ -134,7 +136,7 @@ def study(
                 line.show(f"study: {state}")
             if progress is not None:
                 progress(state)
-        rows = rows_of(lines) if place is None else read_rows(place)
+        rows = rows_of(lines) if place is None else read_rows(place, appended=True)
     return StudyResults.of(spec, rows)
 
 
@@ -161,6 +163,15 @@ def _run(
     with pool(executor, workers, address) as some:
         for task, result, sentence in run_all(run_task, missing(), some, window=window):
             yield lost_row(task, sentence or "") if result is None else result
+
+
+def _require_own(spec: StudySpec, known: Rows, place: Path) -> None:
+    """Refuse rows of which none belongs to the study: its own would be mixed with them."""
+    ids = {row["id"] for rows in (known.fits, known.truths, known.untrue) for row in rows.values()}
+    if ids and not any(task["id"] in ids for task in tasks(spec)):
+        raise StudyError(
+            f"{place}: its rows are of another study, or of another version of didim; give -o another file"
+        )
 
 
 def check_study(spec: StudySpec) -> None:

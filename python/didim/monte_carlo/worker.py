@@ -27,10 +27,13 @@ from ..methods.identify import identify
 from ..result.identification import Identification
 from .logs import Model, Truth, model_of, truth_of
 from .methods import method_of
+from .spec import canonical, digest
 from .tasks import Task
 
 DIGITS = 12
 """Significant digits of the numbers in a row."""
+SEAL = "digest"
+"""Key of a row that has the digest of the others."""
 KEPT_SCENARIOS = 16
 """Simulated logs that a worker keeps."""
 FAILED, ERROR, LOST, TRUTH = "FAILED", "ERROR", "LOST", "TRUTH"
@@ -109,7 +112,12 @@ def run_task(task: Task) -> dict[str, Any]:
         "pid": os.getpid(),
         "memory_mb": _memory_mb(),
     }
-    return {"id": task["id"], "status": row["status"], "row": _line({**head, **row}), "times": _line(times)}
+    return {
+        "id": task["id"],
+        "status": row["status"],
+        "row": _line(sealed({**head, **row})),
+        "times": _line(times),
+    }
 
 
 def lost_row(task: Task, sentence: str) -> dict[str, Any]:
@@ -123,7 +131,17 @@ def lost_row(task: Task, sentence: str) -> dict[str, Any]:
         "status": LOST,
         "sentence": sentence,
     }
-    return {"id": task["id"], "status": LOST, "row": _line(row), "times": None}
+    return {"id": task["id"], "status": LOST, "row": _line(sealed(row)), "times": None}
+
+
+def sealed(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row with the digest of its content, by which an edited or damaged one is found."""
+    return {**row, SEAL: seal_of(row)}
+
+
+def seal_of(row: dict[str, Any]) -> str:
+    """Digest of the content of a row, whatever the order of its keys."""
+    return digest(canonical({key: value for key, value in row.items() if key != SEAL}))
 
 
 def _shared(task: Task) -> dict[str, Any]:

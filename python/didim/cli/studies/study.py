@@ -107,8 +107,7 @@ def run(options: argparse.Namespace) -> int:
     for remark in results.rows.remarks:
         message(remark, "note")
     saved = Saved()
-    if options.parquet is not None:
-        saved.save(options.parquet, results.write_parquet)
+    saved.save(options.parquet, results.write_parquet)
     if options.report is not None:
         from ...report import write
 
@@ -120,13 +119,14 @@ def run(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
     """Run a study, and return what there is when it ends or is interrupted."""
     from ...monte_carlo.results import StudyResults
+    from ...monte_carlo.rows import times_path
     from ...monte_carlo.spec import load_study
     from ...monte_carlo.study import study
 
     (path,) = options.study
     spec = load_study(path)
     output = options.output or path.with_suffix(".jsonl")
-    check_outputs(output)
+    check_outputs(output, times_path(output))
     executor, address = options.executor, None
     if options.dask is not None:
         executor, address = "dask", options.dask
@@ -154,7 +154,11 @@ def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
         )
     except KeyboardInterrupt:
         message(f"interrupted; '{output}' has the rows so far, and the same command goes on")
-        return StudyResults.read(output), INTERRUPTED
+        return StudyResults.read(output, appended=True), INTERRUPTED
+    except OSError as error:
+        reason = error.strerror or str(error)
+        message(f"{output}: {reason}; the table is of the rows so far, and the same command goes on")
+        return StudyResults.read(output, appended=True), NOT_CONVERGED
     if lost[0]:
         message(
             f"{counted(lost[0], 'task')} lost with the workers that ran them; the same command tries them again"
