@@ -233,7 +233,7 @@ def test_an_unknown_method(arm: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert identify_arm(arm, "--method", "magic") == 2
     assert (
         one_line(capsys)
-        == "didim: there is no method 'magic'; available: idim-ls, idim-iv, didim, ekf, ml, cloe"
+        == "didim: there is no method 'magic' (there are: idim-ls, idim-iv, didim, ekf, ml, cloe)"
     )
 
 
@@ -242,7 +242,7 @@ def test_an_unknown_method(arm: Path, capsys: pytest.CaptureFixture[str]) -> Non
     [
         ([], "didim: the following arguments are required: COMMAND; see `didim --help`"),
         (["identify"], "didim: the following arguments are required: EXPERIMENT.toml; see `didim identify"),
-        (["base", "tx40", "--loud"], "didim: unrecognized arguments: --loud; see `didim --help`"),
+        (["base", "tx40", "--loud"], "didim: there is no option --loud; see `didim base --help`"),
         (["identify", "a.toml", "--quiet", "--verbose"], "not allowed with argument"),
     ],
 )

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from didim._tools.toml import Table
 from didim.errors import DidimError, ExperimentError, RecordingError
 from didim.log.data_folder import DataFolder
+from didim.log.data_format import LOST_SAMPLE
 from didim.log.recording import Recording
 from didim.log.recording_file import read_recording, read_reduction
 from didim.log.sampling import check_time
@@ -226,7 +227,7 @@ def test_rows_of_a_file_without_header_are_its_lines(tmp_path: Path) -> None:
     q[7, 1] = np.nan
     write_csv(tmp_path / "a.csv", None, q)
     content = {"rate_hz": RATE, "position": {"file": "a.csv", "unit": "rad", "side": "joint"}}
-    assert message(tmp_path, content) == "a.csv: row 8, column 2, is nan"
+    assert message(tmp_path, content) == f"a.csv: row 8, column 2, is nan{LOST_SAMPLE}"
 
 
 def edit(path: Path, line: int, text: str) -> None:
@@ -422,7 +423,9 @@ def test_wrong_numbers_of_columns(tmp_path: Path, csv_file: Path) -> None:
     content = described("a.csv")
     content["position"]["columns"] = ["q1"]
     start = "log.toml: [recording.position] columns"
-    assert message(tmp_path, content) == f"{start} must name 2 columns, got 1"
+    assert (
+        message(tmp_path, content) == f"{start} must name 2 columns, one for each joint of the robot, got 1"
+    )
     content["position"]["columns"] = ["q1", "q1"]
     assert message(tmp_path, content) == f"{start} names a column twice: ['q1', 'q1']"
     content["position"]["columns"] = "q1"
@@ -470,7 +473,7 @@ def test_faults_of_arrays(tmp_path: Path, suffix: str) -> None:
     wanted = "must have shape (n_samples, 2)"
     assert said(variable="flat") == f"{file}: variable 'flat' {wanted}, got (2, {N}); transpose it?"
     assert said(variable="cube").startswith(f"{file}: variable 'cube' must be a vector or a matrix")
-    assert said(variable="bad") == f"{file}: variable 'bad', row 5, column 2, is nan"
+    assert said(variable="bad") == f"{file}: variable 'bad', row 5, column 2, is nan{LOST_SAMPLE}"
     assert said(variable="words") == f"{file}: variable 'words' is not an array of real numbers"
     names = "'q', 'flat', 'bad', 'words', 'cube', 'short', 'one'"
     expected = f"{file}: there is no variable 'Flat'; the variables are {names}; did you mean 'flat'?"

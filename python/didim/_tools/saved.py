@@ -28,7 +28,10 @@ def read_saved(path: str | Path) -> dict[str, Any]:
     except (OutputError, FitError):
         raise
     except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, an integer of thousands of digits
-        raise FitError(f"{path}: not a JSON file: {error}") from None
+        hint = (
+            "; the result (FIT.json) comes first, then the experiment" if Path(path).suffix == ".toml" else ""
+        )
+        raise FitError(f"{path}: not a JSON file: {error}{hint}") from None
     if not isinstance(data, dict) or "schema" not in data:
         raise FitError(f"{path}: not the result of an identification, it has no 'schema'")
     if data["schema"] != SCHEMA:

@@ -1,8 +1,15 @@
-"""Words of messages: counts, lists, and the nearest known name."""
+"""Words of messages: counts, lists, and the nearest known name.
+
+Whatever a user can misspell (commands, options, methods, columns, keys, robots) is suggested here and nowhere else:
+``tests/test_mistakes.py``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+
+FEW_NAMES = 12
+"""Largest number of names that a message lists in full; of more it has the nearest."""
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
@@ -12,12 +19,36 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
+    near = _near(word, known, 1)
+    return near[0] if near else None
+
+
+def known_names(word: str, known: Sequence[str], noun: str) -> str:
+    """End of a sentence on an unknown name: all known ones where they are few, else the nearest, and how many there are.
+
+    Parameters
+    ----------
+    word
+        The unknown name.
+    known
+        Known names.
+    noun
+        What they are, in the singular.
+    """
+    if len(known) <= FEW_NAMES:
+        there = f"the {noun}s are" if len(known) > 1 else "the only one is"
+        return f"{there} {listing(known)}{did_you_mean(word, known)}"
+    near = _near(word, known, 3)
+    hint = f"; the nearest are {listing(near)}" if len(near) > 1 else did_you_mean(word, known)
+    return f"there are {len(known)} {noun}s{hint or f', such as {listing(known[:3])}'}"
+
+
+def _near(word: str, known: Iterable[str], count: int) -> list[str]:
     import difflib
 
     # Upper and lower case are the commonest slip: they count as equal here, and only here.
     folded = {name.lower(): name for name in known}
-    near = difflib.get_close_matches(word.lower(), folded, n=1, cutoff=0.6)
-    return folded[near[0]] if near else None
+    return [folded[name] for name in difflib.get_close_matches(word.lower(), folded, n=count, cutoff=0.6)]
 
 
 def listing(names: Iterable[object]) -> str:

@@ -21,6 +21,7 @@ from .._tools.files import check_output, write_atomically
 from .._tools.toml import Table, quoted
 from .._tools.words import counted, did_you_mean, listing, one_line
 from ..errors import DidimError, ExperimentError, RobotError
+from ..log.data_file import is_log
 from ..log.data_folder import DataFolder
 from ..log.recording import Recording
 from ..log.recording_file import read_recording, read_reduction
@@ -99,6 +100,11 @@ def initialise(
         When the file cannot be written to, before the log is read.
     """
     paths = [logs] if isinstance(logs, Path) else list(logs)
+    if is_log(Path(robot)):
+        second = paths[0] if _is_robot(paths[0]) else "ROBOT"
+        raise ExperimentError(
+            f"{robot}: this is a log, and the robot comes first: didim init {second} {robot}"
+        )
     path = paths[0].with_suffix(".toml") if output is None else output
     if not force:
         _check_free(path)
@@ -228,6 +234,11 @@ def _model(
         tip, locked = found
         model = load_robot(robot, tip=tip, lock=dict.fromkeys(locked, 0.0))
         return model, robot_text(model)
+
+
+def _is_robot(path: Path) -> bool:
+    """Whether a path is rather the name of a robot."""
+    return path.suffix.lower() in (".toml", ".urdf") or (PACKAGED / f"{path}.toml").is_file()
 
 
 def _named(robot: str, path: Path) -> str:

@@ -284,7 +284,7 @@ class RecordingWriter:
         option = (
             f"--columns {wanted}=..., " if wanted != "torque" else "--columns torque=... or current=..., "
         )
-        blocks = self._open_blocks()
+        blocks = self._open_blocks() or self._other_count(wanted)
         if self.source.joints:
             self._ask(
                 f"which of the joints {', '.join(self.source.joints)} of the log are the {counted(n, 'joint')} of the robot? "
@@ -303,6 +303,15 @@ class RecordingWriter:
             f'# unit = "{"rad" if table == "position" else "N.m"}"',
             '# side = "joint"',
         ]
+
+    def _other_count(self, wanted: str) -> str:
+        """Return what the question says where the log has a signal for another number of joints."""
+        kinds = ("torque", "current", "voltage") if wanted == "torque" else (wanted,)
+        for kind in kinds:
+            there = [item for item in self.source.columns if item.what == kind]
+            if there and len(there) != self.robot.n_dof and self._one_each(there):
+                return f", where the log has {counted(len(there), kind)} ({_listed(there)}): is it of another robot"
+        return ""
 
     def _open_blocks(self) -> str:
         """Columns without names that could be meant."""

@@ -54,6 +54,8 @@ class Experiment:
         Pose of the flange (3 x 4), as `didim.robot.payload.flange_in_last_frame` takes it; None for that of the last link.
     measurement
         What a simulated measurement adds to a simulation, or None.
+    remarks
+        What reading the file found to say: defaults that have changed since it was written.
 
     Raises
     ------
@@ -77,6 +79,7 @@ class Experiment:
     measurement: Measurement | None = None
     payloads: Mapping[str, Payload] = field(default_factory=dict)
     flange: Pose | None = None
+    remarks: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         named = ", ".join(f"{item.name!r} {item.t[-1] - item.t[0]:g} s" for item in self.recordings)
@@ -102,8 +105,9 @@ class Experiment:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what reading robot and recordings changed."""
-        return (*self.robot.notes, *(note for recording in self.recordings for note in recording.notes))
+        """Sentences on what reading the file, the robot and the recordings changed."""
+        of_recordings = (note for recording in self.recordings for note in recording.notes)
+        return (*self.remarks, *self.robot.notes, *of_recordings)
 
     def with_gains(self, gains: Array) -> Experiment:
         """Return the experiment with torques in place of currents, by drive gains (n_dof,)."""

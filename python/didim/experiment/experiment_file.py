@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from .._tools.inputs import read_small_file
 from .._tools.toml import Table, read_toml
 from ..errors import DidimError, ExperimentError
+from ..log.data_file import is_log
 from ..log.data_folder import DataFolder, expanded
 from ..log.recording import Recording
 from ..log.recording_file import read_recording, read_reduction
@@ -30,6 +31,9 @@ from .specs import SimulationSettings
 
 SCHEMA = 1
 """Version of the file format that this code reads."""
+
+SINCE_0_1_0 = {"ends": '"first-order"', "edge_rows": "0"}
+"""Keys of ``[signal]`` that 0.1.0 did not have, with the values that give its digits: the defaults are others."""
 
 _Settings = TypeVar("_Settings")
 
@@ -66,9 +70,32 @@ def load_experiment(
         On a data file that is not as the experiment says.
     """
     path = Path(path)
+    _refuse_other(path)
     content = read_toml(path, ExperimentError)
+    if "joint" in content and "robot" not in content:
+        raise ExperimentError(
+            f"{path}: this is a robot file, not an experiment; `didim init {path} LOG` writes an experiment for a log of it"
+        )
     digests = {f"experiment {path.name}": hashlib.sha256(read_small_file(path, ExperimentError)).hexdigest()}
     return read_experiment(content, path, data=data, faults=faults, digests=digests)
+
+
+def _refuse_other(path: Path) -> None:
+    """Refuse a file of another kind by what its name says, with the command that it is for."""
+    kind = path.suffix.lower()
+    if is_log(path):
+        raise ExperimentError(
+            f"{path}: this is a log, not an experiment; `didim init ROBOT {path}` writes an experiment file for it"
+        )
+    if kind == ".json":
+        raise ExperimentError(
+            f"{path}: this is a result, not an experiment: `didim validate {path} EXPERIMENT.toml` tries it on a log, "
+            f"`didim export {path}` writes a model"
+        )
+    if kind == ".urdf":
+        raise ExperimentError(
+            f"{path}: this is a robot, not an experiment; `didim init {path} LOG` writes an experiment for a log of it"
+        )
 
 
 def read_experiment(
@@ -162,6 +189,28 @@ def read_experiment(
         measurement=measurement,
         payloads=payloads,
         flange=flange,
+        remarks=_changed_defaults(content),
+    )
+
+
+def _changed_defaults(content: Mapping[str, Any]) -> tuple[str, ...]:
+    """Sentence on a recipe that is to meet digits of others, where it lacks keys whose defaults are others than in 0.1.0.
+
+    A file of its own filters has nothing to meet and is not told.
+    """
+    signal, least_squares = content.get("signal", {}), content.get("least_squares", {})
+    recipe = [
+        f'{key} = "matlab"' for key in ("padding", "decimation_convention") if signal.get(key) == "matlab"
+    ]
+    recipe += ["decimation_corrected"] if "decimation_corrected" in least_squares else []
+    lacking = [f"{key} = {value}" for key, value in SINCE_0_1_0.items() if key not in signal]
+    if "decimation" not in signal:
+        lacking = [text for text in lacking if not text.startswith("edge_rows")]
+    if not recipe or not lacking or "signal" not in content:
+        return ()
+    return (
+        f"[signal] has {recipe[0]} and lacks {' and '.join(lacking)}: the defaults are others since 0.1.0, "
+        "whose digits (and MATLAB's) need this; to write the keys ends this note",
     )
 
 

@@ -54,8 +54,16 @@ def closed_loop(
     """
     if experiment.reference is None or experiment.controller is None:
         missing = "[reference]" if experiment.reference is None else "[controller]"
+        what = (
+            "which positions the robot was to follow"
+            if experiment.reference is None
+            else "the law of its drives"
+        )
+        if experiment.reference is None and experiment.controller is None:
+            what += ", and [controller]"
         raise ExperimentError(
-            f"{experiment.name}: a simulation needs the table {missing}: what the robot follows, and what makes it"
+            f"{experiment.name}: a simulation needs the table {missing}: {what}; without them --method idim-ls identifies from "
+            "the measured motion"
         )
     settings = experiment.simulation
     reference, controller = experiment.reference, experiment.controller

@@ -15,9 +15,9 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.inputs import BLOCK, check_expanded, open_npz
-from .._tools.words import did_you_mean, listing
+from .._tools.words import known_names, listing
 from ..errors import RecordingError
-from .data_format import Column
+from .data_format import LOST_SAMPLE, Column
 
 MOST_SIGNALS = 100
 """Largest number of columns that a matrix with fewer rows may have: one with more has a sample in each column."""
@@ -101,8 +101,7 @@ class ArrayFile(ABC):
 
     def _check_name(self, name: str) -> None:
         if name not in self.names:
-            near = did_you_mean(name, self.names)
-            self.fail(f"there is no variable {name!r}; the variables are {listing(self.names)}{near}")
+            self.fail(f"there is no variable {name!r}; {known_names(name, self.names, 'variable')}")
 
     def _matrix(self, name: str) -> Array:
         """Read a variable as a finite matrix; a NumPy vector becomes one column."""
@@ -117,7 +116,7 @@ class ArrayFile(ABC):
             if len(bad):
                 row, column = bad[0]
                 place = f"row {row + 1}, column {column + 1}"
-                self.fail(f"variable {name!r}, {place}, is {values[row, column]}")
+                self.fail(f"variable {name!r}, {place}, is {values[row, column]}{LOST_SAMPLE}")
             lies = samples_in_columns(values.shape)
             self._arrays[name] = np.ascontiguousarray(values.T) if lies else values
         return self._arrays[name]

@@ -18,9 +18,9 @@ import numpy as np
 import didim._core as _core
 
 from .._tools.arrays import Array
-from .._tools.words import counted, did_you_mean, listing
+from .._tools.words import counted, known_names, nearest
 from ..errors import RecordingError
-from .data_format import LONGEST_LINE, MOST_COLUMNS, Column
+from .data_format import LONGEST_LINE, LOST_SAMPLE, MOST_COLUMNS, Column
 
 # A number as they are written where the decimal sign is a comma.
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
@@ -196,8 +196,8 @@ class CsvFile:
         if self.names is None:
             self._fail(f"there is no column {column!r}: the file has no header, so columns go by number")
         if column not in self.names:
-            there = f"the {'columns are' if self._n_columns > 1 else 'only one is'} {listing(self.names)}"
-            hint = did_you_mean(column, self.names) or self._delimiter_hint()
+            there = known_names(column, self.names, "column")
+            hint = "" if nearest(column, self.names) else self._delimiter_hint()
             self._fail(f"there is no column {column!r}; {there}{hint}")
         if self.names.count(column) > 1:
             self._fail(f"column {column!r} stands twice in the header")
@@ -231,7 +231,7 @@ class CsvFile:
         if not np.isfinite(values).all():
             row, column = np.argwhere(~np.isfinite(values))[0]
             place = f"{self._row(row + 1)}, column {self._column(usecols[column])}"
-            self._fail(f"{place}, is {values[row, column]}")
+            self._fail(f"{place}, is {values[row, column]}{LOST_SAMPLE}")
         return values
 
     def _parse_plain(self, usecols: list[int]) -> Array | None:

@@ -34,6 +34,11 @@ BAGS = (".mcap", ".db3", ".bag")
 """Suffixes of ROS bags; a folder is one too. They are not read as a whole, so that they have no reader of bytes."""
 
 
+def is_log(path: Path) -> bool:
+    """Whether a path has the name of a data file, or is the folder of a bag."""
+    return path.suffix.lower() in (*TEXT, *READERS, *BAGS) or (path / "metadata.yaml").is_file()
+
+
 def open_data_file(
     path: Path,
     name: str,

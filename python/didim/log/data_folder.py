@@ -176,7 +176,8 @@ def _columns(table: Table, count: int, joints: Sequence[str]) -> list[Column] | 
     if not isinstance(columns, list) or not all(type(column) in (str, int) for column in columns):
         table.fail(f"columns must be a list of names, or of numbers from 1, got {columns!r}")
     if len(columns) != count:
-        table.fail(f"columns must name {counted(count, 'column')}, got {len(columns)}")
+        joint = ", one for each joint of the robot" if count > 1 else ""
+        table.fail(f"columns must name {counted(count, 'column')}{joint}, got {len(columns)}")
     # One file a column: the columns of several files may well have one name.
     if len(set(columns)) < count and not isinstance(table.raw("file"), list):
         table.fail(f"columns names a column twice: {columns!r}")

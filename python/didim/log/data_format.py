@@ -14,6 +14,11 @@ MOST_COLUMNS = 10_000
 LONGEST_LINE = 1_000_000
 """Bytes that a line of a log has at most: 100 for each of `MOST_COLUMNS`. A longer one is binary, or has lost its line ends."""
 
+LOST_SAMPLE = (
+    "; delete this row, which resample = true under [recording.time] bridges, or split the log there"
+)
+"""End of a sentence on a value that is missing."""
+
 
 class DataFile(Protocol):
     """What a recording needs of a file of any format."""

@@ -9,6 +9,7 @@ from dataclasses import replace
 from importlib import import_module
 
 from .._tools.progress import ProgressLine
+from .._tools.words import did_you_mean
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..regression.settings import UncertaintyKind
@@ -39,7 +40,9 @@ def method_class(name: str) -> Callable[..., Method]:
         For an unknown name; the sentence lists those that are known (``test_cli.py``).
     """
     if name not in METHODS:
-        raise FitError(f"there is no method '{name}'; available: {', '.join(METHODS)}")
+        raise FitError(
+            f"there is no method '{name}'{did_you_mean(name, METHODS)} (there are: {', '.join(METHODS)})"
+        )
     place = METHODS[name]
     if not isinstance(place, str):
         return place

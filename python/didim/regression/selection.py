@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.words import did_you_mean
 from ..errors import FitError
 from ..robot.robot import Robot
 
@@ -122,8 +123,5 @@ def _index(robot: Robot, name: str) -> int:
             f"{name} is a standard parameter of robot '{robot.name}' that regroups into {', '.join(into)}: "
             "fix or drop base parameters"
         )
-    import difflib
-
-    near = difflib.get_close_matches(name, base.names, n=1)
-    hint = f"; did you mean {near[0]}?" if near else f"; `didim base {robot.name}` lists them"
+    hint = did_you_mean(name, base.names) or f"; `didim base {robot.name}` lists them"
     raise FitError(f"robot '{robot.name}' has no base parameter {name}{hint}")

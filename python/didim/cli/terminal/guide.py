@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
 
+from ..._tools.words import did_you_mean
 from .color import titled
 from .messages import message
 from .width import columns, wrapped
@@ -45,6 +46,29 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
         self._positionals.title = "arguments"
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse; an option that is none is refused first, with the nearest of this command."""
+        words = list(sys.argv[1:] if args is None else args)
+        commands = any(isinstance(action, argparse._SubParsersAction) for action in self._actions)
+        for word in words:
+            # Options behind a command are those of the command; behind -- there is none.
+            if word == "--" or (commands and not word.startswith("-")):
+                break
+            name = word.partition("=")[0]
+            known = self._option_string_actions
+            if name.startswith("--") and not any(option.startswith(name) for option in known):
+                self.error(f"there is no option {name}{did_you_mean(name, known)}")
+        return super().parse_known_args(args, namespace)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse what is no choice (a command is one too), with the nearest."""
+        choices = [str(choice) for choice in action.choices or ()]
+        if action.choices is not None and value not in action.choices:
+            hint = f"{did_you_mean(str(value), choices)} (there are: {', '.join(choices)})"
+            if isinstance(action, argparse._SubParsersAction):
+                self.error(f"there is no command {value!r}{hint}")
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint}")
 
     def error(self, message: str) -> NoReturn:
         """Leave with one line."""
