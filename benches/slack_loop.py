@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,10 @@ from numpy.typing import NDArray
 
 import didim
 from didim.experiment.specs import Measurement, SimulationSettings
-from didim.loop.controller import Controller
+from didim.loop.controller import Controller, Digital
 from didim.loop.reference import Reference
 from didim.loop.tuning import mean_inertia
+from didim.studies.simulated_log import measured
 
 Array = NDArray[np.float64]
 
@@ -104,6 +106,60 @@ def slack_log(
     return didim.simulated_log(experiment, x, noise=False, refinement=2), x
 
 
+def digital_log(seed: int, *, reverse: int | None = None) -> didim.Experiment:
+    """Return a log like those of real arms: a digital loop of 1 to 2 Hz with a delay, and friction that the model lacks.
+
+    Stribeck friction and a ripple by position act in the loop; `reverse` is a joint (from 0) whose torque has the wrong sign.
+    """
+    from didim.experiment.loop import closed_loop
+
+    tight, x = slack_log(2.0, harmonics=6, period_s=5.0)
+    n = tight.robot.n_dof
+    reference = Reference.random_fourier(
+        harmonics=6,
+        period_s=5.0,
+        max_position=[1.2] * n,
+        max_velocity=[1.0] * n,
+        max_acceleration=[4.0] * n,
+        seed=seed,
+    )
+    frequencies = [2.0, 2.0, 2.0, 1.5, 1.5, 1.2, 1.0]
+    controller = Controller.tuned(frequencies, [0.7] * n, mean_inertia(tight.robot, x, reference))
+    experiment = replace(
+        tight,
+        recordings=(),
+        reference=reference,
+        controller=replace(controller, digital=Digital(sample_time_s=0.005, delay_samples=1)),
+        signal=didim.SignalProcessing(cutoff_hz=10.0, trim_start=25, trim_end=25, decimation=(5,)),
+        least_squares=didim.LeastSquaresSettings(),
+        simulation=SimulationSettings(
+            rate_hz=200.0,
+            smoothing=(0.02,) * n,
+            step_s=5e-4,
+            fine_step_s=1e-4,
+            start="reference",
+            duration_s=5.0,
+        ),
+        measurement=Measurement(position_noise=(5e-6,) * n, seed=seed),
+    )
+    exact = didim.simulated_log(experiment, x, noise=False, refinement=1)
+    (recording,) = exact.recordings
+    coulomb = np.array([x[tight.robot.parameter_names.index(f"Fc{j}")] for j in range(1, n + 1)])
+    rng = np.random.default_rng([7, seed])
+    ripple, phase = rng.uniform(2.0, 8.0, n), rng.uniform(0.0, 2.0 * np.pi, n)
+    q, tau = recording.measured_positions(), np.zeros(0)
+    for _ in range(3):  # friction along the motion that it makes
+        speed = np.gradient(q, 1.0 / recording.rate_hz, axis=0)
+        lacking = 0.5 * np.exp(-((speed / 0.1) ** 2)) + 0.15 * np.sin(ripple * q + phase)
+        felt = replace(recording, external=-coulomb * np.tanh(speed / 0.02) * lacking)
+        arrays, _ = closed_loop(exact, felt).run(x[None])
+        q, tau = arrays[0][0], arrays[3][0]
+    tau = tau + 0.01 * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
+    if reverse is not None:
+        tau[:, reverse] *= -1.0
+    return measured(replace(exact, recordings=(replace(recording, q=q, tau=tau),)), seed)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--frequency", type=float, default=1.0, help="natural frequency of the loop (Hz)")
@@ -111,8 +167,6 @@ def main() -> None:
     parser.add_argument("--plain", action="store_true", help="the DIDIM of the paper")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    from didim.studies.simulated_log import measured
-
     log, x = slack_log(options.frequency)
     truth = log.robot.base_parameters.project(x)
     rows = []

@@ -37,11 +37,11 @@ from ..builder import fitted
 from ..job import Job, ratio
 from ..start import further_of, standard_start
 from ..verdict.torques import contradiction_reasons, following_reasons, torque_reasons
-from .convergence import SLOW, Path, best_sentence, rule_sentence, slow_sentence
+from .convergence import SLOW, Path, best_sentence, lost_sentence, rule_sentence, slow_sentence
 from .gains import with_gains
 from .settings import DIDIMSettings
 from .simulability import chosen_steps, damping_of, largest_rates, simulable
-from .slack import Loop, Settled, settled
+from .slack import Attempts, Loop, Settled, settled
 from .windows import Point, Simulated, Window, motion_record, segments_of, simulated, windows_of
 
 POSITIONS = 60
@@ -54,6 +54,8 @@ MOST_HALVINGS = 4
 """How often a step is halved whose run ends early or whose cost rises."""
 NEAR = 3.0
 """Largest change in standard deviations at which the residual rule may end the iteration."""
+LOST = 3
+"""Iterations in a row, farther from the log than no torque at all and than the best one, after which the run gives up."""
 ROUNDING = 1e-10
 """Share of the torques below which a residual is rounding."""
 SAME = 1e-9
@@ -146,7 +148,7 @@ class ConsistentRun:
         history: list[Iteration] = []
         status, ending, last_norm = Status.NOT_CONVERGED, "", np.nan
         length, before, direction, path = 1.0, None, None, Path()
-        end, patience = None, 0
+        end, attempts, lost = None, Attempts(method.max_iterations), 0
         while len(history) < method.max_iterations:
             direction = self._direction(point)
             first = self._secant(direction, before, length) if len(history) >= 2 else 1.0
@@ -162,16 +164,20 @@ class ConsistentRun:
                 self.remarks.append(f"after the shortest step tried the simulation {after}")
                 break
             point, before = after, direction
+            lost = lost + 1 if point.simulated.error >= max(1.0, best.simulated.error) else 0
             if point.simulated.error < best.simulated.error:
                 best = point
             if stopped:
                 status = Status.STOPPED
                 break
+            if lost == LOST:
+                self.remarks.append(lost_sentence(LOST, point.simulated.error))
+                break
             rested = direction.moved <= method.sigma_fraction
             steady = change <= method.tolerance and direction.moved <= NEAR
             exact = error <= ROUNDING
             if (
-                len(history) >= patience
+                len(history) >= attempts.patience
                 and length >= first
                 and point.simulated.error < 1.0
                 and (exact or rested or steady)
@@ -186,7 +192,10 @@ class ConsistentRun:
                     end = self._settled(point, direction, history, path) if settles else None
                     if end is None or end.reached:
                         break
-                    status, patience = Status.NOT_CONVERGED, 2 * len(history)
+                    attempts.failed(len(history))
+                    if rested or attempts.exhausted or len(history) >= method.max_iterations:
+                        break
+                    status = Status.NOT_CONVERGED
             else:
                 status = Status.NOT_CONVERGED
         assert direction is not None  # max_iterations is at least 1
@@ -206,7 +215,13 @@ class ConsistentRun:
         """Go on to the fixed point in a slack loop."""
         slow = path.contraction(direction.std)
         end, count = settled(
-            Loop(self.job, self.windows, self.base, lambda system: self.solver(system, self.job.settings)),
+            Loop(
+                self.job,
+                self.windows,
+                self.base,
+                lambda system: self.solver(system, self.job.settings),
+                self.solver.problem,
+            ),
             point.x,
             point.simulated,
             slow,

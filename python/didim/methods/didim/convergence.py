@@ -157,6 +157,15 @@ def best_sentence(iteration: int, n_iterations: int, error: float) -> str:
     )
 
 
+def lost_sentence(n_iterations: int, error: float) -> str:
+    """Say that a run has given up."""
+    return (
+        f"the run gave up after {n_iterations} iterations in a row whose simulated torques were farther from the log than no "
+        f"torque at all (off by {100.0 * error:.3g} %): no robot in this closed loop explains the log; check the signs of the "
+        "torques, the controller and the reference"
+    )
+
+
 def stuck_sentence(stuck: Mapping[int, str]) -> str:
     """Say which parameters were kept because simulated joints stuck; `stuck` has their names by iteration, 0 for the start."""
     first = min(stuck)

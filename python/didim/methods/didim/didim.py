@@ -35,7 +35,7 @@ from .convergence import SLOW, Path, best_sentence, rule_sentence, slow_sentence
 from .ending import result_at
 from .loops import Loops
 from .settings import DIDIMSettings
-from .slack import Loop, settled
+from .slack import Attempts, Loop, settled
 from .windows import Point, Simulated, Solved, Step, checked_positions, segments_of
 
 ROUNDING = 1e-10
@@ -108,7 +108,7 @@ class Iterations:
         self._remarks: list[str] = []
         self._stuck: dict[int, str] = {}
         self._path = Path()
-        self._patience = 0
+        self._attempts = Attempts(method.max_iterations)
         self._last_norm = float("nan")
         self._best: Point | None = None
         self._first_error = float("nan")
@@ -263,10 +263,12 @@ class Iterations:
                 self._remarks.append(slow_sentence(slow, len(self.history)))
             return point
         if not end.reached:
-            self.status, self._patience = Status.NOT_CONVERGED, 2 * len(self.history)
-            self.over = len(self.history) >= method.max_iterations
-            self._remarks += end.remarks if self.over else ()
-            return point
+            self._attempts.failed(len(self.history))
+            rested = self.history[-1].more["largest_change_in_sigma"] <= method.sigma_fraction
+            self.over = rested or self._attempts.exhausted or len(self.history) >= method.max_iterations
+            if not self.over:
+                self.status = Status.NOT_CONVERGED
+                return point
         self.history = end.continued(self.history)
         self._remarks += end.remarks
         self._solved = replace(solved, system=end.place.system, fit=end.place.fit)
@@ -367,7 +369,7 @@ class Iterations:
         change = entry.more["residual_change"]
         # A diverging robot may have steady residuals; it is further from the log than no torque at all.
         sound = step.length == 1.0 and point.simulated.error < 1.0 and not solved.kept
-        sound = sound and len(self.history) >= self._patience
+        sound = sound and len(self.history) >= self._attempts.patience
         # Without noise the residual, and the sigmas made of it, end as rounding.
         self._exact = entry.relative_error <= ROUNDING
         if not sound or not (

@@ -4,9 +4,13 @@ DIDIM takes ``d tau_s / d beta`` for the regressor W: it neglects how the motion
 hardly does. In a slack one it does, and with ``S = d tau_s / d beta`` in the rows of (7), ``A`` and ``A_S`` the weighted W and S,
 ``A = Q R``:
 
-    F(beta) - beta* = J (beta - beta*),    J = 1 - R^-1 Q^T A_S        one iteration of DIDIM near its fixed point
-    beta* = beta + K (F(beta) - beta),     K = (1 - J)^-1              a step of Newton's method to it
+    F(beta) - beta* = P J (beta - beta*),  J = 1 - R^-1 Q^T A_S        one iteration of DIDIM near its fixed point
+    beta* = beta + K (F(beta) - beta),     K = (1 - P J)^-1            a step of Newton's method to it
     C = G^-1 Q^T Sigma Q G^-T,             G = Q^T A_S                 covariance of the fixed point, instead of (10)
+
+``P`` is the derivative of the solution by that of plain least squares: 1 without conditions, and what is left of a change
+where the conditions of a robot hold some directions. Without P a step of Newton's method points out of the robots, and no
+step along the edge comes nearer.
 
 The fixed point is the estimate with instruments W: ``W^T (y - tau_s) = 0``. The columns of S are differences of
 simulations. Tested in ``tests/test_slack_loop.py``.
@@ -85,19 +89,27 @@ class Response:
     ----------
     slopes : (r, n) array
         S, without weights.
+    jacobian : (n, n) array
+        J.
     gain : (n, n) array
         K.
     rate : float
-        Largest absolute eigenvalue of J: what an iteration leaves of the slowest direction.
+        Largest absolute eigenvalue of P J: what an iteration leaves of the slowest direction.
     """
 
     slopes: Array
+    jacobian: Array
     gain: Array
     rate: float
 
     @classmethod
-    def at(cls, system: LinearSystem, fit: Fit, rows: Rows, base: Array) -> Response | None:
-        """Return the response at an iterate by a simulation for each parameter; None where one ends early, or G is singular."""
+    def at(
+        cls, system: LinearSystem, fit: Fit, rows: Rows, base: Array, share: Array | None = None
+    ) -> Response | None:
+        """Return the response at an iterate by a simulation for each parameter; None where one ends early, or G is singular.
+
+        `share` is P, (n, n); None for 1.
+        """
         sizes = np.linalg.norm(system.w * fit.weights[:, None], axis=0)
         if not np.all(sizes > 0.0):
             return None
@@ -114,7 +126,20 @@ class Response:
             return None
         gain = np.linalg.solve(middle, triangle)
         rates = np.abs(1.0 - 1.0 / np.linalg.eigvals(gain))
-        return cls(slopes, sizes[:, None] ** -1 * gain * sizes, float(rates.max()))
+        jacobian = np.eye(len(sizes)) - np.linalg.solve(triangle, middle)
+        response = cls(
+            slopes,
+            sizes[:, None] ** -1 * jacobian * sizes,
+            sizes[:, None] ** -1 * gain * sizes,
+            float(rates.max()),
+        )
+        return response if share is None else response.under(share)
+
+    def under(self, share: Array) -> Response:
+        """Return the response of an iteration under conditions that leave P, (n, n), of a change."""
+        held = share @ self.jacobian
+        gain = np.linalg.inv(np.eye(len(held)) - held)
+        return replace(self, gain=gain, rate=float(np.abs(np.linalg.eigvals(held)).max()))
 
     def with_errors(self, system: LinearSystem, fit: Fit, settings: LeastSquaresSettings) -> Fit:
         """Return the fit with the covariance of the fixed point."""

@@ -15,6 +15,7 @@ from ..._tools.arrays import Array
 from ..._tools.words import counted
 from ...errors import DidimError
 from ...loop.outcome import Outcome
+from ...regression.consistent.problem import ConstrainedProblem
 from ...regression.fit import Fit
 from ...regression.linear_system import LinearSystem, torque_rows
 from ...regression.logs.parameters import LogParameters
@@ -22,7 +23,7 @@ from ...result.iteration import Iteration
 from ...robot.base_parameters import BaseParameters
 from ..job import Job, ratio
 from .convergence import Contraction
-from .response import Response, share_moved
+from .response import Response, noise_of, share_moved
 from .windows import Simulated, Window, segments_of, simulated_all
 
 SLACK = 0.5
@@ -34,9 +35,47 @@ NOTABLE = 0.3
 NEAR = 0.1
 """Distance from the fixed point that Newton's method ends at, in standard deviations."""
 MOST_STEPS = 6
+"""Most steps of Newton's method."""
 MOST_HALVINGS = 3
+"""Most lengths that a step of Newton's method is tried with."""
+MOST_SOLUTIONS = 10
+"""Most solutions of (7), without a simulation, for the fixed point that a response predicts."""
+PREDICTED = 0.01
+"""Change in standard deviations below which that fixed point is found."""
+MOST_ATTEMPTS = 2
+"""Most attempts of a run at its fixed point: each costs a simulation a parameter."""
 SAFETY = 1.5
 """Factor on the distance: the response is that of an iterate, and the robot's conditions bend the way."""
+
+
+@dataclass
+class Attempts:
+    """When a run may go on to its fixed point, and how often: a bounded number of simulations.
+
+    Attributes
+    ----------
+    most_iterations : int
+        Iterations that the run may make.
+    made : int
+        Attempts so far.
+    patience : int
+        Iterations after which the rule on rest is asked again.
+    """
+
+    most_iterations: int
+    made: int = 0
+    patience: int = 0
+
+    def failed(self, n_iterations: int) -> None:
+        """Take an attempt in which no step came nearer: it was made too far from the fixed point."""
+        self.made += 1
+        # The last iteration is asked too: a run that rests there has come to its end.
+        self.patience = min(2 * n_iterations, self.most_iterations)
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the last failure was the last attempt, so that the run ends by its rule."""
+        return self.made >= MOST_ATTEMPTS
 
 
 @dataclass(frozen=True)
@@ -47,6 +86,18 @@ class Loop:
     windows: Sequence[Window]
     parameters: BaseParameters | LogParameters
     solve: Callable[[LinearSystem], Fit]
+    conditions: ConstrainedProblem | None = None
+    """Conditions of a robot that the solutions meet."""
+
+    def share(self, place: Place) -> Array | None:
+        """Return P, the derivative of a solution by that of plain least squares, (n, n); None for 1."""
+        problem, fit = self.conditions, place.fit
+        if problem is None or fit.standard is None:
+            return None
+        rows = place.system.w * (fit.weights / noise_of(fit))[:, None]
+        triangle = np.ascontiguousarray(np.linalg.qr(rows, mode="r"))
+        spread = problem.matrix @ problem.covariance(triangle, fit.standard) @ problem.matrix.T
+        return np.asarray(spread @ triangle.T @ triangle)
 
     def torques(self, found: Simulated) -> Array:
         """Return the simulated torques in the rows of (7), (r,)."""
@@ -135,7 +186,7 @@ class Settled:
         if not self.reached:
             return (
                 "slow contraction: in this slack loop no step came nearer to the fixed point, and the distance from it is unknown; "
-                "a stiffer controller contracts faster, and more iterations go on",
+                "a stiffer controller contracts faster",
             )
         if self.rate < NOTABLE and self.remaining < NOTABLE:
             return ()
@@ -154,7 +205,9 @@ class Settled:
 
     def continued(self, history: Sequence[Iteration]) -> list[Iteration]:
         """Return the history of the run with the steps, and what is known now of the distance before them."""
-        known = {"contraction": self.rate, "remaining_sigma": SAFETY * self.distances[0]}
+        known = {"contraction": self.rate}
+        if self.reached:
+            known["remaining_sigma"] = SAFETY * self.distances[0]
         last = replace(history[-1], more={**history[-1].more, **known})
         return [*history[:-1], last, *self.history]
 
@@ -197,7 +250,7 @@ def settled(
         share = share_moved(place.system, place.fit, rows, origin)
         if share is None or (share < SLACK and not (slow is not None and slow.rate > FAST)):
             return None, count
-        response = Response.at(place.system, place.fit, rows, origin)
+        response = Response.at(place.system, place.fit, rows, origin, loop.share(place))
     except (DidimError, np.linalg.LinAlgError):
         return None, count
     if response is None:
@@ -246,9 +299,7 @@ def _newton(loop: Loop, place: Place, response: Response, distance: float) -> tu
 
     It is a solution of (7) with torques that are moved: under the conditions of a robot it is one.
     """
-    off = place.fit.solution - loop.estimates(place.x)
-    ahead = place.system.w @ (response.gain @ off - off)
-    target = loop.standard(loop.solve(replace(place.system, y=place.system.y + ahead)))
+    target = loop.standard(_fixed_point(loop, place, response))
     length = 1.0
     for tried in range(1, MOST_HALVINGS + 1):
         x = place.x + length * (target - place.x)
@@ -259,6 +310,25 @@ def _newton(loop: Loop, place: Place, response: Response, distance: float) -> tu
                 return after, length, tried
         length *= 0.5
     return None, 0.0, MOST_HALVINGS
+
+
+def _fixed_point(loop: Loop, place: Place, response: Response) -> Fit:
+    """Return the solution of (7) that is the fixed point if the motion answers to the parameters as it does here.
+
+    Under conditions P changes on the way, so the iteration itself is made with the torques that the response predicts, without
+    a simulation, by Newton's method; without conditions one step is all.
+    """
+    here = loop.estimates(place.x)
+    change, fit = np.zeros_like(here), place.fit
+    for _ in range(MOST_SOLUTIONS if loop.conditions is not None else 1):
+        off = fit.solution - here - change
+        share = loop.share(replace(place, fit=fit))
+        change = change + (response if share is None else response.under(share)).gain @ off
+        ahead = place.system.w @ (response.jacobian @ change)
+        fit = loop.solve(replace(place.system, y=place.system.y + ahead))
+        if np.all(np.abs(fit.solution - here - change) <= PREDICTED * place.fit.std):
+            break
+    return fit
 
 
 def _entry(
