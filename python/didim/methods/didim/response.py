@@ -138,7 +138,7 @@ class Response:
     def under(self, share: Array) -> Response:
         """Return the response of an iteration under conditions that leave P, (n, n), of a change."""
         held = share @ self.jacobian
-        gain = np.linalg.inv(np.eye(len(held)) - held)
+        gain = np.asarray(np.linalg.inv(np.eye(len(held)) - held), dtype=np.float64)
         return replace(self, gain=gain, rate=float(np.abs(np.linalg.eigvals(held)).max()))
 
     def with_errors(self, system: LinearSystem, fit: Fit, settings: LeastSquaresSettings) -> Fit:
