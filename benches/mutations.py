@@ -130,7 +130,7 @@ PYTHON = (
     ),
     Mutation(
         "gain updating divides instead of multiplying",
-        "python/didim/methods/didim/loops.py",
+        "python/didim/methods/didim/simulator.py",
         "here / np.where(real > 0.0, real, 1.0), 1.0)",
         "real / np.where(here > 0.0, here, 1.0), 1.0)",
         "tests/test_didim.py",

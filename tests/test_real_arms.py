@@ -13,7 +13,7 @@ import didim
 from didim._tools.arrays import Array
 from didim.experiment.specs import SimulationSettings
 from didim.loop.outcome import Outcome
-from didim.methods.didim.consistent import ConsistentRun
+from didim.methods.didim.simulator import RateSimulator
 from didim.methods.didim.windows import Simulated
 from didim.model.consistency import pseudo_inertias, violations
 from didim.regression.consistent.problem import conditions_of
@@ -23,13 +23,15 @@ from scripts import script
 def recorded_iterates(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Array, Array, SimulationSettings]]:
     """Standard parameters, damping and steps of every simulation of consistent DIDIM from now on."""
     found = []
-    simulate = ConsistentRun._simulate
+    simulate = RateSimulator.simulate
 
-    def recorded(run: ConsistentRun, x: Array, scale: Array | None = None) -> Simulated | Outcome:
+    def recorded(
+        run: RateSimulator, x: Array, scale: Array | None = None, checked: bool = False
+    ) -> Simulated | Outcome:
         found.append((x.copy(), run.damping, run.experiment_at(x).simulation))
         return simulate(run, x, scale)
 
-    monkeypatch.setattr(ConsistentRun, "_simulate", recorded)
+    monkeypatch.setattr(RateSimulator, "simulate", recorded)
     return found
 
 

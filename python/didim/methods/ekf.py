@@ -21,7 +21,7 @@ from ..result.iteration import Iteration
 from ..result.status import Status
 from ..signal.noise import white_noise
 from .builder import TorqueErrors, identification
-from .idim_ls import IDIMLS
+from .idim_ls import direct_estimate
 from .job import Delay, Job, ratio
 from .kalman import Filter
 from .method import MethodSettings
@@ -106,9 +106,7 @@ class EKF(MethodSettings):
         base = job.robot.base_parameters
         direct = isinstance(self.start, str) and self.start == "idim-ls"
         x = (
-            IDIMLS(signal=self.signal, fixed=self.fixed, dropped=self.dropped)
-            .run(experiment, lambda _: False, say)
-            .parameters
+            direct_estimate(self, experiment, say).parameters
             if direct
             else standard_start(job.robot, self.start)
         )

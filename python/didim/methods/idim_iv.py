@@ -10,26 +10,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
 from ..errors import FitError
 from ..experiment.experiment import Experiment
-from ..regression.classical.instrumental import Diagnosis, solve_with_instruments
-from ..regression.consistent.nearest import root_of
+from ..regression.classical.instrumental import (
+    Diagnosis,
+    instrument_diagnosis,
+    solve_with_instruments,
+)
 from ..regression.consistent.solver import ConsistentSolver
-from ..regression.fit import Fit, Progress
-from ..regression.linear_system import LinearSystem
-from ..regression.settings import LeastSquaresSettings
 from ..result.identification import Identification
 from ..result.iteration import Iteration
-from .didim.consistent import ConsistentRun
-from .didim.didim import Iterations
+from .didim.iterations import Iterations
 from .didim.settings import DIDIMSettings
-from .didim.windows import Point
-from .job import Job
+from .didim.windows import Solved
 from .method import Motion
 
 WEAK = 0.5
@@ -86,100 +83,18 @@ class IDIMIV(DIDIMSettings):
             One of its kinds: without a reference or a controller, for a start with which the robot cannot be simulated,
             for a log that allows no estimate.
         """
-        solver = _Instruments()
         job = self.job(experiment, experiment.simulation.robot(experiment.robot))
-        if isinstance(job.solver, ConsistentSolver):
-            run = _ConsistentInstruments(self, job, job.solver, progress, say)
-            return _with_diagnosis(run.result(), run.instruments)
-        job = replace(job, solver=solver, solver_choice=solver)
-        iterations = _InstrumentalIterations(self, job, solver, progress, say)
-        point = iterations.simulate()
-        while not iterations.over:
-            system = iterations.observe(point)  # Y and W along the measured motion; Z along the simulated one
-            solved = iterations.solve(point, system)
-            step = iterations.step(point, solved)
-            point = iterations.stop(point, solved, step)
-        return _with_diagnosis(iterations.result(point), solver)
+        if not isinstance(job.solver, ConsistentSolver):
+            job = replace(job, solver=solve_with_instruments, solver_choice=solve_with_instruments)
+        iterations = Iterations.of(self, job, progress, say)
+        return _with_diagnosis(iterations.result(), iterations.solved)
 
 
-class _Instruments:
-    """The solver of one run; `system` has the instruments, and `diagnosis` is that of the last solution."""
-
-    name = "instrumental"
-    system: LinearSystem
-    diagnosis: Diagnosis | None = None
-    names: tuple[str, ...] = ()
-
-    def __call__(
-        self, system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None
-    ) -> Fit:
-        """Solve (7) with the instruments of the same columns."""
-        columns = [self.system.names.index(name) for name in system.names]
-        every = columns == list(range(len(self.system.names)))
-        instruments = self.system.w if every else self.system.w[:, columns]
-        fit, self.diagnosis = solve_with_instruments(system, instruments, settings)
-        self.names = system.names
-        return fit
-
-
-class _InstrumentalIterations(Iterations):
-    """The iterations of DIDIM, whose regressor is the instrument."""
-
-    def __init__(
-        self,
-        method: IDIMIV,
-        job: Job,
-        solver: _Instruments,
-        progress: Callable[[Iteration], bool],
-        say: Callable[[str], None],
-    ) -> None:
-        super().__init__(method, job, progress, say)
-        self._solver = solver
-        # Along the measured motion nothing changes.
-        self._measured = job.system(job.parts("fit", self.loops.delay))
-
-    def observe(self, point: Point) -> LinearSystem:
-        """Return (7) along the measured motion, and keep the regressor along the simulated one as instruments."""
-        self._solver.system = super().observe(point)
-        return self.about(point, self._measured)
-
-
-class _ConsistentInstruments(ConsistentRun):
-    """The iterations of consistent DIDIM with the estimate of the instruments, moved to the nearest robot (10)."""
-
-    @cached_property
-    def instruments(self) -> _Instruments:
-        """The instruments of the last solution."""
-        return _Instruments()
-
-    def solved(self, point: Point) -> tuple[LinearSystem, Fit]:
-        """Return the rows along the measured motion, and the robot nearest to the estimate of the instruments."""
-        self.instruments.system = self.observed(point)
-        free = self.instruments(self.measured, self.job.settings)
-        problem = self.solver.problem
-        assert problem is not None
-        root = root_of(free.covariance)
-        constrained = problem.solve(root, root @ free.solution)
-        solution = np.asarray(problem.matrix @ constrained.x)
-        return self.measured, replace(
-            free,
-            solution=solution,
-            residual=self.measured.y - self.measured.w @ solution,
-            standard=constrained.x,
-            record={
-                "gamma": problem.gamma,
-                "prior": problem.prior.name,
-                "half_distance": constrained.half_distance,
-                "iterations": constrained.iterations,
-            },
-        )
-
-
-def _with_diagnosis(fit: Identification, solver: _Instruments) -> Identification:
+def _with_diagnosis(fit: Identification, solved: Solved) -> Identification:
     """Return the result with what the instruments say, in its settings and as remarks."""
-    diagnosis, names = solver.diagnosis, solver.names
-    if diagnosis is None:
+    if solved.kept:  # the motion does not identify all parameters: there is no result to judge
         return fit
+    names, diagnosis = solved.system.names, instrument_diagnosis(solved.system, solved.fit)
     test = diagnosis.test
     record = {
         "strength": {name: float(value) for name, value in zip(names, diagnosis.strength, strict=True)},

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import ClassVar, get_args
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from ..result.identification import Identification
 from ..result.iteration import Iteration
 from .builder import fitted, solved_status
 from .drive_gains import GainEstimate, run_with_gains
-from .job import ratio
-from .method import FitSettings
+from .job import Delay, ratio
+from .method import FitSettings, MethodSettings
 from .verdict.torques import torque_reasons
 
 
@@ -120,3 +120,21 @@ class IDIMLS(FitSettings):
             evidence=torque_reasons(found),
             parts=parts,
         )
+
+
+def direct_estimate(
+    method: MethodSettings,
+    experiment: Experiment,
+    say: Callable[[str], None],
+    compensate_samples: Delay | None = None,
+) -> Identification:
+    """Return the IDIM-LS estimate with the settings of another method, which starts there or takes gains from it.
+
+    `compensate_samples` is the delay that the other run has found already.
+    """
+    shared = {item.name for item in fields(MethodSettings)} - {"friction"} | {"weights", "reweightings"}
+    settings: dict[str, Any] = {name: getattr(method, name, None) for name in shared}
+    if compensate_samples is not None:
+        settings["compensate_samples"] = compensate_samples
+    direct = IDIMLS(solver=method.chosen_solver(), **settings)
+    return direct.run(experiment, lambda iteration: False, say)

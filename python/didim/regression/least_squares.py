@@ -154,6 +154,7 @@ def solve_partly(
         y=system.y - system.w[:, held] @ values[held],
         known=None,
         names=tuple(system.names[column] for column in free),
+        instruments=None if system.instruments is None else system.instruments[:, free],
     )
     fit = solver(smaller)
     solution, covariance = values.copy(), np.zeros((columns, columns))

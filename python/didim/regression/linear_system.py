@@ -183,6 +183,8 @@ class LinearSystem:
         Torques of the parameters that are fixed, already taken out of ``y``.
     slopes : mapping of str to ndarray, shape (r,)
         By the name of a column of a friction law: the derivative of the column by the law's estimated velocity.
+    instruments : ndarray, shape (r, b), optional
+        Observation matrix of the same rows and columns along another motion, whose noise is not that of ``w``.
     """
 
     w: Array
@@ -191,6 +193,7 @@ class LinearSystem:
     names: tuple[str, ...]
     known: Array | None = None
     slopes: Mapping[str, Array] = field(default_factory=dict)
+    instruments: Array | None = None
 
     @cached_property
     def joint_blocks(self) -> tuple[tuple[Block, ...], ...]:
@@ -222,6 +225,7 @@ class LinearSystem:
             y=self.y[rows],
             known=None if self.known is None else self.known[rows],
             slopes={name: column[rows] for name, column in self.slopes.items()},
+            instruments=None if self.instruments is None else self.instruments[rows],
             blocks=tuple(
                 replace(block, rows=slice(start, stop))
                 for block, start, stop in zip(blocks, ends[:-1], ends[1:], strict=True)

@@ -22,8 +22,10 @@ from ...regression.consistent.solver import CONSISTENT
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
-from ..didim.consistent import ConsistentRun
 from ..didim.didim import DIDIM
+from ..didim.globalisation import SecantSteps
+from ..didim.iterations import Iterations
+from ..didim.problem import ConsistentProblem
 from ..start import further_of
 from ..verdict.torques import CONTRADICTIONS
 from .finer_steps import corrected
@@ -65,13 +67,15 @@ def search_consistently(
     robot = experiment.simulation.robot(experiment.robot)
     job = didim.job(experiment, robot)
     solver = CONSISTENT.for_logs(job.parameters, job.selection)
-    run = ConsistentRun(didim, job, solver, lambda iteration: False, say)
-    begun = run.result()
-    assert run.solver.problem is not None
+    consistent = ConsistentProblem(didim, job, solver, say)
+    begun = Iterations(consistent, SecantSteps(consistent, say), lambda iteration: False, say).result()
+    assert consistent.conditions is not None
     x = job.parameters.extended(begun.parameters, further_of(begun))
-    problem = OutputError(replace(method, start=begun), method.job(run.experiment_at(x), robot), say)
+    problem = OutputError(
+        replace(method, start=begun), method.job(consistent.simulator.experiment_at(x), robot), say
+    )
     problem.n_simulations = begun.n_simulations
-    found = _Search(problem, run.solver.problem, x, begun.n_rows, progress).result()
+    found = _Search(problem, consistent.conditions, x, begun.n_rows, progress).result()
     asked = method.chosen_start if isinstance(method.chosen_start, str) else "given"
     settings = {
         **found.settings,

@@ -17,7 +17,7 @@ from ...experiment.experiment import Experiment
 from ...result.further import Further
 from ...result.identification import Identification
 from ...result.iteration import Iteration
-from ..idim_ls import IDIMLS
+from ..idim_ls import direct_estimate
 from .settings import CLOESettings
 
 Say = Callable[[str], None]
@@ -51,15 +51,7 @@ def run_with_held_gains(
             f"output {method.output!r} compares torques, and experiment '{experiment.name}' has currents: use output "
             "'position', or identify the drive gains by idim-ls or didim and write them into the file as gain = [...]"
         )
-    direct = IDIMLS(
-        variance=method.variance,
-        uncertainty=method.uncertainty,
-        blocks=method.blocks,
-        signal=method.signal,
-        compensate_samples=method.compensate_samples,
-        fixed=method.fixed,
-        dropped=method.dropped,
-    ).run(experiment, lambda _: False, say)
+    direct = direct_estimate(method, experiment, say)
     known = direct.further
     assert known is not None
     assert known.gains is not None

@@ -32,7 +32,7 @@ from ...signal.align import align
 from ...signal.segments import kept_samples, place_of
 from ...signal.spikes import without_spikes
 from ..builder import TorqueErrors, identification, record
-from ..idim_ls import IDIMLS
+from ..idim_ls import direct_estimate
 from ..job import Delay, Job
 from ..start import FROM_LOG, further_of, standard_start, start_from_log
 from ..verdict.simulated import Piece, beside
@@ -242,14 +242,7 @@ class OutputError:
     def _start(self) -> Array:
         start = self.method.chosen_start
         if isinstance(start, str) and start == "idim-ls":
-            method = self.method
-            idim = IDIMLS(
-                signal=method.signal,
-                compensate_samples=method.compensate_samples,
-                fixed=method.fixed,
-                dropped=method.dropped,
-            )
-            direct = idim.run(self.job.experiment, lambda iteration: False, self.say)
+            direct = direct_estimate(self.method, self.job.experiment, self.say)
             x = self.base.extended(direct.parameters, further_of(direct))
         elif isinstance(start, str) and start in FROM_LOG:
             x = self.base.extended(start_from_log(self.job, self.job.delay(), start))

@@ -71,7 +71,7 @@ class Simulated:
 
 
 @dataclass(frozen=True)
-class Point:
+class Iterate:
     """An iterate: standard parameters with the motion simulated with them, and the number of its iteration (0: the start)."""
 
     x: Array
@@ -81,7 +81,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Solved:
-    """The linear system (7) along a simulated motion with its solution."""
+    """The linear system (7) of an iterate with its solution."""
 
     system: LinearSystem
     fit: Fit
@@ -89,7 +89,7 @@ class Solved:
     """Standard parameters of the solution, (n_parameters,)."""
     std: Array
     """Standard deviations of the base parameters, (b,)."""
-    kept: tuple[int, ...]
+    kept: tuple[int, ...] = ()
     """Columns that the motion does not identify, which keep their values."""
 
 
@@ -103,8 +103,10 @@ class Step:
     """Largest share that keeps M(q) positive definite."""
     moved: float
     """Largest change of a base parameter on the whole way, in standard deviations."""
-    after: Point | Outcome
+    after: Iterate | Outcome
     """Where it leads, or how the simulation of the shortest step ended."""
+    wanted: float = 1.0
+    """Share that was asked for before anything shortened it: a secant step is shorter by design."""
     repeated: bool = False
     """Whether it leads nowhere but to the same parameters, simulated with smaller steps in time."""
 

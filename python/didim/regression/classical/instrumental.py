@@ -19,9 +19,9 @@ import numpy as np
 import didim._core as _core
 
 from ..._tools.arrays import Array
-from ...errors import RankError
+from ...errors import FitError, RankError
 from ..covariance import decimated, white
-from ..fit import Fit
+from ..fit import Fit, Progress
 from ..jackknife import Factors
 from ..linear_system import LinearSystem, check_solvable
 from ..settings import LeastSquaresSettings
@@ -218,25 +218,23 @@ class Diagnosis:
 
 
 def solve_with_instruments(
-    system: LinearSystem, instruments: Array, settings: LeastSquaresSettings
-) -> tuple[Fit, Diagnosis]:
-    """Solve (7) with instruments, with weights per joint estimated from the residuals.
+    system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None
+) -> Fit:
+    """Solve (7) with the instruments of the system, with weights per joint estimated from the residuals.
 
     Parameters
     ----------
     system : LinearSystem
-        Torques, and the observation matrix along the measured motion.
-    instruments : ndarray, shape (r, b)
-        Observation matrix of the same rows along the simulated motion.
+        Torques, the observation matrix along the measured motion, and that of the simulated one as instruments.
     settings : LeastSquaresSettings
         Weights and variance.
+    progress : callable, optional
+        As for every solver; solutions are few, and it does not hear of them.
 
     Returns
     -------
-    fit : Fit
+    Fit
         Estimate with its covariance, for white or for decimated noise.
-    diagnosis : Diagnosis
-        What the instruments say of the observation matrix.
 
     Raises
     ------
@@ -247,19 +245,19 @@ def solve_with_instruments(
     """
     check_solvable(system)
     weights = np.ones(system.y.size)
-    found = _determined(system, instruments, weights)
+    found = _determined(system, weights)
     residual = system.y - system.w @ found.solution
     for _ in range(1, settings.solutions):
         weights = per_row(system, 1.0 / joint_sigma(system, residual))
         del found  # it is as large as both matrices
-        found = _determined(system, instruments, weights)
+        found = _determined(system, weights)
         residual = system.y - system.w @ found.solution
     weighted = residual * weights
     if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
         spread = decimated(system, settings, found.left, weighted, found.inverse)
     else:
         spread = white(float(weighted @ weighted) / settings.divisor(*system.w.shape), found.inverse)
-    fit = Fit(
+    return Fit(
         solution=found.solution,
         covariance=spread,
         residual=residual,
@@ -267,18 +265,26 @@ def solve_with_instruments(
         condition_number=float(np.linalg.cond(system.w)),
         factors=Factors(found.left, found.right, found.inverse, weighted),
     )
-    rows = system.w * weights[:, None]
-    return fit, Diagnosis(
-        strength=instrument_strength(rows, found.left),
-        test=exogeneity_test(rows, found.left, system.y * weights),
+
+
+def instrument_diagnosis(system: LinearSystem, fit: Fit) -> Diagnosis:
+    """Return what the instruments say of the observation matrix; `fit` is that of `solve_with_instruments`."""
+    assert fit.factors is not None
+    left, rows = fit.factors.left, system.w * fit.weights[:, None]
+    return Diagnosis(
+        strength=instrument_strength(rows, left),
+        test=exogeneity_test(rows, left, system.y * fit.weights),
         durbin_watson=np.array(
-            [durbin_watson([residual[block.rows] for block in blocks]) for blocks in system.joint_blocks]
+            [durbin_watson([fit.residual[block.rows] for block in blocks]) for blocks in system.joint_blocks]
         ),
     )
 
 
-def _determined(system: LinearSystem, z: Array, weights: Array) -> Instrumented:
+def _determined(system: LinearSystem, weights: Array) -> Instrumented:
     """Solve with weighted instruments, or raise the error of instruments that depend on each other."""
+    z = system.instruments
+    if z is None:
+        raise FitError("the linear system has no instruments")
     found = instrumented(system.w, z, system.y, weights)
     if found is None:
         dependent = _core.least_squares(

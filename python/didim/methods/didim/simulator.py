@@ -1,6 +1,6 @@
-"""The closed loops of a log for DIDIM: simulations with candidate parameters, with the steps of the experiment or smaller ones.
+"""The closed loops of a log: simulations with candidate parameters, their steps in time and the gains of their controllers.
 
-Tested in ``tests/test_didim.py``.
+Tested in ``tests/test_didim.py`` and ``tests/test_consistent.py``.
 """
 
 from __future__ import annotations
@@ -17,21 +17,31 @@ from ...experiment.experiment import Experiment
 from ...loop.outcome import Outcome
 from ...model.dynamics import inertia_matrix
 from ...result.identification import Identification
-from ..idim_ls import IDIMLS
-from ..job import Delay, Job
+from ...signal.segments import Segment
+from ..idim_ls import direct_estimate
+from ..job import Job
 from ..verdict.torques import TORQUE_CODES
 from .settings import DIDIMSettings
-from .windows import Simulated, Window, checked_positions, simulated, windows_of
+from .simulability import chosen_steps, largest_rates
+from .windows import Simulated, Window, checked_positions, segments_of, simulated, windows_of
 
 CAREFUL = 2
 """Where a robot cannot be simulated, all is tried again with equal steps, so many times smaller than the smallest one before."""
+SAME = 1e-9
+"""Logarithm of a factor of the gains below which it is 1."""
 
 
-class Loops:
-    """The closed loop of every window, and the IDIM-LS estimate that starts and gains may need.
+class LogSimulator:
+    """The closed loop of every window, with the steps of the experiment or smaller ones.
+
+    It also has the IDIM-LS estimate that starts and gains may need.
 
     Attributes
     ----------
+    delay : Delay
+        Delay of the torque.
+    experiment : Experiment
+        Robot, log and closed loop.
     windows : list of Window
         Windows with the steps that are taken now.
     n_simulations : int
@@ -40,14 +50,25 @@ class Loops:
         Sentences on the steps.
     """
 
-    def __init__(self, method: DIDIMSettings, job: Job, delay: Delay, say: Callable[[str], None]) -> None:
-        self.method, self.job, self.delay, self.say = method, job, delay, say
-        self.windows = windows_of(job, delay, held=method.motion == "measured")
+    steps_follow_rates = False
+    """Whether the steps follow from the parameters, and need no check."""
+
+    windows: list[Window]
+
+    def __init__(self, method: DIDIMSettings, job: Job, say: Callable[[str], None]) -> None:
+        self.method, self.job, self.say = method, job, say
+        self.delay, self.experiment = job.delay(), job.experiment
+        self.windows = [] if self.steps_follow_rates else self.windows_of(self.experiment)
         self.n_simulations = 0
         self.remarks: list[str] = []
         self._usual: list[Window] | None = None
         self._refined = False
         self._direct: Identification | None = None
+
+    def windows_of(self, experiment: Experiment) -> list[Window]:
+        """Return the windows of the log in the closed loop of an experiment."""
+        job = replace(self.job, experiment=experiment)
+        return windows_of(job, self.delay, held=self.method.motion == "measured")
 
     @property
     def measured(self) -> bool:
@@ -123,14 +144,19 @@ class Loops:
         positions = [window.loop.reference.at(window.loop.t)[0] for window in self.windows]
         return checked_positions(np.concatenate(positions))
 
-    def gain_scale(self, x: Array) -> Array:
-        """Factor of the gains of each joint: J(x) over the J of the IDIM-LS estimate, (n_dof,)."""
+    def gain_scale(self, x: Array) -> Array | None:
+        """Factor of the gains of each joint: J(x) over the J of the IDIM-LS estimate, (n_dof,); None where they stay."""
+        if self.method.gain_updating == "never":
+            return None
         q = self.reference_positions()
-        here, real = (
-            np.diagonal(inertia_matrix(self.job.robot, q, parameters), axis1=1, axis2=2).mean(axis=0)
-            for parameters in (x[: len(self.job.robot.parameter_names)], self.direct().parameters)
-        )
+        here, real = (self._inertias(parameters, q) for parameters in (x, self.direct().parameters))
         return np.where((real > 0.0) & (here > 0.0), here / np.where(real > 0.0, real, 1.0), 1.0)
+
+    def _inertias(self, x: Array, q: Array) -> Array:
+        """Mean of the diagonal of M(q), (n_dof,)."""
+        robot = self.job.robot
+        masses = inertia_matrix(robot, q, x[: len(robot.parameter_names)])
+        return np.asarray(np.diagonal(masses, axis1=1, axis2=2).mean(axis=0))
 
     def direct(self) -> Identification:
         """Return the IDIM-LS estimate with the settings of the method.
@@ -138,21 +164,8 @@ class Loops:
         A log without measured positions has the inertias of its joints along the reference, which is all that gains need of it.
         """
         if self._direct is None:
-            method = self.method
-            idim = IDIMLS(
-                solver=method.chosen_solver(),
-                weights=method.weights,
-                reweightings=method.reweightings,
-                variance=method.variance,
-                uncertainty=method.uncertainty,
-                blocks=method.blocks,
-                decimation_corrected=method.decimation_corrected,
-                signal=method.signal,
-                compensate_samples=self.delay,
-                fixed=method.fixed,
-                dropped=method.dropped,
-            )
-            self._direct = idim.run(with_positions(self.job.experiment), lambda iteration: False, self.say)
+            experiment = with_positions(self.job.experiment)
+            self._direct = direct_estimate(self.method, experiment, self.say, compensate_samples=self.delay)
         return self._direct
 
     def suspicions(self) -> list[str]:
@@ -164,6 +177,64 @@ class Loops:
         except DidimError:
             return []
         return [reason.sentence for reason in found if reason.code in TORQUE_CODES]
+
+    def segments(self, found: Simulated) -> list[Segment]:
+        """Return a simulated motion with the measured torques beside it."""
+        return segments_of(self.windows, found)
+
+
+class RateSimulator(LogSimulator):
+    """Loops whose steps in time follow from the rates of each candidate.
+
+    Attributes
+    ----------
+    q : (n, n_dof) array
+        Positions of the log at which rates and inertias are looked at.
+    damping : (n_dof,) array
+        Damping gains of a continuous controller (`simulability.damping_of`).
+    real : (p,) array
+        Standard parameters whose inertias the controller was made for.
+    """
+
+    steps_follow_rates = True
+
+    def prepare(self, experiment: Experiment, q: Array, damping: Array, real: Array) -> None:
+        """Take the closed loop of an experiment, and what its steps follow from."""
+        self.experiment, self.q, self.damping, self.real = experiment, q, damping, real
+        self._prepared: dict[tuple[object, object], list[Window]] = {}
+        self.choose_steps(real)
+
+    def experiment_at(self, x: Array) -> Experiment:
+        """Return the experiment with the steps in time that the rates of an iterate allow."""
+        settings = self.experiment.simulation
+        fitted = [k for k, item in enumerate(self.experiment.recordings) if item.role == "fit"]
+        robots = np.unique([self.job.parameters.standard(x, number) for number in fitted], axis=0)
+        coarse, fine = chosen_steps(*largest_rates(self.job.robot, robots, self.q, self.damping), settings)
+        return replace(self.experiment, simulation=replace(settings, step_s=coarse, fine_step_s=fine))
+
+    def choose_steps(self, x: Array) -> None:
+        """Take the steps of an iterate."""
+        experiment = self.experiment_at(x)
+        steps = experiment.simulation.step_s, experiment.simulation.fine_step_s
+        if steps not in self._prepared:
+            self._prepared[steps] = self.windows_of(experiment)
+        self.windows = self._prepared[steps]
+
+    def simulate(self, x: Array, scale: Array | None = None, checked: bool = False) -> Simulated | Outcome:
+        """Simulate every window with the steps of these parameters, which need no check."""
+        self.choose_steps(x)
+        return super().simulate(x, scale)
+
+    def take_small_steps(self) -> bool:
+        """Say that the steps are as small as the rates ask."""
+        return False
+
+    def gain_scale(self, x: Array) -> Array | None:
+        """Factor of the gains of each joint: J(x) over that of the consistent solution; None for 1."""
+        if self.method.gain_updating == "never":
+            return None
+        scale = self._inertias(x, self.q) / self._inertias(self.real, self.q)
+        return None if np.abs(np.log(scale)).max() < SAME else scale
 
 
 def with_positions(experiment: Experiment) -> Experiment:

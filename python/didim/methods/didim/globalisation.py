@@ -1,0 +1,165 @@
+"""How far an iteration goes towards its solution: as M(q) > 0 allows, or by secant steps whose torques fit no worse.
+
+Tested in ``tests/test_didim.py`` and ``tests/test_consistent.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...loop.outcome import Outcome, SimulationStatus
+from ...model.safe_step import safe_step
+from ...regression.covariance import inverse
+from .problem import ConsistentProblem, Problem
+from .windows import Iterate, Simulated, Solved, Step, checked_positions
+
+MOST_HALVINGS = 20
+"""How often a step is halved when the simulation after it does not reach its end."""
+SHORTEST = 0.3
+"""Shortest secant step."""
+RISE = 1.02
+"""Factor by which the cost of the simulated torques may rise in a step."""
+FEWER_HALVINGS = 4
+"""How often a step is halved whose run ends early or whose cost rises."""
+
+
+class Globalisation(Protocol):
+    """A rule for the step from an iterate towards the solution of its system."""
+
+    def step(self, iterate: Iterate, solved: Solved) -> Step:
+        """Go towards the solution, and simulate there."""
+
+
+def in_sigma(problem: Problem, solved: Solved, step: Array) -> float:
+    """Return the largest change of a base parameter, in standard deviations."""
+    change = np.abs(problem.base.project(step))
+    return float(
+        np.divide(change, solved.std, out=np.zeros_like(change), where=solved.std > 0.0).max(initial=0.0)
+    )
+
+
+class SafeSteps:
+    """Steps that keep M(q) > 0, halved until the simulation after them reaches its end."""
+
+    def __init__(self, problem: Problem, say: Callable[[str], None]) -> None:
+        self.problem, self.say = problem, say
+        self.method, self.simulator = problem.method, problem.simulator
+
+    def step(self, iterate: Iterate, solved: Solved) -> Step:
+        """Go towards the solution as far as M(q) > 0 and the simulation there allow."""
+        largest = self._largest(iterate, solved.target)
+        moved = in_sigma(self.problem, solved, solved.target - iterate.x)
+        # The simulation that may be the last one has its check of the steps in time beside it.
+        length, after = self._advance(iterate, solved.target, largest, moved <= self.method.sigma_fraction)
+        if length < largest and self.simulator.take_small_steps():
+            # A step that keeps M(q) > 0 leads to a robot; that it cannot be simulated is a matter of the steps in time.
+            again = self.simulator.simulate(iterate.x, iterate.simulated.scale)
+            if isinstance(again, Simulated):
+                return Step(length, largest, moved, replace(iterate, simulated=again), repeated=True)
+        return Step(length, largest, moved, after)
+
+    def _largest(self, iterate: Iterate, target: Array) -> float:
+        """Largest share of the way that keeps M(q) > 0 of the robot with every payload."""
+        parameters = self.problem.base
+        groups: dict[int, list[Array]] = {}
+        for window, motion in zip(self.simulator.windows, iterate.simulated.motions, strict=True):
+            groups.setdefault(-1 if parameters.simple else window.recording, []).append(motion[0])
+        return min(
+            safe_step(
+                self.problem.robot,
+                checked_positions(np.concatenate(q)),
+                parameters.standard(iterate.x, recording),
+                parameters.standard(target, recording),
+                self.method.margin,
+            )
+            for recording, q in groups.items()
+        )
+
+    def _advance(
+        self, iterate: Iterate, target: Array, largest: float, checked: bool
+    ) -> tuple[float, Iterate | Outcome]:
+        """Halve the step until the simulation after it reaches its end; stay where no step does."""
+        length, ended = largest, Outcome(SimulationStatus.DIVERGED)
+        for _ in range(MOST_HALVINGS):
+            x = iterate.x + length * (target - iterate.x) if length < 1.0 else target
+            # With "first" the scale has served its turn; after a full step it would only spoil known gains.
+            updating = self.method.gain_updating == "always" and length < 1.0
+            found = self.simulator.simulate(x, self.simulator.gain_scale(x) if updating else None, checked)
+            if isinstance(found, Simulated):
+                return length, Iterate(x, found, iterate.iteration + 1)
+            ended = found
+            self.say(f"with a step of {length:.3g} the simulation {found}; half of it")
+            length *= 0.5
+        return 0.0, ended
+
+
+class SecantSteps:
+    """Steps among robots: from the third on secant steps of at most 1, shorter where the torques fit clearly worse.
+
+    The robots are a convex set, so no step needs M(q) to be looked at; secant steps end two-cycles.
+    """
+
+    def __init__(self, problem: ConsistentProblem, say: Callable[[str], None]) -> None:
+        self.problem, self.say = problem, say
+        self.method, self.simulator = problem.method, problem.simulator
+        self._before: Array | None = None
+        self._length = 1.0
+
+    def step(self, iterate: Iterate, solved: Solved) -> Step:
+        """Go towards the solution by a secant step, halved where a run ends early or the cost of the torques rises."""
+        estimated = self.problem.job.selection.estimated
+        ahead = self.problem.base.project(solved.target - iterate.x)[estimated]
+        wanted = self._secant(ahead, inverse(solved.fit.covariance)) if iterate.iteration >= 2 else 1.0
+        moved = in_sigma(self.problem, solved, solved.target - iterate.x)
+        length, after = self._advance(iterate, solved, wanted, moved)
+        self._before, self._length = ahead, length
+        return Step(length, 1.0, moved, after, wanted)
+
+    def _secant(self, ahead: Array, metric: Array) -> float:
+        """Length that would have ended the last step where its gradient vanishes; at most 1."""
+        before = self._before
+        old = 0.0 if before is None else float(before @ metric @ before)
+        if before is None or not old > 0.0:
+            return 1.0
+        share = float(ahead @ metric @ before) / old
+        return float(np.clip(self._length / max(1.0 - share, 1e-3), SHORTEST, 1.0))
+
+    def _advance(
+        self, iterate: Iterate, solved: Solved, length: float, moved: float
+    ) -> tuple[float, Iterate | Outcome]:
+        weights = np.array([solved.fit.weights[joint.start] for joint in solved.system.joints])
+        cost = self._cost(iterate.simulated, weights)
+        tried: list[tuple[float, float, Iterate]] = []
+        ended: Outcome | None = None
+        for _ in range(FEWER_HALVINGS + 1):
+            x = iterate.x + length * (solved.target - iterate.x) if length < 1.0 else solved.target
+            found = self.simulator.simulate(x)
+            if isinstance(found, Outcome):
+                ended = found
+                self.say(f"with a step of {length:.3g} the simulation {found}; half of it")
+            else:
+                after = self._cost(found, weights)
+                tried.append((after, length, Iterate(x, found, iterate.iteration + 1)))
+                # The first motion may be that of other gains: its cost says nothing.
+                free = iterate.simulated.scale is not None or moved <= self.method.sigma_fraction
+                if free or after <= RISE * cost:
+                    break
+            length *= 0.5
+        if not tried:
+            assert ended is not None
+            return 0.0, ended
+        _, length, chosen = min(tried, key=lambda item: item[0])
+        self.simulator.choose_steps(chosen.x)
+        return length, chosen
+
+    def _cost(self, found: Simulated, weights: Array) -> float:
+        squares, count = 0.0, 0
+        for window, motion in zip(self.simulator.windows, found.motions, strict=True):
+            squares += float(np.sum(((window.tau - motion[3]) * weights) ** 2))
+            count += window.tau.size
+        return squares / count

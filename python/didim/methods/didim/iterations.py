@@ -1,0 +1,239 @@
+"""The iteration of DIDIM and IDIM-IV, plain and consistent: a problem, a rule for the step, and a rule for the end.
+
+    simulate the start
+    repeat: (7) along the motion of the iterate, solved; a step towards the solution, simulated there
+
+Tested in ``tests/test_didim.py``, ``tests/test_consistent.py`` and ``tests/test_contrast.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..._tools.words import counted
+from ...loop.outcome import Outcome
+from ...regression.consistent.solver import ConsistentSolver
+from ...result.identification import Identification
+from ...result.iteration import Iteration
+from ...result.status import Status
+from ..job import Job, ratio
+from .convergence import SLOW, Path, best_sentence, lost_sentence, rule_sentence, slow_sentence
+from .ending import result_at
+from .globalisation import Globalisation, SafeSteps, SecantSteps
+from .problem import ConsistentProblem, Problem
+from .settings import DIDIMSettings
+from .slack import Attempts, Loop, settled
+from .windows import Iterate, Solved, Step
+
+ROUNDING = 1e-10
+"""Share of the torques below which a residual is rounding."""
+
+
+class Iterations:
+    """The iterations of one run.
+
+    Attributes
+    ----------
+    problem : Problem
+        What is solved along the motion of an iterate.
+    globalisation : Globalisation
+        How far an iteration goes towards its solution.
+    history : list of Iteration
+        Iterations so far.
+    status : Status
+        Ending, as far as it is known.
+    over : bool
+        Whether the last iteration has been made.
+    solved : Solved
+        The last solution.
+    """
+
+    solved: Solved
+
+    def __init__(
+        self,
+        problem: Problem,
+        globalisation: Globalisation,
+        progress: Callable[[Iteration], bool],
+        say: Callable[[str], None],
+    ) -> None:
+        self.problem, self.globalisation, self.progress, self.say = problem, globalisation, progress, say
+        self.method, self.simulator = problem.method, problem.simulator
+        self.history: list[Iteration] = []
+        self.status, self.over = Status.NOT_CONVERGED, False
+        self._ending, self._exact = "", False
+        self._remarks: list[str] = []
+        self._path = Path()
+        self._attempts = Attempts(self.method.max_iterations)
+        self._last_norm = float("nan")
+        self._lost = 0
+
+    @classmethod
+    def of(
+        cls,
+        method: DIDIMSettings,
+        job: Job,
+        progress: Callable[[Iteration], bool],
+        say: Callable[[str], None],
+    ) -> Iterations:
+        """Return the iterations of a job: among robots where its solver is consistent."""
+        if isinstance(job.solver, ConsistentSolver):
+            consistent = ConsistentProblem(method, job, job.solver, say)
+            return cls(consistent, SecantSteps(consistent, say), progress, say)
+        problem = Problem(method, job, say)
+        return cls(problem, SafeSteps(problem, say), progress, say)
+
+    def result(self) -> Identification:
+        """Iterate to the end, and put the result together."""
+        iterate = self._best = self.begin()  # the start, (17) by default
+        self._first_error = iterate.simulated.error
+        while not self.over:
+            system = self.problem.observe(iterate)  # Y, and W along the simulated motion, (6)
+            solved = self.problem.solve(iterate, system)  # (7) and (8)
+            step = self.globalisation.step(iterate, solved)  # towards the solution, and simulated there
+            iterate = self.stop(iterate, solved, step)  # or go on from here
+        return self._finish(iterate)
+
+    def begin(self) -> Iterate:
+        """Simulate the start, with smaller steps in time where those of the experiment do not do."""
+        x = self.problem.start()
+        scale = self.simulator.gain_scale(x)
+        simulated = self.simulator.simulate(x, scale)
+        if isinstance(simulated, Outcome) and self.simulator.take_small_steps():
+            simulated = self.simulator.simulate(x, scale)
+        if isinstance(simulated, Outcome):
+            raise self.problem.no_start(f"the simulation {simulated}")
+        return Iterate(x, simulated, 0)
+
+    def stop(self, iterate: Iterate, solved: Solved, step: Step) -> Iterate:
+        """Record the iteration, and end the run where the rule or the callback says so; return the iterate reached."""
+        if isinstance(step.after, Iterate) and step.repeated:
+            return step.after
+        self.solved = solved
+        self.history.append(self._entry(iterate, solved, step))
+        stopped = self.progress(self.history[-1])
+        self.over = stopped or len(self.history) >= self.method.max_iterations
+        if isinstance(step.after, Outcome):
+            self.status, self.over = Status.NO_STEP, True
+            self._remarks.append(f"after the shortest step tried the simulation {step.after}")
+            return iterate
+        after = step.after
+        self.status = Status.STOPPED if stopped else Status.NOT_CONVERGED
+        self._compare(after)
+        if not stopped and self._rule_holds(after, solved, step):
+            # Repeat the last iterations with the experiment's own steps in time: the result must not depend on the start.
+            usual = self.simulator.take_usual_steps(after.x)
+            if usual is not None:
+                return replace(after, simulated=usual)
+            self.status = Status.CONVERGED
+            if self.over or self.method.stop:
+                return self._settle(after, solved)
+        return after
+
+    def _compare(self, after: Iterate) -> None:
+        """Keep the best iterate, and give up where nothing but worse ones follow."""
+        error, best = after.simulated.error, self._best.simulated.error
+        self._lost = self._lost + 1 if error >= max(1.0, best) else 0
+        if error < best:
+            self._best = after
+        if self._lost >= self.problem.most_lost and self.status is not Status.STOPPED:
+            self.over = True
+            self._remarks.append(lost_sentence(self._lost, error))
+
+    def _finish(self, iterate: Iterate) -> Identification:
+        """Put together the result: the last iterate if the iterations converged, the best one otherwise."""
+        solved, best = self.solved, self._best
+        if self.status is not Status.CONVERGED:
+            iterate = best
+            self._ending = best_sentence(best.iteration, len(self.history), best.simulated.error)
+            solved = self.solved = self.problem.solve(best, self.problem.observe(best))
+        self.say(counted(self.simulator.n_simulations, "simulation"))
+        return result_at(
+            iterate,
+            solved,
+            self.problem,
+            status=self.status,
+            ending=self._ending,
+            history=self.history,
+            first_error=self._first_error,
+            remarks=self._remarks,
+        )
+
+    def _settle(self, iterate: Iterate, solved: Solved) -> Iterate:
+        """End the run, at the fixed point in a slack loop; with instruments or unknown gains the iteration is another one."""
+        self.over = True
+        problem, method = self.problem, self.method
+        if self._exact or problem.instrumental or problem.base.n_gains:
+            return iterate
+        slow = self._path.contraction(solved.std)
+        end, count = settled(
+            Loop(problem.job, self.simulator.windows, problem.base, problem.solution, problem.conditions),
+            iterate.x,
+            iterate.simulated,
+            slow,
+            self.history,
+            method.max_iterations,
+            self.progress,
+        )
+        self.simulator.n_simulations += count
+        if end is None:
+            if slow is not None and slow.remaining_largest > SLOW:
+                self._remarks.append(slow_sentence(slow, len(self.history)))
+            return iterate
+        if not end.reached:
+            self._attempts.failed(len(self.history))
+            rested = self.history[-1].more["largest_change_in_sigma"] <= method.sigma_fraction
+            self.over = rested or self._attempts.exhausted or len(self.history) >= method.max_iterations
+            if not self.over:
+                self.status = Status.NOT_CONVERGED
+                return iterate
+        self.history = end.continued(self.history)
+        self._remarks += end.remarks
+        self.solved = replace(solved, system=end.place.system, fit=end.place.fit)
+        return Iterate(end.place.x, end.place.simulated, len(self.history))
+
+    def _entry(self, iterate: Iterate, solved: Solved, step: Step) -> Iteration:
+        """Entry of the history."""
+        after = step.after
+        x = after.x if isinstance(after, Iterate) else iterate.x
+        norm = float(np.linalg.norm(solved.fit.residual))
+        change = ratio(abs(norm - self._last_norm), self._last_norm)
+        self._last_norm = norm
+        self._path.add(self.problem.base.project(x - iterate.x), full=step.length == 1.0)
+        contraction = self._path.contraction(solved.std)
+        return Iteration(
+            iteration=len(self.history) + 1,
+            relative_error=ratio(norm, np.linalg.norm(solved.system.measured)),
+            step=ratio(np.linalg.norm(x - iterate.x), np.linalg.norm(x)),
+            more={
+                "step_length": step.length,
+                "largest_safe_step": step.largest,
+                "largest_change_in_sigma": step.moved,
+                "residual_change": change,
+                "output_error_before": iterate.simulated.error,
+                "output_error_after": after.simulated.error if isinstance(after, Iterate) else np.nan,
+                "condition_number": solved.fit.condition_number,
+                "contraction": np.nan if contraction is None else contraction.rate,
+                "remaining_sigma": np.nan if contraction is None else contraction.remaining_largest,
+            },
+        )
+
+    def _rule_holds(self, after: Iterate, solved: Solved, step: Step) -> bool:
+        """Whether the residual or the parameters have come to rest; keeps the sentence on the rule that fired."""
+        method, entry = self.method, self.history[-1]
+        change = entry.more["residual_change"]
+        # A diverging robot may have steady residuals; it is further from the log than no torque at all.
+        sound = step.length >= step.wanted and after.simulated.error < 1.0 and not solved.kept
+        sound = sound and len(self.history) >= self._attempts.patience
+        # Without noise the residual, and the sigmas made of it, end as rounding.
+        self._exact = entry.relative_error <= ROUNDING
+        steady = change <= method.tolerance and step.moved <= self.problem.steady_within
+        if not sound or not (self._exact or step.moved <= method.sigma_fraction or steady):
+            return False
+        self._ending = rule_sentence(
+            step.moved, method.sigma_fraction, change, method.tolerance, exact=self._exact
+        )
+        return True

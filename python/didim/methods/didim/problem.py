@@ -1,0 +1,332 @@
+"""What an iteration of DIDIM and IDIM-IV solves: (7) along the simulated motion, or along the measured one with instruments.
+
+    DIDIM      W, y of (7) along the motion of the iterate
+    IDIM-IV    W, y along the measured motion, instruments along that of the iterate
+
+solved by the solver of the run, in part where the motion does not identify all, or under the conditions of a robot. Tested
+in ``tests/test_didim.py``, ``tests/test_consistent.py`` and ``tests/test_contrast.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+import didim._core as _core
+
+from ..._tools.arrays import Array
+from ..._tools.words import listing
+from ...errors import DidimError, FitError, RankError
+from ...regression.classical.instrumental import solve_with_instruments
+from ...regression.consistent.diagnosis import diagnosis
+from ...regression.consistent.nearest import root_of
+from ...regression.consistent.problem import ConstrainedProblem
+from ...regression.consistent.solver import ConsistentSolver
+from ...regression.covariance import inverse
+from ...regression.fit import Fit
+from ...regression.gains.currents import Currents
+from ...regression.least_squares import solve_partly
+from ...regression.linear_system import LinearSystem
+from ...regression.suspicions import suspicions
+from ...result.verdict import Reason
+from ...signal.segments import Segment
+from ..job import Job
+from ..start import FROM_LOG, further_of, standard_start, start_from_log
+from ..verdict.torques import contradiction_reasons, following_reasons, torque_reasons
+from .gains import with_gains
+from .settings import DIDIMSettings
+from .simulability import damping_of, simulable
+from .simulator import LogSimulator, RateSimulator
+from .windows import Iterate, Simulated, Solved, segments_of
+
+RECORDED = ("tolerance", "sigma_fraction", "max_iterations", "gain_updating", "margin")
+"""Settings in the record of a result, beside the start."""
+POSITIONS = 60
+"""Positions of the log at which rates and inertias are looked at."""
+STARTS = ("consistent", "idim-ls")
+"""Names of the consistent solution along the measured motion: the robot nearest to the estimate of IDIM-LS."""
+
+
+class Problem:
+    """The linear system of an iterate, solved as far as the motion identifies the parameters.
+
+    Attributes
+    ----------
+    simulator : LogSimulator
+        Closed loops of the log.
+    stuck : dict of int to str
+        Parameters that a simulated motion did not identify, by iteration, 0 for the start.
+    steady_within : float
+        Largest change in standard deviations at which a steady residual ends the iteration.
+    most_lost : float
+        Iterations in a row, farther from the log than no torque at all and than the best one, after which the run gives up.
+    """
+
+    steady_within = np.inf
+    most_lost = np.inf
+    conditions: ConstrainedProblem | None = None
+    simulator: LogSimulator
+
+    def __init__(self, method: DIDIMSettings, job: Job, say: Callable[[str], None]) -> None:
+        self.method, self.job, self.say = method, job, say
+        self.robot, self.base = job.robot, job.parameters
+        self.stuck: dict[int, str] = {}
+        self.simulator = self._simulator(say)
+
+    def _simulator(self, say: Callable[[str], None]) -> LogSimulator:
+        return LogSimulator(self.method, self.job, say)
+
+    @cached_property
+    def measured(self) -> LinearSystem:
+        """(7) along the measured motion."""
+        return self.job.system(self.job.parts("fit", self.simulator.delay))
+
+    @property
+    def instrumental(self) -> bool:
+        """Whether the simulated motion gives the instruments of the measured one."""
+        return self.method.motion == "measured"
+
+    def start(self) -> Array:
+        """Return the standard parameters to start from, with fixed and dropped ones at their values."""
+        start = self.method.chosen_start
+        further: dict[str, float] = {}
+        if isinstance(start, str) and start == "idim-ls":
+            direct = self.simulator.direct()
+            x, further = direct.parameters, further_of(direct)
+        elif isinstance(start, str) and start in FROM_LOG:
+            x = start_from_log(self.job, self.simulator.delay, start)
+        else:
+            x, further = standard_start(self.robot, start), further_of(start)
+        if self.base.n_gains:
+            # Of the rows along the measured motion: without gains there are no torques to begin with.
+            further = {**further_of(self.simulator.direct()), **further}
+        x = self.base.extended(x, further)
+        beta = self.base.project(x)
+        beta[[role != "estimated" for role in self.job.selection.roles]] = 0.0
+        x = self.base.lift(beta + self.job.selection.values)
+        unloaded = x[: len(self.robot.parameter_names)]
+        smallest = _core.smallest_eigenvalue(self.robot.core, self.simulator.reference_positions(), unloaded)
+        if smallest is not None and not smallest[1] > 0.0:
+            raise self.no_start(
+                f"M(q) is not positive definite on the reference (smallest eigenvalue {smallest[1]:.3g})"
+            )
+        return x
+
+    def no_start(self, reason: str) -> FitError:
+        """Return the error of a start that cannot be simulated."""
+        # A log that is wrong makes IDIM-LS wrong, which may be the start and scales the gains.
+        why = "".join(f"; {sentence}" for sentence in self.simulator.suspicions())
+        return FitError(f"DIDIM cannot start from these parameters: {reason}{why}")
+
+    def observe(self, iterate: Iterate) -> LinearSystem:
+        """Return (7): measured torques, and the regressor along the simulated motion or beside its instruments."""
+        parts = self.simulator.segments(iterate.simulated)
+        along = self._about(iterate, self.job.system(parts, self.base.project(iterate.x)))
+        if not self.instrumental:
+            return along
+        return replace(self._about(iterate, self.measured), instruments=along.w)
+
+    def _about(self, iterate: Iterate, system: LinearSystem) -> LinearSystem:
+        """Return a system as it is, or with unknown drive gains the system that is linear in them about an iterate.
+
+        The start knows nothing of the torques, so the first system is about the estimate with its gains.
+        """
+        n = self.base.n_gains
+        if not n:
+            return system
+        currents = Currents.of(system, self.job.reduction)
+        values = self.base.project(iterate.x)[self.job.selection.estimated]
+        gains = values[-n:]
+        return currents.linearised(values[:-n] if iterate.iteration else currents.parameters(gains), gains)
+
+    def solution(self, system: LinearSystem) -> Fit:
+        """Solve a system with the solver of the run."""
+        return self.job.solve(system)
+
+    def solve(self, iterate: Iterate, system: LinearSystem) -> Solved:
+        """Solve the system of an iterate.
+
+        Parameters that this motion does not identify, because simulated joints stick in friction, keep the values of the iterate;
+        it is the log that lacks them only if the measured motion does not identify them either.
+        """
+        job = self.job
+        try:
+            fit = self.solution(system)
+            kept: tuple[int, ...] = ()
+        except RankError as reason:
+            self._blame_log()
+            values = self.base.project(iterate.x)[job.selection.estimated]
+            fit, kept = solve_partly(system, self.solution, values, reason.columns)
+            self.stuck[iterate.iteration] = listing([system.names[column] for column in kept])
+        target = fit.standard
+        if target is None:
+            target = self.base.lift(job.selection.expand(fit.solution))
+        std = np.sqrt(np.diag(job.selection.expand_covariance(fit.covariance)))
+        return Solved(system, fit, target, std, kept)
+
+    def _blame_log(self) -> None:
+        """Raise the error of a log whose measured motion does not identify all parameters either."""
+        try:
+            self.simulator.direct()
+        except RankError:
+            raise
+        except DidimError:
+            return  # the measured motion says nothing
+
+    def suspected(self, system: LinearSystem, fit: Fit, *, converged: bool) -> list[str]:
+        """Return what looks wrong with the torques of a result."""
+        if not converged:
+            return self.simulator.suspicions()
+        # With unknown gains the rows are those of the motors, and the sign of a gain is estimated.
+        return suspicions(system, fit) if not self.base.n_gains else []
+
+    @property
+    def remarks(self) -> Sequence[str]:
+        """Sentences on the problem."""
+        return self.simulator.remarks
+
+    def evidence(self, suspected: Sequence[str], output_error: float) -> list[Reason]:
+        """Return reasons to doubt a result."""
+        updating = self.method.gain_updating != "never"
+        return [*torque_reasons(suspected), *following_reasons(output_error, updating=updating)]
+
+    def record(self) -> dict[str, Any]:
+        """Return the settings of the method and of the closed loop, for the record of a result."""
+        method, experiment = self.method, self.simulator.experiment
+        start = method.chosen_start if isinstance(method.chosen_start, str) else "given"
+        loop = self.simulator.windows[0].loop
+        return {
+            method.name.replace("-", "_"): {
+                "start": start,
+                **{key: getattr(method, key) for key in RECORDED},
+                **self._own_record(start),
+            },
+            "closed_loop": {
+                "reference": getattr(experiment.reference, "settings", None),
+                "controller": getattr(experiment.controller, "settings", None),
+                "laws": loop.controller.laws.tolist(),
+                "steps": loop.schedule.steps,
+            },
+        }
+
+    def _own_record(self, start: str) -> dict[str, Any]:
+        return {}
+
+
+class ConsistentProblem(Problem):
+    """The system under the conditions of a robot: every iterate is one.
+
+    The prior is sized by the log along its measured motion, made-up gains are those of the consistent solution there, and the
+    conditions (B) are those of the largest step that the log allows.
+    """
+
+    steady_within = 3.0
+    most_lost = 3
+    simulator: RateSimulator
+
+    def __init__(
+        self, method: DIDIMSettings, job: Job, solver: ConsistentSolver, say: Callable[[str], None]
+    ) -> None:
+        super().__init__(method, job, say)
+        simulator = self.simulator
+        try:
+            parts = job.parts("fit", simulator.delay)
+        except DidimError:
+            # Without positions the motion is that of the reference, as long as nothing is simulated.
+            parts = self._references()
+        self.measured = job.system(parts)
+        q = np.concatenate([part.q for part in parts])
+        q = np.ascontiguousarray(q[:: max(1, len(q) // POSITIONS)])
+        first = solver.on(self.measured)
+        direct = first(self.measured, job.settings)
+        assert direct.standard is not None
+        assert first.problem is not None
+        experiment = with_gains(job.experiment, direct.standard[: len(self.robot.parameter_names)], q)
+        damping = damping_of(simulator.windows_of(experiment)[0].loop.controller)
+        self.solver, self.direct, self.step_s = simulable(solver, self.measured, job.settings, damping)
+        assert self.solver.problem is not None
+        assert self.direct.standard is not None
+        self.conditions = self.solver.problem
+        simulator.prepare(experiment, q, damping, self.direct.standard)
+        self.contradictions = diagnosis(self.measured, direct, first.problem)
+
+    def _simulator(self, say: Callable[[str], None]) -> RateSimulator:
+        return RateSimulator(self.method, self.job, say)
+
+    def _references(self) -> list[Segment]:
+        windows, motions = self.simulator.windows_of(self.job.experiment), []
+        for window in windows:
+            q, dq, ddq = (values[window.kept] for values in window.loop.reference.at(window.loop.t))
+            motions.append((q, dq, ddq, window.tau))
+        return segments_of(windows, Simulated(motions, None, 0.0))
+
+    def start(self) -> Array:
+        """Return standard parameters to start from, those of a robot."""
+        start = self.method.chosen_start
+        assert self.conditions is not None
+        assert self.direct.standard is not None
+        if isinstance(start, str) and start in STARTS:
+            return self.direct.standard
+        if isinstance(start, str) and start == "prior":
+            return self.conditions.start
+        x = self.base.extended(standard_start(self.robot, start), further_of(start))
+        # The robot nearest to the start, in the units of the log.
+        root = np.asarray(np.linalg.cholesky(inverse(self.direct.covariance)).T, dtype=np.float64)
+        target = self.base.project(x)[self.job.selection.estimated]
+        return self.conditions.solve(root, root @ target).x
+
+    def no_start(self, reason: str) -> FitError:
+        """Return the error of a start that cannot be simulated."""
+        why = "".join(f"; {sentence}" for sentence in self.contradictions)
+        return FitError(f"consistent DIDIM cannot start from these parameters: {reason}{why}")
+
+    def solution(self, system: LinearSystem) -> Fit:
+        """Solve a system under the conditions; with instruments their estimate is moved to the nearest robot (10)."""
+        if system.instruments is None:
+            return self.solver(system, self.job.settings)
+        problem = self.conditions
+        assert problem is not None
+        free = solve_with_instruments(system, self.job.settings)
+        root = root_of(free.covariance)
+        constrained = problem.solve(root, root @ free.solution)
+        solution = np.asarray(problem.matrix @ constrained.x)
+        return replace(
+            free,
+            solution=solution,
+            residual=system.y - system.w @ solution,
+            standard=constrained.x,
+            record={
+                "gamma": problem.gamma,
+                "prior": problem.prior.name,
+                "half_distance": constrained.half_distance,
+                "iterations": constrained.iterations,
+            },
+        )
+
+    def suspected(self, system: LinearSystem, fit: Fit, *, converged: bool) -> list[str]:
+        """Return what looks wrong with the torques of a result, unless that is known already."""
+        return suspicions(system, fit) if converged and not self.contradictions else []
+
+    @property
+    def remarks(self) -> Sequence[str]:
+        """What contradicts the torques."""
+        return self.contradictions
+
+    def evidence(self, suspected: Sequence[str], output_error: float) -> list[Reason]:
+        """Return reasons to doubt a result."""
+        return [
+            *torque_reasons(suspected),
+            *contradiction_reasons(self.contradictions),
+            *following_reasons(output_error),
+        ]
+
+    def _own_record(self, start: str) -> dict[str, Any]:
+        return {
+            "physical": True,
+            "start": "consistent" if start in STARTS else start,
+            "simulable_step_s": self.step_s,
+        }
