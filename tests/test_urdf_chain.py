@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from didim.errors import RobotError
-from didim.robot.urdf.chain import Chain, choose_chain
+from didim.robot.urdf.chain import WHOLE, Chain, choose_chain
 from didim.robot.urdf.description import read_description
 from urdfs import GRIPPER_ARM, inertial_text, joint_text
 
@@ -63,18 +63,16 @@ def test_fixed_branches_do_not_stop_the_chain() -> None:
     assert [member.link for member in chain.groups[1]] == ["l2", "tool"]
 
 
-def test_two_arms_ask_for_the_tip() -> None:
+def test_two_arms_are_a_tree() -> None:
     text = tree(*arm("torso", "left_", 7), *arm("torso", "right_", 6), ("torso", "head", "revolute"))
-    with pytest.raises(RobotError) as error:
-        chain_of(text)
-    assert str(error.value) == (
-        "arm.urdf: several chains move (left_7 with 7 joints; right_6 with 6 joints; head with 1 joint); choose one by its last "
-        "link: didim robot --tip LINK"
-    )
+    whole = chain_of(text)
+    assert whole.tip == WHOLE
+    assert joints_of(whole)[:7] == [f"to_left_{k + 1}" for k in range(7)]
+    assert whole.parents == (None, *range(6), None, *range(7, 12), None)
     assert len(chain_of(text, tip="left_7").joints) == 7
     # An arm behind a waist is no finger either.
-    with pytest.raises(RobotError, match="choose one by its last link"):
-        chain_of(tree(*arm("base", "waist", 1), *arm("waist1", "left_", 4), *arm("waist1", "right_", 4)))
+    both = chain_of(tree(*arm("base", "waist", 1), *arm("waist1", "left_", 4), *arm("waist1", "right_", 4)))
+    assert both.parents == (None, 0, 1, 2, 3, 0, 5, 6, 7)
     # Locking one of them leaves one.
     locked = {f"to_right_{k + 1}": 0.1 for k in range(6)} | {"to_head": 0.0}
     assert len(chain_of(text, lock=locked).joints) == 7
@@ -118,9 +116,7 @@ MIMIC = '<mimic joint="to_l1"/>'
         (GRIPPER_ARM, {"lock": {"stand": 0.0}}, "there is no moving joint 'stand' to lock"),
         (GRIPPER_ARM, {"lock": {"elbow": math.nan}}, "joint 'elbow' of type revolute cannot be locked at nan"),
         (GRIPPER_ARM, {"tip": "other_finger"}, "joint 'other_finger_joint' mimics 'finger_joint'; lock it (didim robot"),
-        (tree(*arm("base", "l", 13)), {}, "at most 12 joints, and this chain has 13 (to_l1, to_l2,"),
-        (tree(("world", "base", "floating"), *arm("base", "l", 3)), {}, "joint 'to_base' is floating"),
-        (tree(("world", "base", "planar"), *arm("base", "l", 3)), {}, "joint 'to_base' is planar"),
+        (tree(*arm("base", "l", 41)), {}, "at most 40 joints, and this one has 41 (to_l1, to_l2,"),
         (tree(("a", "b", "fixed")), {}, "no joint moves between base and tip"),
     ],
 )  # fmt: skip
@@ -132,9 +128,26 @@ def test_what_is_refused(text: str, options: dict[str, object], message: str) ->
     assert len(str(error.value).splitlines()) == 1
 
 
-def test_a_floating_base_may_be_left_out() -> None:
-    text = tree(("world", "base", "floating"), *arm("base", "l", 3))
+@pytest.mark.parametrize("kind", ["floating", "planar", "spherical"])
+def test_joints_of_other_types_are_held(kind: str) -> None:
+    text = tree(("world", "base", kind), *arm("base", "l", 3))
     assert len(chain_of(text, base="base").joints) == 3
+    whole = chain_of(text)
+    assert joints_of(whole) == ["to_l1", "to_l2", "to_l3"]
+    assert dict(whole.locked) == {"to_base": 0.0}
+    again = chain_of(text, lock=whole.locked)
+    assert joints_of(again) == joints_of(whole)
+
+
+def test_joints_that_follow_others_are_held_in_a_tree() -> None:
+    text = tree(*arm("base", "left_", 3), *arm("base", "right_", 3), ("right_3", "finger", "prismatic"))
+    text = text.replace(
+        '<joint name="to_finger" type="prismatic">',
+        '<joint name="to_finger" type="prismatic"><mimic joint="to_left_1"/>',
+    )
+    whole = chain_of(text)
+    assert len(whole.joints) == 6
+    assert dict(whole.locked) == {"to_finger": 0.0}
 
 
 def test_a_long_row_of_fixed_links_is_read() -> None:

@@ -92,6 +92,42 @@ def random_urdf(
     return '<robot name="random">\n' + "\n".join(parts[k] for k in order) + "\n</robot>\n", names
 
 
+def random_tree(rng: np.random.Generator, joints: int) -> str:
+    """A tree of revolute and prismatic joints, each on a moving link before it or on the base, with damping; a few fixed links."""
+    parts = [f'<link name="base">{inertial_text(rng)}</link>']
+    links = ["base"]
+    for j in range(joints):
+        # Often the link before, so that there are long branches too.
+        parent = links[-1] if rng.random() < 0.6 else str(rng.choice(links))
+        xyz = rng.uniform(-0.4, 0.4, 3) * (rng.random(3) < 0.7)
+        rpy = rng.integers(-1, 3, 3) * math.pi / 2 if rng.random() < 0.4 else rng.uniform(-3.0, 3.0, 3)
+        axis = np.zeros(3)
+        axis[rng.integers(3)] = rng.choice([-1.0, 1.0])
+        if rng.random() < 0.4:
+            axis = rng.normal(size=3)
+        kind = "revolute" if rng.random() < 0.7 else "prismatic"
+        parts.append(f'<link name="link_{j}">{inertial_text(rng)}</link>')
+        parts.append(
+            joint_text(
+                f"joint_{j}",
+                kind,
+                parent,
+                f"link_{j}",
+                xyz=xyz,
+                rpy=rpy,
+                axis=axis,
+                inside=limit_text(rng),
+            )
+        )
+        links.append(f"link_{j}")
+        if rng.random() < 0.2:
+            parts.append(f'<link name="cover_{j}">{inertial_text(rng)}</link>')
+            parts.append(
+                joint_text(f"fix_{j}", "fixed", f"link_{j}", f"cover_{j}", xyz=rng.uniform(-0.2, 0.2, 3))
+            )
+    return '<robot name="tree">' + "\n".join(parts) + "</robot>"
+
+
 def pinocchio_model(text: str, names: Sequence[str]) -> pin.Model:
     """The description in Pinocchio, with all joints but the named ones locked at zero."""
     model = pin.buildModelFromXML(text)

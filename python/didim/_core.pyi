@@ -81,6 +81,7 @@ class Robot:
         smoothing: Sequence[float],
         dead_zone: Sequence[float],
         terms: Sequence[tuple[int, str, str, float, float, Sequence[float]]] = ...,
+        mounts: Sequence[tuple[int | None, float, float, tuple[float, float, float]]] | None = ...,
     ) -> Robot: ...
     @property
     def n_dof(self) -> int: ...

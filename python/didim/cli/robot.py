@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
     from ..robot.urdf.reading import read_urdf
     from ..robot.urdf.summary import rows_and_frames, summary
 
-    if Path(options.robot).suffix.lower() != ".urdf":
+    if Path(options.robot).suffix.lower() not in (".urdf", ".xml", ".mjcf"):
         return _described(options, rows_and_frames)
     locked: dict[str, float] = {}
     for text in options.lock:

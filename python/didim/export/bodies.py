@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from .._tools.arrays import Array
 from ..errors import FitError
 from ..model.dynamics import standard_vector
-from ..robot.rigid_body import INERTIAL, inverse, mdh_pose, pseudo_inertia, why_no_body
+from ..robot.rigid_body import INERTIAL, inverse, pseudo_inertia, why_no_body
 from ..robot.robot import JointLimits, Robot
 
 
@@ -27,7 +27,9 @@ class LinkBody:
     link, joint, kind : str
         Names, and ``revolute`` or ``prismatic``.
     pose : (4, 4) array
-        Frame of the link at position zero in that of the link before (the base for the first), m.
+        Frame of the link at position zero in that of its parent, m.
+    parent : int or None
+        The link that it stands on, from 0; None for the base.
     axis : (3,) array
         Unit axis of the joint in the frame of the link.
     pseudo : (4, 4) array
@@ -44,6 +46,7 @@ class LinkBody:
     joint: str
     kind: str
     pose: Array
+    parent: int | None
     axis: Array
     pseudo: Array
     limits: JointLimits
@@ -159,9 +162,9 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
     offsets = [place.matrix for place in places.links] if places else [np.eye(4)] * n
     geometry = robot.geometry
     bodies = []
-    before = inverse(places.base_matrix) if places else np.eye(4)
-    for j in range(n):
-        step = mdh_pose(geometry.alpha[j], geometry.d[j], geometry.theta[j], geometry.r[j])
+    base = inverse(places.base_matrix) if places else np.eye(4)
+    for j, parent in enumerate(geometry.parents):
+        before, step = base if parent is None else offsets[parent], geometry.placement(j)
         inside = inverse(offsets[j])
         ten = np.array([values[f"{key}{j + 1}"] for key in INERTIAL])
         pseudo = inside @ pseudo_inertia(ten) @ inside.T
@@ -172,6 +175,7 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
             joint=joints[j],
             kind=geometry.kinds[j],
             pose=_clean(inverse(before) @ step @ offsets[j]),
+            parent=parent,
             axis=_clean(inside[:3, 2]),
             pseudo=0.5 * (pseudo + pseudo.T),
             limits=robot.limits[j],
@@ -181,7 +185,6 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
         )
         _check_drive(body)
         bodies.append(body)
-        before = offsets[j]
     gravity = np.array(geometry.gravity)
     return ExportModel(
         name=robot.name,

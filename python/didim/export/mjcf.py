@@ -56,12 +56,17 @@ def mjcf_text(model: ExportModel) -> str:
     if own_base:
         lines.append(f"{indent}<body name={quoteattr(model.base)}>")
         indent += "  "
+    open_bodies: list[int] = []
     for j, link in enumerate(model.links):
-        lines += [indent + line for line in _body(link, rotor[j], viscous[j], coulomb[j])]
-        indent += "  "
-    for _ in range(len(model.links) + own_base):
-        indent = indent[:-2]
-        lines.append(f"{indent}</body>")
+        while open_bodies and open_bodies[-1] != link.parent:
+            open_bodies.pop()
+            lines.append(f"{indent}{'  ' * len(open_bodies)}</body>")
+        inner = indent + "  " * len(open_bodies)
+        lines += [inner + line for line in _body(link, rotor[j], viscous[j], coulomb[j])]
+        open_bodies.append(j)
+    lines += [f"{indent}{'  ' * depth}</body>" for depth in reversed(range(len(open_bodies)))]
+    if own_base:
+        lines.append("    </body>")
     lines.append("  </worldbody>")
     if model.motors:
         lines += ["  <tendon>", *_tendons(model), "  </tendon>"]

@@ -61,12 +61,11 @@ def sdf_text(model: ExportModel) -> str:
             f"      <child>{escape(model.base)}</child>",
             "    </joint>",
         ]
-    frame = np.eye(4)
-    parent = model.base
+    frames: list[Array] = []
     for link in model.links:
-        frame = frame @ link.pose
-        lines += _link(link, frame) + _joint(link, parent)
-        parent = link.link
+        frames.append((np.eye(4) if link.parent is None else frames[link.parent]) @ link.pose)
+        parent = model.base if link.parent is None else model.links[link.parent].link
+        lines += _link(link, frames[-1]) + _joint(link, parent)
     return "\n".join([*lines, "  </model>", "</sdf>"]) + "\n"
 
 

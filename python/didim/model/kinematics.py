@@ -1,8 +1,8 @@
 """Frames of a robot in a pose: the geometric model of modified Denavit-Hartenberg rows (Khalil and Kleinfinger).
 
-Frame j follows frame j - 1 by ``Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)``, where the position of the joint
-adds to theta (revolute) or to r (prismatic). The dynamics have their own way through the chain, in the core; this one is for
-pictures. ``test_plot.py`` compares with the frames of Pinocchio.
+Frame j follows the frame before, in a tree that of its antecedent, by ``Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)``. The
+position of the joint adds to theta (revolute) or to r (prismatic). The dynamics have their own way through the joints, in the
+core; this one is for pictures. ``test_plot.py`` compares with the frames of Pinocchio.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ def frames(robot: Robot, q: ArrayLike) -> Array:
         sample, joint = np.argwhere(~np.isfinite(positions))[0]
         raise ShapeError(f"q of joint {joint + 1} is {positions[sample, joint]} at sample {sample}")
     geometry = robot.geometry
+    parents = geometry.parents
     found = np.empty((len(positions), n + 1, 4, 4))
     found[:, 0] = np.eye(4)
     for joint, kind in enumerate(geometry.kinds):
@@ -52,7 +53,11 @@ def frames(robot: Robot, q: ArrayLike) -> Array:
         turn = geometry.theta[joint] + (moved if kind == "revolute" else np.zeros_like(moved))
         slide = geometry.r[joint] + (moved if kind == "prismatic" else np.zeros_like(moved))
         row = _row(geometry.alpha[joint], geometry.d[joint], turn, slide)
-        found[:, joint + 1] = np.matmul(found[:, joint], row)
+        parent = parents[joint]
+        before = found[:, 0 if parent is None else parent + 1]
+        if geometry.mounts:
+            before = np.matmul(before, geometry.mounts[joint].matrix)
+        found[:, joint + 1] = np.matmul(before, row)
     return found
 
 

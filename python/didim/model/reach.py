@@ -45,7 +45,9 @@ def reach(robot: Robot) -> float:
 
 
 def pose_lines(robot: Robot) -> list[str]:
-    """Return lines on the pose of the last frame at q = 0, and on the reach."""
+    """Return lines on the pose of the last frame at q = 0, and on the reach; none for a tree, which has several last frames."""
+    if not robot.geometry.in_line:
+        return []
     pose = flange_at_zero(robot)
     x, y, z = (_number(value) for value in pose[:3, 3])
     axes = "; ".join(

@@ -77,8 +77,19 @@ def _along(robot: Robot, points: Array) -> Array:
 
 
 def skeleton(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """Return the corners of the links, (2 n_dof + 1, 3), along x by d and then along z by r, and the joints' axes, (n_dof, 3)."""
+    """Return the corners of the links and the joints' axes, (n_dof, 3).
+
+    The corners of a chain, (2 n_dof + 1, 3), go along x by d and then along z by r. Those of a tree, (3 n_dof, 3), go from the
+    frame of the antecedent and have a row of NaN behind each link, which breaks the line that is drawn.
+    """
     found = frames(robot, q[None])[0]
+    if not robot.geometry.in_line:
+        gap = np.full(3, np.nan)
+        lines = [
+            (found[0 if parent is None else parent + 1, :3, 3], found[joint + 1, :3, 3], gap)
+            for joint, parent in enumerate(robot.geometry.parents)
+        ]
+        return np.array(lines).reshape(-1, 3), found[1:, :3, 2]
     corners = [found[0, :3, 3]]
     for joint in range(robot.n_dof):
         before = found[joint]
@@ -91,7 +102,7 @@ def _draw(robot: Robot, points: Array, axes_z: Array, origins: Array, way: Array
     from mpl_toolkits.mplot3d import Axes3D
 
     everything = points if way is None else np.concatenate([points, way])
-    low, high = everything.min(axis=0), everything.max(axis=0)
+    low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
     size = max(float((high - low).max()), 0.1)
     figure = new_figure(5.2, 5.6)
     axes: Any = figure.add_subplot(projection="3d")

@@ -176,7 +176,17 @@ def moved(ten: Array, frame: Array) -> Array:
 
 
 def last_link(robot: Robot, frame: Array) -> Array:
-    """Return what a payload adds to the standard parameters: (p, 10), for ten parameters in a frame with a pose in frame n."""
+    """Return what a payload adds to the standard parameters: (p, 10), for ten parameters in a frame with a pose in frame n.
+
+    Raises
+    ------
+    ExperimentError
+        For a tree, which has several last links.
+    """
+    if not robot.geometry.in_line:
+        raise ExperimentError(
+            f"robot {robot.name!r} is a tree: payloads need joints in a line, whose last link is the flange"
+        )
     first = robot.parameter_names.index(f"{INERTIAL[0]}{robot.n_dof}")
     columns = np.zeros((len(robot.parameter_names), 10))
     columns[first : first + 10] = np.stack([moved(unit, frame) for unit in np.eye(10)], axis=1)

@@ -24,6 +24,7 @@ from .base_parameters import BaseParameters, base_parameters
 from .collision import Capsule
 from .correspondence import Correspondence
 from .friction import Friction, FrictionTerm, read_friction
+from .placement import Mount, in_line, placed
 from .standard_dh import StandardTable, from_frame, in_other_frames, to_frame
 
 
@@ -48,7 +49,7 @@ class JointLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class Geometry:
-    """Modified Denavit-Hartenberg table, gravity and transmission: what the core builds a robot from.
+    """Modified Denavit-Hartenberg rows, gravity and transmission: what the core builds a robot from.
 
     Attributes
     ----------
@@ -60,6 +61,8 @@ class Geometry:
         Acceleration of gravity in frame 0 (m/s^2).
     coupling : tuple of tuple of float
         ``C``: rotor speeds in joint-side units are ``C dq`` (rows are motors), (22).
+    mounts : tuple of Mount
+        What each joint of a tree stands on; empty for joints in a line.
     """
 
     kinds: tuple[str, ...]
@@ -69,11 +72,32 @@ class Geometry:
     r: tuple[float, ...]
     gravity: tuple[float, ...]
     coupling: tuple[tuple[float, ...], ...]
+    mounts: tuple[Mount, ...] = ()
+
+    @property
+    def parents(self) -> tuple[int | None, ...]:
+        """The joint that each joint stands on, from 0; None for the base."""
+        return tuple(mount.parent for mount in self.mounts) or in_line(len(self.kinds))
+
+    @property
+    def core_mounts(self) -> list[tuple[int | None, float, float, tuple[float, float, float]]] | None:
+        """The mounts as the core takes them; None for joints in a line."""
+        return [(mount.parent, mount.gamma, mount.b, mount.shift) for mount in self.mounts] or None
+
+    @property
+    def in_line(self) -> bool:
+        """Whether each joint stands on the one before it."""
+        return self.parents == in_line(len(self.kinds))
+
+    def placement(self, joint: int) -> Array:
+        """Return the pose (4, 4) of a frame in that of its antecedent at position zero (m)."""
+        mount = self.mounts[joint] if self.mounts else Mount(parent=None)
+        return placed(mount, (self.alpha[joint], self.d[joint], self.theta[joint], self.r[joint]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Robot(Pickled):
-    """A serial robot. Made by `load_robot`.
+    """A robot with a fixed base: joints in a line or a tree. Made by `load_robot`.
 
     Attributes
     ----------
@@ -178,6 +202,7 @@ class Robot(Pickled):
                     )
                     for term in friction.terms
                 ],
+                mounts=geometry.core_mounts,
             )
         except ValueError as reason:
             raise RobotError(f"{self.path.name}: {reason}") from None
@@ -319,9 +344,10 @@ class Robot(Pickled):
         RobotError
             For a name that the robot has not, and for a base parameter beside the standard one it is named after.
         """
-        base = self.base_parameters
-        places = dict(zip(base.names, base.indices, strict=True))
-        places.update((parameter, index) for index, parameter in enumerate(self.parameter_names))
+        places = {parameter: index for index, parameter in enumerate(self.parameter_names)}
+        if not places.keys() >= values.keys():  # finding the base parameters of large robots takes seconds
+            base = self.base_parameters
+            places = {**dict(zip(base.names, base.indices, strict=True)), **places}
         x = np.zeros(len(self.parameter_names))
         taken: dict[int, str] = {}
         for parameter, value in values.items():

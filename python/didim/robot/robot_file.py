@@ -19,10 +19,14 @@ from .collision import read_capsules
 from .correspondence import read_correspondence
 from .friction import read_friction
 from .payload import LARGEST
+from .placement import Mount, chain
 from .right_angles import NEARLY_PARALLEL, SNAP, RightAngles
 from .robot import Geometry, JointLimits, Robot
 from .standard_dh import StandardTable, read_lengths
 from .transmission import reduction_matrix
+
+MOST_JOINTS = 40
+"""Most joints of a robot, as in the core."""
 
 PACKAGED = Path(__file__).parents[1] / "packaged" / "robots"
 """Folder of the robots that come with the package."""
@@ -42,9 +46,11 @@ def load_robot(
     Parameters
     ----------
     name : str or Path
-        Name of a packaged robot (``tx40``, ``ur10e``; `packaged_robots` has all), path of a robot file, or of a URDF.
+        Name of a packaged robot (``tx40``, ``ur10e``; `packaged_robots` has all), path of a robot file, of a URDF
+        or of an MJCF (``.xml``).
     tip, base : str, optional
-        Last and first link of the chain of a URDF; by default the end of the only path that moves, and the root.
+        Last and first link of the chain of a URDF. By default the chain from the root to the end of the only path that moves; where
+        several arms, legs or fingers of three joints and more move, the whole tree. ``tip=""`` takes the whole tree in any case.
     lock : mapping of str to float, optional
         Joints of a URDF that stand still, with their position (rad or m).
     gravity : sequence of 3 float, optional
@@ -69,7 +75,7 @@ def load_robot(
         When angles are nearly right ones, and too far from them to be snapped (``tests/test_urdf_snap.py``).
     """
     path = Path(name)
-    if path.suffix.lower() == ".urdf":
+    if path.suffix.lower() in (".urdf", ".xml", ".mjcf"):
         from .urdf.reading import read_urdf
 
         limit = SNAP if snap is None else snap
@@ -148,11 +154,12 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     joints = table.tables("joint") if table.has("joint") else []
     if not joints:
         raise RobotError(f"{path.name}: a robot needs at least one [[joint]]")
-    if len(joints) > 12:
-        raise RobotError(f"{path.name}: a robot has at most 12 joints, got {len(joints)}")
+    if len(joints) > MOST_JOINTS:
+        raise RobotError(f"{path.name}: a robot has at most {MOST_JOINTS} joints, got {len(joints)}")
     kinds = tuple(joint.text("kind", choices=("revolute", "prismatic")) for joint in joints)
     read_row = _distal_row if convention == "dh" else _row
     rows = [read_row(joint, kind, angles) for joint, kind in zip(joints, kinds, strict=True)]
+    mounts = _mounts(joints, angles, convention)
     joint_names = _joint_names(table, joints)
     limits = tuple(_limits(joint, kind) for joint, kind in zip(joints, kinds, strict=True))
     for joint in joints:
@@ -190,6 +197,7 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
             r=r,
             gravity=tuple(gravity),
             coupling=tuple(tuple(row) for row in coupling),
+            mounts=mounts,
         ),
         friction=friction,
         limits=limits,
@@ -216,7 +224,31 @@ def _row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, fl
     # The offset of a revolute joint only says where its zero is: any angle is as good as another.
     d, r = joint.number("d_m", 0.0), joint.number("r_m", 0.0)
     _check_lengths(joint, d_m=d, r_m=r)
+    if joint.has("shift_m"):  # a placement that was taken as it is has its angles snapped already
+        return alpha, d, theta, r
     return angles.snapped(alpha), d, theta if kind == "revolute" else angles.snapped(theta), r
+
+
+def _mounts(joints: Sequence[Table], angles: RightAngles, convention: str) -> tuple[Mount, ...]:
+    """Return what each joint stands on; nothing where all stand on the joint before, as in a chain."""
+    found = []
+    for number, joint in enumerate(joints, start=1):
+        keys = ("antecedent", "gamma_deg", "gamma_rad", "b_m", "shift_m")
+        if convention == "dh" and any(joint.has(key) for key in keys):
+            given = next(key for key in keys if joint.has(key))
+            joint.fail(f"{given} is for modified rows, and this table is a standard one (convention = 'dh')")
+        antecedent = joint.integer("antecedent", number - 1, minimum=0)
+        if antecedent >= number:
+            joint.fail(f"antecedent must be a joint before this one, 0 for the base, got {antecedent}")
+        b = joint.number("b_m", 0.0)
+        x, y, z = joint.numbers("shift_m", length=3, default=[0.0, 0.0, 0.0])
+        _check_lengths(joint, b_m=b, shift_m=max(x, y, z, key=abs))
+        gamma = _angle(joint, "gamma")
+        if not joint.has("shift_m"):
+            gamma = angles.snapped(gamma)
+        found.append(Mount(parent=antecedent - 1 if antecedent else None, gamma=gamma, b=b, shift=(x, y, z)))
+    mounts = tuple(found)
+    return () if mounts == chain(len(joints)) else mounts
 
 
 def _distal_row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, float, float]:

@@ -13,6 +13,7 @@ from .._tools.toml import quoted
 from ..errors import RobotError
 from .correspondence import Correspondence, Pose
 from .friction import KEYS, START_VELOCITY
+from .placement import Mount
 from .right_angles import ROUNDING, SNAP, nearest_right_angle
 from .robot import JointLimits, Robot
 
@@ -48,6 +49,9 @@ def robot_text(robot: Robot) -> str:
         lines += [
             f"kind = {quoted(kind)}",
         ]
+        if geometry.mounts:
+            taken = any(any(mount.shift) for mount in geometry.mounts)
+            lines += _mount(geometry.mounts[j], j, taken)
         if robot.standard is None:
             lines += [
                 _angle("alpha", geometry.alpha[j]),
@@ -89,8 +93,25 @@ def _snaps(robot: Robot) -> bool:
     """Whether reading the robot's angles by default would snap some of them, which were kept when it was made."""
     geometry = robot.geometry
     alphas = geometry.alpha if robot.standard is None else robot.standard.alpha
+    gammas = [mount.gamma for mount in geometry.mounts]
     fixed = [theta for theta, kind in zip(geometry.theta, geometry.kinds, strict=True) if kind == "prismatic"]
-    return any(ROUNDING < abs(angle - nearest_right_angle(angle)) <= SNAP for angle in (*alphas, *fixed))
+    return any(
+        ROUNDING < abs(angle - nearest_right_angle(angle)) <= SNAP for angle in (*alphas, *fixed, *gammas)
+    )
+
+
+def _mount(mount: Mount, joint: int, taken: bool) -> list[str]:
+    """Return what a joint stands on, where that is not as in a chain."""
+    lines = []
+    if mount.parent != (joint - 1 if joint else None):
+        lines.append(f"antecedent = {0 if mount.parent is None else mount.parent + 1}")
+    if mount.gamma:
+        lines.append(_angle("gamma", mount.gamma))
+    if mount.b:
+        lines.append(f"b_m = {_number(mount.b)}")
+    if taken:  # all have a shift where the placements were taken as they are, which says that no angle is to be snapped
+        lines.append(f"shift_m = {_numbers(mount.shift)}")
+    return lines
 
 
 def _transmission(robot: Robot) -> list[str]:

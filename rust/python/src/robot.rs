@@ -3,13 +3,16 @@
 use super::wrong;
 use didim::robot::friction_terms::{Law, Table, Term};
 use didim::robot::parameters::{self, Layout};
-use didim::robot::{Coupling, Friction, Joint, JointKind, Robot as CoreRobot};
+use didim::robot::{Coupling, Friction, Joint, JointKind, Mount, Robot as CoreRobot};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 /// A term of friction as Python gives it: joint from 0, name of its parameter, law, velocity, and of a table the first speed, the
 /// step and the values.
 type TermInput = (usize, String, String, f64, f64, Vec<f64>);
+
+/// The part of a row that chains do without, as Python gives it: antecedent from 0 or None, gamma, b, shift.
+type MountInput = (Option<usize>, f64, f64, [f64; 3]);
 
 fn friction_term((joint, name, law, velocity, step, values): TermInput) -> PyResult<Term> {
     let law = match law.as_str() {
@@ -37,7 +40,7 @@ pub(super) struct Robot(pub(super) CoreRobot);
 #[pymethods]
 impl Robot {
     #[new]
-    #[pyo3(signature = (*, kind, alpha, d, theta, r, gravity, transmission, asymmetric, printed_coupling, smoothing, dead_zone, terms=Vec::new()))]
+    #[pyo3(signature = (*, kind, alpha, d, theta, r, gravity, transmission, asymmetric, printed_coupling, smoothing, dead_zone, terms=Vec::new(), mounts=None))]
     #[allow(clippy::too_many_arguments)] // one keyword each, called from one place in robot.py
     fn new(
         kind: Vec<u8>,
@@ -52,6 +55,7 @@ impl Robot {
         smoothing: Vec<f64>,
         dead_zone: Vec<f64>,
         terms: Vec<TermInput>,
+        mounts: Option<Vec<MountInput>>,
     ) -> PyResult<Self> {
         let n = kind.len();
         for (what, list) in [("alpha", &alpha), ("d", &d), ("theta", &theta), ("r", &r)] {
@@ -71,7 +75,14 @@ impl Robot {
         let coupling = if printed_coupling { Coupling::Printed } else { Coupling::Shaft };
         let terms = terms.into_iter().map(friction_term).collect::<PyResult<_>>()?;
         let friction = Friction { asymmetric, coupling, smoothing, dead_zone, terms };
-        CoreRobot::new(joints, gravity, &transmission, friction).map(Self).map_err(wrong)
+        let mounts = mounts.map_or_else(
+            || Mount::chain(n),
+            |mounts| {
+                let mount = |(parent, gamma, b, shift)| Mount { parent, gamma, b, shift };
+                mounts.into_iter().map(mount).collect()
+            },
+        );
+        CoreRobot::tree(joints, mounts, gravity, &transmission, friction).map(Self).map_err(wrong)
     }
 
     #[getter]

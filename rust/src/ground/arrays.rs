@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 /// Most joints a robot can have; per-sample state lives in arrays of this size.
-pub const MAX_DOF: usize = 12;
+pub const MAX_DOF: usize = 40;
 
 /// Arrays that do not fit a robot.
 #[derive(Debug, Clone, PartialEq, Error)]

@@ -10,7 +10,7 @@
 use crate::ground::lanes::{Lanes, Set};
 use crate::ground::spatial::Vector;
 use crate::model::motion::Angular;
-use crate::robot::arm::{DISPLACED, MINUS, MOMENTS, PLUS, Place, TURNED, ZERO, by_twist, carries_of};
+use crate::robot::arm::{DISPLACED, GENERAL, MOMENTS, PLUS, Place, TURNED, ZERO, by_twist, carries_of};
 use crate::robot::geometry::{Pose, Step};
 use crate::robot::parameters::{M, MX, XX};
 
@@ -119,7 +119,12 @@ impl<V: Set> Body<V> {
         shift: &Vector<V>,
         heavy: bool,
     ) -> Self {
-        let (s, c) = (sine, cosine);
+        self.out_of_turned(sine, cosine).untwisted::<T>(step).shifted(step, shift, heavy)
+    }
+
+    /// Seen from a frame that has not been turned about z.
+    #[inline(always)]
+    fn out_of_turned(&self, s: Lanes<V>, c: Lanes<V>) -> Self {
         // R S R' of the part in the plane; its trace stays.
         let p = c.mul_sub(self.xx, s * self.xy);
         let q = c.mul_sub(self.xy, s * self.yy);
@@ -128,32 +133,40 @@ impl<V: Set> Body<V> {
         let yy = (self.xx + self.yy) - xx;
         let xz = c.mul_sub(self.xz, s * self.yz);
         let yz = s.mul_add(self.xz, c * self.yz);
-        let turned = Self { xx, xy, yy, xz, yz, zz: self.zz, h: self.h.out_of_turned(s, c), m: self.m };
-        turned.untwisted::<T>(step).shifted(step, shift, heavy)
+        Self { xx, xy, yy, xz, yz, zz: self.zz, h: self.h.out_of_turned(s, c), m: self.m }
     }
 
     #[inline(always)]
     fn untwisted<const T: u8>(&self, step: &Step) -> Self {
         let Self { xy, yy, xz, yz, zz, .. } = *self;
+        if T == GENERAL {
+            let twisted = self.out_of_twisted(step);
+            let [c, s] = step.bend();
+            return if step.form.bent { twisted.out_of_turned(s, c) } else { twisted };
+        }
         let h = self.h.untwisted::<T>(step);
         match T {
             ZERO => *self,
             PLUS => Self { xy: -xz, yy: zz, xz: xy, yz: -yz, zz: yy, h, ..*self },
-            MINUS => Self { xy: xz, yy: zz, xz: -xy, yz: -yz, zz: yy, h, ..*self },
-            _ => {
-                let (c, s) = (Lanes::splat(step.cosine), Lanes::splat(step.sine));
-                let (p, q) = (c.mul_sub(yy, s * yz), c.mul_sub(yz, s * zz));
-                let turned = p.mul_sub(c, q * s);
-                Self {
-                    xy: c.mul_sub(xy, s * xz),
-                    xz: s.mul_add(xy, c * xz),
-                    yy: turned,
-                    yz: p.mul_add(s, q * c),
-                    zz: (yy + zz) - turned,
-                    h,
-                    ..*self
-                }
-            }
+            _ => Self { xy: xz, yy: zz, xz: -xy, yz: -yz, zz: yy, h, ..*self },
+        }
+    }
+
+    /// Seen from a frame that has not been turned by alpha about x.
+    #[inline(always)]
+    fn out_of_twisted(&self, step: &Step) -> Self {
+        let Self { xy, yy, xz, yz, zz, h, .. } = *self;
+        let (c, s) = (Lanes::splat(step.cosine), Lanes::splat(step.sine));
+        let (p, q) = (c.mul_sub(yy, s * yz), c.mul_sub(yz, s * zz));
+        let turned = p.mul_sub(c, q * s);
+        Self {
+            xy: c.mul_sub(xy, s * xz),
+            xz: s.mul_add(xy, c * xz),
+            yy: turned,
+            yz: p.mul_add(s, q * c),
+            zz: (yy + zz) - turned,
+            h: Vector::new(h.x, h.y.mul_sub(c, h.z * s), h.z.mul_add(c, h.y * s)),
+            ..*self
         }
     }
 

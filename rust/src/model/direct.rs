@@ -2,7 +2,8 @@
 //!
 //! One pass outwards gives the wrenches of `N`, one inwards everything else, joint by joint from the last: the body that a joint
 //! carries, its column of `M`, and the elimination `M = L' D L` of that joint, which needs only what lies further out. So the
-//! divisions wait for nothing and nothing waits for them. The pivots `D` tell whether `M` is positive definite.
+//! divisions wait for nothing and nothing waits for them. Between branches `M` and `L` are zero, unless a motor turns with joints of
+//! both. The pivots `D` tell whether `M` is positive definite.
 //! Identity that tests it: direct after inverse is the identity; independently, Pinocchio's `aba`.
 
 use crate::ground::arrays::MAX_DOF;
@@ -32,8 +33,8 @@ pub struct Direct<V: Set> {
     columns: [Wrench<V>; MAX_DOF],
     /// `L`, unit diagonal not stored.
     factor: Lower<V>,
-    /// All that the joint at hand carries.
-    carried: Body<V>,
+    /// All that each joint carries, its own link included, once the joints that stand on that have been added.
+    composites: [Body<V>; MAX_DOF],
     /// Column of `D L` at hand.
     scaled: [Lanes<V>; MAX_DOF],
     inverse_pivots: [Lanes<V>; MAX_DOF],
@@ -53,7 +54,7 @@ impl<V: Set> Direct<V> {
             wrenches: [Wrench::none(); MAX_DOF],
             columns: [Wrench::none(); MAX_DOF],
             factor: [zero; MAX_DOF],
-            carried: Body::none(),
+            composites: [Body::none(); MAX_DOF],
             scaled: zero,
             inverse_pivots: zero,
             ddq: zero,
@@ -91,26 +92,39 @@ impl<V: Set> Direct<V> {
             unload(n, &drives.load_coefficients(links, dq), &mut self.ddq);
         }
         link_wrenches::<V, false, S>(geometry, &links.bodies, &self.frames, dq, dq, &mut self.wrenches);
-        self.carried = links.bodies[n - 1];
         inwards!(S, n, place => {
             let (step, j) = (geometry.step(place), place.index());
-            self.columns[j] = self.carried.unit_wrench(step.form.turns);
-            self.eliminate(place, n, step.form.turns, &links.rotors);
-            if j > 0 {
-                let at = self.frames.pose(j);
-                columns_inwards(place, &step, at, &mut self.columns[..n]);
-                self.wrenches[j - 1] = self.wrenches[j - 1].with(&self.wrenches[j].moved_in(place, &step, at));
-                self.carried = self.carried.moved_in(place, &step, at, &links.bodies[j - 1]);
+            self.columns[j] = self.carried(links, &step, j).unit_wrench(step.form.turns);
+            self.eliminate(place, geometry, &step, &links.rotors);
+            if !step.form.root {
+                let (at, parent) = (self.frames.pose(j), step.before(place));
+                columns_inwards(place, &step, at, &mut self.columns[..step.end.min(MAX_DOF)]);
+                self.wrenches[parent] =
+                    self.wrenches[parent].with(&self.wrenches[j].moved_in(place, &step, at));
+                let link = if step.form.joins { &self.composites[parent] } else { &links.bodies[parent] };
+                self.composites[parent] = self.carried(links, &step, j).moved_in(place, &step, at, link);
             }
         });
-        outwards!(S, n, place => self.substitute(place));
+        outwards!(S, n, place => self.substitute(place, geometry.step(place).first));
+    }
+
+    /// All that joint `j` carries.
+    #[inline(always)]
+    fn carried<'a>(&'a self, links: &'a Links<V>, step: &Step, j: usize) -> &'a Body<V> {
+        if step.form.leaf { &links.bodies[j] } else { &self.composites[j] }
     }
 
     /// Column `j` of `L' D L` and of `L' y = right`, from the wrenches in frame `j`.
     #[inline(always)]
     #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
-    fn eliminate<P: Place>(&mut self, place: P, n: usize, turns: bool, rotors: &Lower<V>) {
-        let j = place.index();
+    fn eliminate<P: Place, S: Arm>(
+        &mut self,
+        place: P,
+        geometry: &Geometry<S>,
+        step: &Step,
+        rotors: &Lower<V>,
+    ) {
+        let (j, turns) = (place.index(), step.form.turns);
         self.ddq[j] -= self.wrenches[j].felt(turns);
         if const { P::FORM.is_some() } {
             unrolled!(K in 5 4 3 2 1 0 => if const { K >= P::INDEX } {
@@ -121,16 +135,26 @@ impl<V: Set> Direct<V> {
                 self.scale_entry(K, j, entry);
             });
         } else {
-            for k in (j..n).rev() {
-                let mut entry = rotors[k][j] + self.columns[k].felt(turns);
-                for i in (k + 1..n).rev() {
-                    entry = self.factor[i][k].neg_mul_add(self.scaled[i], entry);
-                }
-                self.scale_entry(k, j, entry);
+            let end = step.end.min(MAX_DOF);
+            // Other branches, where a motor turns with joints of several.
+            for k in (end..geometry.fill(j)).rev() {
+                self.reduce(k, j, rotors[k][j], geometry.fill(k));
+            }
+            for k in (j..end).rev() {
+                self.reduce(k, j, rotors[k][j] + self.columns[k].felt(turns), geometry.fill(k));
             }
         }
         self.pivots[j] = self.scaled[j];
         self.inverse_pivots[j] = Lanes::splat(1.0) / self.scaled[j];
+    }
+
+    /// Entry `(k, j)` of `M`, less what the joints further out, before `fill`, take from it.
+    #[inline(always)]
+    fn reduce(&mut self, k: usize, j: usize, mut entry: Lanes<V>, fill: usize) {
+        for i in (k + 1..fill).rev() {
+            entry = self.factor[i][k].neg_mul_add(self.scaled[i], entry);
+        }
+        self.scale_entry(k, j, entry);
     }
 
     #[inline(always)]
@@ -145,7 +169,7 @@ impl<V: Set> Direct<V> {
 
     /// `ddq` of a joint from `L ddq = y / D`, once that of those before is known.
     #[inline(always)]
-    fn substitute<P: Place>(&mut self, place: P) {
+    fn substitute<P: Place>(&mut self, place: P, first: usize) {
         let j = place.index();
         let mut ddq = self.ddq[j] * self.inverse_pivots[j];
         if const { P::FORM.is_some() } {
@@ -153,7 +177,7 @@ impl<V: Set> Direct<V> {
                 ddq = self.factor[P::INDEX][I].neg_mul_add(self.ddq[I], ddq);
             });
         } else {
-            for i in 0..j {
+            for i in first..j {
                 ddq = self.factor[j][i].neg_mul_add(self.ddq[i], ddq);
             }
         }
@@ -205,7 +229,7 @@ fn unload<V: Set>(n: usize, coefficients: &[Lanes<V>; MAX_DOF], tau: &mut [Lanes
     }
 }
 
-/// The columns of `M` from a joint on, one frame inwards.
+/// The columns of `M` from a joint to the last that it carries, one frame inwards.
 #[inline(always)]
 #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
 fn columns_inwards<P: Place, V: Set>(place: P, step: &Step, at: Pose<'_, V>, columns: &mut [Wrench<V>]) {

@@ -1,7 +1,7 @@
 //! Inertia matrix `M(q)` by composite bodies, rotors and coupled motors included, and where it is positive definite.
 //!
 //! Link `j` and all that it carries move as one body when only joint `j` accelerates; the wrench that this body needs,
-//! seen along the earlier axes, is column `j`. Identities that test it: `M` is symmetric by construction and its columns are
+//! seen along the axes that carry it, is column `j`; between branches there are at most rotors. Identities that test it: `M` is symmetric by construction and its columns are
 //! those of the inverse model, `tau(q, 0, e_j) - tau(q, 0, 0)`; independently, Pinocchio's `crba`.
 //!
 //! `x -> M(q, x)` is linear, so the parameters with `M > 0` at given positions are a convex cone: between a vector
@@ -12,6 +12,7 @@ use crate::ground::arrays::ShapeError;
 use crate::ground::arrays::check_length;
 use crate::ground::dispatch::{Kernel, dispatch};
 use crate::ground::lanes::{Lanes, Set};
+use crate::model::bodies::Body;
 use crate::model::links::{Links, Lower};
 use crate::robot::Robot;
 use crate::robot::arm::At;
@@ -19,27 +20,33 @@ use crate::robot::geometry::{Frames, Geometry};
 use crate::robot::parameters::Layout;
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// `M(q)` of `L` positions or candidates into `matrix`.
+/// `M(q)` of `L` positions or candidates into `matrix`, whose entries between branches are those of the rotors already.
 #[inline(always)]
 fn inertia_matrix_lanes<V: Set>(
     geometry: &Geometry,
     links: &Links<V>,
     frames: &Frames<V>,
+    composites: &mut [Body<V>; MAX_DOF],
     matrix: &mut Lower<V>,
 ) {
-    let n = geometry.n();
-    let mut body = links.bodies[n - 1];
-    for j in (0..n).rev() {
-        let mut wrench = body.unit_wrench(geometry.step(At(j)).form.turns);
-        for i in (0..=j).rev() {
+    for j in (0..geometry.n()).rev() {
+        let step = &geometry.step(At(j));
+        let body = if step.form.leaf { &links.bodies[j] } else { &composites[j] };
+        let mut wrench = body.unit_wrench(step.form.turns);
+        let mut i = j;
+        loop {
             let step = &geometry.step(At(i));
             matrix[j][i] = links.rotors[j][i] + wrench.felt(step.form.turns);
-            if i > 0 {
-                wrench = wrench.moved_in(At(i), step, frames.pose(i));
+            if step.form.root {
+                break;
             }
+            wrench = wrench.moved_in(At(i), step, frames.pose(i));
+            i = step.before(At(i));
         }
-        if j > 0 {
-            body = body.moved_in(At(j), &geometry.step(At(j)), frames.pose(j), &links.bodies[j - 1]);
+        if !step.form.root {
+            let parent = step.before(At(j));
+            let link = if step.form.joins { &composites[parent] } else { &links.bodies[parent] };
+            composites[parent] = body.moved_in(At(j), step, frames.pose(j), link);
         }
     }
 }
@@ -59,13 +66,13 @@ impl Kernel for Batch<'_> {
         let n = geometry.n();
         let links = Links::<V>::of_one(self.robot, &geometry, self.x);
         let (mut frames, mut q) = (Frames::new(&geometry), [Lanes::zero(); MAX_DOF]);
-        let mut matrix = [[Lanes::zero(); MAX_DOF]; MAX_DOF];
+        let (mut composites, mut matrix) = ([Body::none(); MAX_DOF], links.rotors);
         for (block, out) in self.matrices.chunks_mut(n * n * V::L).enumerate() {
             for j in 0..n {
                 q[j] = Lanes::gather(self.q, n, block * V::L, j);
             }
             frames.place(&geometry, &q);
-            inertia_matrix_lanes(&geometry, &links, &frames, &mut matrix);
+            inertia_matrix_lanes(&geometry, &links, &frames, &mut composites, &mut matrix);
             for i in 0..n {
                 for j in 0..n {
                     Lanes::scatter(&[matrix[i.max(j)][i.min(j)]], &mut out[i * n + j..], n * n);

@@ -12,11 +12,11 @@ use crate::model::friction::Drives;
 use crate::model::links::Links;
 use crate::model::motion::{Link, State};
 use crate::robot::Robot;
-use crate::robot::arm::{Arm, Place, inwards, outwards};
+use crate::robot::arm::{Arm, At, Place, inwards, outwards};
 use crate::robot::geometry::{Frames, Geometry, Step};
 use crate::robot::parameters::Layout;
 
-/// Wrench that moves each link, at its origin and in its frame; of the first link only the component along its joint. Without rotors.
+/// Wrench that moves each link, at its origin and in its frame; of a link on the base only the component along its joint. Without rotors.
 ///
 /// Link `j` moves with the accelerations `a + U p` of its points: `a` is carried outwards, `U` follows from the angular velocity
 /// and acceleration. Gravity enters as an acceleration of the base. Without `MOVING`, joint accelerations are zero.
@@ -30,25 +30,45 @@ pub fn link_wrenches<V: Set, const MOVING: bool, S: Arm>(
     wrenches: &mut [Wrench<V>; MAX_DOF],
 ) {
     let mut link = Link::base(geometry.gravity);
-    outwards!(S, geometry.n(), place => {
-        let (step, j) = (geometry.step(place), place.index());
-        link.move_on::<_, MOVING>(place, &step, frames.pose(j), dq[j], ddq[j]);
-        load::<V, MOVING>(&link, j, &step, &bodies[j], ddq[j], &mut wrenches[j]);
-    });
+    if const { S::KNOWN } {
+        outwards!(S, geometry.n(), place => {
+            let (step, j) = (geometry.step(place), place.index());
+            link.move_on::<_, MOVING>(place, &step, frames.pose(j), dq[j], ddq[j]);
+            load::<V, MOVING>(&link, &step, &bodies[j], ddq[j], &mut wrenches[j]);
+        });
+        return;
+    }
+    for j in 0..geometry.n() {
+        let mut k = j;
+        if geometry.step(At(j)).form.branches {
+            // Another branch begins anew at the base: the links between are few, and none has to be remembered.
+            (link, k) = (Link::base(geometry.gravity), 0);
+        }
+        loop {
+            if k == j || geometry.carries(k, j) {
+                let step = geometry.step(At(k));
+                link.move_on::<_, MOVING>(At(k), &step, frames.pose(k), dq[k], ddq[k]);
+            }
+            if k == j {
+                break;
+            }
+            k += 1;
+        }
+        load::<V, MOVING>(&link, &geometry.step(At(j)), &bodies[j], ddq[j], &mut wrenches[j]);
+    }
 }
 
-/// The wrench that moves link `j`; of the first one only what its joint feels.
+/// The wrench that moves a link; of one on the base only what its joint feels.
 #[inline(always)]
 fn load<V: Set, const MOVING: bool>(
     link: &Link<V>,
-    j: usize,
     step: &Step,
     body: &Body<V>,
     ddq: Lanes<V>,
     wrench: &mut Wrench<V>,
 ) {
     let (a, u) = (link.a, &link.u);
-    if j > 0 {
+    if !step.form.root {
         *wrench = if step.form.turns { body.regrouped_wrench(u, a) } else { body.wrench(u, a) };
     } else if step.form.turns {
         let moment = body.h.x.mul_sub(a.y, body.h.y * a.x);
@@ -69,8 +89,9 @@ fn carry<V: Set, S: Arm>(
     inwards!(S, geometry.n(), place => {
         let (step, j) = (geometry.step(place), place.index());
         tau[j] += wrenches[j].felt(step.form.turns);
-        if j > 0 {
-            wrenches[j - 1] = wrenches[j - 1].with(&wrenches[j].moved_in(place, &step, frames.pose(j)));
+        if !step.form.root {
+            let parent = step.before(place);
+            wrenches[parent] = wrenches[parent].with(&wrenches[j].moved_in(place, &step, frames.pose(j)));
         }
     });
 }

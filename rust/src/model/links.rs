@@ -86,11 +86,12 @@ impl<V: Set> Links<V> {
                 continue;
             }
             let axis = self.bodies[j].take_axis();
-            if j > 0 {
+            if !step.form.root {
                 // A turn about the axis changes nothing on it: any angle will do.
                 let (s, c, t) = (Lanes::zero(), Lanes::splat(1.0), &frames.shift[j]);
                 let moved = by_twist!(step, T => axis.unstepped::<T>(step, s, c, t, true));
-                self.bodies[j - 1] = self.bodies[j - 1].with(&moved);
+                let parent = step.before(At(j));
+                self.bodies[parent] = self.bodies[parent].with(&moved);
             }
         }
     }

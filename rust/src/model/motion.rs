@@ -74,14 +74,14 @@ impl<V: Set> Link<V> {
     #[inline(always)]
     pub fn move_on<P: Place, const MOVING: bool>(
         &mut self,
-        place: P,
+        _place: P,
         step: &Step,
         (s, c, t): Pose<'_, V>,
         dq: Lanes<V>,
         ddq: Lanes<V>,
     ) {
         let Self { omega, domega, a, u } = self;
-        if place.index() == 0 {
+        if step.form.root {
             // The base does not turn.
             *a = by_twist!(P, step, T => a.stepped::<T>(step, s, c));
             if step.form.turns {

@@ -53,12 +53,17 @@ impl<V: Set> Axis<V> {
     }
 }
 
-/// Walks out along the robot; after `k` steps it knows the columns of link `k`.
+/// Walks out along the robot, branch by branch; on link `j` it knows the columns of that link.
 #[derive(Debug, Clone, Copy)]
 pub struct Walk<V: Set> {
     frames: Frames<V>,
     link: Link<V>,
+    /// Axes of the joints that carry the link, from the base.
     axes: [Axis<V>; MAX_DOF],
+    /// Those joints, the link's own one last.
+    path: [usize; MAX_DOF],
+    /// How many they are.
+    depth: usize,
 }
 
 impl<V: Set> Walk<V> {
@@ -69,6 +74,8 @@ impl<V: Set> Walk<V> {
             frames: Frames::new(geometry),
             link: Link::base(geometry.gravity),
             axes: [Axis::none(); MAX_DOF],
+            path: [0; MAX_DOF],
+            depth: 0,
         }
     }
 
@@ -76,20 +83,59 @@ impl<V: Set> Walk<V> {
     #[inline(always)]
     pub fn start(&mut self, geometry: &Geometry, q: &[Lanes<V>; MAX_DOF]) {
         self.frames.place(geometry, q);
-        self.link = Link::base(geometry.gravity);
+        self.begin(geometry);
     }
 
-    /// Steps to link `j`.
+    #[inline(always)]
+    fn begin(&mut self, geometry: &Geometry) {
+        (self.link, self.depth) = (Link::base(geometry.gravity), 0);
+    }
+
+    /// Goes on to link `j` from the link numbered before it; where that is in another branch, from the base.
     #[inline(always)]
     pub fn step(&mut self, geometry: &Geometry, j: usize, state: &State<V>) {
+        let mut first = j;
+        if geometry.step(At(j)).form.branches {
+            self.begin(geometry);
+            first = 0;
+        }
+        self.along(geometry, first, j, state);
+    }
+
+    /// Goes from the base to link `j`.
+    #[inline(always)]
+    pub fn reach(&mut self, geometry: &Geometry, j: usize, state: &State<V>) {
+        self.along(geometry, 0, j, state);
+    }
+
+    /// Moves on through the joints from `first` on that carry link `j`.
+    #[inline(always)]
+    fn along(&mut self, geometry: &Geometry, first: usize, j: usize, state: &State<V>) {
+        let mut k = first;
+        loop {
+            if k == j || geometry.carries(k, j) {
+                self.move_on(geometry, k, state);
+            }
+            if k == j {
+                break;
+            }
+            k += 1;
+        }
+    }
+
+    #[inline(always)]
+    fn move_on(&mut self, geometry: &Geometry, j: usize, state: &State<V>) {
         let (place, step) = (At(j), geometry.step(At(j)));
         let j = place.index();
         let pose = self.frames.pose(j);
         self.link.move_on::<_, true>(place, &step, pose, state.dq[j], state.ddq[j]);
-        by_twist!(step, T => for axis in &mut self.axes[..j] {
+        let before = self.depth.min(MAX_DOF - 1);
+        by_twist!(step, T => for axis in &mut self.axes[..before] {
             *axis = axis.stepped::<T>(&step, pose);
         });
-        self.axes[j] = Axis::own(step.form.turns);
+        self.axes[before] = Axis::own(step.form.turns);
+        self.path[before] = j;
+        self.depth = before + 1;
     }
 
     /// Hands over the ten inertial columns of link `j`, on which the walk stands, as columns `first` and following.
@@ -102,13 +148,13 @@ impl<V: Set> Walk<V> {
         entries: &mut impl Entries<V>,
     ) {
         let unit = UnitWrenches::of(&self.link);
-        for i in 0..j {
-            entries.put_link(i, first, &self.row(i, &unit));
+        for i in 0..self.depth.min(MAX_DOF) - 1 {
+            entries.put_link(self.path[i], first, &self.row(i, &unit));
         }
         entries.put_link(j, first, &Self::own_row(geometry.step(At(j)).form.turns, &unit));
     }
 
-    /// Row `i` of these columns, `i` an earlier joint.
+    /// The row of these columns of a joint further in, the `i`-th from the base.
     #[inline(always)]
     fn row(&self, i: usize, unit: &UnitWrenches<V>) -> [Lanes<V>; INERTIAL] {
         let Axis { u, w } = self.axes[i];

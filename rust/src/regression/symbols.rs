@@ -3,7 +3,7 @@
 //! They are recognised on a twin robot with the same zeros and right angles but lengths and angles that no two joints
 //! share, and then evaluated on the robot itself: exact numbers. Tested in `base.rs`.
 
-use crate::robot::{Joint, JointKind, Robot, Twist};
+use crate::robot::{Joint, JointKind, Mount, Robot, Twist};
 
 /// A coefficient below this is zero; a symbol within this of a coefficient is it.
 pub(super) const SNAP: f64 = 1e-7;
@@ -19,7 +19,7 @@ pub(super) fn twin(robot: &Robot) -> Option<Robot> {
         .iter()
         .enumerate()
         .map(|(j, joint)| Joint {
-            alpha: match robot.twists()[j] {
+            alpha: match robot.placements()[j].twist {
                 Twist::General(..) => generic(1.0, 5 * j),
                 _ => joint.alpha,
             },
@@ -33,7 +33,12 @@ pub(super) fn twin(robot: &Robot) -> Option<Robot> {
             ..*joint
         })
         .collect();
-    robot.with_joints(joints).ok()
+    let mounts = robot.mounts().iter().enumerate().map(|(j, mount)| Mount {
+        gamma: if right(mount.gamma).is_none() { generic(1.0, 1000 + 2 * j) } else { mount.gamma },
+        b: generic(mount.b, 1001 + 2 * j),
+        ..*mount
+    });
+    robot.with_rows(joints, mounts.collect()).ok()
 }
 
 fn right(angle: f64) -> Option<f64> {
@@ -129,21 +134,26 @@ fn or_one(text: &str) -> &str {
 /// Lengths, and sines and cosines of angles, of one joint.
 fn symbols(robot: &Robot, twin: &Robot, j: usize) -> (Vec<Symbol>, Vec<Symbol>) {
     let (own, other) = (&robot.joints()[j], &twin.joints()[j]);
-    let lengths = [("d", own.d, other.d), ("r", own.r, other.r)]
+    let (mount, moved) = (&robot.mounts()[j], &twin.mounts()[j]);
+    let lengths = [("d", own.d, other.d), ("r", own.r, other.r), ("b", mount.b, moved.b)]
         .into_iter()
         .filter(|(_, value, _)| *value != 0.0)
         .map(|(name, value, twin)| Symbol { text: format!("{name}{}", j + 1), value, twin })
         .collect();
     let mut angles = Vec::new();
-    if let Twist::General(c, s) = robot.twists()[j] {
-        let (ct, st) = twin.twists()[j].cos_sin();
+    if let Twist::General(c, s) = robot.placements()[j].twist {
+        let (ct, st) = twin.placements()[j].twist.cos_sin();
         angles.push(Symbol { text: format!("cos(alpha{})", j + 1), value: c, twin: ct });
         angles.push(Symbol { text: format!("sin(alpha{})", j + 1), value: s, twin: st });
     }
-    if own.kind == JointKind::Prismatic && right(own.theta).is_none() {
+    let theta = (own.kind == JointKind::Prismatic).then_some(("theta", own.theta, other.theta));
+    for (angle, value, twin) in theta.into_iter().chain([("gamma", mount.gamma, moved.gamma)]) {
+        if right(value).is_some() {
+            continue;
+        }
         for (name, f) in [("cos", f64::cos as fn(f64) -> f64), ("sin", f64::sin)] {
-            let text = format!("{name}(theta{})", j + 1);
-            angles.push(Symbol { text, value: f(own.theta), twin: f(other.theta) });
+            let text = format!("{name}({angle}{})", j + 1);
+            angles.push(Symbol { text, value: f(value), twin: f(twin) });
         }
     }
     (lengths, angles)

@@ -41,9 +41,22 @@ pub struct StepForm {
     pub carries: u8,
     /// Does something slide here or further out? Only then what the joint carries has a mass after regrouping.
     pub heavy: bool,
-    /// Does the joint before turn? Then the link before has been regrouped.
+    /// Does the joint before turn, and has nothing been added yet to its link, which then is regrouped?
     pub follows_turning: bool,
+    /// Does the joint stand on the base?
+    pub root: bool,
+    /// Does it stand on another joint than the one numbered before it?
+    pub branches: bool,
+    /// Does it carry no other joint?
+    pub leaf: bool,
+    /// Does a joint with a higher number stand on the same link?
+    pub joins: bool,
+    /// Is `gamma` other than zero? Only with a [`GENERAL`] twist.
+    pub bent: bool,
 }
+
+/// The parent of a joint that stands on the base, in a table of parents.
+pub const BASE: usize = usize::MAX;
 
 impl StepForm {
     /// No step at all.
@@ -54,6 +67,11 @@ impl StepForm {
         carries: MOMENTS,
         heavy: false,
         follows_turning: true,
+        root: false,
+        branches: false,
+        leaf: false,
+        joins: false,
+        bent: false,
     };
 
     /// Form of a step by itself; [`complete`] adds the properties that depend on the other steps.
@@ -66,30 +84,46 @@ impl StepForm {
     }
 }
 
-/// The forms of `n` steps, with what follows from their neighbours.
-pub const fn complete<const N: usize>(mut forms: [StepForm; N], n: usize) -> [StepForm; N] {
+/// The forms of `n` steps on the frames of their parents, with what follows from their neighbours.
+pub const fn complete<const N: usize>(
+    mut forms: [StepForm; N],
+    parents: &[usize; N],
+    n: usize,
+) -> [StepForm; N] {
     // A force matters where it has a lever arm further in, or slides a joint.
-    let mut force_matters = !forms[0].turns;
+    let mut force_matters = [false; N];
     let mut j = 0;
     while j < n {
-        if j > 0 {
+        let parent = parents[j];
+        forms[j].root = parent == BASE;
+        forms[j].branches = j > 0 && parent != j - 1;
+        if parent == BASE {
+            force_matters[j] = !forms[j].turns;
+        } else {
             forms[j].carries = if forms[j].displaced() {
                 DISPLACED
-            } else if force_matters {
+            } else if force_matters[parent] {
                 TURNED
             } else {
                 MOMENTS
             };
-            force_matters = force_matters || forms[j].displaced() || !forms[j].turns;
-            forms[j].follows_turning = forms[j - 1].turns;
+            force_matters[j] = force_matters[parent] || forms[j].displaced() || !forms[j].turns;
+            forms[j].follows_turning = forms[parent].turns;
         }
         j += 1;
     }
-    let mut heavy = false;
+    let mut carries = [false; N];
     while j > 0 {
         j -= 1;
-        heavy = heavy || !forms[j].turns;
-        forms[j].heavy = heavy;
+        let parent = parents[j];
+        forms[j].leaf = !carries[j];
+        forms[j].heavy = forms[j].heavy || !forms[j].turns;
+        if parent != BASE {
+            forms[j].joins = carries[parent];
+            forms[j].follows_turning = forms[j].follows_turning && !carries[parent];
+            carries[parent] = true;
+            forms[parent].heavy = forms[parent].heavy || forms[j].heavy;
+        }
     }
     forms
 }
@@ -184,6 +218,7 @@ impl Arm for Elbow {
             StepForm::of(true, MINUS, [false; 3]),
             StepForm::of(true, PLUS, [false; 3]),
         ],
+        &[BASE, 0, 1, 2, 3, 4],
         SIX,
     ));
 }

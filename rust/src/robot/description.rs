@@ -1,12 +1,13 @@
-//! A serial robot: Khalil-Kleinfinger (modified Denavit-Hartenberg) joints, gravity, transmission
+//! A robot: Khalil-Kleinfinger (modified Denavit-Hartenberg) joints in a line or a tree, gravity, transmission
 //! and the shape of its friction. Everything is checked once, here; the rest of the core trusts it.
 //!
-//! Frame `j` follows frame `j-1` by `Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)`. A revolute
-//! joint (`sigma = 0`) turns by `theta + q`, a prismatic one (`sigma = 1`) slides by `r + q`.
+//! In a chain frame `j` follows frame `j-1` by `Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)`; in a tree the frame of
+//! its antecedent, where a [`Mount`] stands before these. A revolute joint (`sigma = 0`) turns by `theta + q`, a prismatic one
+//! (`sigma = 1`) slides by `r + q`.
 
 use super::friction_terms::{Law, MAX_TERMS, Term};
 use crate::ground::arrays::MAX_DOF;
-use crate::robot::twist::Twist;
+use crate::robot::placement::{Mount, Placement, ends};
 use nalgebra::DMatrix;
 use thiserror::Error;
 
@@ -48,6 +49,26 @@ pub enum RobotError {
         joint: usize,
         /// Its value.
         value: f64,
+    },
+    /// A joint that stands on a joint behind it.
+    #[error(
+        "joint {joint} stands on joint {parent}, and a joint must be numbered higher than the one it stands on"
+    )]
+    ParentAfter {
+        /// The joint, counted from 1.
+        joint: usize,
+        /// Its antecedent, counted from 1.
+        parent: usize,
+    },
+    /// Joints of a branch with those of another one between.
+    #[error(
+        "joint {joint} stands on joint {parent}, whose branch has ended before: number the joints branch by branch"
+    )]
+    Scattered {
+        /// The joint, counted from 1.
+        joint: usize,
+        /// Its antecedent, counted from 1.
+        parent: usize,
     },
     /// A gravity vector with a NaN or an infinity.
     #[error("gravity must be three finite numbers")]
@@ -155,7 +176,9 @@ impl Friction {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
     joints: Vec<Joint>,
-    twists: Vec<Twist>,
+    mounts: Vec<Mount>,
+    placements: Vec<Placement>,
+    ends: Vec<usize>,
     gravity: [f64; 3],
     coupled: Vec<CoupledMotor>,
     transmission: Vec<Vec<f64>>,
@@ -172,13 +195,27 @@ pub struct CoupledMotor {
 }
 
 impl Robot {
-    /// Checks and stores a description.
+    /// Checks and stores a chain: each joint stands on the one before.
+    ///
+    /// See [`Self::tree`].
+    pub fn new(
+        joints: Vec<Joint>,
+        gravity: [f64; 3],
+        transmission: &[Vec<f64>],
+        friction: Friction,
+    ) -> Result<Self, RobotError> {
+        let mounts = Mount::chain(joints.len());
+        Self::tree(joints, mounts, gravity, transmission, friction)
+    }
+
+    /// Checks and stores a description: joints numbered branch by branch, each behind the one it stands on.
     ///
     /// `gravity` is the acceleration of gravity in frame 0 (m/s^2). `transmission` is `C`: rotor speeds
     /// in joint-side units are `C dq` (rows are motors). Its rows are scaled to a unit diagonal, which
     /// is what `Ia_j` and the friction parameters refer to: (22) to (24).
-    pub fn new(
+    pub fn tree(
         joints: Vec<Joint>,
+        mounts: Vec<Mount>,
         gravity: [f64; 3],
         transmission: &[Vec<f64>],
         friction: Friction,
@@ -196,14 +233,19 @@ impl Robot {
                 }
             }
         }
+        if mounts.len() != n {
+            return Err(RobotError::Length { what: "the placements", want: n, got: mounts.len() });
+        }
+        let ends = ends(&mounts)?;
         if gravity.iter().any(|g| !g.is_finite()) {
             return Err(RobotError::Gravity);
         }
         check_friction(n, &friction)?;
         let transmission = normalised(n, transmission)?;
-        let twists = joints.iter().map(|joint| Twist::new(joint.alpha)).collect();
+        let placements =
+            joints.iter().zip(&mounts).map(|(joint, mount)| Placement::of(joint, mount)).collect();
         let coupled = coupled_motors(&transmission);
-        Ok(Self { joints, twists, gravity, coupled, transmission, friction })
+        Ok(Self { joints, mounts, placements, ends, gravity, coupled, transmission, friction })
     }
 
     /// Number of joints.
@@ -216,9 +258,32 @@ impl Robot {
         &self.joints
     }
 
-    /// `alpha` of each joint, ready for the kernels.
-    pub fn twists(&self) -> &[Twist] {
-        &self.twists
+    /// Parent of each joint, and the part of its row that chains do without.
+    pub fn mounts(&self) -> &[Mount] {
+        &self.mounts
+    }
+
+    /// Pose of each frame in its parent's, ready for the kernels.
+    pub fn placements(&self) -> &[Placement] {
+        &self.placements
+    }
+
+    /// Does joint `i` carry link `j`?
+    pub fn carries(&self, i: usize, j: usize) -> bool {
+        i <= j && j < self.ends[i]
+    }
+
+    /// One past the last joint that joint `j` carries.
+    pub fn end(&self, j: usize) -> usize {
+        self.ends[j]
+    }
+
+    /// Whether a coupled motor turns with joints of which neither carries the other: `M` then is not zero between branches.
+    pub fn couples_branches(&self) -> bool {
+        self.coupled.iter().any(|coupled| {
+            let all = || coupled.others.iter().map(|&(i, _)| i).chain([coupled.motor]);
+            all().any(|i| all().any(|j| !self.carries(i, j) && !self.carries(j, i)))
+        })
     }
 
     /// Acceleration of gravity in frame 0 (m/s^2).
@@ -247,8 +312,8 @@ impl Robot {
     }
 
     /// The same robot with other lengths and angles; used to tell symbols of equal value apart.
-    pub(crate) fn with_joints(&self, joints: Vec<Joint>) -> Result<Self, RobotError> {
-        Self::new(joints, self.gravity, &self.transmission, self.friction.clone())
+    pub(crate) fn with_rows(&self, joints: Vec<Joint>, mounts: Vec<Mount>) -> Result<Self, RobotError> {
+        Self::tree(joints, mounts, self.gravity, &self.transmission, self.friction.clone())
     }
 }
 

@@ -1,7 +1,7 @@
 //! The geometry as the kernels walk it: what is constant, and what is zero, decided once per run.
 //!
-//! The step from frame `j-1` to frame `j` is a turn `Rot(x, alpha) Rot(z, theta)` about an origin displaced by
-//! `t = (d, -r sin alpha, r cos alpha)`, seen in frame `j-1`. Most components of `t` are zero and most twists right angles; a
+//! The step from the frame before, that of the joint's parent, is a turn `Rot(x, alpha) Rot(z, theta)` about an origin displaced by
+//! `t = (d, -r sin alpha, r cos alpha)`, seen in the frame before; in trees `Rot(z, gamma)` may stand before these. Most components of `t` are zero and most twists right angles; a
 //! kernel asks once per joint ([`crate::robot::arm`]) and then runs through code that has no multiplication by them.
 
 use crate::ground::arrays::MAX_DOF;
@@ -9,7 +9,9 @@ use crate::ground::dispatch::WIDTH;
 use crate::ground::elementary::SMALL_ANGLE;
 use crate::ground::lanes::{Lanes, Set, side_by_side};
 use crate::ground::spatial::Vector;
-use crate::robot::arm::{Any, Arm, At, GENERAL, MINUS, PLUS, Place, SIX, StepForm, ZERO, complete, outwards};
+use crate::robot::arm::{
+    Any, Arm, At, BASE, GENERAL, MINUS, PLUS, Place, SIX, StepForm, ZERO, complete, outwards,
+};
 use crate::robot::{JointKind, Robot, Twist};
 use std::marker::PhantomData;
 
@@ -22,34 +24,85 @@ pub struct Step {
     pub cosine: f64,
     /// Its sine.
     pub sine: f64,
+    /// Cosine and sine of gamma, of a bent step.
+    gamma: [f64; 2],
     /// Angle about z at `q = 0`.
     theta: f64,
     /// `t` at `q = 0`.
     shift: [f64; 3],
+    /// Direction in which a joint slides, seen in the frame before.
+    axis: [f64; 3],
+    /// The joint that this one stands on.
+    parent: usize,
+    /// One past the last joint that it carries.
+    pub end: usize,
+    /// One past the last joint whose row of `L` can have an entry in this joint's column.
+    pub fill: usize,
+    /// The first joint whose column can have an entry in this joint's row of `L`.
+    pub first: usize,
 }
 
 impl Step {
     /// None at all.
-    const STILL: Self = Self { form: StepForm::STILL, cosine: 1.0, sine: 0.0, theta: 0.0, shift: [0.0; 3] };
+    const STILL: Self = Self {
+        form: StepForm::STILL,
+        cosine: 1.0,
+        sine: 0.0,
+        gamma: [1.0, 0.0],
+        theta: 0.0,
+        shift: [0.0; 3],
+        axis: [0.0, 0.0, 1.0],
+        parent: 0,
+        end: 0,
+        fill: 0,
+        first: 0,
+    };
 
     fn of(robot: &Robot, j: usize) -> Self {
-        let joint = &robot.joints()[j];
-        let (cosine, sine) = robot.twists()[j].cos_sin();
-        let twist = match robot.twists()[j] {
+        let (joint, placement) = (&robot.joints()[j], &robot.placements()[j]);
+        let (cosine, sine) = placement.twist.cos_sin();
+        let twist = match placement.twist {
+            _ if placement.gamma.is_some() => GENERAL,
             Twist::Zero => ZERO,
             Twist::Plus => PLUS,
             Twist::Minus => MINUS,
             Twist::Half | Twist::General(..) => GENERAL,
         };
         let turns = joint.kind == JointKind::Revolute;
-        let along = !turns || joint.r != 0.0;
-        let shifted = [joint.d != 0.0, along && sine != 0.0, along && cosine != 0.0];
+        let (shift, axis) = (placement.shift, placement.axis);
+        let shifted = std::array::from_fn(|k| shift[k] != 0.0 || (!turns && axis[k] != 0.0));
+        let (c, s) = placement.gamma.unwrap_or((1.0, 0.0));
+        let parent = robot.mounts()[j].parent;
+        let coupled = robot.couples_branches();
+        let first = if coupled { 0 } else { (0..=j).find(|&i| robot.carries(i, j)).unwrap_or(j) };
         Self {
-            form: StepForm::of(turns, twist, shifted),
+            form: StepForm { bent: placement.gamma.is_some(), ..StepForm::of(turns, twist, shifted) },
             cosine,
             sine,
+            gamma: [c, s],
             theta: joint.theta,
-            shift: [joint.d, -joint.r * sine, joint.r * cosine],
+            shift,
+            axis,
+            parent: parent.unwrap_or(BASE),
+            end: robot.end(j),
+            fill: if coupled { robot.n_dof() } else { robot.end(j) },
+            first,
+        }
+    }
+
+    /// Cosine and sine of gamma, on lanes.
+    #[inline(always)]
+    pub fn bend<V: Set>(&self) -> [Lanes<V>; 2] {
+        [Lanes::splat(self.gamma[0]), Lanes::splat(self.gamma[1])]
+    }
+
+    /// The joint that this one stands on, unless that is the base. The compiler sees that it is within the arrays.
+    #[inline(always)]
+    pub fn before<P: Place>(&self, place: P) -> usize {
+        if const { P::FORM.is_some() } {
+            place.index().saturating_sub(1)
+        } else {
+            self.parent.min(MAX_DOF - 1)
         }
     }
 }
@@ -72,7 +125,7 @@ impl Geometry {
         for (j, step) in steps.iter_mut().enumerate().take(n) {
             *step = Step::of(robot, j);
         }
-        let forms = complete(steps.map(|step| step.form), n);
+        let forms = complete(steps.map(|step| step.form), &steps.map(|step| step.parent), n);
         for (step, form) in steps.iter_mut().zip(forms) {
             step.form = form;
         }
@@ -92,6 +145,18 @@ impl<S: Arm> Geometry<S> {
     #[inline(always)]
     pub fn n(&self) -> usize {
         if S::KNOWN { SIX } else { self.n.min(MAX_DOF) }
+    }
+
+    /// Does joint `i` carry link `j`?
+    #[inline(always)]
+    pub fn carries(&self, i: usize, j: usize) -> bool {
+        i <= j && j < self.steps[i].end
+    }
+
+    /// One past the last joint whose row of `L` can have an entry in column `k`, at most `n`.
+    #[inline(always)]
+    pub fn fill(&self, k: usize) -> usize {
+        if S::KNOWN { SIX } else { self.steps[k].fill.min(MAX_DOF) }
     }
 
     /// The step to a joint's frame.
@@ -227,9 +292,14 @@ impl<V: Set> Frames<V> {
     #[inline(always)]
     fn slide(&mut self, step: &Step, j: usize, q: Lanes<V>) {
         let [x, y, z] = step.shift;
-        let y = q.mul_add(Lanes::splat(-step.sine), Lanes::splat(y));
-        let z = q.mul_add(Lanes::splat(step.cosine), Lanes::splat(z));
-        self.shift[j] = Vector::new(Lanes::splat(x), y, z);
+        let x = if step.form.bent {
+            q.mul_add(Lanes::splat(step.axis[0]), Lanes::splat(x))
+        } else {
+            Lanes::splat(x)
+        };
+        let y = q.mul_add(Lanes::splat(step.axis[1]), Lanes::splat(y));
+        let z = q.mul_add(Lanes::splat(step.axis[2]), Lanes::splat(z));
+        self.shift[j] = Vector::new(x, y, z);
     }
 }
 
@@ -259,7 +329,8 @@ impl<V: Set> Vector<V> {
             MINUS => Self::new(self.x, -self.z, self.y),
             _ => {
                 let (c, s) = (Lanes::splat(step.cosine), Lanes::splat(step.sine));
-                Self::new(self.x, self.y.mul_add(c, self.z * s), self.z.mul_sub(c, self.y * s))
+                let v = if step.form.bent { self.into_turned(step.bend()[1], step.bend()[0]) } else { self };
+                Self::new(v.x, v.y.mul_add(c, v.z * s), v.z.mul_sub(c, v.y * s))
             }
         }
     }
@@ -273,7 +344,8 @@ impl<V: Set> Vector<V> {
             MINUS => Self::new(self.x, self.z, -self.y),
             _ => {
                 let (c, s) = (Lanes::splat(step.cosine), Lanes::splat(step.sine));
-                Self::new(self.x, self.y.mul_sub(c, self.z * s), self.z.mul_add(c, self.y * s))
+                let v = Self::new(self.x, self.y.mul_sub(c, self.z * s), self.z.mul_add(c, self.y * s));
+                if step.form.bent { v.out_of_turned(step.bend()[1], step.bend()[0]) } else { v }
             }
         }
     }

@@ -5,7 +5,9 @@ mod description;
 pub mod friction_terms;
 pub mod geometry;
 pub mod parameters;
+mod placement;
 mod twist;
 
 pub use description::{CoupledMotor, Coupling, Friction, Joint, JointKind, Robot, RobotError};
+pub use placement::{Mount, Placement};
 pub use twist::Twist;

@@ -114,7 +114,8 @@ fn blocks(robot: &Robot, columns: &[usize]) -> Vec<Block> {
     for (place, &column) in columns.iter().enumerate() {
         match layout.owner(column) {
             Owner::Joint { joint, local } if local < INERTIAL => {
-                links[joint].extend((0..=joint).map(|row| Series { row, column: local, place }));
+                let rows = (0..=joint).filter(|&row| robot.carries(row, joint));
+                links[joint].extend(rows.map(|row| Series { row, column: local, place }));
             }
             Owner::Joint { joint, .. } => {
                 drive.push(Series { row: joint, column, place });
@@ -208,9 +209,7 @@ impl Kernel for FormAndFilter<'_> {
             let mut entries = Asked { place: &place, width, groups, first, valid };
             if let Some(j) = block.link {
                 walk.start(&geometry, &state.q);
-                for k in 0..=j.min(MAX_DOF - 1) {
-                    walk.step(&geometry, k, &state);
-                }
+                walk.reach(&geometry, j.min(MAX_DOF - 1), &state);
                 walk.link_rows(&geometry, j, 0, &mut entries);
             } else {
                 let load = gather_load(log.load, n, first);

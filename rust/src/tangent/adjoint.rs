@@ -14,7 +14,7 @@ use crate::model::motion::State;
 use crate::robot::parameters::{INERTIAL, Layout};
 use crate::robot::{JointKind, Robot};
 use crate::tangent::drives::drives;
-use crate::tangent::twists::{into_twisted, out_of_twisted};
+use crate::tangent::twists::{into_placed, out_of_placed};
 
 /// Arrays for the derivatives, each row-major `(n_samples, n_dof)`.
 #[derive(Debug)]
@@ -128,14 +128,16 @@ struct Chain<V: Set> {
     base: Motion<V>,
     sine: [Lanes<V>; MAX_DOF],
     cosine: [Lanes<V>; MAX_DOF],
-    /// Displacement of each origin after the twist, `(d, 0, r)`.
+    /// Displacement of each origin after the twist, `(d, 0, r)` in a chain.
     arm: [Vector<V>; MAX_DOF],
     /// Motion of the link before, in the frame of the link: without the joint's own speed.
     carried: [Motion<V>; MAX_DOF],
-    /// Axes of joints `0..=j` seen from link `j`.
-    axes: [[Axis<V>; MAX_DOF]; MAX_DOF],
-    /// Derivatives with respect to the axes, seen from the link at hand.
-    axes_bar: [Axis<V>; MAX_DOF],
+    /// Axes of the joints that carry link `j`, seen from there.
+    axes: Vec<[Axis<V>; MAX_DOF]>,
+    /// Derivatives with respect to the motion of link `j`, once the joints that it carries have added theirs.
+    bars: [Motion<V>; MAX_DOF],
+    /// The same with respect to the axes seen from link `j`.
+    axes_bar: Vec<[Axis<V>; MAX_DOF]>,
 }
 
 impl<V: Set> Chain<V> {
@@ -150,8 +152,9 @@ impl<V: Set> Chain<V> {
             cosine: zero,
             arm: [Vector::zero(); MAX_DOF],
             carried: [Motion::none(); MAX_DOF],
-            axes: [[axis; MAX_DOF]; MAX_DOF],
-            axes_bar: [axis; MAX_DOF],
+            axes: vec![[axis; MAX_DOF]; robot.n_dof()],
+            bars: [Motion::none(); MAX_DOF],
+            axes_bar: vec![[axis; MAX_DOF]; robot.n_dof()],
         }
     }
 
@@ -179,27 +182,31 @@ impl<V: Set> Chain<V> {
 
     #[inline(always)]
     fn outwards(&mut self, robot: &Robot, state: &State<V>) {
-        let mut before = self.base;
         for j in 0..robot.n_dof().min(MAX_DOF) {
-            let (joint, twist) = (&robot.joints()[j], robot.twists()[j]);
+            let (joint, placement) = (&robot.joints()[j], &robot.placements()[j]);
+            let parent = robot.mounts()[j].parent;
+            let before = parent.map_or(self.base, |parent| self.motion(robot, parent, state));
             let revolute = joint.kind == JointKind::Revolute;
-            let (theta, r) = (Lanes::splat(joint.theta), Lanes::splat(joint.r));
+            let theta = Lanes::splat(joint.theta);
             let (s, c) = (if revolute { state.q[j] + theta } else { theta }).sin_cos();
-            let arm =
-                Vector::new(Lanes::splat(joint.d), Lanes::zero(), if revolute { r } else { r + state.q[j] });
+            let mut arm = Vector::splat(placement.arm);
+            if !revolute {
+                arm.z += state.q[j];
+            }
             (self.sine[j], self.cosine[j], self.arm[j]) = (s, c, arm);
-            let (omega, domega) = (into_twisted(before.omega, twist), into_twisted(before.domega, twist));
-            let a = into_twisted(before.a, twist) + (domega.cross(arm) + omega.cross(omega.cross(arm)));
+            let (omega, domega) =
+                (into_placed(before.omega, placement), into_placed(before.domega, placement));
+            let a = into_placed(before.a, placement) + (domega.cross(arm) + omega.cross(omega.cross(arm)));
             self.carried[j] = Motion {
                 omega: omega.into_turned(s, c),
                 domega: domega.into_turned(s, c),
                 a: a.into_turned(s, c),
             };
-            before = self.motion(robot, j, state);
             let (inner, outer) = self.axes.split_at_mut(j);
-            for i in 0..j {
-                let Axis { u, w } = inner[j - 1][i];
-                let (u, w) = (into_twisted(u, twist), into_twisted(w, twist));
+            for i in (0..j).filter(|&i| robot.carries(i, j)) {
+                let Some(parent) = parent else { break };
+                let Axis { u, w } = inner[parent][i];
+                let (u, w) = (into_placed(u, placement), into_placed(w, placement));
                 outer[0][i] = Axis { u: u.into_turned(s, c), w: (w + u.cross(arm)).into_turned(s, c) };
             }
             let z = Vector::splat([0.0, 0.0, 1.0]);
@@ -212,20 +219,28 @@ impl<V: Set> Chain<V> {
     #[inline(always)]
     fn inwards(&mut self, robot: &Robot, state: &State<V>, weights: &Weights<'_>, found: &mut State<V>) {
         let n = robot.n_dof().min(MAX_DOF);
-        let mut bar = Motion::none();
-        self.axes_bar = [Axis { u: Vector::zero(), w: Vector::zero() }; MAX_DOF];
+        self.bars = [Motion::none(); MAX_DOF];
+        for bars in &mut self.axes_bar {
+            bars[..n].fill(Axis { u: Vector::zero(), w: Vector::zero() });
+        }
         for j in (0..n).rev() {
             let motion = self.motion(robot, j, state);
             let first = weights.layout.joint(j);
-            for i in 0..=j {
+            for i in (0..=j).filter(|&i| robot.carries(i, j)) {
                 let row: [Lanes<V>; INERTIAL] = std::array::from_fn(|k| weights.at(i, first + k));
-                body(&row, &motion, &self.axes[j][i], &mut bar, &mut self.axes_bar[i]);
+                body(&row, &motion, &self.axes[j][i], &mut self.bars[j], &mut self.axes_bar[j][i]);
             }
-            bar = self.through_joint(robot, j, state, bar, found);
+            let bar = self.through_joint(robot, j, state, self.bars[j], found);
+            if let Some(parent) = robot.mounts()[j].parent {
+                let before = &mut self.bars[parent];
+                before.omega = before.omega + bar.omega;
+                before.domega = before.domega + bar.domega;
+                before.a = before.a + bar.a;
+            }
         }
     }
 
-    /// From link `j` to the link before: derivatives with respect to the joint, and what is left for the links further in.
+    /// From link `j` to its parent: derivatives with respect to the joint, and what is left for the links further in.
     #[inline(always)]
     fn through_joint(
         &mut self,
@@ -236,7 +251,7 @@ impl<V: Set> Chain<V> {
         found: &mut State<V>,
     ) -> Motion<V> {
         let (s, c, arm, carried) = (self.sine[j], self.cosine[j], self.arm[j], self.carried[j]);
-        let twist = robot.twists()[j];
+        let (placement, parent) = (&robot.placements()[j], robot.mounts()[j].parent);
         let revolute = robot.joints()[j].kind == JointKind::Revolute;
         // The joint's own speed and acceleration.
         let (felt, speed) = if revolute {
@@ -262,21 +277,25 @@ impl<V: Set> Chain<V> {
         let mut slide = a_bar.cross(domega).z + omega.z.mul_sub(along, a_bar.z * omega.dot(omega));
         let omega_bar = omega_bar + centripetal(a_bar, omega, arm);
         let domega_bar = domega_bar + arm.cross(a_bar);
-        for i in 0..j {
-            let (axis, seen) = (self.axes_bar[i], self.axes[j][i]);
+        for i in (0..j).filter(|&i| robot.carries(i, j)) {
+            let (axis, seen) = (self.axes_bar[j][i], self.axes[j][i]);
             turn += turned_by(axis.u, seen.u) + turned_by(axis.w, seen.w);
             let w_bar = axis.w.out_of_turned(s, c);
             let u_bar = axis.u.out_of_turned(s, c) + arm.cross(w_bar);
             if !revolute {
                 slide += w_bar.cross(seen.u.out_of_turned(s, c)).z;
             }
-            self.axes_bar[i] = Axis { u: out_of_twisted(u_bar, twist), w: out_of_twisted(w_bar, twist) };
+            if let Some(parent) = parent {
+                let before = &mut self.axes_bar[parent][i];
+                before.u = before.u + out_of_placed(u_bar, placement);
+                before.w = before.w + out_of_placed(w_bar, placement);
+            }
         }
         found.q[j] = if revolute { turn } else { slide };
         Motion {
-            omega: out_of_twisted(omega_bar, twist),
-            domega: out_of_twisted(domega_bar, twist),
-            a: out_of_twisted(a_bar, twist),
+            omega: out_of_placed(omega_bar, placement),
+            domega: out_of_placed(domega_bar, placement),
+            a: out_of_placed(a_bar, placement),
         }
     }
 }

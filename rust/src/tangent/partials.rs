@@ -3,13 +3,13 @@
 //! Written with rotation-free textbook recursions on standard parameters, apart from the kernels: what it agrees with, it
 //! checks. Identity that tests it: its values are those of [`crate::model::inverse`], its derivatives differences of them.
 
-// Numbers with 24 derivatives are large; they are passed as numbers are written, and speed is not what they are for.
+// Numbers with 80 derivatives are large; they are passed as numbers are written, and speed is not what they are for.
 #![allow(clippy::large_types_passed_by_value)]
 
 use super::dual::Dual;
 use crate::ground::arrays::MAX_DOF;
 use crate::robot::parameters::{FRICTION, IA, Layout, M, MX, XX};
-use crate::robot::{Coupling, JointKind, Robot};
+use crate::robot::{Coupling, JointKind, Placement, Robot};
 
 /// Variables: positions, then velocities.
 const N: usize = 2 * MAX_DOF;
@@ -33,6 +33,20 @@ fn add(a: Vector, b: Vector) -> Vector {
 
 fn cross(a: Vector, b: Vector) -> Vector {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// A vector of the parent's frame, seen from after `gamma` and the twist.
+fn into_placed(v: Vector, placement: &Placement) -> Vector {
+    let (ca, sa) = placement.twist.cos_sin();
+    let (cg, sg) = placement.gamma.unwrap_or((1.0, 0.0));
+    about_x(about_z(v, Number::constant(-sg), Number::constant(cg)), -sa, ca)
+}
+
+/// Back.
+fn out_of_placed(v: Vector, placement: &Placement) -> Vector {
+    let (ca, sa) = placement.twist.cos_sin();
+    let (cg, sg) = placement.gamma.unwrap_or((1.0, 0.0));
+    about_z(about_x(v, sa, ca), Number::constant(sg), Number::constant(cg))
 }
 
 fn scaled(a: Vector, factor: f64) -> Vector {
@@ -77,25 +91,26 @@ pub fn partials(robot: &Robot, x: &[f64], q: &[f64], dq: &[f64], ddq: &[f64]) ->
     let mut tau = vec![zero; n];
     let (mut turns, mut arms) = (vec![(zero, zero); n], vec![none; n]);
     let (mut forces, mut moments) = (vec![none; n], vec![none; n]);
-    let (mut omega, mut domega) = (none, none);
-    let mut a: Vector = robot.gravity().map(|g| Number::constant(-g));
+    // Motion of each link: angular velocity and acceleration, acceleration of the origin.
+    let mut motions = vec![[none; 3]; n];
     for j in 0..n {
-        let joint = &robot.joints()[j];
-        let (ca, sa) = robot.twists()[j].cos_sin();
+        let (joint, placement) = (&robot.joints()[j], &robot.placements()[j]);
+        let base = [none, none, robot.gravity().map(|g| Number::constant(-g))];
+        let [mut omega, mut domega, mut a] = robot.mounts()[j].parent.map_or(base, |parent| motions[parent]);
         let position = Number::variable(q[j], j);
         let revolute = joint.kind == JointKind::Revolute;
-        let (theta, r) = if revolute {
-            (position + Number::constant(joint.theta), Number::constant(joint.r))
-        } else {
-            (Number::constant(joint.theta), position + Number::constant(joint.r))
-        };
+        let (turn, slide) = if revolute { (position, zero) } else { (zero, position) };
+        let theta = turn + Number::constant(joint.theta);
         let (s, c) = theta.v.sin_cos();
         let (s, c) = (theta.chain(s, c), theta.chain(c, -s));
-        let arm = [Number::constant(joint.d), r.scale(-sa), r.scale(ca)];
+        // The origin after the twist, seen again from the parent.
+        let mut arm = placement.arm.map(Number::constant);
+        arm[2] = arm[2] + slide;
+        let arm = out_of_placed(arm, placement);
         (turns[j], arms[j]) = ((s, c), arm);
         // Acceleration of the origin of frame j, then its components there.
         a = add(a, add(cross(domega, arm), cross(omega, cross(omega, arm))));
-        let into = |v: Vector| about_z(about_x(v, -sa, ca), -s, c);
+        let into = |v: Vector| about_z(into_placed(v, placement), -s, c);
         (omega, domega, a) = (into(omega), into(domega), into(a));
         let along = [zero, zero, speed[j]];
         if revolute {
@@ -106,6 +121,7 @@ pub fn partials(robot: &Robot, x: &[f64], q: &[f64], dq: &[f64], ddq: &[f64]) ->
             a = add(a, scaled(cross(omega, along), 2.0));
             a[2] = a[2] + Number::constant(ddq[j]);
         }
+        motions[j] = [omega, domega, a];
         let link = &x[layout.joint(j)..layout.joint(j) + layout.per_joint()];
         let [xx, xy, xz, yy, yz, zz] = std::array::from_fn(|k| link[XX + k]);
         let first = std::array::from_fn(|k| Number::constant(link[MX + k]));
@@ -121,13 +137,12 @@ pub fn partials(robot: &Robot, x: &[f64], q: &[f64], dq: &[f64], ddq: &[f64]) ->
     for j in (0..n).rev() {
         let revolute = robot.joints()[j].kind == JointKind::Revolute;
         tau[j] = tau[j] + if revolute { moments[j][2] } else { forces[j][2] };
-        if j > 0 {
-            let (ca, sa) = robot.twists()[j].cos_sin();
+        if let Some(parent) = robot.mounts()[j].parent {
             let (s, c) = turns[j];
-            let out = |v: Vector| about_x(about_z(v, s, c), sa, ca);
+            let out = |v: Vector| out_of_placed(about_z(v, s, c), &robot.placements()[j]);
             let force = out(forces[j]);
-            moments[j - 1] = add(moments[j - 1], add(out(moments[j]), cross(arms[j], force)));
-            forces[j - 1] = add(forces[j - 1], force);
+            moments[parent] = add(moments[parent], add(out(moments[j]), cross(arms[j], force)));
+            forces[parent] = add(forces[parent], force);
         }
     }
     let mut found = Partials {

@@ -1,12 +1,32 @@
-//! Vectors seen from a frame turned by `alpha` about x, and back; right angles need no multiplication.
+//! Vectors seen from a frame turned by `gamma` about z and `alpha` about x, and back; right angles need no multiplication.
 
 use crate::ground::lanes::{Lanes, Set};
 use crate::ground::spatial::Vector;
-use crate::robot::Twist;
+use crate::robot::{Placement, Twist};
+
+/// Components after `Rot(z, gamma) Rot(x, alpha)` of the frame.
+#[inline(always)]
+pub(super) fn into_placed<V: Set>(v: Vector<V>, placement: &Placement) -> Vector<V> {
+    let v = match placement.gamma {
+        Some((c, s)) => v.into_turned(Lanes::splat(s), Lanes::splat(c)),
+        None => v,
+    };
+    into_twisted(v, placement.twist)
+}
+
+/// Back: `Rot(z, gamma) Rot(x, alpha) v`.
+#[inline(always)]
+pub(super) fn out_of_placed<V: Set>(v: Vector<V>, placement: &Placement) -> Vector<V> {
+    let v = out_of_twisted(v, placement.twist);
+    match placement.gamma {
+        Some((c, s)) => v.out_of_turned(Lanes::splat(s), Lanes::splat(c)),
+        None => v,
+    }
+}
 
 /// Components after `Rot(x, alpha)` of the frame: `Rot(x, alpha)^T v`.
 #[inline(always)]
-pub(super) fn into_twisted<V: Set>(v: Vector<V>, twist: Twist) -> Vector<V> {
+fn into_twisted<V: Set>(v: Vector<V>, twist: Twist) -> Vector<V> {
     match twist {
         Twist::Zero => v,
         Twist::Half => Vector::new(v.x, -v.y, -v.z),
@@ -22,7 +42,7 @@ pub(super) fn into_twisted<V: Set>(v: Vector<V>, twist: Twist) -> Vector<V> {
 
 /// Back: `Rot(x, alpha) v`.
 #[inline(always)]
-pub(super) fn out_of_twisted<V: Set>(v: Vector<V>, twist: Twist) -> Vector<V> {
+fn out_of_twisted<V: Set>(v: Vector<V>, twist: Twist) -> Vector<V> {
     let back = match twist {
         Twist::Plus => Twist::Minus,
         Twist::Minus => Twist::Plus,

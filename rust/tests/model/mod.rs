@@ -3,3 +3,4 @@ mod friction_terms;
 mod identities;
 mod inertia;
 mod regressor;
+mod trees;

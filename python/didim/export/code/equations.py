@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ...errors import FitError
 from ...robot.friction import FrictionTerm
 from ...robot.robot import Robot
 
@@ -134,6 +135,10 @@ class Equations:
     """
 
     def __init__(self, robot: Robot, values: Mapping[str, Any], algebra: Algebra, q: Sequence[Any]) -> None:
+        if robot.geometry.mounts:
+            raise FitError(
+                f"robot {robot.name!r} is a tree: C code and LaTeX are written for joints in a line only"
+            )
         self.robot, self.algebra, self.n = robot, algebra, robot.n_dof
         self.zero = algebra.number(0.0)
         self.value: Callable[[str], Any] = lambda name: values.get(name, self.zero)

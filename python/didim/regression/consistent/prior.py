@@ -6,6 +6,7 @@ link that hardly moves. Tested in ``tests/test_consistent.py``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -14,8 +15,9 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...errors import FitError
 from ...model.consistency import Cone, places_of, pseudo_inertias
+from ...robot.placement import carriers
 from ...robot.rigid_body import INERTIAL, ten_parameters
-from ...robot.robot import Robot
+from ...robot.robot import Geometry, Robot
 from ..linear_system import LinearSystem
 from ..selection import Selection
 
@@ -88,11 +90,22 @@ def generic_prior(
         Which base parameters the columns are.
     """
     geometry = robot.geometry
-    length = sum(abs(d) + abs(r) for d, r in zip(geometry.d, geometry.r, strict=True))
+    length = max(_way(geometry, joint) for joint in range(robot.n_dof))
     radius = RADIUS_SHARE * max(length, LEAST_LENGTH)
     one = Prior("generic", (np.diag([radius**2] * 3 + [1.0]),) * robot.n_dof, np.ones(robot.n_dof))
     mass = DEFAULT_MASS if system is None or selection is None else _mass(robot, one, system, selection)
     return replace(one, bodies=tuple(mass * body for body in one.bodies))
+
+
+def _way(geometry: Geometry, joint: int) -> float:
+    """Sum of the lengths from the base to a frame (m)."""
+    found = 0.0
+    for j in carriers(geometry.parents, joint):
+        found += abs(geometry.d[j]) + abs(geometry.r[j])
+        if geometry.mounts:
+            mount = geometry.mounts[j]
+            found += abs(mount.b) + math.hypot(*mount.shift)
+    return found
 
 
 def _mass(robot: Robot, one: Prior, system: LinearSystem, selection: Selection) -> float:

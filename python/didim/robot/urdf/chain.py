@@ -1,8 +1,10 @@
-"""The serial chain of a URDF that becomes the robot, and the links that move with each of its joints.
+"""The chain or tree of a URDF that becomes the robot, and the links that move with each of its joints.
 
 Without a ``tip`` the chain follows, from the base on, the only child that moves anything. It ends where several do, as at the
-fingers of a gripper; where one of those is an arm of its own, the user is asked. Links behind fixed joints belong to the moving
-link that carries them, links behind other joints too, and those joints are locked. Tested in ``tests/test_urdf_chain.py``.
+fingers of a gripper; where one of those is an arm of its own, the robot is the whole tree. Links behind fixed joints belong to
+the moving link that carries them, links behind other joints too, and those joints are locked. Floating, planar and spherical
+joints are held at zero. Tested in ``tests/test_urdf_chain.py``
+and ``tests/test_trees.py``.
 """
 
 from __future__ import annotations
@@ -14,13 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._tools.arrays import Array
-from ..._tools.words import counted, did_you_mean
+from ..._tools.words import did_you_mean
 from ...errors import RobotError
 from ..rigid_body import pose, turn
 from .description import MOVING, Description, UrdfJoint
 
-LARGEST_CHAIN = 12
+LARGEST_CHAIN = 40
 """Most joints of a robot."""
+
+WHOLE = ""
+"""The ``tip`` that stands for the whole tree."""
 
 ARM = 3
 """Joints of a branch from which on it counts as an arm of its own, not as a finger."""
@@ -47,18 +52,20 @@ class Member:
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The joints of the robot, in order from the base.
+    """The joints of the robot, branch by branch from the base.
 
     Attributes
     ----------
     base, tip : str
-        First and last link.
+        First and last link; the tip of a tree is `WHOLE`.
     base_pose : (4, 4) array
         Pose of the base link in the root link, locked joints at their values.
     joints : tuple of UrdfJoint
         Moving joints.
+    parents : tuple of int or None
+        The joint that each one stands on, from 0; None for the base.
     origins : tuple of (4, 4) array
-        Pose of each moving link at position zero in the moving link before it (the base for the first).
+        Pose of each moving link at position zero in the moving link that it stands on, or in the base.
     axes : tuple of (3,) array
         Unit axis of each joint in its own moving link.
     groups : tuple of tuple of Member
@@ -71,6 +78,7 @@ class Chain:
     tip: str
     base_pose: Array
     joints: tuple[UrdfJoint, ...]
+    parents: tuple[int | None, ...]
     origins: tuple[Array, ...]
     axes: tuple[Array, ...]
     groups: tuple[tuple[Member, ...], ...]
@@ -105,14 +113,14 @@ def choose_chain(
     base : str, optional
         First link, the root by default.
     tip : str, optional
-        Last link; by default the end of the only path that moves.
+        Last link; by default the end of the only path that moves, or `WHOLE` where several do that are arms of their own.
     lock : mapping of str to float, optional
         Positions (rad or m) of joints that are to be locked; joints off the chain are locked at zero by default.
 
     Raises
     ------
     RobotError
-        For an unknown name, several arms and no `tip`, no moving joint or more than 12, and joints that do not form a serial robot.
+        For an unknown name, no moving joint or more than 40, and joints on the path to a `tip` that no robot has.
     """
     where = description.where
     lock = dict(lock or {})
@@ -121,31 +129,41 @@ def choose_chain(
         if name not in joints or not joints[name].moves:
             hint = did_you_mean(name, [joint.name for joint in joints.values() if joint.moves])
             raise RobotError(f"{where}: there is no moving joint {name!r} to lock{hint}")
-        if joints[name].kind not in MOVING or not math.isfinite(value):
+        if not math.isfinite(value) or (joints[name].kind not in MOVING and value != 0.0):
             raise RobotError(
                 f"{where}: joint {name!r} of type {joints[name].kind} cannot be locked at {value!r}"
             )
     for option, link in (("base", base), ("tip", tip)):
-        if link is not None and link not in description.links:
+        if link is not None and link not in description.links and (option, link) != ("tip", WHOLE):
             hint = did_you_mean(link, description.links)
             raise RobotError(f"{where}: there is no link {link!r} ({option}){hint}")
     base = description.root if base is None else base
     tip = _tip(description, base, lock) if tip is None else tip
-    path = description.path(base, tip)
-    if path is None:
-        raise RobotError(f"{where}: link {base!r} (base) does not carry link {tip!r} (tip)")
-    moving = [joint for joint in path if joint.moves and joint.name not in lock]
+    if tip == WHOLE:
+        path = _branches(description, base)
+        moving = [joint for joint in path if _free(joint, lock) and not joint.mimic]
+    else:
+        found = description.path(base, tip)
+        if found is None:
+            raise RobotError(f"{where}: link {base!r} (base) does not carry link {tip!r} (tip)")
+        path = found
+        moving = [joint for joint in path if _free(joint, lock)]
     _check_joints(where, moving)
     return _assemble(description, base, tip, path, moving, lock)
 
 
+def _branches(description: Description, base: str) -> list[UrdfJoint]:
+    """All joints that a link carries, branch by branch."""
+    found: list[UrdfJoint] = []
+    waiting = list(reversed(description.outgoing.get(base, ())))
+    while waiting:
+        found.append(waiting.pop())
+        waiting += reversed(description.outgoing.get(found[-1].child, ()))
+    return found
+
+
 def _check_joints(where: str, moving: list[UrdfJoint]) -> None:
     for joint in moving:
-        if joint.kind not in MOVING:
-            raise RobotError(
-                f"{where}: joint {joint.name!r} is {joint.kind}, and a serial robot has revolute and prismatic joints only; "
-                "begin the chain behind it (didim robot --base) or end it before (didim robot --tip)"
-            )
         if joint.mimic is not None:
             raise RobotError(
                 f"{where}: joint {joint.name!r} mimics {joint.mimic!r}; lock it (didim robot --lock {joint.name}=0), or "
@@ -154,25 +172,22 @@ def _check_joints(where: str, moving: list[UrdfJoint]) -> None:
     if not moving:
         raise RobotError(f"{where}: no joint moves between base and tip")
     if len(moving) > LARGEST_CHAIN:
-        names = ", ".join(joint.name for joint in moving)
+        names = ", ".join([*(joint.name for joint in moving[:3]), f"and {len(moving) - 3} more"])
         raise RobotError(
-            f"{where}: a robot has at most {LARGEST_CHAIN} joints, and this chain has {len(moving)} ({names}); "
+            f"{where}: a robot has at most {LARGEST_CHAIN} joints, and this one has {len(moving)} ({names}); "
             "choose a part (didim robot --base --tip), or lock joints (didim robot --lock)"
         )
 
 
 def _tip(description: Description, base: str, lock: Mapping[str, float]) -> str:
-    """Last link of the only path that moves, followed from the base."""
+    """Last link of the only path that moves, followed from the base; `WHOLE` where several move that are arms of their own."""
     reach = _reach(description, lock)
     link = base
     seen = 0
     while True:
         moving = [joint for joint in description.outgoing.get(link, ()) if reach[joint.child]]
         if len(moving) > 1 and (not seen or any(reach[joint.child] >= ARM for joint in moving)):
-            raise RobotError(
-                f"{description.where}: several chains move ({_ends(description, base, lock)}); "
-                "choose one by its last link: didim robot --tip LINK"
-            )
+            return WHOLE
         if len(moving) != 1:
             return link
         seen += _free(moving[0], lock)
@@ -180,7 +195,7 @@ def _tip(description: Description, base: str, lock: Mapping[str, float]) -> str:
 
 
 def _free(joint: UrdfJoint, lock: Mapping[str, float]) -> bool:
-    return joint.moves and joint.name not in lock
+    return joint.kind in MOVING and joint.name not in lock
 
 
 def _reach(description: Description, lock: Mapping[str, float]) -> dict[str, int]:
@@ -190,22 +205,6 @@ def _reach(description: Description, lock: Mapping[str, float]) -> dict[str, int
         beyond = max((reach[joint.child] for joint in description.outgoing.get(link, ())), default=0)
         reach[link] = beyond + (link in description.joints and _free(description.joints[link], lock))
     return reach
-
-
-def _ends(description: Description, base: str, lock: Mapping[str, float]) -> str:
-    """Last moving links of all branches, each with the number of joints before it, longest first."""
-    reach = _reach(description, lock)
-    found: list[tuple[int, str]] = []
-    walks = [(base, 0)]
-    while walks:
-        link, count = walks.pop()
-        moving = [joint for joint in description.outgoing.get(link, ()) if reach[joint.child]]
-        if not moving and count:
-            found.append((count, link))
-        walks += [(joint.child, count + _free(joint, lock)) for joint in reversed(moving)]
-    found.sort(key=lambda end: -end[0])
-    names = [f"{link} with {counted(count, 'joint')}" for count, link in found]
-    return "; ".join(names if len(names) <= 8 else [*names[:8], f"and {len(names) - 8} more"])
 
 
 def _still(joint: UrdfJoint, lock: Mapping[str, float]) -> Array:
@@ -243,15 +242,20 @@ def _assemble(
                 group.append(Member(joint.child, frame, member.locked or joint.moves))
         return tuple(group)
 
-    origins, groups = [], []
-    frame = np.eye(4)
+    origins: list[Array] = []
+    groups: list[tuple[Member, ...]] = []
+    parents: list[int | None] = []
+    # The moving joint that carries each link, and the pose of the link in its moving link.
+    carried: dict[str, tuple[int | None, Array]] = {base: (None, np.eye(4))}
     for joint in path:
+        parent, frame = carried[joint.parent]
         if joint.name in names:
             origins.append(frame @ joint.origin)
-            frame = np.eye(4)
+            parents.append(parent)
+            carried[joint.child] = (len(groups), np.eye(4))
             groups.append(gather(joint.child))
         else:
-            frame = frame @ _still(joint, lock)
+            carried[joint.child] = (parent, frame @ _still(joint, lock))
     before = description.path(description.root, base) or []
     base_pose = np.eye(4)
     for joint in before:
@@ -265,6 +269,7 @@ def _assemble(
         tip=tip,
         base_pose=base_pose,
         joints=tuple(moving),
+        parents=tuple(parents),
         origins=tuple(origins),
         axes=tuple(joint.axis for joint in moving),
         groups=tuple(groups),

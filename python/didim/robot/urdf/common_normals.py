@@ -1,7 +1,8 @@
 """From axes in space to the rows of a modified Denavit-Hartenberg table: the common normals of Khalil and Kleinfinger.
 
 Frame j has its z axis along joint axis j and its x axis along the common normal of axes j and j+1. Frame 0 is frame 1 at position
-zero, and the last frame continues the x axis before it. Tested in ``tests/test_urdf.py`` against Pinocchio.
+zero, and the last frame continues the x axis before it. Trees, and axes that are nearly parallel, do without common normals.
+Tested in ``tests/test_urdf.py`` against Pinocchio.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..placement import Mount, as_row, frame_along
 from ..right_angles import PARALLEL, ROUNDING, nearest_right_angle
 from ..rigid_body import inverse, mdh_pose, pose
 
@@ -43,11 +45,14 @@ class MdhTable:
         Frame 0 in the base.
     link_poses : tuple of (4, 4) array
         Pose of each moving link in its frame j, for every position of the joints.
+    mounts : tuple of Mount
+        What the joints of a tree stand on; empty for a chain along common normals.
     """
 
     rows: tuple[Row, ...]
     frame_0: Array
     link_poses: tuple[Array, ...]
+    mounts: tuple[Mount, ...] = ()
 
 
 def common_normals(origins: Sequence[Array], axes: Sequence[Array]) -> MdhTable:
@@ -75,6 +80,18 @@ def common_normals(origins: Sequence[Array], axes: Sequence[Array]) -> MdhTable:
         frame = frame @ mdh_pose(row.alpha, row.d, row.theta, row.r)
         link_poses.append(inverse(frame) @ link)
     return MdhTable(tuple(rows), frames[0], tuple(link_poses))
+
+
+def as_they_are(origins: Sequence[Array], axes: Sequence[Array], parents: Sequence[int | None]) -> MdhTable:
+    """Return the rows of placements that need no common normals; each frame lies in its moving link, with z along the axis."""
+    frames = [frame_along(axis) for axis in axes]
+    mounts, rows = [], []
+    for frame, origin, parent in zip(frames, origins, parents, strict=True):
+        before = np.eye(4) if parent is None else frames[parent]
+        mount, alpha, theta = as_row(inverse(before) @ origin @ frame, parent)
+        mounts.append(mount)
+        rows.append(Row(alpha, 0.0, theta, 0.0))
+    return MdhTable(tuple(rows), np.eye(4), tuple(inverse(frame) for frame in frames), tuple(mounts))
 
 
 def _frames(points: Sequence[Array], z: Sequence[Array], x_hint: Array) -> list[Array]:

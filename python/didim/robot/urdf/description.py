@@ -19,6 +19,9 @@ from .xml_spans import Element, parse_xml
 MOVING = ("revolute", "continuous", "prismatic")
 """Types of joints with one degree of freedom."""
 
+GRAVITY = (0.0, 0.0, -9.81)
+"""Gravity in the root link of a URDF (m/s^2)."""
+
 LARGEST = 1e9
 """Largest number of a description (m, rad, kg, kg.m^2, N.m): no robot has a larger one."""
 
@@ -67,6 +70,10 @@ class UrdfJoint:
         Viscous (N.m.s/rad or N.s/m) and Coulomb (N.m or N) friction.
     mimic : str or None
         The joint that it follows.
+    armature : float
+        Rotor inertia (kg.m^2 or kg), which only an MJCF has a place for.
+    zero : float
+        Position (rad or m) at which an MJCF draws the joint.
     """
 
     name: str
@@ -82,6 +89,8 @@ class UrdfJoint:
     damping: float
     friction: float
     mimic: str | None
+    armature: float = 0.0
+    zero: float = 0.0
 
     @property
     def moves(self) -> bool:
@@ -107,6 +116,10 @@ class Description:
         Joints by the name of their parent link.
     root : str
         The link without a parent.
+    gravity : tuple of float
+        Acceleration of gravity in the root (m/s^2): a URDF has its z axis point up.
+    notes : tuple of str
+        Sentences on what of the file is left out.
     """
 
     where: str
@@ -115,6 +128,8 @@ class Description:
     joints: Mapping[str, UrdfJoint]
     outgoing: Mapping[str, tuple[UrdfJoint, ...]]
     root: str
+    gravity: tuple[float, ...] = GRAVITY
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def order(self) -> tuple[str, ...]:

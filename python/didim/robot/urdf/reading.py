@@ -1,5 +1,7 @@
-"""From a URDF to a robot: chain, right angles, common normals, inertias, limits, and the proof that the dynamics are the same.
+"""From a URDF to a robot: chain or tree, right angles, frames, inertias, limits, and the proof that the dynamics are the same.
 
+A chain gets modified rows along common normals. The placements of a tree, and of axes that are nearly parallel, are taken as they
+are.
 Tested in ``tests/test_urdf.py`` against Pinocchio, on real descriptions and on random chains.
 """
 
@@ -19,20 +21,23 @@ from ..._tools.inputs import read_small_file
 from ...errors import RobotError
 from ..correspondence import Correspondence, LinkPlace, rows_of
 from ..friction import Friction
+from ..placement import in_line
 from ..right_angles import NEARLY_PARALLEL, SNAP, SUSPICIOUS
 from ..rigid_body import INERTIAL, body_pseudo_inertia, ten_parameters, why_no_body
 from ..robot import Geometry, JointLimits, Robot
-from .chain import Chain, choose_chain
-from .common_normals import MdhTable, common_normals
-from .description import Description, read_description
+from .chain import WHOLE, Chain, choose_chain
+from .common_normals import MdhTable, as_they_are, common_normals
+from .description import MOVING, Description, read_description
+from .mjcf import read_mjcf
 from .snap import NearlyRight, Snapped, snap_chain
 from .summation import Body, bodies, made_up_bodies, random_states, torques_by_summation
-
-GRAVITY = (0.0, 0.0, -9.81)
-"""Gravity in the root link where nothing else is said (m/s^2): its z axis points up."""
+from .xml_spans import parse_xml
 
 URDF_SET = "urdf"
-"""Name of the parameter set that has the inertias of the file."""
+"""Name of the parameter set that has the inertias of a URDF."""
+
+MJCF_SET = "mjcf"
+"""The same of an MJCF."""
 
 SMALLEST_SHARE = 1e-6
 """Lower bound of a joint's largest torque in the self-test, as a share of that of all joints."""
@@ -78,39 +83,47 @@ def read_urdf(
     gravity: Sequence[float] | None = None,
     snap: float = SNAP,
 ) -> UrdfReading:
-    """Make a robot of a URDF.
+    """Make a robot of a URDF or an MJCF.
 
     Parameters
     ----------
     path : Path
         The file.
     tip, base : str, optional
-        Last and first link of the chain; by default the end of the only path that moves, and the root.
+        Last and first link of the chain, as `load_robot` takes them.
     lock : mapping of str to float, optional
         Joints that stand still, with their position (rad or m).
     gravity : sequence of 3 float, optional
-        Acceleration of gravity in the base link (m/s^2); by default the z axis of the root link points up.
+        Acceleration of gravity in the base link (m/s^2); by default that of an MJCF, and for a URDF the z axis of the root link
+        points up.
     snap : float
         Largest angle (rad) by which rounded right angles are snapped.
 
     Raises
     ------
     RobotError
-        When the file cannot be read, or does not describe a serial robot.
+        When the file cannot be read, or does not describe a robot.
     """
     where = path.name
     if not 0.0 <= snap <= NEARLY_PARALLEL:
         raise RobotError(f"{where}: snap must be an angle between 0 and {NEARLY_PARALLEL} rad, got {snap!r}")
     data = read_small_file(path, RobotError)
-    description = read_description(data, where)
+    mjcf = parse_xml(data, where).tag == "mujoco"
+    description = read_mjcf(data, path) if mjcf else read_description(data, where)
+    set_name = MJCF_SET if mjcf else URDF_SET
     chain = choose_chain(description, base=base, tip=tip, lock=lock)
-    down = _gravity(gravity, chain, where)
+    down = _gravity(gravity, description, chain)
     size = float(np.linalg.norm(down))
-    snapped = snap_chain(chain.origins, chain.axes, down / size if size else down, snap)
+    snapped = snap_chain(chain.origins, chain.axes, down / size if size else down, snap, chain.parents)
     suspicion = _nearly_right(chain, snapped.left, where)
-    notes = _locked(chain, lock or {})
-    table = common_normals(snapped.origins, snapped.axes)
-    named, missing = _parameters(description, chain, table)
+    notes = [*description.notes, *_locked(chain, description, lock or {})]
+    if chain.parents == in_line(len(chain.joints)) and not any(
+        found.parallel and found.joint for found in snapped.left
+    ):
+        table = common_normals(snapped.origins, snapped.axes)
+    else:
+        table = as_they_are(snapped.origins, snapped.axes, chain.parents)
+    named, missing = _parameters(description, chain, table, set_name)
     notes += missing
     geometry = _geometry(chain, table, down)
     links = bodies(chain.groups, dict(description.links))
@@ -141,16 +154,17 @@ def read_urdf(
         joint_names=tuple(joint.name for joint in chain.joints),
         correspondence=_correspondence(where, data, chain, snapped, table),
         notes=tuple(notes),
-        _named={URDF_SET: named} if named else {},
+        _named={set_name: named} if named else {},
     )
     robot.core  # noqa: B018 - now, so that a wrong description is an error of loading
     return UrdfReading(robot, table, exact, as_written, made_up, suspicion)
 
 
-def _gravity(gravity: Sequence[float] | None, chain: Chain, where: str) -> Array:
+def _gravity(gravity: Sequence[float] | None, description: Description, chain: Chain) -> Array:
     """Gravity in the base link."""
+    where = description.where
     if gravity is None:
-        return np.asarray(chain.base_pose[:3, :3].T @ np.array(GRAVITY))
+        return np.asarray(chain.base_pose[:3, :3].T @ np.array(description.gravity))
     down = np.array(gravity, dtype=np.float64)
     if down.shape != (3,) or not np.isfinite(down).all():
         raise RobotError(
@@ -159,31 +173,45 @@ def _gravity(gravity: Sequence[float] | None, chain: Chain, where: str) -> Array
     return down
 
 
-def _locked(chain: Chain, asked: Mapping[str, float]) -> list[str]:
-    """Sentence on joints that stand still without having been asked to."""
+def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) -> list[str]:
+    """Sentences on joints that stand still without having been asked to."""
     free = [name for name in chain.locked if name not in asked]
-    if not free:
-        return []
-    names = ", ".join(free if len(free) <= 8 else [*free[:8], f"{len(free) - 8} more"])
-    return [
-        f"the chain ends at link {chain.tip}; locked at 0: {names} (--tip LINK takes more of the tree, --lock JOINT=VALUE "
-        "locks elsewhere)"
-    ]
+    joints = {joint.name: joint for joint in description.joints.values()}
+    held = [f"{name} ({joints[name].kind})" for name in free if joints[name].kind not in MOVING]
+    free = [name for name in free if joints[name].kind in MOVING]
+    notes = [f"held at zero, because no joint of a robot is of this type: {_names(held)}"] if held else []
+    if free and chain.tip == WHOLE:
+        mimics = [f"{name} (of {joints[name].mimic})" for name in free]
+        notes.append(f"held at zero, because they follow other joints: {_names(mimics)}")
+    elif free:
+        notes.append(
+            f"the chain ends at link {chain.tip}; locked at 0: {_names(free)} (--tip LINK takes more of the tree, "
+            "--lock JOINT=VALUE locks elsewhere)"
+        )
+    return notes
+
+
+def _names(names: Sequence[str]) -> str:
+    return ", ".join(names if len(names) <= 8 else [*names[:8], f"{len(names) - 8} more"])
 
 
 def _nearly_right(chain: Chain, left: Sequence[NearlyRight], where: str) -> str | None:
-    """Sentence on angles that are nearly right, and the refusal of axes that are nearly parallel."""
-    for found in left:
-        if found.parallel and found.joint:
-            raise RobotError(
-                f"{where}: the axes of joints {chain.joints[found.joint - 1].name} and {chain.joints[found.joint].name} are "
-                f"{found.angle:.1e} rad from parallel, as in a calibrated description, and their common normal is far away; "
-                f"identify on the nominal geometry: {_cure(found.angle)}"
-            )
+    """Sentence on angles that are nearly right."""
     if not left:
         return None
     names = ", ".join(chain.joints[found.joint].name for found in left)
     largest = max(found.angle for found in left)
+    nearly = next(
+        (found for found in left if found.parallel and chain.parents[found.joint] is not None), None
+    )
+    if nearly is not None:
+        parent = chain.parents[nearly.joint]
+        assert parent is not None
+        return (
+            f"{where}: the axes of {chain.joints[parent].name} and {chain.joints[nearly.joint].name} are "
+            f"{nearly.angle:.1e} rad from parallel, as in a calibrated description, which adds base parameters that no log "
+            f"identifies; to identify on the nominal geometry: {_cure(largest)}"
+        )
     return (
         f"{where}: the axes of {names} are nearly at right angles to the axes before them, off by up to {largest:.1e} rad, which "
         f"may add base parameters that no log identifies; if right angles are meant: {_cure(largest)}"
@@ -208,6 +236,7 @@ def _geometry(chain: Chain, table: MdhTable, down: Array) -> Geometry:
         r=tuple(row.r for row in rows),
         gravity=tuple(float(value) for value in gravity),
         coupling=tuple(tuple(row) for row in np.eye(n).tolist()),
+        mounts=table.mounts,
     )
 
 
@@ -228,28 +257,35 @@ def _limits(chain: Chain) -> tuple[JointLimits, ...]:
 
 
 def _parameters(
-    description: Description, chain: Chain, table: MdhTable
+    description: Description, chain: Chain, table: MdhTable, set_name: str
 ) -> tuple[dict[str, float], list[str]]:
     """Return the standard parameters of the file by name, and sentences on what it has not."""
     pseudos = chain.pseudo_inertias(description)
     names = [group[0].link for group in chain.groups]
-    empty = [name for name, pseudo in zip(names, pseudos, strict=True) if not pseudo[3, 3] > 0.0]
+    # The links between the joints of one body of an MJCF have no inertia, and need none.
+    between = set_name == MJCF_SET and any(pseudo.any() for pseudo in pseudos)
+    empty = [
+        name
+        for name, pseudo in zip(names, pseudos, strict=True)
+        if not pseudo[3, 3] > 0.0 and (pseudo.any() or not between)
+    ]
     if empty:
         what = (
             "no moving link has an inertia"
             if not any(pseudo.any() for pseudo in pseudos)
             else f"some moving links have no positive mass ({', '.join(empty)})"
         )
-        return {}, [f"{what}, so there is no parameter set {URDF_SET!r}"]
+        return {}, [f"{what}, so there is no parameter set {set_name!r}"]
     named: dict[str, float] = {}
     notes = []
     for j, (name, pseudo, pose) in enumerate(zip(names, pseudos, table.link_poses, strict=True)):
         ten = ten_parameters(pose @ pseudo @ pose.T)
         named.update({f"{key}{j + 1}": float(value) for key, value in zip(INERTIAL, ten, strict=True)})
-        reason = why_no_body(pseudo)
+        reason = why_no_body(pseudo) if pseudo.any() else None
         if reason is not None:
             notes.append(f"link {name} of the file is not a body: {reason}")
     for key, values in (
+        ("Ia", [joint.armature for joint in chain.joints]),
         ("Fv", [joint.damping for joint in chain.joints]),
         ("Fc", [joint.friction for joint in chain.joints]),
     ):
@@ -311,11 +347,12 @@ def _self_test(
         printed_coupling=False,
         smoothing=[0.0] * n,
         dead_zone=[0.0] * n,
+        mounts=geometry.core_mounts,
     )
     tau = _core.inverse_dynamics(core, states.q, states.dq, states.ddq, x)
     differences = []
     for origins, axes in ((snapped.origins, snapped.axes), (chain.origins, chain.axes)):
-        expected = torques_by_summation(geometry.kinds, origins, axes, links, down, states)
+        expected = torques_by_summation(geometry.kinds, origins, axes, links, down, states, chain.parents)
         # A joint that carries nothing has torques of rounding alone.
         largest = np.maximum(np.abs(expected).max(axis=0), SMALLEST_SHARE * np.abs(expected).max())
         differences.append(float((np.abs(tau - expected).max(axis=0) / largest).max()))

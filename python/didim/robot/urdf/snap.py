@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..placement import in_line
 from ..right_angles import NEARLY_PARALLEL, PARALLEL, SUSPICIOUS, nearest_right_angle
 from ..rigid_body import pose, turn
 
@@ -42,7 +43,7 @@ class NearlyRight:
     Attributes
     ----------
     joint : int
-        The second of the two, from 0; the first axis is that of gravity for joint 0.
+        The second of the two, from 0; the first axis is that of gravity for a joint on the base.
     angle : float
         Distance from the right angle (rad).
     parallel : bool
@@ -79,8 +80,14 @@ class Snapped:
     left: tuple[NearlyRight, ...]
 
 
-def snap_chain(origins: Sequence[Array], axes: Sequence[Array], vertical: Array, tolerance: float) -> Snapped:
-    """Snap the angles of a chain that are within a tolerance of right angles.
+def snap_chain(
+    origins: Sequence[Array],
+    axes: Sequence[Array],
+    vertical: Array,
+    tolerance: float,
+    parents: Sequence[int | None] | None = None,
+) -> Snapped:
+    """Snap the angles of a chain or a tree that are within a tolerance of right angles.
 
     First each rotation between moving links, and each axis, to those of a cube; then the angle between consecutive axes, which
     catches a rounded right angle beside an angle that is not one.
@@ -90,28 +97,34 @@ def snap_chain(origins: Sequence[Array], axes: Sequence[Array], vertical: Array,
     origins, axes
         As in `Chain`.
     vertical : (3,) array
-        Direction of gravity in the base; zero for none. The first axis is compared with it.
+        Direction of gravity in the base; zero for none. The first axes are compared with it.
     tolerance : float
         Largest angle that is snapped (rad); rounding errors (1e-9) always are.
+    parents : sequence of int or None, optional
+        As in `Chain`; by default each joint stands on the one before.
     """
     tolerance = max(tolerance, PARALLEL)
+    parents = in_line(len(origins)) if parents is None else parents
     found_origins: list[Array] = []
     found_axes: list[Array] = []
     angles = np.zeros(len(origins))
     left = []
-    frame = previous = np.eye(3)  # of the moving link and of that before, at position zero, in the base
-    before = vertical
+    # Frames of the moving links and their axes at position zero, in the base.
+    frames: list[Array] = []
+    directions: list[Array] = []
     for joint, (origin, axis) in enumerate(zip(origins, axes, strict=True)):
         rotation, by_rotation = _to_cube(origin[:3, :3], tolerance)
         axis, by_axis = _to_unit(axis, tolerance)
-        frame = frame @ rotation
+        parent = parents[joint]
+        previous, before = (np.eye(3), vertical) if parent is None else (frames[parent], directions[parent])
+        frame = previous @ rotation
         now = frame @ axis
         excess, parallel, about = _from_right_angle(before, now)
         if 0.0 < abs(excess) <= tolerance:
             frame = turn(about, -excess) @ frame
             rotation = previous.T @ frame
             now = frame @ axis
-        elif tolerance < abs(excess) <= (NEARLY_PARALLEL if parallel and joint else SUSPICIOUS):
+        elif tolerance < abs(excess) <= (NEARLY_PARALLEL if parallel and parent is not None else SUSPICIOUS):
             left.append(NearlyRight(joint, abs(excess), parallel))
             excess = 0.0
         else:
@@ -119,7 +132,8 @@ def snap_chain(origins: Sequence[Array], axes: Sequence[Array], vertical: Array,
         angles[joint] = max(by_rotation, by_axis, abs(excess))
         found_origins.append(pose(rotation, origin[:3, 3]))
         found_axes.append(axis)
-        previous, before = frame, now
+        frames.append(frame)
+        directions.append(now)
     angles[angles <= PARALLEL] = 0.0
     return Snapped(
         origins=tuple(found_origins),

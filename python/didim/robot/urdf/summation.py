@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..placement import carriers, in_line
 from .chain import Member
 from .description import Inertial
 
@@ -73,6 +74,7 @@ def torques_by_summation(
     links: Sequence[Sequence[Body]],
     gravity: Array,
     states: States,
+    parents: Sequence[int | None] | None = None,
 ) -> Array:
     """Return the torques of a motion, without friction and rotors, (n_states, n_dof).
 
@@ -88,16 +90,26 @@ def torques_by_summation(
         Acceleration of gravity in the base (m/s^2).
     states : States
         The motion.
+    parents : sequence of int or None, optional
+        As in `Chain`; by default each joint stands on the one before.
     """
     n_states, n_dof = states.q.shape
-    rotation = np.broadcast_to(np.eye(3), (n_states, 3, 3))
-    place, speed, turning = (
-        np.zeros((n_states, 3)) for _ in range(3)
-    )  # of the moving link: origin, angular velocity
-    acceleration = np.tile(-gravity, (n_states, 1))  # of its origin, as if the base accelerated upwards
+    parents = in_line(n_dof) if parents is None else parents
+    zero = np.zeros((n_states, 3))
+    # Of each link: rotation, origin, angular velocity and acceleration, acceleration of the origin (the base falls upwards).
+    base = (
+        np.broadcast_to(np.eye(3), (n_states, 3, 3)),
+        zero,
+        zero,
+        zero,
+        np.tile(-gravity, (n_states, 1)),
+    )
+    motions: list[tuple[Array, Array, Array, Array, Array]] = []
     joint_places, joint_axes = [], []
     torque = np.zeros((n_states, n_dof))
     for joint, kind in enumerate(kinds):
+        parent = parents[joint]
+        rotation, place, speed, turning, acceleration = base if parent is None else motions[parent]
         q, dq, ddq = (values[:, joint, None] for values in (states.q, states.dq, states.ddq))
         arm = rotation @ origins[joint][:3, 3]
         acceleration = acceleration + np.cross(turning, arm) + np.cross(speed, np.cross(speed, arm))
@@ -118,11 +130,12 @@ def torques_by_summation(
             rotation = rotation @ _turns(axes[joint], states.q[:, joint])
             turning = turning + axis * ddq + np.cross(speed, axis * dq)
             speed = speed + axis * dq
+        motions.append((rotation, place, speed, turning, acceleration))
         joint_places.append(place)
         joint_axes.append(axis)
         for body in links[joint]:
             force, moment, centre = _effort(body, rotation, place, speed, turning, acceleration)
-            for i in range(joint + 1):
+            for i in carriers(parents, joint):
                 slides = kinds[i] == "prismatic"
                 effect = force if slides else moment + np.cross(centre - joint_places[i], force)
                 torque[:, i] += np.einsum("sk,sk->s", joint_axes[i], effect)

@@ -53,7 +53,7 @@ def conventions(rows: Rows) -> Iterator[Hypothesis]:
     """Return the same rows read by the other convention, and with a and d exchanged."""
     g = rows.robot.geometry
     n = len(g.kinds)
-    if n < 2:
+    if n < 2 or g.mounts:  # the rows of a tree have one convention
         return
     readings: list[tuple[str, str, str, dict[str, object]]] = []
     if rows.robot.standard is not None:
@@ -95,7 +95,7 @@ def twists(rows: Rows) -> Iterator[Hypothesis]:
     """Return each twist turned, and the positions of each joint turned, with and without its torques."""
     g = rows.robot.geometry
     for joint, alpha in enumerate(g.alpha):
-        if abs(np.sin(alpha)) < 1e-6:
+        if abs(np.sin(alpha)) < 1e-6 or g.mounts:
             continue
         products = rows.of_robot(with_geometry(rows.robot, alpha=_changed(g.alpha, joint, -alpha)))
         if products is not None:

@@ -1,0 +1,113 @@
+"""Where the joints of a tree stand: antecedents, and the part of a modified row that chains do without.
+
+Khalil and Kleinfinger (1986): frame j follows the frame of its antecedent a(j) by ``Trans(shift) Rot(z, gamma) Trans(z, b)`` and
+then as in a chain, ``Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)``. Any pose is such a row with ``b = d = r = 0``: the
+angles are Euler's (z, x, z), and the shift is the translation. Tested in ``tests/test_trees.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .right_angles import ROUNDING, nearest_right_angle
+from .rigid_body import mdh_pose, pose
+
+ALONG = 1e-12
+"""Largest sine of the angle between two z axes that rounding explains: they count as parallel."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mount:
+    """The joint that a joint stands on, and the part of its row that chains do without.
+
+    Attributes
+    ----------
+    parent : int or None
+        The antecedent, from 0; None for the base.
+    gamma : float
+        Angle about z of the antecedent (rad).
+    b : float
+        Distance along z of the antecedent (m).
+    shift : tuple of float
+        Displacement in the frame of the antecedent (m), of a placement that was taken as it is.
+    """
+
+    parent: int | None
+    gamma: float = 0.0
+    b: float = 0.0
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def matrix(self) -> Array:
+        """Pose (4, 4) in the frame of the antecedent that the rest of the row starts from."""
+        turned = mdh_pose(0.0, 0.0, self.gamma, self.b)
+        turned[:3, 3] += self.shift
+        return turned
+
+
+def in_line(n_dof: int) -> tuple[int | None, ...]:
+    """Return the parents of joints in a line."""
+    return tuple(j - 1 if j else None for j in range(n_dof))
+
+
+def chain(n_dof: int) -> tuple[Mount, ...]:
+    """Return the mounts of joints in a line."""
+    return tuple(Mount(parent=parent) for parent in in_line(n_dof))
+
+
+def carriers(parents: Sequence[int | None], joint: int) -> list[int]:
+    """Return the joints that carry a link, from the base on, its own joint last (from 0)."""
+    path = []
+    at: int | None = joint
+    while at is not None:
+        path.append(at)
+        at = parents[at]
+    return path[::-1]
+
+
+def as_row(placement: Array, parent: int | None) -> tuple[Mount, float, float]:
+    """Return mount, alpha and theta (rad) of a placement (4, 4) that is taken as it is."""
+    rotation, (x, y, z) = placement[:3, :3], placement[:3, 3]
+    sine = math.hypot(rotation[0, 2], rotation[1, 2])
+    # Of parallel axes only the sum or the difference of gamma and theta is defined.
+    gamma = _right(math.atan2(rotation[0, 2], -rotation[1, 2])) if sine > ALONG else 0.0
+    alpha = _right(math.atan2(sine, rotation[2, 2]))
+    # Of nearly parallel axes gamma has few digits: theta makes up for them.
+    rest = (mdh_pose(0.0, 0.0, gamma, 0.0) @ mdh_pose(alpha, 0.0, 0.0, 0.0))[:3, :3].T @ rotation
+    theta = _right(math.atan2(rest[1, 0], rest[0, 0]))
+    shift = (float(x) + 0.0, float(y) + 0.0, float(z) + 0.0)
+    return Mount(parent=parent, gamma=gamma, shift=shift), alpha, theta
+
+
+def placed(mount: Mount, row: Sequence[float]) -> Array:
+    """Return the pose (4, 4) of a frame in that of its antecedent; the row is alpha, d, theta, r (rad, m)."""
+    alpha, d, theta, r = row
+    return np.asarray(mount.matrix @ mdh_pose(alpha, d, theta, r))
+
+
+def frame_along(axis: Array) -> Array:
+    """Return a frame (4, 4) with z along a unit axis: the identity for z, else the nearest turn."""
+    x, y, z = axis
+    if z < -0.5:  # about x by pi first, away from the singular turn
+        half = np.diag([1.0, -1.0, -1.0])
+        return pose(half @ frame_along(half @ axis)[:3, :3])
+    factor = 1.0 / (1.0 + z)
+    return pose(
+        np.array(
+            [
+                [1.0 - x * x * factor, -x * y * factor, x],
+                [-x * y * factor, 1.0 - y * y * factor, y],
+                [-x, -y, z],
+            ]
+        )
+    )
+
+
+def _right(angle: float) -> float:
+    right = nearest_right_angle(angle)
+    return right + 0.0 if abs(angle - right) <= ROUNDING else angle

@@ -1,0 +1,429 @@
+"""What an MJCF says, as the description that a URDF gives: bodies with inertia, joints with axis, limits, rotor and friction.
+
+Defaults and classes, the compiler's angles and ``include`` are resolved here. A body with several joints becomes several links, of
+which the last has the inertia; free and ball joints are held. Inertias that MuJoCo would compute from meshes are not known here.
+Tested in ``tests/test_mjcf.py`` against MuJoCo.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..._tools.words import counted
+from ...errors import RobotError
+from ..rigid_body import inverse, pose, turn
+from .description import LARGEST, Description, Inertial, UrdfJoint
+from .solids import solid_inertial
+from .xml_spans import Element, parse_xml
+
+WORLD = "world"
+"""Name of MuJoCo's outermost body."""
+
+KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "spherical", "free": "floating"}
+"""Types of joints, and what a URDF calls them."""
+
+UNREAD = ("replicate", "composite", "flexcomp", "attach")
+"""Elements that make bodies which this reader does not make."""
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """Settings of ``<compiler>`` that matter here.
+
+    Attributes
+    ----------
+    degrees : bool
+        Whether angles of the file are in degrees.
+    eulerseq : str
+        Axes of Euler angles: small letters turn with the frame.
+    from_geoms : str
+        ``inertiafromgeom``: ``true``, ``false`` or ``auto``.
+    autolimits : bool
+        Whether a range is a limit by itself.
+    """
+
+    degrees: bool = True
+    eulerseq: str = "xyz"
+    from_geoms: str = "auto"
+    autolimits: bool = True
+
+
+Defaults = Mapping[str, Mapping[str, Mapping[str, str]]]
+"""Attributes by class and tag."""
+
+
+@dataclass
+class _Reader:
+    """The bodies of a file, collected link by link."""
+
+    where: str
+    compiler: Compiler
+    defaults: Defaults
+    links: dict[str, Inertial | None] = field(default_factory=dict)
+    joints: dict[str, UrdfJoint] = field(default_factory=dict)
+    outgoing: dict[str, tuple[UrdfJoint, ...]] = field(default_factory=dict)
+    meshes: list[str] = field(default_factory=list)
+    springs: list[str] = field(default_factory=list)
+
+    def angle(self, value: float) -> float:
+        """Angle of the file in rad."""
+        return math.radians(value) if self.compiler.degrees else value
+
+    def attributes(self, element: Element, childclass: str) -> dict[str, str]:
+        """Attributes of an element, those of its class below its own."""
+        name = element.attributes.get("class", childclass)
+        if name not in self.defaults:
+            raise RobotError(f"{self.where}: line {element.line}: there is no default class {name!r}")
+        return {**self.defaults[name].get(element.tag, {}), **element.attributes}
+
+    def numbers(self, element: Element, attributes: Mapping[str, str], key: str, *default: float) -> Array:
+        """Numbers of an attribute; as many as in the default."""
+        text = attributes.get(key)
+        if text is None:
+            return np.array(default)
+        try:
+            values = np.array([float(word) for word in text.split()])
+        except ValueError:
+            values = np.array([np.nan])
+        if len(values) != len(default) or not (np.abs(values) <= LARGEST).all():
+            raise RobotError(
+                f"{self.where}: line {element.line}: {key} of <{element.tag}> must be {counted(len(default), 'number')} "
+                f"of at most {LARGEST:g}, got {text!r}"
+            )
+        return values
+
+    def frame(self, element: Element, attributes: Mapping[str, str]) -> Array:
+        """Pose (4, 4) of an element in its parent, from ``pos`` and one of the five orientations."""
+        place = self.numbers(element, attributes, "pos", 0.0, 0.0, 0.0)
+        return pose(self._rotation(element, attributes), place)
+
+    def _rotation(self, element: Element, attributes: Mapping[str, str]) -> Array:
+        if "quat" in attributes:
+            return _of_quaternion(self.numbers(element, attributes, "quat", 1.0, 0.0, 0.0, 0.0))
+        if "axisangle" in attributes:
+            four = self.numbers(element, attributes, "axisangle", 0.0, 0.0, 1.0, 0.0)
+            return turn(_unit(four[:3]), self.angle(float(four[3])))
+        if "euler" in attributes:
+            found = np.eye(3)
+            angles = self.numbers(element, attributes, "euler", 0.0, 0.0, 0.0)
+            for letter, angle in zip(self.compiler.eulerseq, angles, strict=True):
+                step = turn(np.eye(3)["xyz".index(letter.lower())], self.angle(float(angle)))
+                found = found @ step if letter.islower() else step @ found
+            return found
+        if "xyaxes" in attributes:
+            six = self.numbers(element, attributes, "xyaxes", 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+            x = _unit(six[:3])
+            y = _unit(six[3:] - (six[3:] @ x) * x)
+            return np.column_stack([x, y, np.cross(x, y)])
+        if "zaxis" in attributes:
+            z = _unit(self.numbers(element, attributes, "zaxis", 0.0, 0.0, 1.0))
+            across = np.array([-z[1], z[0], 0.0])
+            size = float(np.linalg.norm(across))
+            axis = across / size if size > 0.0 else np.array([1.0, 0.0, 0.0])
+            return turn(axis, math.atan2(size, float(z[2])))
+        return np.eye(3)
+
+    def walk(self, parent: Element, link: str, before: Array, childclass: str) -> None:
+        """Read what stands on a link, `before` the pose of the element's frame in that of the link."""
+        for element in parent.children:
+            if element.tag in UNREAD:
+                raise RobotError(
+                    f"{self.where}: line {element.line}: <{element.tag}> is not read; let MuJoCo write the file out "
+                    "(mj_saveLastXML)"
+                )
+            own = element.attributes.get("childclass", childclass)
+            if element.tag == "frame":
+                self.walk(element, link, before @ self.frame(element, element.attributes), own)
+            elif element.tag == "body":
+                self.body(element, link, before @ self.frame(element, element.attributes), own)
+
+    def body(self, body: Element, parent: str, origin: Array, childclass: str) -> None:
+        """Read a body: a link for each of its joints, the last one its own."""
+        name = body.attributes.get("name", f"body_{len(self.links)}")
+        if name in self.links:
+            raise RobotError(f"{self.where}: line {body.line}: there are two bodies {name!r}")
+        joints = [child for child in body.children if child.tag in ("joint", "freejoint")]
+        # Each joint turns about an anchor: the links between have their frames there.
+        for number, element in enumerate(joints, start=1):
+            joint, anchor = self._joint(element, name, number, len(joints), childclass)
+            last = number == len(joints) and not anchor.any()
+            child = name if last else f"{name}/{joint.name}"
+            self._connect(joint, parent, child, origin @ pose(np.eye(3), anchor) @ _to_zero(joint))
+            parent, origin = child, pose(np.eye(3), -anchor)
+        if parent != name:
+            self._connect(_fixed(f"{name}_fixed"), parent, name, origin)
+        self.links[name] = self._inertial(body, name, childclass)
+        self.walk(body, name, np.eye(4), childclass)
+
+    def _connect(self, joint: UrdfJoint, parent: str, child: str, origin: Array) -> None:
+        joint = replace(joint, parent=parent, child=child, origin=origin)
+        if any(other.name == joint.name for other in self.joints.values()):
+            raise RobotError(f"{self.where}: there are two joints {joint.name!r}")
+        self.links.setdefault(child, None)
+        self.joints[child] = joint
+        self.outgoing[parent] = (*self.outgoing.get(parent, ()), joint)
+
+    def _joint(
+        self, element: Element, body: str, number: int, count: int, childclass: str
+    ) -> tuple[UrdfJoint, Array]:
+        """Return a joint without its ends, and its anchor in the body's frame."""
+        free = element.tag == "freejoint"
+        given = {"type": "free", **element.attributes} if free else self.attributes(element, childclass)
+        kind = KINDS.get(given.get("type", "hinge"))
+        if kind is None:
+            raise RobotError(
+                f"{self.where}: line {element.line}: a joint is a hinge or a slide, got type {given['type']!r}"
+            )
+        name = given.get("name") or (f"{body}_joint" if count == 1 else f"{body}_joint{number}")
+        turns = kind == "revolute"
+
+        def number_of(key: str) -> float:
+            return float(self.numbers(element, given, key, 0.0)[0])
+
+        scale = self.angle(1.0) if turns else 1.0
+        low, high = scale * self.numbers(element, given, "range", 0.0, 0.0)
+        limited = given.get("limited", "auto")
+        bounded = low < high and (limited == "true" or (limited == "auto" and self.compiler.autolimits))
+        if number_of("stiffness"):
+            self.springs.append(name)
+        joint = UrdfJoint(
+            name=name,
+            kind=kind,
+            parent="",
+            child="",
+            origin=np.eye(4),
+            axis=_unit(self.numbers(element, given, "axis", 0.0, 0.0, 1.0)),
+            lower=float(low) if bounded else None,
+            upper=float(high) if bounded else None,
+            velocity=None,
+            effort=None,
+            damping=number_of("damping"),
+            friction=number_of("frictionloss"),
+            mimic=None,
+            armature=number_of("armature"),
+            zero=scale * number_of("ref"),
+        )
+        anchored = kind in ("revolute", "prismatic")
+        return joint, self.numbers(element, given, "pos", 0.0, 0.0, 0.0) if anchored else np.zeros(3)
+
+    def _inertial(self, body: Element, name: str, childclass: str) -> Inertial | None:
+        element = body.find("inertial")
+        geoms = self._geoms(body, np.eye(4), childclass)
+        if self.compiler.from_geoms == "true" or (element is None and self.compiler.from_geoms == "auto"):
+            solids = []
+            for geom, frame in geoms:
+                given = self.attributes(geom, childclass)
+                if given.get("type") == "mesh" or "mesh" in given:
+                    self.meshes.append(name)
+                else:
+                    solids.append(solid_inertial(given, frame, f"{self.where}: line {geom.line}:"))
+            return _together(solids)
+        if element is None:
+            return None
+        own = element.attributes
+        mass = float(self.numbers(element, own, "mass", 0.0)[0])
+        if "fullinertia" in own:
+            xx, yy, zz, xy, xz, yz = self.numbers(element, own, "fullinertia", *[0.0] * 6)
+            inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        else:
+            inertia = np.diag(self.numbers(element, own, "diaginertia", 0.0, 0.0, 0.0))
+        return Inertial(mass=mass, frame=self.frame(element, own), inertia=inertia)
+
+    def _geoms(self, parent: Element, before: Array, childclass: str) -> Iterator[tuple[Element, Array]]:
+        for element in parent.children:
+            if element.tag == "geom":
+                yield element, before @ self.frame(element, self.attributes(element, childclass))
+            elif element.tag == "frame":
+                yield from self._geoms(element, before @ self.frame(element, element.attributes), childclass)
+
+
+def read_mjcf(data: bytes, path: Path) -> Description:
+    """Read an MJCF.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    path : Path
+        The file; its name opens each message, and files that it includes lie beside it.
+
+    Raises
+    ------
+    RobotError
+        For XML that is broken, wrong numbers, unknown classes, and elements that make bodies of their own.
+    """
+    where = path.name
+    outermost = parse_xml(data, where)
+    sections = list(_included(outermost, path, ()))
+    reader = _Reader(where, _compiler(sections, where), _defaults(sections))
+    reader.links[WORLD] = None
+    for section in sections:
+        if section.tag == "worldbody":
+            reader.walk(section, WORLD, np.eye(4), section.attributes.get("childclass", "main"))
+    if not reader.joints:
+        raise RobotError(f"{where}: it has no <body>")
+    gravity = np.array([0.0, 0.0, -9.81])
+    for section in sections:
+        if section.tag == "option":
+            gravity = reader.numbers(section, section.attributes, "gravity", *gravity)
+    joints = _coupled(sections, _with_efforts(sections, reader))
+    outgoing = {
+        link: tuple(joints[joint.child] for joint in found) for link, found in reader.outgoing.items()
+    }
+    notes = []
+    if reader.meshes:
+        names = ", ".join(dict.fromkeys(reader.meshes))
+        notes.append(f"inertias of meshes are not computed: {names} (MuJoCo writes them: mj_saveLastXML)")
+    if reader.springs:
+        notes.append(f"springs of joints are left out: {', '.join(reader.springs)}")
+    name = outermost.attributes.get("model", "")
+    return Description(
+        where, name, reader.links, joints, outgoing, WORLD, tuple(float(g) for g in gravity), tuple(notes)
+    )
+
+
+def _included(element: Element, path: Path, above: tuple[Path, ...]) -> Iterator[Element]:
+    """Sections of a file, those of included files in their place."""
+    for section in element.children:
+        if section.tag != "include":
+            yield section
+            continue
+        file = path.parent / section.attributes.get("file", "")
+        if file in above:
+            raise RobotError(f"{path.name}: line {section.line}: {file.name} includes itself")
+        try:
+            data = file.read_bytes()
+        except OSError as reason:
+            raise RobotError(
+                f"{path.name}: line {section.line}: {file.name} cannot be read ({reason.strerror})"
+            ) from None
+        yield from _included(parse_xml(data, file.name), file, (*above, path))
+
+
+def _compiler(sections: list[Element], where: str) -> Compiler:
+    given: dict[str, str] = {}
+    for section in sections:
+        if section.tag == "compiler":
+            given.update(section.attributes)
+    if given.get("coordinate", "local") != "local":
+        raise RobotError(f"{where}: coordinates must be local, got {given['coordinate']!r}")
+    eulerseq = given.get("eulerseq", "xyz")
+    if len(eulerseq) != 3 or not set(eulerseq.lower()) <= set("xyz"):
+        raise RobotError(f"{where}: eulerseq must be three letters of x, y and z, got {eulerseq!r}")
+    return Compiler(
+        degrees=given.get("angle", "degree") == "degree",
+        eulerseq=eulerseq,
+        from_geoms=given.get("inertiafromgeom", "auto"),
+        autolimits=given.get("autolimits", "true") == "true",
+    )
+
+
+def _defaults(sections: list[Element]) -> Defaults:
+    found: dict[str, dict[str, dict[str, str]]] = {"main": {}}
+
+    def read(element: Element, name: str) -> None:
+        own = found[name]
+        for child in element.children:
+            if child.tag != "default":
+                own[child.tag] = {**own.get(child.tag, {}), **child.attributes}
+        for child in element.children:
+            if child.tag == "default":
+                inner = child.attributes.get("class", "")
+                found[inner] = {tag: dict(values) for tag, values in own.items()}
+                read(child, inner)
+
+    for section in sections:
+        if section.tag == "default":
+            read(section, "main")
+    return found
+
+
+def _with_efforts(sections: list[Element], reader: _Reader) -> dict[str, UrdfJoint]:
+    """Joints with the largest torque of their actuators: ``forcerange``, or ``ctrlrange`` of a motor, times the gear."""
+    efforts: dict[str, float] = {}
+    for section in sections:
+        for element in section.children if section.tag == "actuator" else ():
+            given = reader.attributes(element, "main")
+            bounds = given.get("forcerange") or (given.get("ctrlrange") if element.tag == "motor" else None)
+            if bounds is None or "joint" not in given:
+                continue
+            low, high = reader.numbers(element, {"range": bounds}, "range", 0.0, 0.0)
+            gear = float(given.get("gear", "1").split()[0])
+            efforts[given["joint"]] = abs(gear) * float(max(abs(low), abs(high)))
+    return {
+        child: replace(joint, effort=efforts.get(joint.name) or None)
+        for child, joint in reader.joints.items()
+    }
+
+
+def _coupled(sections: list[Element], joints: dict[str, UrdfJoint]) -> dict[str, UrdfJoint]:
+    """Joints with the one that an ``equality/joint`` ties them to."""
+    leaders: dict[str, str] = {}
+    for section in sections:
+        for element in section.children if section.tag == "equality" else ():
+            if element.tag == "joint" and element.attributes.get("active", "true") == "true":
+                leaders[element.attributes.get("joint1", "")] = element.attributes.get("joint2", "")
+    return {child: replace(joint, mimic=leaders.get(joint.name)) for child, joint in joints.items()}
+
+
+def _fixed(name: str) -> UrdfJoint:
+    return UrdfJoint(
+        name=name,
+        kind="fixed",
+        parent="",
+        child="",
+        origin=np.eye(4),
+        axis=np.array([0.0, 0.0, 1.0]),
+        lower=None,
+        upper=None,
+        velocity=None,
+        effort=None,
+        damping=0.0,
+        friction=0.0,
+        mimic=None,
+    )
+
+
+def _to_zero(joint: UrdfJoint) -> Array:
+    """Motion of a joint from its reference position, at which the file draws it, to zero."""
+    if not joint.zero:
+        return np.eye(4)
+    if joint.kind == "prismatic":
+        return pose(np.eye(3), -joint.zero * joint.axis)
+    return pose(turn(joint.axis, -joint.zero))
+
+
+def _together(inertials: list[Inertial]) -> Inertial | None:
+    """One inertial of several, about their common centre of mass."""
+    mass = sum(inertial.mass for inertial in inertials)
+    if not mass > 0.0:
+        return None
+    total = np.zeros((4, 4))
+    for inertial in inertials:
+        total += inertial.pseudo
+    frame = pose(np.eye(3), total[:3, 3] / mass)
+    at_centre = inverse(frame) @ total @ inverse(frame).T
+    second = at_centre[:3, :3]
+    return Inertial(mass=mass, frame=frame, inertia=np.trace(second) * np.eye(3) - second)
+
+
+def _unit(vector: Array) -> Array:
+    length = float(np.linalg.norm(vector))
+    return np.asarray(vector / length) if length > 0.0 else np.array([0.0, 0.0, 1.0])
+
+
+def _of_quaternion(values: Array) -> Array:
+    w, x, y, z = _unit(values)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

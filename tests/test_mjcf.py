@@ -1,0 +1,163 @@
+"""Robots from MJCF against MuJoCo: orientations, defaults, inertias in all forms, anchors, reference positions and drives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import didim
+from didim.errors import RobotError
+from robots import random_motion, relative
+
+MODEL = """
+<mujoco model="little">
+  <compiler angle="{angle}" eulerseq="{eulerseq}"/>
+  <option gravity="1 -2 -9"/>
+  <default>
+    <joint damping="0.3" armature="0.02"/>
+    <geom density="700"/>
+    <default class="arm">
+      <joint axis="0 1 0" frictionloss="0.4" range="{range}"/>
+      <default class="slider"><joint type="slide" axis="0 0 2" range="-0.1 0.2"/></default>
+    </default>
+  </default>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <frame pos="0.1 0 0.2" euler="{euler}">
+      <body name="trunk" pos="0 0 0.3" axisangle="0 1 0 {angle_value}" childclass="arm">
+        <freejoint name="floating"/>
+        <inertial pos="0 0.01 0" mass="5" diaginertia="0.1 0.1 0.1"/>
+        <body name="left" pos="0.1 0.2 0" euler="{euler}">
+          <joint name="left_1"/>
+          <inertial pos="0.1 0 0.02" quat="0.9 0.1 -0.2 0.3" mass="1.5" diaginertia="0.02 0.03 0.04"/>
+          <body name="left_end" pos="0.3 0 0" xyaxes="0 1 0 -1 0 0.1">
+            <joint name="left_2" axis="1 0.2 0" pos="0.05 -0.02 0.01" ref="{ref}" armature="0.5"/>
+            <inertial pos="0 0 0.1" mass="0.7" fullinertia="0.01 0.012 0.014 0.001 -0.002 0.0005"/>
+          </body>
+        </body>
+        <body name="right" pos="0.1 -0.2 0" zaxis="0.3 0.2 -1">
+          <joint name="right_1" class="slider"/>
+          <joint name="right_2"/>
+          <geom type="capsule" size="0.05 0.2" pos="0.1 0 0" euler="{euler}"/>
+          <geom type="box" size="0.1 0.05 0.02" mass="0.4"/>
+          <geom type="cylinder" fromto="0 0 0 0.1 0.2 0.3" size="0.03"/>
+          <frame pos="0 0.1 0"><geom type="ellipsoid" size="0.05 0.04 0.03" density="900"/></frame>
+          <body name="tip" pos="0 0 0.2"><geom size="0.04"/></body>
+        </body>
+      </body>
+    </frame>
+  </worldbody>
+  <actuator>
+    <motor joint="left_1" gear="10" ctrlrange="-3 3"/>
+    <position joint="left_2" kp="50" kv="2" forcerange="-7 7"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def text(degrees: bool, eulerseq: str = "xyz") -> str:
+    values = {"euler": "20 -30 50", "angle_value": "25", "range": "-90 45", "ref": "40"}
+    if not degrees:
+        values = {
+            key: " ".join(repr(float(np.radians(float(word)))) for word in value.split())
+            for key, value in values.items()
+        }
+    return MODEL.format(angle="degree" if degrees else "radian", eulerseq=eulerseq, **values)
+
+
+def compare(robot: didim.Robot, model: mujoco.MjModel) -> None:
+    """Torques without friction and M(q) at random states, joints by name, everything else held where the file draws it."""
+    n = robot.n_dof
+    x = robot.parameter_set("mjcf").copy()
+    x[[name.startswith("F") for name in robot.parameter_names]] = 0.0
+    motion = random_motion(np.random.default_rng(0), 10, n)
+    tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
+    M = didim.inertia_matrix(robot, motion.q, x)
+    data = mujoco.MjData(model)
+    ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in robot.joint_names]
+    speeds = [model.jnt_dofadr[index] for index in ids]
+    model.dof_damping[:] = 0.0
+    model.dof_frictionloss[:] = 0.0
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    for k in range(len(motion.q)):
+        mujoco.mj_resetData(model, data)
+        for joint, index in enumerate(ids):
+            data.qpos[model.jnt_qposadr[index]] = motion.q[k, joint]
+        data.qvel[speeds] = motion.dq[k]
+        data.qacc[speeds] = motion.ddq[k]
+        mujoco.mj_inverse(model, data)
+        expected = data.qfrc_inverse[speeds]
+        assert relative(tau[k] - expected, expected) < 1e-9
+        matrix = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, matrix)
+        expected = matrix[np.ix_(speeds, speeds)]
+        assert relative(M[k] - expected, expected) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("degrees", "eulerseq"), [(True, "xyz"), (False, "zyx"), (True, "XYZ"), (False, "zXy")]
+)
+def test_everything_is_read_as_mujoco_reads_it(tmp_path: Path, degrees: bool, eulerseq: str) -> None:
+    path = tmp_path / "little.xml"
+    path.write_text(text(degrees, eulerseq))
+    robot = didim.load_robot(path, snap=0.0)
+    assert robot.joint_names == ("left_1", "left_2", "right_1", "right_2")
+    assert robot.geometry.parents == (None, 0, None, 2)
+    compare(robot, mujoco.MjModel.from_xml_path(str(path)))
+    values = dict(zip(robot.parameter_names, robot.parameter_set("mjcf"), strict=True))
+    assert [values[f"Ia{j}"] for j in (1, 2, 3, 4)] == [0.02, 0.5, 0.02, 0.02]
+    assert [values[f"Fv{j}"] for j in (1, 2, 3, 4)] == [0.3] * 4
+    assert [values[f"Fc{j}"] for j in (1, 2, 3, 4)] == [0.4] * 4
+    assert [limits.effort for limits in robot.limits] == [30.0, 7.0, None, None]
+    np.testing.assert_allclose(robot.limits[0].position or (), [-np.pi / 2, np.pi / 4], rtol=1e-15)
+    assert robot.limits[2].position == (-0.1, 0.2)
+    assert any("held at zero" in note and "floating (floating)" in note for note in robot.notes)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('name="right_1" class="slider"', 'name="right_1" class="slide"', "there is no default class 'slide'"),
+        ('mass="5"', 'mass="five"', "mass of <inertial> must be 1 number of at most 1e+09, got 'five'"),
+        ('eulerseq="xyz"', 'eulerseq="xyw"', "eulerseq must be three letters of x, y and z, got 'xyw'"),
+        ('<frame pos="0 0.1 0">', '<replicate count="2"/><frame pos="0 0.1 0">', "<replicate> is not read"),
+        ('name="tip"', 'name="left"', "there are two bodies 'left'"),
+        ('<geom size="0.04"/>', '<geom size="0"/>', "the size of a sphere must be 1 positive numbers"),
+    ],
+)
+def test_wrong_files_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = tmp_path / "little.xml"
+    path.write_text(text(True).replace(old, new))
+    with pytest.raises(RobotError) as error:
+        didim.load_robot(path)
+    assert str(error.value).startswith("little.xml: ")
+    assert message in str(error.value)
+    assert len(str(error.value)) <= 200
+
+
+def test_an_included_file_stands_in_its_place(tmp_path: Path) -> None:
+    whole = text(True)
+    start, end = whole.index("<default>"), whole.index("<worldbody>")
+    (tmp_path / "defaults.xml").write_text(f"<mujocoinclude>{whole[start:end]}</mujocoinclude>")
+    path, parts = tmp_path / "whole.xml", tmp_path / "parts.xml"
+    path.write_text(whole)
+    parts.write_text(whole[:start] + '<include file="defaults.xml"/>' + whole[end:])
+    one, other = didim.load_robot(path, snap=0.0), didim.load_robot(parts, snap=0.0)
+    np.testing.assert_array_equal(one.parameter_set("mjcf"), other.parameter_set("mjcf"))
+    (tmp_path / "defaults.xml").unlink()
+    with pytest.raises(RobotError, match=r"parts.xml: line 5: defaults.xml cannot be read"):
+        didim.load_robot(parts)
+
+
+def test_the_go2_of_mujoco(shared: Path) -> None:
+    path = shared / "data" / "go2" / "go2.xml"
+    robot = didim.load_robot(path)
+    assert robot.n_dof == 12
+    assert robot.joint_names[:3] == ("FL_hip_joint", "FL_thigh_joint", "FL_calf_joint")
+    assert [limits.effort for limits in robot.limits[:3]] == [23.7, 23.7, 45.43]
+    values = dict(zip(robot.parameter_names, robot.parameter_set("mjcf"), strict=True))
+    assert (values["Ia1"], values["Fv1"], values["Fc1"]) == (0.01, 0.6, 0.2)
+    assert any("floating" in note for note in robot.notes)

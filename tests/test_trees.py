@@ -1,0 +1,287 @@
+"""Trees: models against Pinocchio, base parameters against the numerical rank, and the way from file to estimate."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import didim
+from didim.loop.outcome import SimulationStatus
+from didim.model.kinematics import frames
+from didim.robot.placement import as_row, carriers, placed
+from didim.robot.rigid_body import pose, turn
+from didim.robot.robot import Robot
+from didim.robot.robot_text import robot_text
+from robots import random_motion, relative
+from simulated import experiment, log
+from urdfs import inertial_text, joint_text, pinocchio_model, pinocchio_torques, random_tree
+
+TREES = 200
+"""Random trees that are compared with Pinocchio."""
+
+
+def made(tmp_path: Path, text: str, **options: object) -> Robot:
+    path = tmp_path / "tree.urdf"
+    path.write_text(text)
+    return didim.load_robot(path, tip="", snap=0.0, **options)  # type: ignore[arg-type]
+
+
+def legs(count: int, joints: int, seed: int = 0) -> str:
+    """A body on the ground with legs of a few joints each."""
+    rng = np.random.default_rng(seed)
+    parts = [f'<link name="trunk">{inertial_text(rng)}</link>']
+    for leg in range(count):
+        parent = "trunk"
+        for j in range(joints):
+            child = f"leg{leg}_{j}"
+            axis = (1.0, 0.0, 0.0) if j == 0 else (0.0, 1.0, 0.0)
+            xyz = (
+                (0.2 - 0.4 * (leg // 2), 0.1 - 0.2 * (leg % 2), 0.0)
+                if j == 0
+                else (0.0, 0.05 if j == 1 else 0.0, -0.2 * (j > 1))
+            )
+            parts.append(f'<link name="{child}">{inertial_text(rng)}</link>')
+            parts.append(joint_text(f"{child}_joint", "revolute", parent, child, xyz=xyz, axis=axis))
+            parent = child
+    return f'<robot name="legs">{"".join(parts)}</robot>'  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(TREES))
+def test_random_trees_have_the_models_of_pinocchio(tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    text = random_tree(rng, 2 + seed % 39)
+    gravity = rng.normal(size=3) * 5.0
+    robot = made(tmp_path, text, gravity=gravity.tolist())
+    n = robot.n_dof
+    assert n == 2 + seed % 39
+    model = pinocchio_model(text, robot.joint_names)
+    model.gravity.linear = gravity
+    places = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
+    x = robot.parameter_set("urdf").copy()
+    rotors = rng.uniform(0.05, 0.5, n)
+    x[[robot.parameter_names.index(f"Ia{j + 1}") for j in range(n)]] = rotors
+    armature = np.zeros(n)
+    armature[places] = rotors
+    model.armature = armature
+    data = model.createData()
+    motion = random_motion(rng, 3, n)
+    tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
+    W = didim.regressor(robot, motion.q, motion.dq, motion.ddq)
+    M = didim.inertia_matrix(robot, motion.q, x)
+    ddq = didim.direct_dynamics(robot, motion.q, motion.dq, tau, x)
+    for k in range(3):
+        q, dq, acceleration = np.zeros(n), np.zeros(n), np.zeros(n)
+        q[places], dq[places], acceleration[places] = motion.q[k], motion.dq[k], motion.ddq[k]
+        expected = pin.rnea(model, data, q, dq, acceleration)[places]
+        inertia = pin.crba(model, data, q)
+        inertia = np.triu(inertia) + np.triu(inertia, 1).T
+        found = pin.aba(model, data, q, dq, pin.rnea(model, data, q, dq, acceleration))[places]
+        assert relative(tau[k] - expected, expected) < 1e-9
+        assert relative(W[k] @ x - expected, expected) < 1e-9
+        assert relative(M[k] - inertia[np.ix_(places, places)], inertia) < 1e-9
+        assert relative(ddq[k] - found, found) < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_base_parameters_are_as_many_as_the_numerical_rank_says(tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(1000 + seed)
+    robot = made(tmp_path, random_tree(rng, 2 + seed % 13), gravity=(rng.normal(size=3) * 5.0).tolist())
+    base = robot.base_parameters
+    n, p = robot.n_dof, len(robot.parameter_names)
+    motion = random_motion(rng, 2 * p // n + 20, n)
+    W = didim.regressor(robot, motion.q, motion.dq, motion.ddq).reshape(-1, p)
+    norms = np.linalg.norm(W, axis=0)
+    values = np.linalg.svd(W / np.where(norms > 0.0, norms, 1.0), compute_uv=False)
+    assert len(base.names) == int((values > 1e-9 * values[0]).sum())
+    x = rng.normal(size=p)
+    assert relative(W[:, base.indices] @ base.project(x) - W @ x, W @ x) < 1e-9
+
+
+def test_legs_regroup_as_legs_by_themselves(tmp_path: Path) -> None:
+    four, one = made(tmp_path, legs(4, 3)), made(tmp_path, legs(1, 3))
+    assert four.geometry.parents == (None, 0, 1, None, 3, 4, None, 6, 7, None, 9, 10)
+    assert one.geometry.parents == (None, 0, 1)
+    assert len(four.base_parameters.names) == 4 * len(one.base_parameters.names)
+
+
+def test_no_torque_of_a_branch_depends_on_another(tmp_path: Path) -> None:
+    robot = made(tmp_path, legs(4, 3))
+    rng = np.random.default_rng(0)
+    motion = random_motion(rng, 4, 12)
+    W = didim.regressor(robot, motion.q, motion.dq, motion.ddq)
+    for row in range(12):
+        for joint in range(12):
+            if row not in carriers(robot.geometry.parents, joint):
+                assert not W[:, row, 14 * joint : 14 * joint + 14].any()
+    M = didim.inertia_matrix(robot, motion.q, robot.parameter_set("urdf"))
+    assert not M[:, :3, 3:].any()
+    assert np.abs(M[:, :3, :3]).min() > 0.0
+
+
+def test_frames_of_trees_are_those_of_pinocchio(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    text = random_tree(rng, 9)
+    robot = made(tmp_path, text)
+    model = pinocchio_model(text, robot.joint_names)
+    data = model.createData()
+    q = random_motion(rng, 1, 9).q
+    values = np.zeros(9)
+    ids = [model.getJointId(name) for name in robot.joint_names]
+    values[[model.joints[index].idx_q for index in ids]] = q[0]
+    pin.framesForwardKinematics(model, data, values)
+    found = frames(robot, q)[0]
+    assert robot.correspondence is not None
+    for joint, link in enumerate(robot.correspondence.links):
+        expected = data.oMf[model.getFrameId(link.link)].homogeneous
+        ours = robot.correspondence.base_matrix @ found[joint + 1] @ link.matrix
+        np.testing.assert_allclose(ours, expected, atol=1e-12)
+
+
+def test_a_tree_comes_back_from_its_robot_file(tmp_path: Path) -> None:
+    robot = made(tmp_path, random_tree(np.random.default_rng(7), 11))
+    path = tmp_path / "tree.toml"
+    path.write_text(robot_text(robot))
+    again = didim.load_robot(path)
+    assert again.geometry == robot.geometry
+    assert again.joint_names == robot.joint_names
+    assert again.correspondence == robot.correspondence
+    np.testing.assert_array_equal(again.parameter_set("urdf"), robot.parameter_set("urdf"))
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_any_placement_is_a_row(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    angle = [0.0, 1e-13, 1e-9, 1e-5, 0.3, np.pi, np.pi - 1e-9, 2.0][seed % 8]
+    first = turn(np.array([0.0, 0.0, 1.0]), rng.uniform(-3.0, 3.0))
+    axis[2] *= seed % 3
+    rotation = first @ turn(axis / np.linalg.norm(axis), angle)
+    placement = pose(rotation, rng.normal(size=3))
+    mount, alpha, theta = as_row(placement, None)
+    np.testing.assert_allclose(placed(mount, (alpha, 0.0, theta, 0.0)), placement, atol=3e-12)
+
+
+ROWS = """
+schema = 1
+[[joint]]
+kind = "revolute"
+[[joint]]
+kind = "revolute"
+alpha_deg = -90
+d_m = 0.3
+[[joint]]
+kind = "revolute"
+antecedent = 1
+gamma_deg = 90
+b_m = 0.2
+alpha_deg = 90
+d_m = 0.4
+"""
+"""Two arms of one link each on a turntable: rows of Khalil and Kleinfinger with gamma and b."""
+
+
+def test_rows_of_trees_group_by_the_rules_of_gautier_and_khalil(tmp_path: Path) -> None:
+    path = tmp_path / "rows.toml"
+    path.write_text(ROWS)
+    robot = didim.load_robot(path)
+    assert robot.geometry.parents == (None, 0, 0)
+    # Masses and first moments along the axes of both arms act as an inertia of the turntable.
+    assert robot.base_parameters.groupings[0] == (
+        "ZZ1R = ZZ1 + Ia1 + YY2 + d2^2 M2 + YY3 + d3^2 M3"
+    )  # fmt: skip
+    assert "ZZ2R = ZZ2 + Ia2" in robot.base_parameters.groupings
+    assert "XX2R = XX2 - YY2" in robot.base_parameters.groupings
+
+
+DISTAL = """
+schema = 1
+convention = "dh"
+[[joint]]
+kind = "revolute"
+a_m = 0.1
+d_m = 0.2
+antecedent = 0
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("antecedent = 1", "antecedent = 3", "antecedent must be a joint before this one, 0 for the base, got 3"),
+        (
+            "antecedent = 1",
+            "antecedent = 1\n[[joint]]\nkind = 'revolute'\nantecedent = 2",
+            "joint 4 stands on joint 2, whose branch has ended before: number the joints branch by branch",
+        ),
+        (ROWS, DISTAL, "antecedent is for modified rows, and this table is a standard one (convention = 'dh')"),
+    ],
+)  # fmt: skip
+def test_wrong_trees_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = tmp_path / "rows.toml"
+    path.write_text(ROWS.replace(old, new))
+    with pytest.raises(didim.RobotError) as error:
+        didim.load_robot(path)
+    assert message in str(error.value)
+    assert len(str(error.value)) <= 200
+
+
+def test_a_tree_is_identified_by_torques_and_by_simulation(tmp_path: Path) -> None:
+    robot = made(tmp_path, legs(3, 3))
+    x = robot.parameter_set("urdf").copy()
+    for j in range(robot.n_dof):
+        x[[robot.parameter_names.index(f"{key}{j + 1}") for key in ("Ia", "Fv", "Fc")]] = 0.3, 0.5, 0.2
+    truth = robot.base_parameters.project(x)
+    fit = didim.identify(experiment(robot, log(robot, x, n_samples=2000)), didim.IDIMLS())
+    np.testing.assert_allclose(fit.beta, truth, atol=1e-9)
+    n = robot.n_dof
+    controller = didim.Controller.pd([900.0] * n, [60.0] * n)
+    reference = didim.Reference.sampled(_swing(n), rate_hz=200)
+    simulation = didim.simulate(robot, x, reference, controller, step=1e-3)
+    assert simulation.status is SimulationStatus.COMPLETED
+    # The simulation follows the inverse model: its own torques give its own accelerations.
+    again = didim.inverse_dynamics(robot, simulation.q, simulation.dq, simulation.ddq, x)
+    assert relative(again - simulation.tau, simulation.tau) < 1e-6
+
+
+def _swing(n: int) -> np.ndarray:
+    t = np.arange(600) / 200
+    return np.asarray(0.3 * np.sin(2.0 * np.pi * (0.3 + 0.1 * np.arange(n)) * t[:, None]) * (t[:, None] > 0))
+
+
+def test_a_tree_may_be_taken_in_part(tmp_path: Path) -> None:
+    path = tmp_path / "legs.urdf"
+    path.write_text(legs(4, 3))
+    whole = didim.load_robot(path)
+    assert whole.n_dof == 12
+    leg = didim.load_robot(path, tip="leg2_2")
+    assert leg.joint_names == ("leg2_0_joint", "leg2_1_joint", "leg2_2_joint")
+    locked = didim.load_robot(path, lock={"leg0_0_joint": 0.3, "leg1_2_joint": -0.1})
+    assert locked.n_dof == 10
+    assert locked.geometry.parents[:3] == (None, 0, None)
+
+
+def test_tiago_without_its_wheels(shared: Path) -> None:
+    path = shared / "data" / "tiago" / "tiago_48_hey5.urdf"
+    with pytest.raises(didim.RobotError, match="at most 40 joints, and this one has 58"):
+        didim.load_robot(path)
+    text = path.read_text()
+    names = re.findall(
+        r'<joint name="((?:wheel|suspension|caster|hand_\w+_virtual)_\w+)" type="(?!fixed)', text
+    )
+    robot = didim.load_robot(path, lock=dict.fromkeys(names, 0.0))
+    assert len(names) > 18
+    assert robot.n_dof == 58 - len(names)
+    assert {"torso_lift_joint", "head_2_joint", "arm_7_joint", "hand_thumb_flex_2_joint"} < set(
+        robot.joint_names
+    )
+    motion = random_motion(np.random.default_rng(0), 5, robot.n_dof)
+    model = pinocchio_model(text, robot.joint_names)
+    expected = pinocchio_torques(model, robot.joint_names, motion.q, motion.dq, motion.ddq)
+    x = robot.parameter_set("urdf").copy()
+    x[[name.startswith("F") for name in robot.parameter_names]] = 0.0
+    tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
+    assert relative(tau - expected, expected) < 1e-9
