@@ -120,7 +120,11 @@ def test_everything_is_read_as_mujoco_reads_it(tmp_path: Path, degrees: bool, eu
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('name="right_1" class="slider"', 'name="right_1" class="slide"', "there is no default class 'slide'"),
+        (
+            'name="right_1" class="slider"',
+            'name="right_1" class="slide"',
+            "there is no default class 'slide'",
+        ),
         ('mass="5"', 'mass="five"', "mass of <inertial> must be 1 number of at most 1e+09, got 'five'"),
         ('eulerseq="xyz"', 'eulerseq="xyw"', "eulerseq must be three letters of x, y and z, got 'xyw'"),
         ('<frame pos="0 0.1 0">', '<replicate count="2"/><frame pos="0 0.1 0">', "<replicate> is not read"),

@@ -41,23 +41,13 @@ AT_REST = 0.02
 
 @dataclass
 class Draft:
-    """An experiment file and what is open about it.
-
-    Attributes
-    ----------
-    text : str
-        The file.
-    read : list of str
-        Sentences on what was taken for what.
-    notes : tuple of str
-        Sentences on what reading the robot changed.
-    questions : list of str
-        What is open.
-    """
+    """An experiment file and what is open about it."""
 
     text: str = ""
     read: list[str] = field(default_factory=list)
+    """Sentences on what was taken for what."""
     notes: tuple[str, ...] = ()
+    """Sentences on what reading the robot changed."""
     questions: list[str] = field(default_factory=list)
 
 
