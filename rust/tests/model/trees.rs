@@ -136,8 +136,11 @@ fn branches_that_share_nothing_have_zeros_between_them() {
     inertia_matrix(robot, &q, &parameters(robot), &mut matrix).unwrap();
     for i in 0..n {
         for j in 0..n {
-            assert_eq!(matrix[i * n + j] == 0.0, i / 3 != j / 3, "entry {i} {j}");
+            if i / 3 != j / 3 {
+                assert_eq!(matrix[i * n + j], 0.0, "entry {i} {j}");
+            }
         }
+        assert!(matrix[i * n + i] > 0.0, "entry {i} {i}");
     }
 }
 
