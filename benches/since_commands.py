@@ -75,7 +75,7 @@ def rows_of_a_study() -> str:
     lines = Path("rows.jsonl").read_text(encoding="utf-8").splitlines()
     edited = [number for number, line in enumerate(lines) if '"beta"' in line][-1]
     changed = list(lines)
-    changed[edited] = re.sub(r'"beta": \[[-0-9.e]+', '"beta": [1e6', changed[edited])
+    changed[edited] = re.sub(r'"beta": ?\[[-0-9.e]+', '"beta":[1e6', changed[edited])
     Path("edited.jsonl").write_text("\n".join(changed) + "\n", encoding="utf-8")
     told = run("study", "edited.jsonl")
     believed = "as written" not in told.out + told.err
