@@ -207,14 +207,14 @@ PYTHON = (
     ),
     Mutation(
         "consistent DIDIM takes no secant step",
-        "python/didim/methods/didim/consistent.py",
-        "first = self._secant(direction, before, length) if len(history) >= 2 else 1.0",
-        "first = 1.0",
+        "python/didim/methods/didim/globalisation.py",
+        "wanted = self._secant(ahead, inverse(solved.fit.covariance)) if iterate.iteration >= 2 else 1.0",
+        "wanted = 1.0",
         "tests/test_consistent.py tests/test_consistent_methods.py tests/test_slack_loop.py",
     ),
     Mutation(
         "consistent DIDIM goes uphill as far as it likes",
-        "python/didim/methods/didim/consistent.py",
+        "python/didim/methods/didim/globalisation.py",
         "after <= RISE * cost",
         "after <= 1e9 * cost",
         "tests/test_consistent.py tests/test_consistent_methods.py tests/test_slack_loop.py",
