@@ -124,7 +124,10 @@ def test_what_cannot_be_predicted(closed: Identification, arm: Experiment) -> No
     with pytest.raises(FitError, match="experiment 'arm' has no recording with role 'held-out'"):
         predict(closed, arm, role="held-out")
     other = replace(arm, robot=didim.load_robot("emps"), recordings=(), simulation=SimulationSettings())
-    with pytest.raises(FitError, match="the result is for robot 'planar2' with 28 parameters, the experiment for 'emps' with 14"):
+    with pytest.raises(
+        FitError,
+        match="the result is for robot 'planar2' with 28 parameters, the experiment for 'emps' with 14",
+    ):
         predict(closed, other)
     light = replace(closed, beta=1e-4 * closed.beta, parameters=1e-4 * closed.parameters)
     with pytest.raises(FitError, match="recording 'log 1': the simulation diverged at "):
