@@ -10,12 +10,15 @@ import pinocchio as pin
 import pytest
 
 import didim
+from didim.experiment.specs import SimulationSettings
 from didim.loop.outcome import SimulationStatus
 from didim.model.kinematics import frames
 from didim.robot.placement import as_row, carriers, placed
 from didim.robot.rigid_body import pose, turn
 from didim.robot.robot import Robot
 from didim.robot.robot_text import robot_text
+from didim.signal.processing import SignalProcessing
+from didim.studies.simulated_log import simulated_log
 from robots import random_motion, relative
 from simulated import experiment, log
 from urdfs import inertial_text, joint_text, pinocchio_model, pinocchio_torques, random_tree
@@ -250,6 +253,44 @@ def test_a_tree_is_identified_by_torques_and_by_simulation(tmp_path: Path) -> No
 def _swing(n: int) -> np.ndarray:
     t = np.arange(600) / 200
     return np.asarray(0.3 * np.sin(2.0 * np.pi * (0.3 + 0.1 * np.arange(n)) * t[:, None]) * (t[:, None] > 0))
+
+
+def test_every_method_gives_the_parameters_of_a_tree_back(tmp_path: Path) -> None:
+    robot = made(tmp_path, legs(2, 2)).with_friction(smoothing_rad_s=0.02, coulomb="tanh")
+    n = robot.n_dof
+    x = robot.parameter_set("urdf").copy()
+    for j in range(n):
+        x[[robot.parameter_names.index(f"{key}{j + 1}") for key in ("Ia", "Fv", "Fc")]] = 0.3, 0.5, 0.2
+    reference = didim.Reference.random_fourier(
+        harmonics=8,
+        period_s=4.0,
+        max_position=[1.0] * n,
+        max_velocity=[4.0] * n,
+        max_acceleration=[40.0] * n,
+        seed=1,
+    )
+    planned = didim.Experiment(
+        name="legs",
+        robot=robot,
+        recordings=(),
+        reference=reference,
+        controller=didim.Controller.tuned([8.0] * n, [0.7] * n, [0.5] * n),
+        signal=SignalProcessing(cutoff_hz=50.0, trim_start=25, trim_end=25, decimation=(10,)),
+        simulation=SimulationSettings(
+            rate_hz=500.0, smoothing=(0.02,) * n, step_s=1e-3, fine_step_s=5e-4, start="reference"
+        ),
+    )
+    recorded = simulated_log(planned, x, noise=False, refinement=1)
+    truth = robot.base_parameters.project(x)
+    scale = np.abs(truth).max()
+    for method, tolerance in (
+        (didim.IDIMLS(), 2e-2),
+        (didim.DIDIM(physical=False), 2e-3),
+        # Without noise its residual is rounding, where no iteration gains any more.
+        (didim.CLOE(optimizer="levenberg-marquardt", start=1.1 * truth), 1e-9),
+    ):
+        fit = didim.identify(recorded, method)
+        assert np.abs(fit.beta - truth).max() < tolerance * scale, method
 
 
 def test_a_tree_may_be_taken_in_part(tmp_path: Path) -> None:
