@@ -73,6 +73,7 @@ lint: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-lint
 	cargo clippy --workspace --all-targets -- -D warnings
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+	$(BIN)/python benches/constant_docstrings.py
 	$(BIN)/mypy --strict
 	$(BIN)/python -m mypy.stubtest didim._core
 

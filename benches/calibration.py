@@ -42,7 +42,7 @@ SIGMA_95 = 1.959964
 SIGMA_FAR = 3.0
 """Standard deviations beyond which a truth is counted as far off."""
 SMALLEST_FACTOR, LARGEST_FACTOR = 0.3, 3.0
-"""By which random starts differ from the truth."""
+"""Smallest and largest factor by which random starts differ from the truth."""
 KINDS = {
     **dict.fromkeys(("XX", "XY", "XZ", "YY", "YZ", "ZZ"), "inertia"),
     **dict.fromkeys(("MX", "MY", "MZ"), "moment"),

@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 
 ROUNDS = 3
 MORE_ROUNDS = 7
-"""Times as many where a round takes milliseconds."""
+"""Factor on the rounds of a measurement that takes milliseconds."""
 RATE_HZ = 1000.0
 STEP_S = 1e-3
 DURATIONS_S = (1, 3, 10, 30, 100, 300, 1000)
@@ -59,7 +59,7 @@ LIMITS: dict[str, Any] = {
     "max_velocity": [4.0] * 6,
     "max_acceleration": [25.0] * 6,
 }
-"""Of the motions (rad, s)."""
+"""Limits of the random motions (rad, rad/s, rad/s^2)."""
 TORQUE_NOISE = 0.1
 """Standard deviation (N.m) in the logs."""
 

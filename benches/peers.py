@@ -40,7 +40,7 @@ from peer.timing import Contestant, DisagreementError, Figures, MissingError, al
 import didim
 
 ROUNDS, LONG_ROUNDS, LONGEST_ROUNDS = 41, 5, 3
-"""Of what takes microseconds, of whole runs, of figaroh."""
+"""Rounds of measurements that take microseconds, of whole runs, and of figaroh."""
 
 
 def main() -> int:

@@ -33,7 +33,7 @@ TILTS_DEG = (0, -90, 90, 90, -90, -90, 90)
 OFFSETS_M = (0.34, 0.0, 0.40, 0.0, 0.40, 0.0, 0.126)
 """``r`` of the rows."""
 MASSES = (4.0, 4.0, 3.0, 2.7, 1.7, 1.8, 0.3)
-"""Of the links (kg), about those of such an arm."""
+"""Masses of the links (kg), about those of such an arm."""
 
 
 def robot_text() -> str:

@@ -43,7 +43,7 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 RUNS = ("process-1", "process-2", "thread", "loky", "dask", "ray", "mpi", "killed", "vanished")
 PATIENCE_S = 600.0
 MPI_OPTIONS = ("--allow-run-as-root", "--oversubscribe")
-"""Of Open MPI: in containers, and on fewer processors than processes."""
+"""Options of Open MPI in containers, and on fewer processors than processes."""
 TX40_METHODS = ("IDIM-LS, 30 Hz", "IDIM-IV, 30 Hz", "DIDIM")
 
 

@@ -218,7 +218,7 @@ def test_wanted_names_are_an_option(folder: Path, capsys: pytest.CaptureFixture[
 def test_progress_is_told_on_stderr(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("didim.cli.excite.PROGRESS_S", 0.0)
+    monkeypatch.setattr("didim.cli.excite.DESIGN_PROGRESS_S", 0.0)
     assert main(["excite", "planar2", str(folder / "excite.toml")]) == 0
     assert re.search(r"^start 1: 5 motions, criterion \d+\.\d$", capsys.readouterr().err, re.M)
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from scripts import script
+
 PACKAGE = Path(__file__).resolve().parents[1] / "python" / "didim"
 
 FLOORS = (
@@ -163,3 +165,11 @@ def test_folders_and_files_stay_small() -> None:
 def test_the_graph_sees_every_kind_of_import(module: str, source: str, expected: set[str]) -> None:
     found = imported(module, ast.parse(source), is_package=module == "signal")
     assert {name for name, _ in found} == expected
+
+
+def test_docstrings_of_constants_begin_with_a_noun(project: Path) -> None:
+    program = script(project / "benches" / "constant_docstrings.py")
+    refused = 'A = 1\n"""Of a filter."""\nclass C:\n    B: int = 2\n    """Times the limit."""\n'
+    assert program.headless(refused) == [(2, "A"), (5, "B")]
+    accepted = 'A = 1\n"""Order of a filter."""\nb = 2\n"""Of a filter."""\nC = 3\n'
+    assert program.headless(accepted) == []

@@ -29,7 +29,7 @@ COLUMNS = 60
 SIZES = (2_700, 270_000)
 """Rows of 9 s of the TX40 log: decimated by 100, and as logged."""
 ITERATIONS = 100
-"""Of the simplex."""
+"""Upper bound of the iterations of the simplex."""
 DRIVERS: tuple[Literal["gelsd", "gelsy"], ...] = ("gelsd", "gelsy")
 """SciPy's default (singular values) and its QR."""
 

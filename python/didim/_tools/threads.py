@@ -15,7 +15,7 @@ from .settings import whole
 VARIABLE = "DIDIM_THREADS"
 """Environment variable with the limit."""
 MOST_THREADS = 4096
-"""More threads than any machine has are a mistake."""
+"""Upper bound of the number of threads: no machine has more, so a larger number is a mistake."""
 NUMPY_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables that the linear algebra of NumPy reads when it is loaded."""
 

@@ -16,7 +16,7 @@ from .outputs import Saved, check_outputs
 if TYPE_CHECKING:
     from .options import Commands
 
-PROGRESS_S = 1.0
+DESIGN_PROGRESS_S = 1.0
 """Seconds between lines of progress."""
 
 
@@ -107,7 +107,7 @@ def _progress() -> Callable[[int, int, float], None]:
     def tell(start: int, evaluations: int, value: float) -> None:
         with lock:
             now = time.monotonic()
-            if now - last[0] < PROGRESS_S:
+            if now - last[0] < DESIGN_PROGRESS_S:
                 return
             last[0] = now
             print(f"start {start}: {evaluations} motions, criterion {value:.1f}", file=sys.stderr, flush=True)

@@ -21,7 +21,7 @@ Criterion = Callable[[Array], tuple[float, Array]]
 
 FLOOR = 1e-13
 """Smallest eigenvalue of the scaled information matrix that counts, as a share of the largest: below it is rounding."""
-CLEAR = 1e-5
+CLEAR_PIVOT = 1e-5
 """Smallest pivot of the factor of the scaled matrix up to which eigenvalues are looked at: its square is far above `FLOOR`."""
 
 
@@ -50,7 +50,7 @@ def log_determinant(matrix: Array) -> tuple[float, Array]:
     unit = matrix / np.outer(scale, scale)
     # Eigenvalues take ten times as long, on every thread of the linear algebra: only where a factor is near singular.
     factor, lost = dpotrf(unit, lower=1)
-    if not lost and float(np.diag(factor).min()) > CLEAR:
+    if not lost and float(np.diag(factor).min()) > CLEAR_PIVOT:
         half, _ = dtrtri(factor, lower=1)
         inverse = half.T @ half
         value = 2.0 * float(np.log(np.diag(factor)).sum() + np.log(scale).sum())

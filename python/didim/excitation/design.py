@@ -21,7 +21,7 @@ from .settings import ExcitationSettings
 
 WEAK_PERCENT = 10.0
 """Relative standard deviation from which a parameter counts as weak."""
-CORRELATED = 0.9
+CORRELATED_ESTIMATES = 0.9
 """Absolute correlation of two estimates from which one is named as the reason of the other's weakness."""
 INFLATED = 3.0
 """Factor between the standard deviation of a parameter and the one it had if all others were known, likewise."""
@@ -141,7 +141,7 @@ class Excitation(Pickled, Printed):
             row = np.abs(correlation[k])
             row[k] = 0.0
             other = int(row.argmax())
-            if weak and inflated and row[other] > CORRELATED:
+            if weak and inflated and row[other] > CORRELATED_ESTIMATES:
                 sentences.append(
                     f"weak: {words}; the motion hardly tells it from {self.names[other]} (correlation "
                     f"{correlation[k, other]:.2f})"

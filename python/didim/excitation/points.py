@@ -18,9 +18,9 @@ from ..errors import ExcitationError
 from ..loop.reference import Reference
 from .problem import FINE, Problem
 
-SWEEPS = 3
+POINT_PASSES = 3
 """Passes over all points; the gain of a fourth was below one per cent of the first's."""
-CANDIDATES = 25
+POINTS_TRIED = 25
 """Random points tried for each point of a pass."""
 MOVE_RATE_HZ = 100.0
 """Samples per second of a move while points are exchanged."""
@@ -115,10 +115,10 @@ class PointDesign:
         moves = [self.move(a, b) for a, b in pairwise(points)]
         best = self.value(moves)
         last = self.count if first is None else self.count - 1
-        for _ in range(SWEEPS):
+        for _ in range(POINT_PASSES):
             for k in range(0 if first is None else 1, last):
                 around = [j for j in (k - 1, k) if 0 <= j < len(moves)]
-                for candidate in self._draw(rng, CANDIDATES):
+                for candidate in self._draw(rng, POINTS_TRIED):
                     tried = list(moves)
                     ends = {
                         j: (points[j], candidate) if j < k else (candidate, points[j + 1]) for j in around

@@ -175,7 +175,7 @@ class Problem:
         """
         exact = self.exact(series)
         factor = 1.0
-        while factor > SMALLEST_SCALE:
+        while factor > SMALLEST_MOTION_SCALE:
             if self.keeps(scaled(exact, factor)):
                 return scaled(exact, factor)
             factor *= 0.995 if factor > 0.8 else 0.95
@@ -209,7 +209,7 @@ BETWEEN = 1.0 - float(np.cos(np.pi / (FINE * SAMPLES_PER_PERIOD)))
 Zeller): the kinematic limits hold at all times."""
 TIGHTER = 1.3
 """Share of an excess by which the limits of the penalties are tightened: a little is left to chance otherwise."""
-SMALLEST_SCALE = 0.01
+SMALLEST_MOTION_SCALE = 0.01
 """Scale below which a motion identifies nothing."""
 
 

@@ -23,7 +23,7 @@ from .settings import ExcitationSettings
 
 TORQUE_SHARE = 0.01
 """Standard deviation of the torques' noise, as a share of the torque limit, where none is given."""
-POSES = 2000
+REST_POSES = 2000
 """Random poses tried for one at which the robot can rest within all limits."""
 
 
@@ -140,12 +140,12 @@ class Task:
         if not why:
             return np.asarray(middle)
         rng = np.random.default_rng(seed)
-        for _ in range(POSES):
+        for _ in range(REST_POSES):
             pose = self.limits.lowest + rng.random(len(middle)) * (self.limits.highest - self.limits.lowest)
             if not self._cannot_rest(pose):
                 return np.asarray(pose)
         raise ExcitationError(
-            f"the limits leave no room: in none of {POSES} random poses can the robot rest; in the middle, {why}"
+            f"the limits leave no room: in none of {REST_POSES} random poses can the robot rest; in the middle, {why}"
         )
 
     def _wanted(self) -> Array | None:

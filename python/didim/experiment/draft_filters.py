@@ -26,20 +26,20 @@ from ..signal.segments import segments
 from ..signal.spectrum import contiguous_band, motion_band
 
 CUTOFF_TIMES = 20.0
-"""Times the band of the velocity that the middle cut-off is: reversals under friction reach far beyond the band."""
+"""Middle cut-off over the band of the velocity: reversals under friction reach far beyond the band."""
 ROWS_TIMES = 6.0
-"""Times the band that the rows reach: their rate is twice as high. Inertia, gravity and friction are told within it."""
-LEAST_ROWS = 200
+"""Highest frequency of the rows over the band of the velocity: it identifies inertia, gravity and friction."""
+LEAST_DECIMATED_ROWS = 200
 """Rows of a joint that decimation leaves at least."""
 APART = 3.0
 """Factor between the three cut-offs."""
 HIGHEST_SHARE, LOWEST_SHARE = 0.35, 0.004
 """Bounds of a cut-off, as shares of the sampling rate."""
-BLOCKS = 20
+COMPARED_BLOCKS = 20
 """Blocks of time: every other one is held out."""
 AS_GOOD = 1.01
 """Held-out errors within this factor of the smallest are as good: the cut-off nearest to the middle one is taken then."""
-LEAST_SAMPLES = 400
+LEAST_COMPARED_SAMPLES = 400
 """Samples below which nothing is compared."""
 
 
@@ -90,7 +90,7 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
     def filters(cutoff: float, reason: str, errors: Sequence[tuple[float, float]] = ()) -> Filters:
         return Filters(cutoff, _trim(cutoff, rate, samples), stages, f"{moves}; {reason}", tuple(errors))
 
-    if not comparable or samples < LEAST_SAMPLES:
+    if not comparable or samples < LEAST_COMPARED_SAMPLES:
         return filters(cutoffs[1], "cut-offs were not compared")
     trim = _trim(min(cutoffs), rate, samples)
     compared = [(cutoff, _held_out_error(robot, recordings, cutoff, trim, stages)) for cutoff in cutoffs]
@@ -116,7 +116,7 @@ def _row(numbers: Sequence[str]) -> str:
 def _stages(band: float, cutoff: float, rate: float, samples: int) -> tuple[int, ...]:
     """Stages of the parallel filter: down to a few times the band, where friction that the model does not have is averaged out."""
     wanted = 0.5 * rate / (ROWS_TIMES * band) if band > 0.0 else 0.5 * rate / cutoff
-    factor = int(min(wanted, samples / LEAST_ROWS))
+    factor = int(min(wanted, samples / LEAST_DECIMATED_ROWS))
     stages: list[int] = []
     # In stages of 10 at most: one filter for more would be unsound.
     while factor >= 2:
@@ -162,7 +162,7 @@ def _held_out_error(
     held = np.zeros(len(system.y), dtype=bool)
     for block in system.blocks:
         rows = block.rows.stop - block.rows.start
-        held[block.rows] = (BLOCKS * np.arange(rows)) // max(rows, 1) % 2 == 1
+        held[block.rows] = (COMPARED_BLOCKS * np.arange(rows)) // max(rows, 1) % 2 == 1
     beta = _solution(system, ~held)
     errors = []
     for joint in system.joints:

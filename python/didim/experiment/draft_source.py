@@ -29,7 +29,7 @@ from ..robot.robot import Robot
 from .draft_columns import WORDS, Column, column, joints_by_name
 from .draft_layout import layout
 
-LEAST_ROWS = 16
+LEAST_SIGNAL_SAMPLES = 16
 """Samples of an array that can be a signal: settings stand beside the signals in files of MATLAB."""
 
 BAG_KINDS = {"position": "position", "velocity": "velocity", "effort": "torque", "reference": "reference"}
@@ -261,7 +261,7 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot, log: Path) -> LogSour
             shape = np.shape(data.array(name))
         except Exception:  # text and structures of MATLAB
             continue
-        if not shape or max(shape) < LEAST_ROWS or len(shape) > 2:
+        if not shape or max(shape) < LEAST_SIGNAL_SAMPLES or len(shape) > 2:
             continue
         kind = column(re.split(r"[/.]", name)[-1], robot.joint_names)
         if len(shape) == 1 or 1 in shape:

@@ -13,7 +13,7 @@ from .._tools.arrays import Array
 from .._tools.toml import quoted
 from .._tools.words import counted, one_line
 from ..errors import RecordingError
-from ..log.resampling import GAP, resampling, step_range
+from ..log.resampling import LONGEST_GAP_STEPS, resampling, step_range
 from ..log.sampling import time_faults
 from ..log.units import ESTIMATE
 from ..robot.robot import Robot
@@ -232,7 +232,7 @@ class RecordingWriter:
         self._tell(f"resample = true: {plan.sentence(step_range(t))}")
         steps = np.diff(t)
         # With gaps the windows are the stretches between them.
-        windows = [] if (steps > GAP * np.median(steps)).any() else self._windows(t)
+        windows = [] if (steps > LONGEST_GAP_STEPS * np.median(steps)).any() else self._windows(t)
         return [
             f"rate_hz = {plan.rate_hz:.9g} # confirm",
             *windows,

@@ -22,7 +22,7 @@ from ..signal.spikes import without_spikes
 from .experiment import Experiment
 from .specs import ControllerSpec, ReferenceSpec
 
-LEAST_SAMPLES = 50
+LEAST_NOISE_SAMPLES = 50
 """Shorter windows say too little about their noise."""
 
 
@@ -157,7 +157,7 @@ def measured_motion(
     if not recording.has_positions:
         return None
     q = recording.q[slice(*window)]
-    if len(q) < LEAST_SAMPLES or robot.friction.coulomb != "tanh":
+    if len(q) < LEAST_NOISE_SAMPLES or robot.friction.coulomb != "tanh":
         return None
     # A filter smears reversals over milliseconds: as measured is better where the noise of the velocity lets it.
     if np.all(white_noise(q) * recording.rate_hz <= np.asarray(robot.friction.smoothing)):

@@ -17,7 +17,7 @@ from .._tools.words import counted
 from ..errors import RecordingError
 from .sampling import MINIMUM_SAMPLES, RATE_TOLERANCE
 
-GAP = 3.5
+LONGEST_GAP_STEPS = 3.5
 """Time step, in median steps, that no cubic may bridge: three samples or more are missing there."""
 STENCIL = 4
 """Samples that a resampled value is made of."""
@@ -82,7 +82,7 @@ def step_range(t: Array) -> str:
     """Return the shortest and the longest time step as text, gaps left out."""
     steps = np.diff(t)
     steps = steps[steps > 0.0]
-    steps = steps[steps <= GAP * np.median(steps)]
+    steps = steps[steps <= LONGEST_GAP_STEPS * np.median(steps)]
     return f"{1e3 * steps.min():.4g} to {1e3 * steps.max():.4g} ms"
 
 
@@ -124,7 +124,7 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
             "leave rate_hz out, and lower its rate with decimation under [signal]"
         )
     even = _even(stamps, rate)
-    edges = [0, *(np.flatnonzero(steps > GAP * period) + 1).tolist(), len(stamps)]
+    edges = [0, *(np.flatnonzero(steps > LONGEST_GAP_STEPS * period) + 1).tolist(), len(stamps)]
     right = np.clip(np.searchsorted(stamps, even, side="right"), 1, len(stamps) - 1)
     indices = np.clip(right[:, None] + np.arange(-2, 2), 0, len(stamps) - 1)
     weights = np.zeros((len(even), STENCIL))

@@ -16,7 +16,7 @@ import didim._core as _core
 
 from .._tools.arrays import Array, real_array
 from .._tools.settings import one_of, whole
-from .._tools.threads import core_threads
+from .._tools.threads import MOST_THREADS, core_threads
 from ..errors import SimulationError
 from ..robot.robot import Robot
 from .controller import Controller
@@ -36,8 +36,6 @@ NEAR_ZERO_MEASURED = 5.0
 """The same where the velocities are those of the robot."""
 MOST_RECORDS = 20_000_000
 """Values of a run per quantity, and instants at which something happens: beyond, a rate or a step is a mistake, and memory ends."""
-MOST_THREADS = 4096
-"""Threads that a run may be asked for; more is a mistake."""
 FINEST = 1e-4
 """Smallest share of the step that a fine step may be: between two steps nothing is heard, not even Ctrl-C."""
 INTEGRATORS = ("rk4", "imex")

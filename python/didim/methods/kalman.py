@@ -18,10 +18,8 @@ import numpy as np
 import didim._core as _core
 
 from .._tools.arrays import Array
+from ..model.partials import CENTRAL_DIFFERENCE
 from ..robot.robot import Robot
-
-DIFFERENCE = 1e-6
-"""Step of the central differences (rad or m, rad/s or m/s): small beside the width over which friction changes its sign."""
 
 
 @dataclass(eq=False)
@@ -56,7 +54,7 @@ class Filter:
         base = self.robot.base_parameters
         self._columns = [base.indices[index] for index in self.estimated]
         d = self.robot.n_dof
-        step, zero = DIFFERENCE * np.eye(d), np.zeros((d, d))
+        step, zero = CENTRAL_DIFFERENCE * np.eye(d), np.zeros((d, d))
         self._q = np.vstack([step, -step, zero, zero])
         self._dq = np.vstack([zero, zero, step, -step])
 
@@ -95,7 +93,10 @@ class Filter:
             _core.inverse_dynamics(robot.core, q + self._q, dq + self._dq, np.tile(ddq, (4 * d, 1)), x)
         )
         up_q, down_q, up_dq, down_dq = shifted.reshape(4, d, d)
-        by_q, by_dq = (up_q - down_q).T / (2.0 * DIFFERENCE), (up_dq - down_dq).T / (2.0 * DIFFERENCE)
+        by_q, by_dq = (
+            (up_q - down_q).T / (2.0 * CENTRAL_DIFFERENCE),
+            (up_dq - down_dq).T / (2.0 * CENTRAL_DIFFERENCE),
+        )
         columns = np.asarray(
             _core.observation(
                 robot.core,

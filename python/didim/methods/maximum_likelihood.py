@@ -35,7 +35,7 @@ from .builder import fitted, solved_status
 from .job import Job, ratio
 from .method import MethodSettings
 
-SETTLED = 1e-3
+SETTLED_SIGMA = 1e-3
 """Change of every parameter, in its standard deviation, at which the iteration ends."""
 
 
@@ -119,7 +119,7 @@ class MaximumLikelihood(MethodSettings):
                     step=ratio(np.linalg.norm(fit.solution - before.solution), np.linalg.norm(fit.solution)),
                 )
             )
-            converged = bool(step.max() <= SETTLED)
+            converged = bool(step.max() <= SETTLED_SIGMA)
             stopped = progress(history[-1]) and not converged
             if converged or stopped:
                 break

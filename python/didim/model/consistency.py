@@ -16,8 +16,8 @@ from .._tools.arrays import Array
 from ..robot.rigid_body import INERTIAL, pseudo_inertia
 from ..robot.robot import Robot
 
-ROUNDING = 1e-9
-"""Largest negative eigenvalue of a condition that rounding explains, as a share of the size of its terms."""
+EIGENVALUE_ROUNDING = 1e-9
+"""Largest negative eigenvalue of a physical condition that rounding explains, as a share of the size of its terms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ def pseudo_inertias(robot: Robot, x: Array) -> list[Array]:
     ]
 
 
-def violations(conditions: Sequence[Cone], x: Array, tolerance: float = ROUNDING) -> list[str]:
+def violations(conditions: Sequence[Cone], x: Array, tolerance: float = EIGENVALUE_ROUNDING) -> list[str]:
     """Name the conditions that parameters do not meet, with the smallest eigenvalue of each.
 
     Parameters

@@ -8,7 +8,7 @@ from .._tools.arrays import Array
 from ..robot.robot import Robot
 from .dynamics import inertia_matrix, inverse_dynamics
 
-DIFFERENCE = 1e-6
+CENTRAL_DIFFERENCE = 1e-6
 """Step of the central differences (rad or m, rad/s or m/s): small beside the width over which smooth friction changes its sign."""
 
 
@@ -33,9 +33,9 @@ def torque_partials(robot: Robot, q: Array, dq: Array, ddq: Array, x: Array) -> 
     by_q, by_dq = np.empty((len(q), n_dof, n_dof)), np.empty((len(q), n_dof, n_dof))
     for joint in range(n_dof):
         step = np.zeros(n_dof)
-        step[joint] = DIFFERENCE
+        step[joint] = CENTRAL_DIFFERENCE
         ahead, behind = (inverse_dynamics(robot, q + move, dq, ddq, x) for move in (step, -step))
-        by_q[:, :, joint] = (ahead - behind) / (2.0 * DIFFERENCE)
+        by_q[:, :, joint] = (ahead - behind) / (2.0 * CENTRAL_DIFFERENCE)
         ahead, behind = (inverse_dynamics(robot, q, dq + move, ddq, x) for move in (step, -step))
-        by_dq[:, :, joint] = (ahead - behind) / (2.0 * DIFFERENCE)
+        by_dq[:, :, joint] = (ahead - behind) / (2.0 * CENTRAL_DIFFERENCE)
     return by_q, by_dq, np.asarray(inertia_matrix(robot, q, x))

@@ -11,9 +11,9 @@ from .._tools.arrays import Array
 from ..robot.robot import Robot
 from .kinematics import frames
 
-POSES = 500
+REACH_POSES = 500
 """Random poses that the search for the farthest one begins with."""
-SWEEPS = 4
+JOINT_PASSES = 4
 """Passes over the joints, each set to the best of `ANGLES` positions."""
 ANGLES = 73
 """Positions of a joint that are tried: every five degrees of a full turn."""
@@ -33,9 +33,9 @@ def reach(robot: Robot) -> float:
     """
     ranges = np.array([_range(robot, joint) for joint in range(robot.n_dof)])
     rng = np.random.default_rng(0)
-    q = rng.uniform(ranges[:, 0], ranges[:, 1], (POSES, robot.n_dof))
+    q = rng.uniform(ranges[:, 0], ranges[:, 1], (REACH_POSES, robot.n_dof))
     best = q[int(np.argmax(_distances(robot, q)))]
-    for _ in range(SWEEPS):
+    for _ in range(JOINT_PASSES):
         for joint in range(robot.n_dof):
             tried = np.tile(best, (ANGLES, 1))
             tried[:, joint] = np.linspace(ranges[joint, 0], ranges[joint, 1], ANGLES)

@@ -14,11 +14,13 @@ from ..robot.robot import Robot
 
 POSITIVE = 1e-3
 """Share of M(q) that a full step must keep. The inertia of a start such as (17) may be a hundred times the real one."""
-MARGIN = 0.1
+SMALLEST_INERTIA_SHARE = 0.1
 """A step that must be shortened keeps at least this share of M(q)."""
 
 
-def safe_step(robot: Robot, q: Array, x: Array, target: Array, margin: float = MARGIN) -> float:
+def safe_step(
+    robot: Robot, q: Array, x: Array, target: Array, margin: float = SMALLEST_INERTIA_SHARE
+) -> float:
     """Return the share of the way to a target that keeps M(q) positive definite.
 
     Parameters

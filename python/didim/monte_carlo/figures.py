@@ -19,7 +19,7 @@ from ..result.uncertainty import student_factor
 from .worker import ERROR, FAILED, LOST
 
 LEVEL = 0.95
-"""Of the intervals of parameters, and of those of the figures."""
+"""Probability of the intervals of parameters, and of those of the figures of merit."""
 RESAMPLES = 400
 """Resamples of the runs for the interval of a figure."""
 NAN = math.nan

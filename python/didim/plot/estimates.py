@@ -28,7 +28,7 @@ ROW_IN = 0.19
 LINEAR_PERCENT = 1.0
 """Share of the torque below which the axis of standardised parameters is linear."""
 LOWEST_PERCENT, HIGHEST_PERCENT = 0.01, 1000.0
-SPREAD = 0.5
+POINT_SPREAD = 0.5
 """Share of a row over which the points of several methods are spread."""
 MOST_SIGMAS = 8.0
 """Deviations beyond are drawn on the edge."""
@@ -313,7 +313,7 @@ def _deviations(several: Mapping[str, Identification], truth: Array | None) -> F
     """Estimates beside the truth or the first result, in standard deviations."""
     first = next(iter(several.values()))
     figure, columns = _columns(first.names, 1.2)
-    step = SPREAD / max(1, len(several) - 1) if len(several) > 1 else 0.0
+    step = POINT_SPREAD / max(1, len(several) - 1) if len(several) > 1 else 0.0
     largest = 3.0
     band = max(fit.interval_factor() for fit in several.values())
     for number, ((name, fit), color, marker) in enumerate(zip(several.items(), CYCLE, MARKERS, strict=False)):
@@ -325,7 +325,7 @@ def _deviations(several: Mapping[str, Identification], truth: Array | None) -> F
             largest, float(np.nanmax(np.abs(off) + (0.0 if truth is not None else half), initial=0.0))
         )
         for ax, rows in columns:
-            places = np.arange(len(rows)) + (step * number - SPREAD / 2.0 if step else 0.0)
+            places = np.arange(len(rows)) + (step * number - POINT_SPREAD / 2.0 if step else 0.0)
             drawn = np.clip(off[rows], -MOST_SIGMAS, MOST_SIGMAS)
             if truth is None:
                 ax.hlines(places, drawn - half[rows], drawn + half[rows], color=color, linewidth=1.0)

@@ -24,11 +24,11 @@ else:  # matplotlib is optional, and slow to load
     Axes = Figure = Any
 
 PANELS_PER_ROW = 3
-FEWEST_ROWS = 32
+FEWEST_SPECTRUM_ROWS = 32
 """Rows of a window whose spectrum is drawn."""
-LONGEST_PIECE = 512
+LONGEST_DRAWN_PIECE = 512
 """Rows of a piece whose spectrum is taken: the spectrum is the mean over such pieces."""
-PIECES = 4
+FEWEST_PIECES = 4
 """Pieces of the shortest window, at least: one alone has a spectrum of spikes."""
 LOWEST_SHARE = 1e-4
 """Share of the largest amplitude at which the axis ends: below are the stop bands of the decimation."""
@@ -150,7 +150,7 @@ def spectra(
 
     found = list(predict(fit, experiment) if predictions is None else predictions)
     kinds = experiment.robot.joint_kinds
-    windows = [item for item in found if len(item.t) >= FEWEST_ROWS]
+    windows = [item for item in found if len(item.t) >= FEWEST_SPECTRUM_ROWS]
     if not windows:
         raise PlotError(f"the windows of '{experiment.name}' are too short for spectra")
     f, measured = spectrum(windows, "measured")
@@ -187,7 +187,7 @@ def spectrum(predictions: Sequence[Prediction], key: str) -> tuple[Array, Array]
     Parameters
     ----------
     predictions : sequence of Prediction
-        Windows of one rate, of `FEWEST_ROWS` rows at least.
+        Windows of one rate, of `FEWEST_SPECTRUM_ROWS` rows at least.
     key : str
         "measured", "predicted" or "residual".
 
@@ -201,7 +201,7 @@ def spectrum(predictions: Sequence[Prediction], key: str) -> tuple[Array, Array]
     from scipy.signal import welch
 
     shortest = min(len(item.t) for item in predictions)
-    size = min(LONGEST_PIECE, max(FEWEST_ROWS, shortest // PIECES))
+    size = min(LONGEST_DRAWN_PIECE, max(FEWEST_SPECTRUM_ROWS, shortest // FEWEST_PIECES))
     total, weight = 0.0, 0
     for item in predictions:
         rate = 1.0 / float(np.median(np.diff(item.t)))

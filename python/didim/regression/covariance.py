@@ -23,9 +23,9 @@ from .block import Block
 from .linear_system import LinearSystem
 from .settings import LeastSquaresSettings
 
-SMALLEST_SHARE = 0.05
+SMALLEST_ROWS_SHARE = 0.05
 """A joint with fewer expected squares than this share of its rows takes the variance of all joints."""
-CORRELATED = 0.1
+CORRELATED_ERRORS = 0.1
 """Correlation of neighbouring errors from which they no longer count as white."""
 
 
@@ -91,7 +91,7 @@ def decimated(
         variances = np.full(n, pooled)
     else:
         # A joint whose rows hardly outnumber its own parameters cannot identify its noise: all joints together can.
-        by_itself = expected > SMALLEST_SHARE * sizes
+        by_itself = expected > SMALLEST_ROWS_SHARE * sizes
         variances = np.where(by_itself, squares / np.where(by_itself, expected, 1.0), pooled)
     return np.asarray(inverse_r @ np.einsum("j,jab->ab", variances, coloured) @ inverse_r.T)
 
@@ -145,7 +145,7 @@ def autocorrelated(
         product = rows @ rows.T
         freedom = max(1.0, part.size - float(np.sum(inverse * product)))
         squares = float(part @ part)
-        if squares > 0.0 and abs(float(part[1:] @ part[:-1])) > CORRELATED * squares:
+        if squares > 0.0 and abs(float(part[1:] @ part[:-1])) > CORRELATED_ERRORS * squares:
             product = _coloured(rows, part)
             correlated.append(block.joint)
         middle += squares / freedom * product

@@ -33,11 +33,11 @@ SIGNIFICANT = 3.0
 """Distance, in standard deviations, from which a delay differs from zero, or that of a joint from the others."""
 SMALLEST_DIFFERENCE = 0.1
 """Difference, in samples, below which joints share one delay."""
-MARGIN = 3
+REACH_MARGIN = 3
 """Samples beyond the reach that interpolation and the last whole shift take."""
 MOST_STEPS = 10
 """Upper bound of the number of linearisations; two or three settle."""
-SETTLED = 0.005
+SETTLED_SAMPLES = 0.005
 """Step, in samples, below which the delays have settled."""
 NO_MOTION = 1e-9
 """Share of a joint's torque below which its derivative carries no delay."""
@@ -158,12 +158,12 @@ def estimate_delay(
     rate = rates.pop()
     reach = max(2, round(reach_s * rate))
     shortest = min(part.q.shape[0] for part in parts)
-    if shortest <= 4 * (reach + MARGIN):
+    if shortest <= 4 * (reach + REACH_MARGIN):
         raise FitError(
             f"a segment of {counted(shortest, 'sample')} is too short to look for delays of up to {reach} samples"
         )
     hold = hold_samples(hold_s, rate)
-    search = _Search(parts, signal, reach + MARGIN, observe)
+    search = _Search(parts, signal, reach + REACH_MARGIN, observe)
     whole = search.best(reach + 1)
     if abs(whole) > reach:
         raise FitError(
@@ -283,9 +283,9 @@ class _Search:
             shift[moving] += step
             # A joint that leaves the reach has no minimum of its own: it stays where it was, and takes the others' delay.
             away = np.abs(shift - whole) > self.margin
-            away |= np.abs(shift) > self.margin + max(abs(whole), self.margin) - MARGIN
+            away |= np.abs(shift) > self.margin + max(abs(whole), self.margin) - REACH_MARGIN
             shift[away], lost = whole, lost | away
-            if not step.size or (np.max(np.abs(step)) < SETTLED and not away.any()):
+            if not step.size or (np.max(np.abs(step)) < SETTLED_SAMPLES and not away.any()):
                 break
         self.misfit = float(
             sum(

@@ -17,8 +17,8 @@ from .._tools.arrays import Array
 from .fit import Fit
 from .linear_system import LinearSystem
 
-CLEAR = 0.5
-"""Share of the residual that must be left at most for a suspicion."""
+SUSPICION_RESIDUAL = 0.5
+"""Largest share of the residual that reversed or exchanged torques may leave for a suspicion."""
 DRIVING_SIGMA = 5.0
 """Standard deviations by which viscous friction must be negative for a suspicion."""
 
@@ -89,7 +89,7 @@ def _contradiction(system: LinearSystem) -> list[str]:
         sentence = f"the torques of joints {i + 1} and {j + 1} look as if they were exchanged"
         found.append((solved(order, ones)[0], sentence))
     best, sentence = min(found)
-    if not best < CLEAR * as_logged < np.inf:
+    if not best < SUSPICION_RESIDUAL * as_logged < np.inf:
         return []
     percent = 100.0 / np.sqrt(n)
     return [

@@ -15,7 +15,7 @@ from .._tools.words import counted
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..plot.estimates import estimate_correlation
-from ..plot.motion import FEWEST_ROWS
+from ..plot.motion import FEWEST_SPECTRUM_ROWS
 from ..plot.style import percent
 from ..result.delay_lines import delay_lines
 from ..result.identification import Identification
@@ -287,7 +287,7 @@ def _residual_section(fit: Identification, experiment: Experiment, predictions: 
     if not predictions:
         return Html("")
     spectra = []
-    if all(len(item.t) >= FEWEST_ROWS for item in predictions):
+    if all(len(item.t) >= FEWEST_SPECTRUM_ROWS for item in predictions):
         spectra = [
             paragraph(
                 "Spectra of the measured torque and of the residual. Noise that is white lies on the grey line; a peak has a cause "

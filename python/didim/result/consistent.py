@@ -15,7 +15,7 @@ import numpy as np
 from .._tools.arrays import Array
 from ..errors import FitError
 from ..regression.consistent.bounds import Bounds
-from ..regression.consistent.nearest import DRAWS, GAMMA, NearestRobot, nearest_robot
+from ..regression.consistent.nearest import GAMMA, NEAREST_DRAWS, NearestRobot, nearest_robot
 from ..regression.consistent.prior import Prior
 from ..regression.selection import Role, Selection
 from ..robot.friction import Friction
@@ -162,7 +162,7 @@ class MovedToRobot:
         *,
         gamma: float = GAMMA,
         bounds: Bounds | None = None,
-        draws: int = DRAWS,
+        draws: int = NEAREST_DRAWS,
         seed: int = 0,
         robot: Robot | None = None,
     ) -> Self:

@@ -21,8 +21,8 @@ PARALLEL = 1e-9
 """Axes with an angle below this (rad) are parallel: its effect is below that of rounding."""
 
 
-ROUNDING = 1e-12
-"""Angles this near to a right angle (rad) are right angles to the core."""
+RIGHT_ANGLE_ROUNDING = 1e-12
+"""Largest distance from a right angle (rad) at which an angle is a right angle to the core."""
 
 
 def nearest_right_angle(angle: float) -> float:
@@ -56,7 +56,7 @@ class RightAngles:
         away = abs(angle - right)
         if away <= self.tolerance:
             # What the core takes for a right angle is one already.
-            self.largest = max(self.largest, away if away > ROUNDING else 0.0)
+            self.largest = max(self.largest, away if away > RIGHT_ANGLE_ROUNDING else 0.0)
             return right
         if away <= SUSPICIOUS:
             self.suspicious = max(self.suspicious, away)

@@ -14,7 +14,7 @@ from ..errors import RobotError
 from .correspondence import Correspondence, Pose
 from .friction import KEYS, START_VELOCITY
 from .placement import Mount
-from .right_angles import ROUNDING, SNAP, nearest_right_angle
+from .right_angles import RIGHT_ANGLE_ROUNDING, SNAP, nearest_right_angle
 from .robot import JointLimits, Robot
 
 
@@ -96,7 +96,8 @@ def _snaps(robot: Robot) -> bool:
     gammas = [mount.gamma for mount in geometry.mounts]
     fixed = [theta for theta, kind in zip(geometry.theta, geometry.kinds, strict=True) if kind == "prismatic"]
     return any(
-        ROUNDING < abs(angle - nearest_right_angle(angle)) <= SNAP for angle in (*alphas, *fixed, *gammas)
+        RIGHT_ANGLE_ROUNDING < abs(angle - nearest_right_angle(angle)) <= SNAP
+        for angle in (*alphas, *fixed, *gammas)
     )
 
 

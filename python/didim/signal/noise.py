@@ -16,8 +16,8 @@ _CIRCLE = 2048
 """Points of a spectrum at the last rate; half as many lags of a correlation."""
 
 
-ROUNDING = 1e-9
-"""Share of a signal's range below which a change is rounding."""
+CHANGE_ROUNDING = 1e-9
+"""Smallest change between values of a signal that is more than rounding, as a share of their size or range."""
 FEWEST_GAPS = 20
 """Gaps between levels of a signal below which its step is not read off."""
 WIDEST_GAP = 50.0
@@ -29,7 +29,7 @@ ON_GRID = 0.95
 MOST_CHANGES = 0.9
 """Share of samples that may differ from the one before in a signal that counts as quantised."""
 LARGEST_DECIMATION = 10_000
-"""Of all factors together: the spectrum of decimated noise has 2048 times as many points."""
+"""Upper bound of the product of the decimation factors: the spectrum of decimated noise has 2048 times as many points."""
 
 
 def white_noise(values: Array) -> Array:
@@ -126,7 +126,7 @@ def _grid(values: Array) -> float:
     scale = max(float(np.ptp(levels)), np.abs(levels).max(initial=0.0))
     gaps = np.diff(levels)
     # Values that differ by rounding are one level.
-    gaps = gaps[gaps > ROUNDING * scale]
+    gaps = gaps[gaps > CHANGE_ROUNDING * scale]
     if gaps.size < FEWEST_GAPS:
         return 0.0
     smallest = float(np.min(gaps))
@@ -148,7 +148,7 @@ def smallest_step(values: Array, ranges: Array) -> Array:
     steps = np.abs(np.diff(values, axis=0))
     found = np.zeros(values.shape[1])
     for joint, (column, size) in enumerate(zip(steps.T, ranges, strict=True)):
-        changes = column[column > ROUNDING * size]
+        changes = column[column > CHANGE_ROUNDING * size]
         if changes.size and changes.size <= MOST_CHANGES * column.size:
             found[joint] = changes.min()
     return found

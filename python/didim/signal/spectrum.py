@@ -10,7 +10,7 @@ from .._tools.arrays import Array
 from ..log.recording import Recording
 
 ABOVE_NOISE = 10.0
-"""Times the noise of the positions that a part of the spectrum must have to count as motion."""
+"""Smallest ratio of the power spectrum to that of the noise of the positions at which a frequency counts as motion."""
 LONGEST_PIECE = 16384
 """Samples of a piece whose spectrum is taken."""
 PIECES = 16

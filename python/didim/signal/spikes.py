@@ -16,7 +16,7 @@ from .processing import SignalProcessing
 
 WINDOW = 11
 """Samples of the sliding window: short beside the motion, long enough for a median of noise."""
-THRESHOLD = 4.0
+SPIKE_THRESHOLD = 4.0
 """Robust standard deviations from the median beyond which a sample is a spike."""
 NORMAL_MAD = 1.4826
 """Standard deviation of normal noise over its median absolute deviation."""
@@ -25,7 +25,7 @@ AT_ONCE = 16384
 
 
 def hampel(
-    values: Array, *, window: int = WINDOW, threshold: float = THRESHOLD
+    values: Array, *, window: int = WINDOW, threshold: float = SPIKE_THRESHOLD
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Replace spikes by the median of their neighbourhood.
 

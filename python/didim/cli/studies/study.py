@@ -36,7 +36,7 @@ EXAMPLES = (
 )
 """Examples of the help."""
 
-PROGRESS_S = 2.0
+STUDY_PROGRESS_S = 2.0
 """Seconds between lines of progress."""
 
 
@@ -172,7 +172,7 @@ def _progress() -> Callable[[Progress], None]:
 
     def tell(state: Progress) -> None:
         now = time.monotonic()
-        if now - last[0] < PROGRESS_S and state.done < state.total:
+        if now - last[0] < STUDY_PROGRESS_S and state.done < state.total:
             return
         last[0] = now
         print(state, file=sys.stderr, flush=True)

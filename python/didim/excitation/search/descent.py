@@ -21,7 +21,7 @@ MEMORY = 60
 """Pairs of steps and changes of the gradient that are kept."""
 DECREASE = 1e-4
 """Share of the decrease that the slope promises which a step must reach (Armijo)."""
-HALVINGS = 15
+LINE_SEARCH_HALVINGS = 15
 """Shortenings of a step before the memory is given up."""
 CURVED = 1e-10
 """Smallest cosine between a step and the change of the gradient: below it the pair says nothing on the curvature."""
@@ -66,7 +66,7 @@ class Descent:
             self._give_up()
             return 0
         length = 1.0
-        for count in range(1, HALVINGS + 1):
+        for count in range(1, LINE_SEARCH_HALVINGS + 1):
             x = self.x + length * way
             value, gradient = self._objective(x)
             if value <= self.value + DECREASE * length * slope:
@@ -77,7 +77,7 @@ class Descent:
             best = -slope * length / bent if np.isfinite(bent) else 0.0
             length *= min(0.5, max(0.1, best))
         self._give_up()
-        return HALVINGS
+        return LINE_SEARCH_HALVINGS
 
     def _accept(self, x: Array, value: float, gradient: Array) -> None:
         step, change = x - self.x, gradient - self._gradient

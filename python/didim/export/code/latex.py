@@ -23,7 +23,7 @@ MOST_JOINTS = 3
 """Joints of the largest robot whose equations are written: those of more fill pages."""
 
 LARGEST_DENOMINATOR = 12
-"""Of a fraction that stays one."""
+"""Largest denominator of a number that is written as a fraction."""
 
 _REFUSED = {
     "load": "depends on the load",

@@ -26,7 +26,7 @@ from .output_error import OutputError
 from .settings import CLOESettings
 from .simplex import SimplexSearch
 
-SPREAD = 0.3
+START_SPREAD = 0.3
 """Further starts are off by normal numbers times what changes the torques by this share of their size."""
 SAME_OPTIMUM = 1e-3
 """Costs that differ by less belong to the same optimum."""
@@ -152,7 +152,7 @@ def _further_starts(problem: OutputError, count: int, seed: int) -> list[Array]:
     rng = np.random.default_rng(seed)
     found = []
     for _ in range(count):
-        target = problem.start + SPREAD * problem.scale * rng.standard_normal(problem.start.size)
+        target = problem.start + START_SPREAD * problem.scale * rng.standard_normal(problem.start.size)
         share = problem.safe_share(problem.start, target)
         found.append(problem.start + share * (target - problem.start))
     return found

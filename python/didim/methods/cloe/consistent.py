@@ -29,12 +29,10 @@ from ..didim.problem import ConsistentProblem
 from ..start import further_of
 from ..verdict.torques import CONTRADICTIONS
 from .finer_steps import corrected
-from .levenberg_marquardt import MOST_ITERATIONS, spread_at, weigh_by_noise
+from .levenberg_marquardt import DAMPINGS, MOST_ITERATIONS, spread_at, weigh_by_noise
 from .output_error import OutputError
 from .settings import CLOESettings
 
-DAMPINGS = np.array([1e-4, 1e-2, 1.0, 1e2])
-"""Factors of the damping that are tried at once, one in each lane."""
 MOST_RAISES = 4
 """How often the damping is raised beyond them before the search ends."""
 UNDAMPED = 1e-8

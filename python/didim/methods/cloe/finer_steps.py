@@ -18,9 +18,9 @@ from typing import Generic, TypeVar
 from ..._tools.arrays import Array
 from .output_error import OutputError
 
-PARTS = 2
+STEP_PARTS = 2
 """Parts that each step of the search is divided into."""
-AT_REST = 0.01
+SHORTEST_CORRECTION = 0.01
 """Length of a correction, in standard deviations of the estimate, from which the optimum counts as reached."""
 MOST_CORRECTIONS = 5
 """Upper bound of the corrections (A): two are usual, and each takes one simulation with divided steps."""
@@ -82,7 +82,7 @@ def corrected(
     Corrected or None
         None where a run with divided steps does not reach its end.
     """
-    finer = problem.divided(PARTS)
+    finer = problem.divided(STEP_PARTS)
     begun = point = point_of(candidate)
     every, completed = finer.errors(point[None])
     if not completed[0]:
@@ -92,7 +92,7 @@ def corrected(
     for _ in range(MOST_CORRECTIONS):
         trial = advance(candidate, errors)
         there = point_of(trial)
-        if _length(there - point, normal, errors, rows) <= AT_REST:
+        if _length(there - point, normal, errors, rows) <= SHORTEST_CORRECTION:
             break
         every, completed = finer.errors(there[None])
         if not completed[0] or not every[0] @ every[0] < errors @ errors:

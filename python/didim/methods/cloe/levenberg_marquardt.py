@@ -28,9 +28,10 @@ DAMPINGS = np.array([1e-4, 1e-2, 1.0, 1e2])
 """Factors of the damping that are tried at once, one in each lane."""
 GRADIENT = 0.03
 """Cosine of the residual and the derivatives below which the gradient counts as zero."""
-SINGULAR = 1e-14
+SINGULAR_NORMAL_MATRIX = 1e-14
 """Largest ratio of the extreme eigenvalues of the scaled normal matrix that counts as singular: rounding is about 1e-16 of it."""
 MOST_ITERATIONS = 100
+"""Default upper bound of the iterations; the packaged experiment takes four."""
 NOISE_SAMPLES = 5
 """Fifth differences need more samples than these."""
 
@@ -205,7 +206,7 @@ def _scaled(normal: Array) -> tuple[Array, Array, Array]:
 def identifies(normal: Array) -> bool:
     """Return whether the outputs identify every combination of the parameters."""
     _, values, _ = _scaled(normal)
-    return bool(values[0] > SINGULAR * values[-1])
+    return bool(values[0] > SINGULAR_NORMAL_MATRIX * values[-1])
 
 
 def spread_at(
@@ -224,7 +225,7 @@ def spread_at(
             ["stopped before the Jacobian was computed, so there are no standard deviations"],
         )
     size, values, vectors = _scaled(normal)
-    if values[0] <= SINGULAR * values[-1]:
+    if values[0] <= SINGULAR_NORMAL_MATRIX * values[-1]:
         names = [problem.base.names[index] for index in problem.estimated]
         hardly = ", ".join(names[k] for k in np.flatnonzero(np.abs(vectors[:, 0]) > 0.1))
         told = f"the outputs hardly identify {hardly}: there are no standard deviations; fix or drop one"

@@ -43,7 +43,7 @@ CHECKED_POSITIONS = 200
 """Positions at which M(q) is kept positive definite."""
 TOGETHER = 64
 """Candidates whose trajectories are held in memory at once."""
-DIFFERENCE = 1e-4
+DERIVATIVE_STEP = 1e-4
 """Parameter step of a derivative: what changes the torques by this share of their size."""
 
 
@@ -160,7 +160,7 @@ class OutputError:
 
         Differences in lanes take less time than the exact tangent of the run, which ``tangent/closed_loop.rs`` has as a check.
         """
-        steps = DIFFERENCE * self.scale
+        steps = DERIVATIVE_STEP * self.scale
         moved, completed = self.errors(point + np.diag(steps))
         moved -= errors
         moved /= steps[:, None]

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..._tools.arrays import real_array
 from ..._tools.settings import one_of, share, whole
+from ..._tools.threads import MOST_THREADS
 from ...errors import FitError
 from ..method import MethodSettings, Motion
 from ..start import Start
@@ -19,10 +20,6 @@ from ..start import Start
 Optimizer = Literal["levenberg-marquardt", "nelder-mead"]
 Output = Literal["position", "torque", "both"]
 Variant = Literal["scaled", "adaptive", "literal"]
-
-
-MOST_THREADS = 4096
-"""More threads than any machine has are a mistake."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ EDGE = 0.3
 """First edge of a scaled simplex: what changes the outputs by this share of the norm."""
 PATIENCE, PROGRESS = 5, 0.1
 """A simplex that has not improved by the second, relative, over the first times n iterations has lost its shape."""
-TOLERANCE = 1e-4
+COLLAPSED_SHARE = 1e-4
 """A simplex has collapsed when it spans this share of its first edges and of the initial norm; fminsearch's 1e-4 otherwise."""
 WORTH = 1e-6
 """A restart that improves the norm by less, relative, is the last one."""
@@ -66,8 +66,8 @@ class SimplexSearch:
                     lambda points: self._values(points * self.unit),
                     self.simplex,
                     adaptive=self.method.variant == "adaptive",
-                    x_tolerance=TOLERANCE,
-                    f_tolerance=TOLERANCE if self.literal else TOLERANCE * self.initial,
+                    x_tolerance=COLLAPSED_SHARE,
+                    f_tolerance=COLLAPSED_SHARE if self.literal else COLLAPSED_SHARE * self.initial,
                     max_iterations=self.most_iterations,
                     max_evaluations=self.most_evaluations,
                     progress=self._told,

@@ -27,7 +27,7 @@ from ..linear_system import LinearSystem, check_solvable
 from ..settings import LeastSquaresSettings
 from ..weights import joint_sigma, per_row
 
-DEPENDENT = 1e-9
+DEPENDENT_INSTRUMENT = 1e-9
 """Share of a column, or of the largest singular value, below which it adds nothing to the others."""
 ROWS_AT_ONCE = 2000
 """Rows of matrices that are made for the diagnosis alone: 2 MB with 120 columns."""
@@ -82,13 +82,13 @@ def instrumented(a: Array, z: Array, y: Array, weights: Array) -> Instrumented |
     scaled /= np.where(sizes > 0.0, sizes, 1.0)
     left, triangle = np.linalg.qr(scaled)
     del scaled
-    if np.abs(np.diag(triangle)).min() < DEPENDENT:
+    if np.abs(np.diag(triangle)).min() < DEPENDENT_INSTRUMENT:
         return None
     a = a * weights[:, None]
     size = np.linalg.norm(a, axis=0)
     size = np.where(size > 0.0, size, 1.0)
     gram = left.T @ (a / size)
-    if np.linalg.cond(gram) * np.finfo(np.float64).eps > DEPENDENT:
+    if np.linalg.cond(gram) * np.finfo(np.float64).eps > DEPENDENT_INSTRUMENT:
         return None
     inverse = np.linalg.inv(gram) / size[:, None]
     return Instrumented(
@@ -170,7 +170,7 @@ def exogeneity_test(a: Array, left: Array, y: Array) -> ExogeneityTest | None:
     projected, size = left.T @ a, np.linalg.norm(a, axis=0)
     added = _rest_norms(a, left, projected)
     # The rest of a column that the instruments hold entirely is rounding.
-    kept = added > DEPENDENT * size
+    kept = added > DEPENDENT_INSTRUMENT * size
     scale = np.where(size > 0.0, size, 1.0)
     # R of [W, V, Y], some rows after the other.
     triangle = np.zeros((0, a.shape[1] + int(kept.sum()) + 1))
@@ -180,7 +180,7 @@ def exogeneity_test(a: Array, left: Array, y: Array) -> ExogeneityTest | None:
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, part]), mode="r"))
     both, target = triangle[:, :-1], triangle[:, -1]
     left_of_both, values, _ = np.linalg.svd(both, full_matrices=False)
-    rank = int(np.sum(values > DEPENDENT * values[0]))
+    rank = int(np.sum(values > DEPENDENT_INSTRUMENT * values[0]))
     basis = left_of_both[:, :rank]
     # The first columns of Q span W: what they leave of Y stands below their rows.
     restricted, full = target[a.shape[1] :], target - basis @ (basis.T @ target)

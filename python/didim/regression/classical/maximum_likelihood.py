@@ -16,7 +16,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 
-SMALLEST_SHARE = 1e-12
+SMALLEST_EIGENVALUE_SHARE = 1e-12
 """Lower bound of the eigenvalues of a covariance, as a share of the largest: noise-free torques keep finite weights."""
 
 
@@ -45,7 +45,7 @@ def whitening(covariances: Array) -> Array:
     """Return ``L^-1`` of each ``G = L L^T``, (n, d, d): the rows of a sample times it have the unit covariance."""
     d = covariances.shape[1]
     trace = np.trace(covariances, axis1=1, axis2=2)[:, None, None]
-    lower = np.linalg.cholesky(covariances + SMALLEST_SHARE * trace * np.eye(d))
+    lower = np.linalg.cholesky(covariances + SMALLEST_EIGENVALUE_SHARE * trace * np.eye(d))
     return np.asarray(np.linalg.inv(lower))
 
 

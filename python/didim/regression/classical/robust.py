@@ -20,17 +20,17 @@ from typing import Literal
 import numpy as np
 
 from ..._tools.arrays import Array
+from ...signal.spikes import NORMAL_MAD
 
 Loss = Literal["huber", "bisquare"]
 
 CONSTANTS: dict[str, float] = {"huber": 1.345, "bisquare": 4.685}
 """Tuning constants for an efficiency of 95 % with normal noise."""
-NORMAL_MAD = 1.4826
-"""Standard deviation of normal noise over its median absolute deviation."""
-TOLERANCE = 1e-8
+SETTLED_ESTIMATE = 1e-8
 """Change of the estimate, relative to its column's share of the torques, at which the iteration ends."""
-MOST_ITERATIONS = 500
-SMALLEST_SCALE = 1e-9
+MOST_REWEIGHTINGS = 500
+"""Upper bound of the solutions with changed weights."""
+SMALLEST_STD_SHARE = 1e-9
 """Lower bound of a robust standard deviation as a share of the joint's torque: weights stay finite without noise."""
 
 
@@ -75,8 +75,8 @@ def reweighted(
     *,
     loss: Loss = "huber",
     constant: float | None = None,
-    tolerance: float = TOLERANCE,
-    max_iterations: int = MOST_ITERATIONS,
+    tolerance: float = SETTLED_ESTIMATE,
+    max_iterations: int = MOST_REWEIGHTINGS,
 ) -> RobustSolution:
     """Solve ``W x = Y`` by iteratively reweighted least squares.
 
@@ -107,7 +107,7 @@ def reweighted(
     constant = CONSTANTS[loss] if constant is None else constant
     x = np.array(start, dtype=np.float64)
     columns = np.linalg.norm(w, axis=0)
-    floors = [SMALLEST_SCALE * float(np.sqrt(np.mean(y[rows] ** 2))) for rows in joints]
+    floors = [SMALLEST_STD_SHARE * float(np.sqrt(np.mean(y[rows] ** 2))) for rows in joints]
     scale, weights = np.ones(len(joints)), np.ones(y.size)
     for number in range(1, max_iterations + 1):
         residual = y - w @ x

@@ -18,8 +18,8 @@ CONTRADICTION = 1.5
 """Ratio of the constrained to the plain residual beyond which a cause is looked for."""
 JOINT_CONTRADICTIONS = ((2.0, 0.1), (1.2, 0.5))
 """The same at a single joint: a ratio, and the relative error beyond which it counts."""
-CLEAR = 0.75
-"""Share of the constrained residual that must be left at most for a joint to be named."""
+NAMED_JOINT_RESIDUAL = 0.75
+"""Largest share of the constrained residual that reversing the torque of a joint may leave for the joint to be named."""
 NOTHING = 0.5
 """Relative error of a constrained fit beyond which the model explains hardly anything."""
 
@@ -85,7 +85,7 @@ def _reversed(system: LinearSystem, fit: Fit, problem: ConstrainedProblem) -> li
     # All joints count alike.
     together = np.sqrt(np.mean(np.square(shares), axis=1))
     best = int(np.argmin(together[1:]))
-    if together[best + 1] > CLEAR * together[0]:
+    if together[best + 1] > NAMED_JOINT_RESIDUAL * together[0]:
         return []
     plain, constrained = (fit.record[f"{key}_relative_errors"][best] for key in ("plain", "constrained"))
     return [

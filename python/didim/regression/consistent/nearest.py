@@ -26,7 +26,7 @@ from .problem import ConstrainedProblem
 
 GAMMA = 1e-2
 """Weight of the prior beside an honest covariance (nats)."""
-DRAWS = 200
+NEAREST_DRAWS = 200
 """Draws of the estimate."""
 OTHER_PRIORS = (0.5, 2.0)
 """Factors of mass and of second moments of the priors that an identified parameter does not feel."""
@@ -84,7 +84,7 @@ def nearest_robot(
     prior: str | Mapping[str, float] | Array | Prior = "generic",
     gamma: float = GAMMA,
     bounds: Bounds | None = None,
-    draws: int = DRAWS,
+    draws: int = NEAREST_DRAWS,
     seed: int = 0,
     degrees_of_freedom: float = np.inf,
     threads: int = 2,

@@ -29,8 +29,8 @@ from .prior import Prior, drawn
 
 FRICTION_WEIGHT = 1e-3
 """Weight of the log-det terms of friction (nats): no effect on an estimate, and the solver stays inside."""
-ROUNDING = 1e-15
-"""Eigenvalue of a scaled curvature, as a share of the largest, below which it is rounding."""
+CURVATURE_ROUNDING = 1e-15
+"""Smallest eigenvalue of a scaled curvature that is more than rounding, as a share of the largest."""
 FEASIBLE = 1e-12
 """Eigenvalue of a condition, as a share of its terms, below which rounding decides: the infeasibility that the solver allows."""
 LEAST_WEIGHT = 3e-8
@@ -256,7 +256,7 @@ class ConstrainedProblem:
         sizes = np.sqrt(np.diag(curvature))
         sizes = np.where(sizes > 0.0, sizes, 1.0)
         values, vectors = np.linalg.eigh(curvature / np.outer(sizes, sizes))
-        root = (columns / sizes) @ (vectors / np.sqrt(np.maximum(values, ROUNDING * values[-1])))
+        root = (columns / sizes) @ (vectors / np.sqrt(np.maximum(values, CURVATURE_ROUNDING * values[-1])))
         return np.asarray(root @ root.T)
 
     def marginal(self, x: Array) -> Array:

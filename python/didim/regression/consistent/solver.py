@@ -31,7 +31,7 @@ GAMMA = 1e-2
 """Weight of the prior beside the information of a log (nats)."""
 MOST_INFLATION = 6.0
 """Correlated residuals raise the weight by this factor at most."""
-DEPENDENT = 1e-10
+UNIDENTIFIED_SINGULAR_VALUE = 1e-10
 """Singular values below this share of the largest belong to combinations that the log does not identify."""
 
 
@@ -175,7 +175,7 @@ def _plain(w: Array, y: Array) -> Array:
     """Return the solution of least squares, also where columns depend."""
     sizes = np.linalg.norm(w, axis=0)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
-    solution = np.linalg.lstsq(w / sizes, y, rcond=DEPENDENT)[0] / sizes
+    solution = np.linalg.lstsq(w / sizes, y, rcond=UNIDENTIFIED_SINGULAR_VALUE)[0] / sizes
     return np.asarray(solution, dtype=np.float64)
 
 
@@ -206,7 +206,7 @@ def _inverse(triangle: Array, problem: ConstrainedProblem, x: Array) -> Array:
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     if triangle.shape[0] == triangle.shape[1]:
         singular = np.linalg.svd(triangle / sizes, compute_uv=False)
-        if singular[-1] > DEPENDENT * singular[0]:
+        if singular[-1] > UNIDENTIFIED_SINGULAR_VALUE * singular[0]:
             return np.asarray(np.linalg.inv(triangle))
     # Covariance of the standard parameters by log and prior together, seen in the base parameters.
     a = triangle @ problem.matrix

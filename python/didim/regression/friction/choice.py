@@ -24,12 +24,12 @@ from ..linear_system import LinearSystem, linear_system
 from ..selection import select
 from .velocity import VelocityEstimate, settled
 
-BLOCKS = 5
+HELD_OUT_BLOCKS = 5
 """Held-out blocks: contiguous parts of the log, all joints together."""
-GAP = 5
+BLOCK_GAP_ROWS = 5
 """Rows beside a held-out block that are not fitted either: neighbouring residuals are correlated."""
 ROUNDS = 2
-"""Times that terms are chosen; the second time with the weights, velocities and loads of the first choice."""
+"""Number of times that terms are chosen; the second time with the weights, velocities and loads of the first choice."""
 SMALLEST_GAIN = 1e-3
 """Smallest gain of a term, as a share of the squared held-out error of all joints: less is not worth a parameter."""
 LEAST_STANDSTILL = 0.01
@@ -220,11 +220,13 @@ class _Blocks:
     def __init__(self, system: LinearSystem, weights: Array) -> None:
         self.system = system
         rows = system.joints[0].stop - system.joints[0].start
-        edges = np.linspace(0, rows, BLOCKS + 1).round().astype(int)
+        edges = np.linspace(0, rows, HELD_OUT_BLOCKS + 1).round().astype(int)
         time = np.concatenate([np.arange(rows)] * len(system.joints))
         self.weights = weights
         self.outside = [(time >= lo) & (time < hi) for lo, hi in pairwise(edges)]
-        self.inside = [(time < lo - GAP) | (time >= hi + GAP) for lo, hi in pairwise(edges)]
+        self.inside = [
+            (time < lo - BLOCK_GAP_ROWS) | (time >= hi + BLOCK_GAP_ROWS) for lo, hi in pairwise(edges)
+        ]
 
     def relative_error(self) -> float:
         """Relative error of all held-out blocks, without weights."""
@@ -264,7 +266,7 @@ def _forward(
         before = drops[:, 0].sum()
         change = drops[:, 1:]
         total = change.sum(axis=0)
-        error = change.std(axis=0, ddof=1) * np.sqrt(BLOCKS)
+        error = change.std(axis=0, ddof=1) * np.sqrt(HELD_OUT_BLOCKS)
         supported = (total > error) & (total > SMALLEST_GAIN * before)
         if not supported.any():
             break

@@ -28,15 +28,15 @@ RANGE = {"revolute": (0.003, 2.0), "prismatic": (0.0005, 0.2)}
 """Velocities that the search covers (rad/s, m/s): below, a law is Coulomb friction, above, it is viscous friction."""
 GRID = 41
 """Velocities of the grid, equidistant in their logarithm: a factor of 1.18 apart."""
-SWEEPS = 2
-"""Times that the grid goes through all joints; a joint's valley hardly moves with the velocities of the others."""
-STEPS = 12
+GRID_SWEEPS = 2
+"""Number of times that the grid goes through all joints; a joint's valley hardly moves with the velocities of the others."""
+VELOCITY_STEPS = 12
 """Most Gauss-Newton steps."""
-PASSES = 12
+LOAD_PASSES = 12
 """Most passes of the fixed point of the load."""
-SETTLED = 1e-6
+SETTLED_VELOCITY = 1e-6
 """Relative change of velocities and parameters below which nothing moves any more."""
-CLEAR_GAIN = 4.0
+CLEAR_VELOCITY_GAIN = 4.0
 """Smallest gain of a law, in squared weighted residual, for its velocity to be identified: that of two standard deviations."""
 
 
@@ -142,7 +142,7 @@ def settled(
         passes += 1
         change = np.linalg.norm(found - beta) if beta is not None else np.inf
         beta = found
-        if change <= SETTLED * np.linalg.norm(found) or passes == PASSES:
+        if change <= SETTLED_VELOCITY * np.linalg.norm(found) or passes == LOAD_PASSES:
             system = linear_system(robot, parts, signal, selection, beta)
             return SettledFriction(
                 robot=robot,
@@ -209,7 +209,7 @@ def _estimate_velocities(
     w = system.w.copy()
     gains = np.zeros(len(terms))
     at_end = np.zeros(len(terms), dtype=bool)
-    for _ in range(SWEEPS):
+    for _ in range(GRID_SWEEPS):
         _, weights = solve(replace(system, w=w))
         for k, term in enumerate(terms):
             grid = np.geomspace(*RANGE[robot.joint_kinds[term.joint]], GRID)
@@ -219,7 +219,7 @@ def _estimate_velocities(
             velocities[k], gains[k] = grid[best], gain[best]
             at_end[k] = best in (0, GRID - 1)
             w[:, places[k]] = columns[:, best]
-    inner = ~at_end & (gains > CLEAR_GAIN)
+    inner = ~at_end & (gains > CLEAR_VELOCITY_GAIN)
     velocities, std = _refined(terms, velocities, inner, parts, signal, replace(system, w=w), places, solve)
     estimates = tuple(
         VelocityEstimate(parameter=term.parameter, velocity=float(v), std=float(s), identified=bool(good))
@@ -305,7 +305,7 @@ def _refined(
     if not moving:
         return velocities, std
     w = system.w.copy()
-    for _ in range(STEPS):
+    for _ in range(VELOCITY_STEPS):
         beta, weights = solve(replace(system, w=w))
         slopes = np.stack(
             [
@@ -327,6 +327,6 @@ def _refined(
         velocities[moving] *= 1.0 + relative
         for k in moving:
             w[:, places[k]] = _column(terms[k], velocities[k], parts, signal, system)
-        if np.abs(relative).max() <= SETTLED:
+        if np.abs(relative).max() <= SETTLED_VELOCITY:
             break
     return velocities, std

@@ -20,17 +20,17 @@ from ..linear_system import LinearSystem
 from ..settings import LeastSquaresSettings
 from .currents import Currents
 
-STEPS = 100
+GAIN_STEPS = 100
 """Most Gauss-Newton steps."""
-SETTLED = 1e-10
+SETTLED_LOG_GAIN = 1e-10
 """Change of log K below which nothing moves any more."""
 LARGEST_STEP = 0.5
 """Largest change of log K in a step."""
-HALVINGS = 12
+GAIN_HALVINGS = 12
 """How often a step is halved that does not lower the cost."""
 SINGULAR = 1e-11
 """Smallest singular value of the scaled Jacobian, over the largest, of a problem that the log determines."""
-WEAK_PERCENT = 20.0
+WEAK_GAIN_PERCENT = 20.0
 """Expected standard deviation of a gain from which the known load hardly reaches its joint."""
 
 
@@ -91,12 +91,12 @@ def drive_gains(
     cost = _cost(currents, errors)
     n = currents.n_motors
     converged = False
-    for number in range(1, STEPS + 1):  # noqa: B007 - the steps that were taken
+    for number in range(1, GAIN_STEPS + 1):  # noqa: B007 - the steps that were taken
         weights = 1.0 / currents.spread(errors)[currents.motor]
         jacobian, size = _jacobian(currents, gains, theta, weights)
         step = np.linalg.lstsq(jacobian, errors * weights, rcond=SINGULAR)[0] / size
         length = min(1.0, LARGEST_STEP / max(float(np.abs(step[-n:]).max()), 1e-300))
-        for _ in range(HALVINGS):
+        for _ in range(GAIN_HALVINGS):
             there = gains * np.exp(length * step[-n:]), theta + length * step[:-n]
             moved = _errors(currents, *there)
             if _cost(currents, moved) <= cost + 1e-9 * abs(cost):
@@ -104,7 +104,7 @@ def drive_gains(
             length *= 0.5
         gains, theta = there
         errors, cost = moved, _cost(currents, moved)
-        if np.abs(length * step[-n:]).max() < SETTLED:
+        if np.abs(length * step[-n:]).max() < SETTLED_LOG_GAIN:
             converged = True
             break
     return _result(currents, gains, theta, settings, converged, number)
@@ -158,7 +158,7 @@ def expected_percent(system: LinearSystem, reduction: Array) -> Array:
 def expected_sentence(percent: Array) -> str:
     """Say what a log promises of the gains."""
     shown = ", ".join(f"{value:.2g}" if np.isfinite(value) else "-" for value in percent)
-    weak = [str(joint + 1) for joint, value in enumerate(percent) if not value < WEAK_PERCENT]
+    weak = [str(joint + 1) for joint, value in enumerate(percent) if not value < WEAK_GAIN_PERCENT]
     hardly = f"; the known load hardly reaches joint {', '.join(weak)}" if weak else ""
     return f"expected standard deviations of the drive gains, for white noise: {shown} %{hardly}"
 

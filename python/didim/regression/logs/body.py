@@ -21,9 +21,9 @@ RADIUS_M = 0.06
 """Radius of gyration of the prior body: that of a load the size of a fist to a head."""
 LEAST_MASS_KG = 0.05
 """Mass of the prior body at least."""
-STEPS = 200
+BODY_STEPS = 200
 """Most Newton steps."""
-SETTLED = 1e-10
+SETTLED_NATS = 1e-10
 """Newton decrement, in nats, at which a body has been found."""
 
 
@@ -75,7 +75,7 @@ def nearest_bodies(
         return np.linalg.inv(safe), np.where(inside, cost, np.inf)
 
     inverse, cost = inverse_of(theta)
-    for _ in range(STEPS):
+    for _ in range(BODY_STEPS):
         weighted = np.einsum("mab,kbc->mkac", inverse, basis)
         gradient = (theta - estimates) @ metric + slope - gamma * np.einsum("mkaa->mk", weighted)
         hessian = metric + gamma * np.einsum("mkab,mlba->mkl", weighted, weighted)
@@ -83,7 +83,7 @@ def nearest_bodies(
         scaled = hessian * size[:, :, None] * size[:, None, :]
         step = -size * np.linalg.solve(scaled, (gradient * size)[:, :, None])[:, :, 0]
         decrement = -np.einsum("mk,mk->m", gradient, step)
-        if decrement.max() < SETTLED:
+        if decrement.max() < SETTLED_NATS:
             break
         length = np.ones(len(theta))
         for _ in range(60):

@@ -25,13 +25,13 @@ from ..linear_system import LinearSystem
 
 Kind = Literal["offset", "friction"]
 
-FALSE_ALARMS = 1e-3
+FALSE_DRIFTS = 1e-3
 """Probability that logs without drift are reported, all columns together."""
-NEGLIGIBLE = 0.05
+NEGLIGIBLE_DRIFT = 0.05
 """Share of a joint's residual below which a difference is not worth parameters of its own."""
 FEWEST = 3
 """Intervals of a log at least: with fewer nothing is said."""
-DEPENDENT = 1e-9
+DEPENDENT_EIGENVALUE = 1e-9
 """Share of the largest eigenvalue of ``C~^T C~`` below which a combination of the columns is one of the shared parameters."""
 
 
@@ -94,7 +94,7 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
     weighted = columns * fit.weights[:, None]
     beside = weighted - factors.left @ (factors.left.T @ weighted)
     gram = beside.T @ beside
-    inverse = np.linalg.pinv(gram, rcond=DEPENDENT, hermitian=True)
+    inverse = np.linalg.pinv(gram, rcond=DEPENDENT_EIGENVALUE, hermitian=True)
     found = inverse @ (beside.T @ factors.residual)
     rest = factors.residual - beside @ found
     scores = np.array([beside[rows].T @ rest[rows] for rows in parts])
@@ -103,7 +103,7 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     from scipy.special import stdtrit  # not scipy.stats, which takes half a second to load
 
-    tail = 1.0 - 0.5 * FALSE_ALARMS / len(places)
+    tail = 1.0 - 0.5 * FALSE_DRIFTS / len(places)
     # A difference has the blocks of its two logs, and no others.
     limits = [float(stdtrit(counts[number] + counts[numbers[0]] - 2, tail)) for _, _, number in places]
     sizes = system.norms(fit.residual) / np.sqrt([rows.stop - rows.start for rows in system.joints])
@@ -112,7 +112,9 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
         rows = np.flatnonzero(columns[:, index])
         value = float(found[index])
         torque = abs(value) * float(np.sqrt(np.mean(columns[rows, index] ** 2)))
-        clear = bool(abs(value) > limits[index] * std[index] > 0.0 and torque > NEGLIGIBLE * sizes[joint])
+        clear = bool(
+            abs(value) > limits[index] * std[index] > 0.0 and torque > NEGLIGIBLE_DRIFT * sizes[joint]
+        )
         told.append(Difference(kind, name, joint, number, value, float(std[index]), torque, clear))
     return told
 

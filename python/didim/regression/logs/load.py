@@ -21,9 +21,9 @@ from ...robot.robot import Robot
 from ..fit import Fit
 from ..jackknife import intervals
 from ..linear_system import LinearSystem
-from .drift import DEPENDENT, FEWEST
+from .drift import DEPENDENT_EIGENVALUE, FEWEST
 
-FALSE_ALARMS = 1e-4
+FALSE_LOADS = 1e-4
 """Probability that a log without a load is reported."""
 EXPLAINED = 0.2
 """Share of the squared residual of the log that the load must explain: less is an error of the model."""
@@ -146,7 +146,7 @@ def _load(
     beside = columns / scale
     beside -= left @ (left.T @ beside)
     values, vectors = np.linalg.eigh(beside.T @ beside)
-    good = values > max(DEPENDENT, 1e-6) * values[-1]
+    good = values > max(DEPENDENT_EIGENVALUE, 1e-6) * values[-1]
     rank = int(good.sum())
     if m < max(FEWEST, rank + 2) or not values[-1] > 0.0:
         return None
@@ -159,7 +159,7 @@ def _load(
     statistic = float(found @ np.linalg.solve(covariance, found)) * (m - rank) / (rank * (m - 1))
     before = float(rest[own] @ rest[own])
     explained = 1.0 - float(error[own] @ error[own]) / before if before > 0.0 else 0.0
-    if not (fdtrc(rank, m - rank, statistic) < FALSE_ALARMS and explained > EXPLAINED):
+    if not (fdtrc(rank, m - rank, statistic) < FALSE_LOADS and explained > EXPLAINED):
         return None
     back = (directions / np.sqrt(values[good])) / scale[:, None]
     known = float(np.linalg.norm(directions[9])) >= KNOWN

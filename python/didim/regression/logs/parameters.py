@@ -29,7 +29,7 @@ from ..selection import Role, Selection, select
 Kind = Literal["payload", "offset", "friction", "gain"]
 
 ESTIMATED: Role = "estimated"
-DEPENDENT = 1e-9
+DEPENDENT_COLUMN = 1e-9
 """Share of a column, of unit length, that is left beside others when it depends on them: rounding."""
 
 
@@ -384,7 +384,7 @@ def independent(vectors: Sequence[Array]) -> list[int]:
             for other in basis:
                 rest = rest - other * (other @ rest)
         left = np.linalg.norm(rest)
-        if left > DEPENDENT:
+        if left > DEPENDENT_COLUMN:
             basis.append(rest / left)
             kept.append(index)
     return kept

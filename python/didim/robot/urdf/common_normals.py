@@ -16,7 +16,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ..placement import Mount, as_row, frame_along
-from ..right_angles import PARALLEL, ROUNDING, nearest_right_angle
+from ..right_angles import PARALLEL, RIGHT_ANGLE_ROUNDING, nearest_right_angle
 from ..rigid_body import inverse, mdh_pose, pose
 
 LENGTH_ROUNDING = 1e-10
@@ -153,7 +153,7 @@ def _row(before: Array, after: Array) -> Row:
 
 def _angle(angle: float) -> float:
     right = nearest_right_angle(angle)
-    if abs(angle - right) > ROUNDING:
+    if abs(angle - right) > RIGHT_ANGLE_ROUNDING:
         return angle
     return math.pi if right == -math.pi else right + 0.0
 

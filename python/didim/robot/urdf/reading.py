@@ -39,7 +39,7 @@ URDF_SET = "urdf"
 MJCF_SET = "mjcf"
 """The same of an MJCF."""
 
-SMALLEST_SHARE = 1e-6
+SMALLEST_TORQUE_SHARE = 1e-6
 """Lower bound of a joint's largest torque in the self-test, as a share of that of all joints."""
 
 LARGEST_DIFFERENCE = 1e-6
@@ -354,6 +354,6 @@ def _self_test(
     for origins, axes in ((snapped.origins, snapped.axes), (chain.origins, chain.axes)):
         expected = torques_by_summation(geometry.kinds, origins, axes, links, down, states, chain.parents)
         # A joint that carries nothing has torques of rounding alone.
-        largest = np.maximum(np.abs(expected).max(axis=0), SMALLEST_SHARE * np.abs(expected).max())
+        largest = np.maximum(np.abs(expected).max(axis=0), SMALLEST_TORQUE_SHARE * np.abs(expected).max())
         differences.append(float((np.abs(tau - expected).max(axis=0) / largest).max()))
     return differences[0], differences[1] if snapped.joints else differences[0]

@@ -18,9 +18,9 @@ HIGH = 1.5
 """Share of its limit from which a torque is a contact however short it is: at 6 sigma noise exceeds its limit by a few percent."""
 SOKAL = 5.0
 """Lags, in correlation times, over which an autocorrelation is summed (Sokal, 1997): further ones only add their noise."""
-CANDIDATES = 400
-"""Times at which a change of the payload is looked for."""
-CLEAR_GAIN = 60.0
+CHANGE_TIMES = 400
+"""Number of times at which a change of the payload is looked for."""
+CLEAR_PAYLOAD_GAIN = 60.0
 """Gain in squared weighted residual of a change of the payload, of which ten parameters, for it to be reported."""
 CLEAR_SHARE = 0.3
 """Share of the squared residual after the change that it must explain."""
@@ -184,7 +184,7 @@ def payload_change(
     squares = np.cumsum(np.sum(r**2, axis=1)[::-1])[::-1]
     # Ten parameters of the last rows alone would fit anything.
     last = rows - max(20, rows // 20)
-    places = np.unique(np.linspace(0, max(0, last), CANDIDATES).astype(int))
+    places = np.unique(np.linspace(0, max(0, last), CHANGE_TIMES).astype(int))
     ridge = 1e-9 * np.trace(grams[0]) / grams.shape[1] * np.eye(grams.shape[1])
     solutions = np.linalg.solve(grams[places] + ridge, scores[places][:, :, None])[:, :, 0]
     gains = np.einsum("ck,ck->c", solutions, scores[places])
@@ -198,7 +198,7 @@ def payload_change(
     later = 2.0 * theta @ scores[half] - theta @ grams[half] @ theta
     known = [k for k, index in enumerate(names) if INERTIAL[index] in ("M", "MX", "MY", "MZ")]
     if (
-        gains[best] < CLEAR_GAIN * noise
+        gains[best] < CLEAR_PAYLOAD_GAIN * noise
         or gains[best] < CLEAR_SHARE * squares[place]
         or later < CLEAR_SHARE * squares[half]
         or not clear[known].any()

@@ -35,11 +35,11 @@ from .payload_result import PayloadEstimate
 
 UNNAMED = "payload"
 """Name of the payload of a log that names none."""
-PASSES = 4
+WEIGHT_PASSES = 4
 """Solutions, each with the weights of the one before."""
-DRAWS = 400
+PAYLOAD_DRAWS = 400
 """Draws of the estimate for the intervals of mass, centre and inertia."""
-NEGLIGIBLE = 1e-14
+EXACT_VARIANCE = 1e-14
 """Share of the largest variance, each parameter in units of its own, below which a direction of the robot is exact."""
 
 
@@ -181,7 +181,7 @@ def _solve(
     prior = np.hstack([np.eye(k), np.zeros((k, e))])
     start = np.linalg.lstsq(columns[:, k:], y, rcond=None)[0]
     residual = y - columns[:, k:] @ start
-    for _ in range(PASSES):
+    for _ in range(WEIGHT_PASSES):
         weights = per_row(system, 1.0 / joint_sigma(replace(system, y=y), residual))
         a = np.vstack([columns * weights[:, None], prior])
         solution = np.linalg.lstsq(a, np.concatenate([y * weights, np.zeros(k)]), rcond=None)[0]
@@ -216,7 +216,7 @@ def _root(covariance: Array) -> Array:
     size = np.sqrt(np.diag(covariance))
     scale = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    kept = values > NEGLIGIBLE * values[-1]
+    kept = values > EXACT_VARIANCE * values[-1]
     return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
 
 
@@ -225,7 +225,7 @@ def _with_body(
 ) -> PayloadEstimate:
     """Return the estimate with its nearest body, and intervals of draws."""
     factor = student_factor(0.95, estimate.degrees_of_freedom) / student_factor(0.95, float("inf"))
-    noise = np.random.default_rng(seed).standard_normal((DRAWS, len(theta)))
+    noise = np.random.default_rng(seed).standard_normal((PAYLOAD_DRAWS, len(theta)))
     draws = theta + factor * noise @ np.linalg.cholesky(covariance).T
     bodies = nearest_bodies(np.vstack([theta, draws]), covariance, known, columns)
     numbers = np.array([_numbers(body) for body in bodies])

@@ -48,7 +48,7 @@ from .detection import (
 from .observer import BANDWIDTH_HZ, low_pass, observe, stamp_gain
 from .payload import identify_payload
 
-THRESHOLD = 6.0
+CONTACT_THRESHOLD = 6.0
 """Standard deviations from which the observer reports a torque from outside."""
 SETTLING = 5.0
 """Time constants of the observer after the start of a window that are not judged."""
@@ -211,7 +211,7 @@ def residual_torques(
     experiment: Experiment,
     *,
     bandwidth_hz: float = BANDWIDTH_HZ,
-    threshold: float = THRESHOLD,
+    threshold: float = CONTACT_THRESHOLD,
 ) -> Residual:
     """Find torques from outside along a log.
 
