@@ -141,6 +141,15 @@ def test_errors_of_gains_and_all_else_are_as_large_as_sigma_says(method: didim.D
 
 def test_cloe_compares_positions_and_has_the_gains_of_idim_ls() -> None:
     experiment = currents(np.eye(2), GAINS)
+    # Encoder noise well above the integration error of the logs, whose steps are those of the experiment.
+    rng = np.random.default_rng(1)
+    experiment = replace(
+        experiment,
+        recordings=tuple(
+            replace(item, q=item.q + 1e-6 * rng.standard_normal(item.q.shape))
+            for item in experiment.recordings
+        ),
+    )
     fit = didim.identify(experiment, didim.CLOE(start="idim-ls"))
     direct = didim.identify(experiment, didim.IDIMLS())
     assert fit.further is not None
