@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._tools.arrays import Array
-from .right_angles import ROUNDING, nearest_right_angle
+from .right_angles import RIGHT_ANGLE_ROUNDING, nearest_right_angle
 from .rigid_body import mdh_pose, pose
 
 ALONG = 1e-12
@@ -110,4 +110,4 @@ def frame_along(axis: Array) -> Array:
 
 def _right(angle: float) -> float:
     right = nearest_right_angle(angle)
-    return right + 0.0 if abs(angle - right) <= ROUNDING else angle
+    return right + 0.0 if abs(angle - right) <= RIGHT_ANGLE_ROUNDING else angle
