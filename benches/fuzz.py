@@ -3,11 +3,14 @@
     python benches/fuzz.py [--count 10000] [--seed 0] [--jobs 1] [--first CASE] [--cases-only]
     python benches/fuzz.py --count 0                         outputs that cannot be written, alone
 
-A case mutates the files of a command (`fuzz_material.py`, `fuzz_mutate.py`) one to three times and runs it in process. It must
+A case mutates the files of a command (`fuzz_material.py`, `fuzz_mutate.py`) one to three times, in one case of eight puts a
+hostile file in the place of one of them, and in one of eight makes an output of a file that the command reads
+(`fuzz_hostile.py`). It runs in process. It must
 end with exit code 0 or 1 and nothing but sentences on stderr, or with exit code 2, nothing on stdout and one sentence on stderr
 behind notes on what was assumed:
-no traceback, no panic, no warning of NumPy or SciPy, within a limit of time and of memory. A case that runs longer is
-interrupted as by Ctrl-C; that it must hear, and it counts as long. Cases depend on the seed and on nothing else. A case that
+no traceback, no panic, no warning of NumPy or SciPy, no file lost that it does not own, no more than `MEMORY_GB` of memory. A case
+that takes more than `LIMIT_S` of processor time is interrupted as by Ctrl-C; that it must hear, and it counts as long. Cases
+depend on the seed and on nothing else. A case that
 fails is kept with its files and its command under ``out/fuzz/``, and one that was long. Then `fuzz_outputs.py` takes the outputs
 away: absent folders, full devices, limits of the size of files, and eight threads that save to one path.
 """
@@ -34,12 +37,17 @@ import warnings
 from pathlib import Path
 from types import FrameType
 
-LIMIT_S = 5.0
-"""After this a case is interrupted; a sound one takes some milliseconds."""
-DEAF_S = 15.0
-"""After this it has not heard, and its process is ended."""
-MEMORY_GB = 3
+LIMIT_S = 10.0
+"""Processor time (s) after which a case is interrupted; a sound one takes some milliseconds."""
+DEAF_S = 300.0
+"""Time (s) by the clock after which a case has not heard, and its process is ended; other programs may share the processor."""
+MEMORY_GB = 1.0
+"""Largest memory of the process of a case, modules included."""
+ADDRESSES_GB = 6
+"""Limit of the address space: memory that is asked for and not used counts here."""
 LONGEST_SENTENCE = 1200
+STRANGE = 0.125
+"""Share of cases with a hostile file, and share of those whose output is an input."""
 OUTPUT = Path("out", "fuzz")
 
 
@@ -62,6 +70,7 @@ def run_case(folder: Path, material: Path, seed: int, number: int) -> tuple[str,
     command : list of str
         Arguments and mutations.
     """
+    from fuzz_hostile import alias, hostile, losses, snapshot
     from fuzz_material import SCENARIOS
     from fuzz_mutate import mutate
 
@@ -70,14 +79,41 @@ def run_case(folder: Path, material: Path, seed: int, number: int) -> tuple[str,
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(material, folder)
     os.chdir(folder)
-    done = [mutate(Path(rng.choice(scenario.files)), rng) for _ in range(rng.choice((1, 1, 1, 2, 3)))]
+    way = rng.random()
+    changes = rng.choice((1, 1, 1, 2, 3)) if way > 2.0 * STRANGE else 0
+    done = [mutate(Path(rng.choice(scenario.files)), rng) for _ in range(changes)]
     arguments = list(scenario.arguments)
+    if way < STRANGE:
+        done.append(hostile(Path(rng.choice(scenario.files)), rng))
+    elif way < 2.0 * STRANGE:
+        done.append(alias(arguments, scenario.files, rng))
     if rng.random() < 0.02:
         arguments[rng.randrange(1, len(arguments))] = rng.choice(("", "x", "nan", "-1", "log.csv", "."))
         done.append("argument")
     Path("command.txt").write_text(f"didim {shlex.join(arguments)}\n# {'; '.join(done)}\n", encoding="utf-8")
+    before = snapshot()
+    forget_peak()
     outcome, complaint = judge(arguments)
+    complaint += losses(before, arguments)
+    used = peak_gb()
+    if used > MEMORY_GB:
+        complaint += f"\n{used:.2f} GB of memory"
     return outcome, complaint, done
+
+
+def forget_peak() -> None:
+    """Let the system measure the largest memory of this process anew."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+
+
+def peak_gb() -> float:
+    """Largest resident memory (GB) of this process since `forget_peak`; 0 where the system does not say."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024 / 1e9
+    return 0.0
 
 
 def judge(arguments: list[str]) -> tuple[str, str]:
@@ -85,7 +121,7 @@ def judge(arguments: list[str]) -> tuple[str, str]:
     from didim.cli.main import main
 
     out, err = io.StringIO(), io.StringIO()
-    signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
+    signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
             warnings.simplefilter("always")
@@ -99,7 +135,7 @@ def judge(arguments: list[str]) -> tuple[str, str]:
     except BaseException:  # a panic of the core is no Exception
         return "failed", traceback.format_exc()
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
     told = err.getvalue()
     if code == 130:
         return "long", ""
@@ -149,12 +185,14 @@ def work(seed: int, numbers: range, material: Path, folder: Path, kept: Path) ->
     import scipy.io
     import scipy.signal  # noqa: F401
 
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_GB << 30,) * 2)
+    resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES_GB << 30,) * 2)
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    signal.signal(signal.SIGALRM, interrupt)
+    signal.signal(signal.SIGPROF, interrupt)
+    # Whatever shell starts this: a background job has Ctrl-C ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     # What the core or C code prints on stderr goes past Python.
     with tempfile.TemporaryFile() as direct:
         os.dup2(direct.fileno(), 2)
@@ -177,10 +215,23 @@ def keep(folder: Path, kept: Path, number: int, complaint: str) -> None:
     target = kept / f"case-{number:05d}"
     shutil.rmtree(target, ignore_errors=True)
     if folder.exists():
-        shutil.copytree(folder, target)
+        # Links as they are: one may lead to a device without an end.
+        shutil.copytree(
+            folder,
+            target,
+            symlinks=True,
+            ignore=lambda place, names: [n for n in names if is_pipe(Path(place, n))],
+        )
     else:  # the worker has not come to its first case
         target.mkdir(parents=True)
     (target / "complaint.txt").write_text(complaint, encoding="utf-8", errors="backslashreplace")
+
+
+def is_pipe(path: Path) -> bool:
+    """Whether a path is a pipe, which cannot be copied."""
+    with contextlib.suppress(OSError):
+        return path.is_fifo()
+    return False
 
 
 class Parent(threading.Thread):
@@ -205,7 +256,9 @@ class Parent(threading.Thread):
         places = [str(place) for place in (material, folder, kept)]
         arguments = ["--worker", *map(str, (self._seed, numbers.start, numbers.stop, numbers.step)), *places]
         command = [sys.executable, str(Path(__file__).resolve()), *arguments]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        # One thread: processor time is that of the clock where nobody else computes.
+        alone = dict.fromkeys(("DIDIM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, **alone})
         assert process.stdout is not None
         done, current = 0, numbers.start
         complaint = ""
@@ -213,7 +266,7 @@ class Parent(threading.Thread):
             selector.register(process.stdout, selectors.EVENT_READ)
             while True:
                 # Without a buffer that selectors would not see: a line comes as it is printed.
-                if not selector.select(LIMIT_S + DEAF_S):
+                if not selector.select(DEAF_S):
                     complaint = f"not heard within {DEAF_S} s"
                     process.kill()
                     break

@@ -1,8 +1,9 @@
 """Outputs that cannot be written, for `fuzz.py`: no result may be lost, and no traceback may be printed.
 
-Every command that writes a file is run in a process of its own with an absent folder, a folder, a full device and a limit of
-the size of files in the way of its output, and with a stdout that is full. It must refuse before the work, or print its result,
-or say where the result is instead. Then threads save to one path, all at once.
+Every command that writes a file is run in a process of its own with an absent folder, a folder, a full device, links in a circle
+and a limit of the size of files in the way of its output, and with a stdout that is full. It must refuse before the work, or print
+its result, or say where the result is instead. An output that is a file which the command reads must be refused before the work,
+by its path and by a link of either kind. Then threads save to one path, all at once.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ FULL = Path("/dev/full")
 SIZES = (0, 300, 3000)
 """Limits of the size of a file, in bytes."""
 THREADS, SAVES = 8, 100
+READ = (".toml", ".json", ".csv")
+"""Endings of the files that the commands read."""
+WAYS = ("path", "symbolic link", "hard link")
+"""How an output leads to a file that is read."""
 
 CLOE = ("identify", "sliding.toml", "--method", "cloe", "--quiet")
 COMMANDS: tuple[tuple[tuple[str, ...], str, str], ...] = (
@@ -60,6 +65,10 @@ class Case:
     size: int | None = None
     """Limit of the size of files, in bytes."""
     stdout: Path | None = None
+    source: str | None = None
+    """File that is read, and that the output is."""
+    way: str = ""
+    """One of `WAYS`."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +86,17 @@ def cases() -> Iterator[Case]:
         what = f"{command[0]} {option} {ending}"
         yield Case(f"{what}, absent folder", (*command, option, f"absent/out{ending}"), early=True)
         yield Case(f"{what}, a folder", (*command, option, f"folder{ending}"), early=True)
+        yield Case(f"{what}, a circle", (*command, option, f"circle{ending}"), early=True)
+        for source in (word for word in command if Path(word).suffix in READ):
+            for way in WAYS:
+                target = source if way == "path" else f"alias{ending}"
+                yield Case(
+                    f"{what}, {way} of {source}",
+                    (*command, option, target),
+                    early=True,
+                    source=source,
+                    way=way,
+                )
         if FULL.exists():
             yield Case(f"{what}, full device", (*command, option, str(FULL)), early=True)
         for size in SIZES:
@@ -90,6 +110,10 @@ def cases() -> Iterator[Case]:
 
 def run(case: Case, folder: Path) -> Ending:
     """Run a case in a folder with the sound files."""
+    if case.source is not None and case.way == "hard link":
+        (folder / case.arguments[-1]).hardlink_to(folder / case.source)
+    elif case.source is not None and case.way == "symbolic link":
+        (folder / case.arguments[-1]).symlink_to(case.source)
 
     def limit() -> None:
         # The signal would end the process before the error is seen.
@@ -119,10 +143,15 @@ def run(case: Case, folder: Path) -> Ending:
     return Ending(done.returncode, done.stdout or "", done.stderr)
 
 
-def complaint(case: Case, ending: Ending, folder: Path) -> str:
-    """Return what is wrong with an ending: an empty text when nothing is."""
+def complaint(case: Case, ending: Ending, folder: Path, sound: Path | None = None) -> str:
+    """Return what is wrong with an ending: an empty text when nothing is; `sound` has the files as they were."""
     if ending.code not in (0, 1, 2) or any(word in ending.err for word in ("Traceback", "panicked")):
         return f"exit code {ending.code}\n{ending.err}"
+    if case.source is not None and sound is not None:
+        if (folder / case.source).read_bytes() != (sound / case.source).read_bytes():
+            return f"lost: {case.source} was written over\n{ending.err}"
+        if ending.code != 2:
+            return f"not refused: an output that is {case.source}\n{ending.err}"
     if ending.code == 2:
         if not case.early:
             return f"lost: refused after the work\n{ending.err}"
@@ -178,7 +207,8 @@ def outputs(material: Path, folder: Path, chosen: Sequence[Case] | None = None) 
         shutil.copytree(material, folder)
         for ending in {ending for _, _, ending in COMMANDS}:
             (folder / f"folder{ending}").mkdir()
-        text = complaint(case, run(case, folder), folder)
+            (folder / f"circle{ending}").symlink_to(f"circle{ending}")
+        text = complaint(case, run(case, folder), folder, material)
         if text:
             found.append(f"{case.name}: {text}")
     lost = sum(": lost" in text for text in found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -52,6 +53,52 @@ def test_some_cases(fuzz: ModuleType, material: Path, tmp_path: Path) -> None:
     chosen = [case for case in fuzz.cases() if case.name.startswith(("identify --json", "check --json"))]
     assert len(chosen) >= 10
     assert fuzz.outputs(material, tmp_path / "case", chosen[:3] + chosen[-6:-1:2]) == 0
+
+
+def test_an_output_that_is_an_input_must_be_refused(fuzz: ModuleType, material: Path, tmp_path: Path) -> None:
+    chosen = [
+        case
+        for case in fuzz.cases()
+        if case.name.startswith("identify --save-parameters .toml,") and case.source
+    ]
+    assert [case.way for case in chosen] == ["path", "symbolic link", "hard link"]
+    assert fuzz.outputs(material, tmp_path / "case", chosen[1:2]) == 0
+    folder = tmp_path / "spoilt"
+    folder.mkdir()
+    (folder / "log.toml").write_text("{}", encoding="utf-8")
+    ending = fuzz.Ending(0, "table", "")
+    assert "lost: log.toml was written over" in fuzz.complaint(chosen[0], ending, folder, material)
+    (folder / "log.toml").write_bytes((material / "log.toml").read_bytes())
+    assert "not refused" in fuzz.complaint(chosen[0], ending, folder, material)
+
+
+def test_hostile_files_and_lost_ones(benches: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = importlib.import_module("fuzz_hostile")
+    monkeypatch.chdir(tmp_path)
+    for suffix in (".toml", ".json", ".npz", ".mat", ".mcap"):
+        for name, write in made.kinds(suffix).items():
+            path = Path(f"{name}{suffix}".replace(" ", "-"))
+            write(path)
+            if name not in made.SPECIAL:
+                assert path.stat().st_size < made.MB, path
+    before = {"log.csv": b"1\n", "rows.jsonl": b"{}\n{", "search.npz": b"1"}
+    for name, content in before.items():
+        Path(name).write_bytes(content)
+    Path("search.npz").write_bytes(b"2")
+    Path("rows.jsonl").write_bytes(b"{}\n{}\n")
+    arguments = ["study", "study.toml", "-o", "rows.jsonl"]
+    assert made.losses(before, ["identify", "log.toml", "--checkpoint", "search.npz"]) == (
+        "lost or changed: rows.jsonl"
+    )
+    assert made.losses({"rows.jsonl": before["rows.jsonl"]}, arguments) == ""
+    Path("log.csv").unlink()
+    assert made.losses(before, [*arguments, "--checkpoint", "search.npz"]) == "lost or changed: log.csv"
+    rng = importlib.import_module("random").Random(1)
+    Path("log.csv").touch()
+    for _ in range(20):
+        changed = ["identify", "log.toml", "--json", "out.json"]
+        assert made.alias(changed, ("log.csv",), rng).startswith("output over log.csv by its ")
+        assert os.path.samefile(changed[3], "log.csv")
 
 
 def test_notes_may_stand_before_the_sentence_of_a_refusal_and_warnings_may_not(benches: None) -> None:
