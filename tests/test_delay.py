@@ -16,6 +16,7 @@ from didim.log.recording import Recording
 from didim.methods.didim.didim import DIDIM
 from didim.methods.identify import identify
 from didim.methods.idim_ls import IDIMLS
+from didim.regression.delay import _Search
 from didim.result.identification import Identification
 from didim.robot.robot import Robot
 from didim.robot.robot_file import load_robot
@@ -120,6 +121,24 @@ def test_a_delay_just_inside_the_reach_is_found(late: float) -> None:
     exp = simulated.experiment(robot, late_log(robot, late, noise=0.02), signal=SIGNAL)
     fit = identify(exp, IDIMLS(compensate_samples="estimate"))
     assert fit.delay["estimated_samples"] == pytest.approx(late, abs=0.05)
+
+
+def test_a_delay_beyond_the_margin_counts_as_the_largest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A step of the search may lead there from a delay at the end of the reach."""
+    searches: list[_Search] = []
+    best = _Search.best
+
+    def watched(search: _Search, reach: int) -> int:
+        searches.append(search)
+        return best(search, reach)
+
+    monkeypatch.setattr(_Search, "best", watched)
+    exp = simulated.experiment(load_robot("planar2"), late_log(load_robot("planar2"), 1.0), signal=SIGNAL)
+    identify(exp, IDIMLS(compensate_samples="estimate"))
+    search = searches[0]
+    for sign in (-1.0, 1.0):
+        beyond = search._torques(np.array([sign * (search.margin + 1.0), 0.0]))
+        np.testing.assert_array_equal(beyond, search._torques(np.array([sign * (search.margin - 2.0), 0.0])))
 
 
 @pytest.fixture(scope="module")

@@ -230,12 +230,13 @@ class _Search:
 
     def residual_norm(self, shift: Array) -> float:
         """Return the norm of the weighted residual with the torque of each joint moved back by its shift, (n_dof,)."""
-        # Beyond the margin there are no torques: a declared delay as large as that counts as the largest one.
-        y = self._torques(np.clip(shift, 2.0 - self.margin, self.margin - 2.0))
+        y = self._torques(shift)
         return float(np.linalg.norm(y - self.basis @ (self.basis.T @ y)))
 
     def _torques(self, shift: Array) -> Array:
         """Weighted Y of the inner segments, the torque of each joint moved back by its own shift, rows joint by joint."""
+        # Beyond the margin there are no torques: a larger delay, declared or searched for, counts as the largest.
+        shift = np.clip(shift, 2.0 - self.margin, self.margin - 2.0)
         found = []
         for part in self.parts:
             n = part.q.shape[0]
