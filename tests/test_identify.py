@@ -168,7 +168,7 @@ def test_settings_of_the_method_override_those_of_the_experiment(robot: Robot, x
 @pytest.mark.parametrize(
     ("fixed", "dropped", "message"),
     [
-        ({"Fv9": 1.0}, (), "robot 'planar2' has no base parameter Fv9; did you mean Fv"),
+        ({"Fv9": 1.0}, (), "robot 'planar2' has no base parameter Fv9; did you mean 'Fv"),
         ({"quux": 1.0}, (), "robot 'planar2' has no base parameter quux; `didim base planar2` lists them"),
         ({"YY1": 1.0}, (), "YY1 of robot 'planar2' has no effect on the torques"),
         ({"ZZ1": 1.0}, (), "ZZ1 is a standard parameter of robot 'planar2' that regroups into ZZ1R"),

@@ -267,7 +267,7 @@ class CsvFile:
                 if _number_or_none(cell) is None:
                     comma = DECIMAL_COMMA.fullmatch(cell)
                     hint = '; for decimal commas, decimal = ","' if comma else ""
-                    text = f"{cell!r}, not a number{hint}" if cell else "empty"
+                    text = f"{cell!r}, not a number{hint}" if cell else f"empty{LOST_SAMPLE}"
                     self._fail(f"{self._row(row)}, column {self._column(index)}, is {text}")
 
     def _ragged_hint(self, count: int, *, last: bool) -> str:
