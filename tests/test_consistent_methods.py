@@ -14,8 +14,10 @@ from arm import noisy as with_torque_noise
 from didim import CLOE, DIDIM, IDIMIV, Experiment, identify
 from didim.cli.main import main
 from didim.errors import ExperimentError, FitError
+from didim.methods.cloe.consistent import consistent_steps
 from didim.model.consistency import violations
 from didim.regression.consistent.problem import conditions_of
+from didim.result.iteration import Iteration
 from didim.studies.simulated_log import simulated_log
 
 
@@ -96,12 +98,57 @@ def test_consistent_cloe_comes_back_from_a_wrong_start_and_without_a_controller_
         identify(replace(log, controller=None), CLOE(physical=True))
 
 
+def test_consistent_cloe_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+    arm, file = noisy(arm_log(1, natural_frequency_hz=1.0)), tmp_path / "search.npz"
+    whole = identify(arm, CLOE(physical=True, start="prior"))
+    assert whole.n_iterations >= 2
+    parts = CLOE(physical=True, start="prior", checkpoint=file)
+    first = identify(arm, parts, callback=lambda iteration: True)
+    assert first.status is didim.Status.STOPPED
+    assert first.n_iterations == 1
+    rest = identify(arm, parts)
+    assert rest.converged
+    assert rest.n_iterations == whole.n_iterations
+    np.testing.assert_array_equal(rest.beta, whole.beta)
+    np.testing.assert_array_equal(rest.parameters, whole.parameters)
+    # Another search must not go on from it.
+    with pytest.raises(FitError, match="belongs to another search"):
+        identify(arm, CLOE(physical=True, start="prior", output="torque", checkpoint=file))
+
+
+def test_consistent_cloe_from_several_starts() -> None:
+    arm = noisy(arm_log(1))
+    one, several = (identify(arm, CLOE(physical=True, output="torque", starts=starts)) for starts in (1, 3))
+    assert several.converged
+    records = several.settings["cloe"].get("starts", 0)
+    assert records == 3
+    assert len(several.settings["starts"]) == 3
+    assert any(remark.endswith("reached the best optimum") for remark in several.remarks)
+    assert violations(conditions_of(arm.robot), several.parameters) == []
+    assert np.abs((several.beta - one.beta) / one.std).max() < 0.1
+    # Each search began at a robot of its own.
+    begun = consistent_steps(CLOE(physical=True, output="torque"), arm, lambda text: None)
+    near = begun.begun_near(begun.point(begun.x) + 0.3 * begun.problem.scale)
+    assert violations(conditions_of(arm.robot), near.x) == []
+    assert np.abs((near.point(near.x) - begun.point(begun.x)) / begun.problem.scale).max() > 0.1
+
+
+def test_ctrl_c_ends_consistent_cloe_with_the_best_robot_so_far() -> None:
+    arm = noisy(arm_log(1))
+
+    def interrupt(iteration: Iteration) -> bool:
+        raise KeyboardInterrupt
+
+    fit = identify(arm, CLOE(physical=True, output="torque", start="prior"), callback=interrupt)
+    assert fit.status is didim.Status.INTERRUPTED
+    assert violations(conditions_of(arm.robot), fit.parameters) == []
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
         ({"physical": 1}, "physical must be True or False, got 1"),
         ({"physical": True, "optimizer": "nelder-mead"}, "for the optimizer 'levenberg-marquardt'"),
-        ({"physical": True, "starts": 3}, "physical=True has one start"),
     ],
 )
 def test_settings_of_cloe_that_do_not_go_together(settings: dict[str, object], message: str) -> None:

@@ -20,8 +20,9 @@ from ...experiment.experiment import Experiment
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
+from .consistent import ConsistentSteps, consistent_steps
 from .held_gains import has_currents, run_with_held_gains
-from .levenberg_marquardt import search
+from .levenberg_marquardt import SafeSteps, search
 from .output_error import OutputError
 from .settings import CLOESettings
 from .simplex import SimplexSearch
@@ -45,7 +46,7 @@ class CLOE(CLOESettings):
     start : str, mapping, array or Identification, optional
         Initial parameters (`didim.methods.start.standard_start`); "apriori" is (21), the default; "idim-ls" the estimate of
         IDIM-LS, "consistent" and "prior" robots made from the log. With ``physical=True`` the start of consistent DIDIM, whose
-        estimate the search starts at.
+        estimate the search starts at; further starts are the robots nearest to random points.
     physical : bool, optional
         True for steps under the conditions of a robot, by Levenberg-Marquardt (`didim.methods.cloe.consistent`).
     max_iterations : int, optional
@@ -99,13 +100,9 @@ class CLOE(CLOESettings):
         """
         if has_currents(experiment):
             return run_with_held_gains(self, self.run, experiment, progress, say)
-        if self.physical:
-            from .consistent import search_consistently
-
-            return search_consistently(self, experiment, progress, say)
-        job = self.job(experiment, experiment.simulation.robot(experiment.robot))
-        problem = OutputError(self, job, say)
-        first = self._search(problem, progress)
+        begun = self._begun(experiment, say)
+        problem = begun.problem
+        first = self._search(begun, progress)
         if self.starts == 1 or first.status in (Status.STOPPED, Status.INTERRUPTED):
             return first
         fits, interrupted = [first], False
@@ -119,7 +116,7 @@ class CLOE(CLOESettings):
                 say(f"start {number} of {self.starts}")
                 try:
                     fits.append(
-                        sent[number - 2].result() if sent else self._search(problem.begun_at(point), progress)
+                        sent[number - 2].result() if sent else self._search(begun.begun_near(point), progress)
                     )
                 except DidimError as reason:
                     say(f"start {number}: {reason}")
@@ -134,17 +131,25 @@ class CLOE(CLOESettings):
         best = _best(fits, self.starts)
         return replace(best, status=Status.INTERRUPTED) if interrupted else best
 
-    def _search(self, problem: OutputError, progress: Callable[[Iteration], bool]) -> Identification:
+    def _begun(self, experiment: Experiment, say: Callable[[str], None]) -> SafeSteps | ConsistentSteps:
+        """Return the search from the start: among robots, if so asked, that of consistent DIDIM."""
+        if self.physical:
+            return consistent_steps(self, experiment, say)
+        job = self.job(experiment, experiment.simulation.robot(experiment.robot))
+        return SafeSteps(OutputError(self, job, say))
+
+    def _search(
+        self, begun: SafeSteps | ConsistentSteps, progress: Callable[[Iteration], bool]
+    ) -> Identification:
         if self.optimizer == "nelder-mead":
-            return SimplexSearch(problem, progress).run()
-        return search(problem, progress)
+            return SimplexSearch(begun.problem, progress).run()
+        return search(begun.problem, begun, progress)
 
 
 def _search_apart(method: CLOE, experiment: Experiment, point: Array) -> Identification:
     """Search from a point in another process."""
-    job = method.job(experiment, experiment.simulation.robot(experiment.robot))
-    problem = OutputError(method, job, lambda _: None)
-    return method._search(problem.begun_at(point), lambda _: False)
+    begun = method._begun(experiment, lambda _: None)
+    return method._search(begun.begun_near(point), lambda _: False)
 
 
 def _further_starts(problem: OutputError, count: int, seed: int) -> list[Array]:

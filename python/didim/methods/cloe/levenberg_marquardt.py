@@ -9,6 +9,7 @@ import math
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -35,19 +36,61 @@ MOST_ITERATIONS = 100
 NOISE_SAMPLES = 5
 """Fifth differences need more samples than these."""
 
+Advance = Callable[[Array, Array], Array]
+"""A candidate after one correction, of a candidate and its errors."""
 
-def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Identification:
-    """Search to the end from the problem's start, or from where its checkpoint has it."""
+
+class Steps(Protocol):
+    """Candidates of a search, and where it has come to its end.
+
+    Attributes
+    ----------
+    measure : str
+        Name of the number that tells an optimum, in the history.
+    most_raises : int
+        Times that the damping is raised beyond `DAMPINGS` before the search ends.
+    least_fall : float
+        Share of the cost whose fall ends the search, whatever the tolerance.
+    """
+
+    measure: str
+    most_raises: int
+    least_fall: float
+
+    def begin(self) -> Array:
+        """Return the candidate to start from."""
+
+    def point(self, candidate: Array) -> Array:
+        """Return the estimated base parameters of a candidate, (n,)."""
+
+    def trials(
+        self, candidate: Array, errors: Array, jacobian: Array, damping: float
+    ) -> tuple[list[Array], float]:
+        """Return a candidate for each of `DAMPINGS`, and the measure of the optimum here."""
+
+    def met(self, measure: float, fall: float, *, accepted: bool) -> bool:
+        """Whether the search that ends has come to an optimum."""
+
+    def correction(self, jacobian: Array, normal: Array, cost: float) -> Advance | None:
+        """Return the undamped step with given errors (`finer_steps.corrected`); None where the outputs do not tell one."""
+
+    def finish(self, fit: Identification, candidate: Array) -> Identification:
+        """Return the result at a candidate."""
+
+
+def search(problem: OutputError, steps: Steps, progress: Callable[[Iteration], bool]) -> Identification:
+    """Search to the end from the start of the steps, or from where the checkpoint of the problem has it."""
     method = problem.method
     weigh_by_noise(problem)
-    point, damping, history, initial = problem.start, 1e-3, list[Iteration](), math.nan
+    candidate, damping, history, initial = steps.begin(), 1e-3, list[Iteration](), math.nan
     checkpoint = problem.checkpoint()
     found = checkpoint.load()
     if found is not None:
         arrays, numbers, history = found
-        point, damping, initial = arrays["point"], numbers["damping"], numbers["initial"]
+        candidate, damping, initial = arrays["point"], numbers["damping"], numbers["initial"]
         problem.n_simulations = numbers["simulations"]
         problem.say(f"goes on from iteration {len(history)} of {method.checkpoint}")
+    point = steps.point(candidate)
     every, completed = problem.errors(point[None])
     if not completed[0]:
         raise problem.no_start()
@@ -64,24 +107,23 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
     try:
         for number in range(len(history) + 1, len(history) if finished else most + 1):
             jacobian = problem.derivatives(point, errors)
-            normal, gradient = jacobian @ jacobian.T, jacobian @ errors
-            diagonal = np.diag(normal).copy()
-            diagonal[diagonal == 0.0] = 1.0
-            cosine = float(np.max(np.abs(gradient) / np.sqrt(diagonal * cost))) if cost > 0.0 else 0.0
-            accepted = False
-            step_length, fall = 0.0, 0.0
-            for _ in range(8):
-                trials = _trials(problem, point, normal, gradient, diagonal, damping * DAMPINGS)
-                costs = problem.costs(trials)
+            normal = jacobian @ jacobian.T
+            trials, measure = steps.trials(candidate, errors, jacobian, damping)
+            accepted, step_length, fall = False, 0.0, 0.0
+            for raised in range(steps.most_raises):
+                if raised:
+                    trials, _ = steps.trials(candidate, errors, jacobian, damping)
+                points = np.stack([steps.point(trial) for trial in trials])
+                costs = problem.costs(points)
                 best = int(np.argmin(costs))
                 if costs[best] < cost:
                     accepted = True
                     break
                 damping *= 1e4
             if accepted:
-                fall = 1.0 - costs[best] / cost
-                step_length = float(np.max(np.abs(trials[best] - point) / problem.scale))
-                point = trials[best]
+                fall = 1.0 - float(costs[best]) / cost
+                step_length = float(np.max(np.abs(points[best] - point) / problem.scale))
+                candidate, point = trials[best], points[best]
                 errors = problem.errors(point[None])[0][0]
                 cost = float(errors @ errors)
                 damping = max(1e-12, damping * float(DAMPINGS[best]) * 3.0)
@@ -94,26 +136,27 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
                         "cost": cost,
                         "cost_per_row": cost / max(1, errors.size - point.size),
                         "damping": damping,
-                        "gradient_cosine": cosine,
+                        steps.measure: measure,
                         "simulations": float(problem.n_simulations),
                     },
                 )
             )
             each = (time.monotonic() - begin) / (number - done_before)
             problem.say(
-                f"iteration {number}: cost per row {cost / errors.size:.6g}, gradient {cosine:.2g}, damping {damping:.1g}, "
-                f"{problem.n_simulations} simulations; {each:.2g} s an iteration, at most {each * (most - number):.0f} s left"
+                f"iteration {number}: cost per row {cost / errors.size:.6g}, {steps.measure.replace('_', ' ')} {measure:.2g}, "
+                f"damping {damping:.1g}, {problem.n_simulations} simulations; {each:.2g} s an iteration, at most "
+                f"{each * (most - number):.0f} s left"
             )
-            ended = not accepted or fall <= method.tolerance
+            ended = not accepted or fall <= max(method.tolerance, steps.least_fall)
             # (20) alone would also be met where the damping has taken all steps away.
-            converged = bool(ended and cosine <= GRADIENT)
+            converged = ended and steps.met(measure, fall, accepted=accepted)
             state = {
                 "damping": damping,
                 "initial": initial,
                 "simulations": problem.n_simulations,
                 "finished": converged,
             }
-            checkpoint.save({"point": point}, state, history)
+            checkpoint.save({"point": candidate}, state, history)
             if progress(history[-1]):
                 status = Status.STOPPED
                 break
@@ -123,10 +166,11 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
         if jacobian is None or (accepted and status is not Status.STOPPED):
             jacobian = problem.derivatives(point, errors)
             normal = jacobian @ jacobian.T
-        if status is Status.CONVERGED and identifies(normal):
-            end = corrected(problem, point, normal, partial(_correction, problem, jacobian), lambda at: at)
+        advance = steps.correction(jacobian, normal, cost) if status is Status.CONVERGED else None
+        if advance is not None:
+            end = corrected(problem, candidate, normal, advance, steps.point)
             if end is not None:
-                problem, point, errors, cost, moved = (
+                problem, candidate, errors, cost, moved = (
                     end.problem,
                     end.candidate,
                     end.errors,
@@ -138,8 +182,8 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
     spread, condition, remarks = spread_at(problem, normal, errors, jacobian)
     if math.isinf(condition) and status is Status.CONVERGED:
         status = Status.ILL_CONDITIONED
-    return problem.result(
-        point,
+    fit = problem.result(
+        steps.point(candidate),
         status=status,
         history=history,
         covariance=spread.covariance,
@@ -153,6 +197,57 @@ def search(problem: OutputError, progress: Callable[[Iteration], bool]) -> Ident
         },
         remarks=(*remarks, *spread.remarks),
     )
+    return steps.finish(fit, candidate)
+
+
+class SafeSteps:
+    """Steps of Gauss and Newton with damping, each kept where M(q) is positive definite; candidates are points."""
+
+    measure = "gradient_cosine"
+    most_raises = 8
+    least_fall = 0.0
+
+    def __init__(self, problem: OutputError) -> None:
+        self.problem = problem
+        self._normal: tuple[Array, Array] | None = None
+
+    def begin(self) -> Array:
+        """Return the start of the problem."""
+        return self.problem.start
+
+    def begun_near(self, target: Array) -> SafeSteps:
+        """Return the search from another point, (n,)."""
+        return SafeSteps(self.problem.begun_at(target))
+
+    def point(self, candidate: Array) -> Array:
+        """Return the candidate."""
+        return candidate
+
+    def trials(
+        self, candidate: Array, errors: Array, jacobian: Array, damping: float
+    ) -> tuple[list[Array], float]:
+        """Return a point for each damping, and the largest cosine of the errors and a derivative."""
+        if self._normal is None or self._normal[0] is not jacobian:
+            self._normal = jacobian, jacobian @ jacobian.T  # once for all dampings
+        normal, gradient = self._normal[1], jacobian @ errors
+        diagonal = np.diag(normal).copy()
+        diagonal[diagonal == 0.0] = 1.0
+        cost = float(errors @ errors)
+        cosine = float(np.max(np.abs(gradient) / np.sqrt(diagonal * cost))) if cost > 0.0 else 0.0
+        trials = _trials(self.problem, candidate, normal, gradient, diagonal, damping * DAMPINGS)
+        return list(trials), cosine
+
+    def met(self, measure: float, fall: float, *, accepted: bool) -> bool:
+        """Whether the gradient is zero."""
+        return measure <= GRADIENT
+
+    def correction(self, jacobian: Array, normal: Array, cost: float) -> Advance | None:
+        """Return the undamped step, where the outputs identify every parameter."""
+        return partial(_correction, self.problem, jacobian) if identifies(normal) else None
+
+    def finish(self, fit: Identification, candidate: Array) -> Identification:
+        """Return the result."""
+        return fit
 
 
 def weigh_by_noise(problem: OutputError) -> None:

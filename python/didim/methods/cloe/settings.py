@@ -72,8 +72,6 @@ class CLOESettings(MethodSettings):
             raise FitError(f"physical must be True or False, got {self.physical!r}")
         if self.physical and self.optimizer != "levenberg-marquardt":
             raise FitError("physical=True is for the optimizer 'levenberg-marquardt'")
-        if self.physical and (self.starts > 1 or self.checkpoint is not None):
-            raise FitError("physical=True has one start, that of consistent DIDIM, and no checkpoint")
         one_of("optimizer", self.optimizer, get_args(Optimizer), FitError)
         one_of("output", self.output, get_args(Output), FitError)
         one_of("variant", self.variant, get_args(Variant), FitError)
