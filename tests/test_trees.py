@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 import didim
+from didim.cli.main import main
 from didim.experiment.specs import SimulationSettings
 from didim.loop.outcome import SimulationStatus
 from didim.model.kinematics import frames
@@ -326,3 +327,17 @@ def test_tiago_without_its_wheels(shared: Path) -> None:
     x[[name.startswith("F") for name in robot.parameter_names]] = 0.0
     tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
     assert relative(tau - expected, expected) < 1e-9
+
+
+def test_a_tree_is_described_with_what_its_joints_stand_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf, toml = tmp_path / "legs.urdf", tmp_path / "legs.toml"
+    urdf.write_text(legs(2, 3))
+    assert main(["robot", str(urdf), "-o", str(toml)]) == 0
+    assert "legs: 6 joints in the tree on trunk, " in capsys.readouterr().out
+    assert main(["robot", str(toml)]) == 0
+    out = capsys.readouterr().out
+    assert "antecedent" in out
+    on = [line.split()[7] for line in out.splitlines() if "revolute" in line]
+    assert on == ["base", "1", "2", "base", "4", "5"]

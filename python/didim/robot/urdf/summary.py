@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from ..._tools.words import counted
+from ..correspondence import Correspondence
 from ..robot import Robot
 from ..standard_dh import correspondence_lines
 from .reading import UrdfReading
@@ -23,7 +24,7 @@ def summary(reading: UrdfReading) -> str:
     assert places is not None
     width = max(len(name) for name in (*robot.joint_names, "joint"))
     lines = [
-        f"{robot.name}: {counted(robot.n_dof, 'joint')} from {places.base} to {places.tip}, "
+        f"{robot.name}: {counted(robot.n_dof, 'joint')} {_extent(places)}, "
         f"{len(robot.base_parameters.names)} base parameters",
         "",
         f"   {'joint':{width}}  {'kind':9}  {'alpha deg':>9}  {'d m':>8}  {'theta deg':>9}  {'r m':>8}  {'offset mm':>9}  "
@@ -48,6 +49,11 @@ def summary(reading: UrdfReading) -> str:
     return "\n".join(lines)
 
 
+def _extent(places: Correspondence) -> str:
+    """Where the joints lie: between two links, or in the tree on one."""
+    return f"from {places.base} to {places.tip}" if places.tip else f"in the tree on {places.base}"
+
+
 def rows_and_frames(robot: Robot) -> str:
     """Return the modified rows of a robot and where the frames of its own table lie, as ``didim robot`` prints them."""
     names = robot.joint_names or tuple(f"joint {j + 1}" for j in range(robot.n_dof))
@@ -59,14 +65,21 @@ def rows_and_frames(robot: Robot) -> str:
         f"gravity in frame 0 {gravity} m/s^2",
         "",
         "Rows of the model (modified Denavit-Hartenberg: frame j has its z axis along joint axis j):",
-        f"   {'joint':{width}}  {'kind':9}  {'alpha deg':>9}  {'d m':>8}  {'theta deg':>9}  {'r m':>8}",
+        f"   {'joint':{width}}  {'kind':9}  {'alpha deg':>9}  {'d m':>8}  {'theta deg':>9}  {'r m':>8}"
+        + ("  antecedent  gamma deg       b m  shift m" if robot.geometry.mounts else ""),
     ]
     geometry = robot.geometry
     for j, name in enumerate(names):
-        lines.append(
+        line = (
             f"{j + 1:2} {name:{width}}  {geometry.kinds[j]:9}  {math.degrees(geometry.alpha[j]):9.6g}  {geometry.d[j]:8.5g}  "
             f"{math.degrees(geometry.theta[j]):9.6g}  {geometry.r[j]:8.5g}"
         )
+        if geometry.mounts:
+            mount = geometry.mounts[j]
+            shift = " ".join(f"{length:.5g}" for length in mount.shift)
+            on = "base" if mount.parent is None else str(mount.parent + 1)
+            line += f"  {on:>10}  {math.degrees(mount.gamma):9.6g}  {mount.b:8.5g}  {shift}"
+        lines.append(line)
     if robot.standard is None and robot.correspondence is None:
         return "\n".join(lines)
     whose = (
