@@ -529,6 +529,6 @@ def test_the_packaged_tx40_has_the_limits_of_its_maker() -> None:
     whole = motion_limits(didim.load_robot("tx40"))
     np.testing.assert_allclose(np.degrees(whole.lowest), [-180, -125, -138, -270, -120, -270], atol=1e-4)
     np.testing.assert_allclose(np.degrees(whole.highest), [180, 125, 138, 270, 133.5, 270], atol=1e-4)
-    settings = ExcitationSettings(duration_s=4.0, harmonics=3, iterations=1, starts=1)
+    settings = ExcitationSettings(duration_s=4.0, harmonics=4, iterations=1, starts=1)
     q = excite("tx40", settings).sampled(50.0)[1]
     assert np.all((q > whole.lowest) & (q < whole.highest))

@@ -188,6 +188,8 @@ def test_columns_without_names_by_their_values() -> None:
     found = kinds(np.hstack([t, q, DQ, TAU, TAU, TAU]))
     assert found == ["time"] + ["position"] * 6 + ["velocity"] * 6 + ["other"] * 18
     assert set(kinds(np.hstack([t, q, TAU[:, :3]]))) == {"time", "other"}
+    # Hundreds of blocks are no signals of one robot, and are not compared in pairs.
+    assert set(kinds(np.hstack([t, *[q, DQ] * 21]))) == {"time", "other"}
 
 
 def test_arrays_and_settings_of_matlab(tmp_path: Path) -> None:

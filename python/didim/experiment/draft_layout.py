@@ -12,6 +12,8 @@ from .draft_columns import Column
 
 ALIKE = 0.9
 """Correlation of a column with the differences of another from which it is taken for their velocity."""
+MOST_BLOCKS = 40
+"""Largest number of blocks that are compared pair by pair; a log of one robot has some ten signals, and a matrix with more is none."""
 SAME = 0.999
 """Correlation of two columns from which they are taken for reference and position of one joint."""
 
@@ -35,7 +37,7 @@ def layout(values: Array, n_dof: int) -> list[Column]:
     first = int(timed)
     t = values[:, 0] if timed else np.arange(len(values), dtype=np.float64)
     count, rest = divmod(width - first, n_dof)
-    if rest or count < 2 or len(values) < 8:
+    if rest or not 2 <= count <= MOST_BLOCKS or len(values) < 8:
         return _columns(["time"] * first + ["other"] * (width - first), n_dof, first)
     blocks = [values[:, first + k * n_dof : first + (k + 1) * n_dof] for k in range(count)]
     kinds = kinds_of_blocks(blocks, t)
