@@ -41,10 +41,8 @@ def shared() -> Path:
 @pytest.fixture(scope="module")
 def without_causes() -> Iterator[None]:
     """Look for no causes of a residual that lasts, which takes longer than the fit; for tests that read no verdict."""
-    from didim.methods.verdict.causes.search import Findings
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("didim.methods.verdict.judge.explained", lambda job, parts: Findings())
+        patch.setattr("didim.evidence.judge.explained", lambda rows, measured, fit: [])
         yield
 
 

@@ -16,7 +16,7 @@ import didim
 from didim import Experiment, Finding, FitError, Recording, SignalProcessing, check, load_experiment
 from didim.cli.main import main
 from didim.diagnosis.finding import KINDS, Findings
-from didim.methods.verdict.torques import constant_torque_reasons
+from didim.evidence.torques import constant_torque_findings
 from didim.studies.simulated_log import PACKAGED, measured, simulated_log
 from planted import SIGNAL, Log, log_of, tx40_exact
 from test_documented import tables
@@ -512,5 +512,5 @@ def test_a_dead_torque_sensor_of_a_motor_is_found_behind_the_coupling(log: Log, 
     motors = replace(on_motor_side(log), side="motor").change(plant).write(tmp_path)
     item = alone(check(motors), "constant-torque", (5,))
     assert "the torque of motor 5 (log.csv, column tau5) is 0.7" in item.sentence
-    (reason,) = constant_torque_reasons(load_experiment(motors))
+    (reason,) = constant_torque_findings(load_experiment(motors))
     assert "the torque of motor 5 is constant" in reason.sentence

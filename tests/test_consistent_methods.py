@@ -14,6 +14,7 @@ from arm import noisy as with_torque_noise
 from didim import CLOE, DIDIM, IDIMIV, Experiment, identify
 from didim.cli.main import main
 from didim.errors import ExperimentError, FitError
+from didim.evidence.naming import torque_findings
 from didim.methods.cloe.consistent import consistent_steps
 from didim.model.consistency import violations
 from didim.regression.consistent.problem import conditions_of
@@ -243,13 +244,13 @@ def test_a_reversed_torque_is_named_with_both_residuals(sound: Experiment, joint
     assert recording.tau is not None
     tau = recording.tau.copy()
     tau[:, joint - 1] *= -1.0
-    text = told(replace(sound, recordings=(replace(recording, tau=tau),)))
-    assert (
-        f"the torque of joint {joint} looks reversed: the residual of physically consistent parameters is "
-        in text
-    )
-    assert " % there (without conditions " in text
-    assert "and reversing that torque would bring it to " in text
+    wrong = replace(sound, recordings=(replace(recording, tau=tau),))
+    job = didim.IDIMLS().job(wrong)
+    (finding,) = torque_findings(job.system(job.parts("fit", job.delay())))
+    assert (finding.code, finding.joints) == ("torque-sign", (joint,))
+    text = told(wrong)
+    assert finding.sentence in text
+    assert "residual of physically consistent parameters" in text
 
 
 def test_a_wrong_gravity_is_told(sound: Experiment, tmp_path: Path, project: Path) -> None:

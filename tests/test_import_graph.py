@@ -23,6 +23,7 @@ FLOORS = (
     ("loop",),
     ("experiment",),
     ("result",),
+    ("evidence",),
     ("methods",),
     ("export",),
     ("excitation",),

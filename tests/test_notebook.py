@@ -15,7 +15,8 @@ import didim
 from didim._tools.notebook import Printed, page
 from didim.diagnosis.finding import Finding, Findings
 from didim.errors import DidimError
-from didim.result.verdict import Reason, Verdict
+from didim.result.finding import Finding as Evidence
+from didim.result.verdict import Verdict
 from didim.studies.comparison import Comparison
 from didim.studies.contrasts import Contrasts
 from didim.studies.loads.payload_result import PayloadEstimate
@@ -123,7 +124,7 @@ def test_what_people_print_shows_itself() -> None:
     assert "q=array(10001, 6)" in repr(recording)
     verdict = fit.verdict
     assert fit.verdict.sentence in verdict._repr_html_()
-    doubtful = Verdict((Reason(code="a", severity="doubtful", sentence="1 < 2", advice="Try 3"),))
+    doubtful = Verdict((Evidence(code="a", grade="doubtful", facts={"text": "1 < 2", "advice": "Try 3"}),))
     assert cells(doubtful._repr_html_()) == ["doubtful", "1 < 2", "Try 3"]
     errors = didim.validate(fit, log)
     assert repr(errors).startswith("<Validation: ")

@@ -119,9 +119,9 @@ def test_flags_are_part_of_the_result() -> None:
     x[robot.parameter_names.index("Fv2")] = -0.5
     fit = identify(simulated.experiment(robot, simulated.log(robot, x)), IDIMLS(weights="none"))
     assert len(fit.warnings) == 1
-    assert "Wrong:\n  Fv2 = -0.5 N.m.s/rad is negative" in str(fit)
+    assert "Doubtful:\n  Fv2 = -0.5 N.m.s/rad is negative" in str(fit)
     last = str(fit).splitlines()[-1]
-    assert last.startswith("Verdict: wrong, for 1 reason: Fv2 = -0.5 N.m.s/rad is negative")
+    assert last.startswith("Verdict: doubtful, for 1 reason: Fv2 = -0.5 N.m.s/rad is negative")
 
 
 def test_an_indefinite_inertia_matrix_with_load_friction_is_flagged() -> None:

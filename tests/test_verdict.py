@@ -15,12 +15,13 @@ import didim
 import simulated
 from didim import IDIMLS, Identification, Status, identify
 from didim.cli.main import main
-from didim.methods.verdict.causes.geometry import row_of
-from didim.methods.verdict.physics import physical_reasons
-from didim.methods.verdict.whiteness import whiteness
+from didim.evidence.hypotheses.geometry import row_of
+from didim.evidence.physics import physical_findings
+from didim.evidence.whiteness import whiteness
 from didim.model.physics import Flag, physical_flags
 from didim.regression.block import stacked
-from didim.result.verdict import Reason, State, Verdict
+from didim.result.finding import Finding
+from didim.result.verdict import State, Verdict
 from didim.signal.noise import noise_correlation
 
 Array = NDArray[np.float64]
@@ -36,8 +37,8 @@ def fit() -> Identification:
 
 def test_states_follow_the_gravest_reason() -> None:
     note, doubt, wrong = (
-        Reason(code="x", severity=severity, sentence=f"it is {severity}")
-        for severity in ("note", "doubtful", "wrong")
+        Finding(code="x", grade=grade, facts={"text": f"it is {grade}"})
+        for grade in ("note", "doubtful", "wrong")
     )
     assert Verdict.of([]).state is State.SOUND
     assert Verdict.of([note]).sound
@@ -69,7 +70,7 @@ def test_a_verdict_is_saved_and_loaded_whole(fit: Identification, tmp_path: Path
         fit,
         status=Status.NOT_CONVERGED,
         remarks=("five windows",),
-        evidence=(Reason(code="x", severity="doubtful", sentence="odd", joints=(2,), value=3.0),),
+        evidence=(Finding(code="x", grade="doubtful", joints=(2,), value=3.0, facts={"text": "odd"}),),
     )
     assert spoiled.verdict.state is State.WRONG
     spoiled.save(tmp_path / "fit.json")
@@ -106,10 +107,10 @@ def test_physics_is_weighted_by_significance() -> None:
         Flag("Fc7 is negative", ("Fc7",), 16.0),
         Flag("Fv7 is negative", ("Fv7",), np.inf),
     ]
-    assert [reason.severity for reason in physical_reasons(flags)] == [
+    assert [item.grade for item in physical_findings(flags)] == [
         "note",
         "doubtful",
-        "wrong",
+        "doubtful",
         "doubtful",
     ]
 
@@ -120,12 +121,12 @@ def test_an_indefinite_inertia_by_noise_is_a_note_without_a_word_on_signs() -> N
     beta = base.project(robot.parameter_set("reference"))
     beta[[name.startswith(("ZZ2", "Ia2")) for name in base.names]] = -0.01
     q = simulated.motion(2, 200)
-    for size, severity in ((1.0, "note"), (1e-8, "wrong")):
+    for size, grade in ((1.0, "note"), (1e-8, "doubtful")):
         flags = physical_flags(robot, beta, size * np.eye(len(beta)), q)
-        (found,) = [reason for reason in physical_reasons(flags) if "M(q)" in reason.sentence]
-        assert found.severity == severity
+        (found,) = [reason for reason in physical_findings(flags) if "M(q)" in reason.sentence]
+        assert found.grade == grade
         assert "sign" not in found.sentence.replace("sigma", "")
-        assert ("noise can explain it" in found.sentence) == (severity == "note")
+        assert ("noise can explain it" in found.sentence) == (grade == "note")
 
 
 def test_whiteness() -> None:
@@ -187,11 +188,11 @@ decimation = [5]
     write(recording.tau)
     assert main(["identify", str(file), "--strict"]) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("Verdict: sound")
-    # Errors that last: doubtful, which only --strict refuses.
+    # Errors that last and are large: doubtful, which only --strict refuses.
     rng = np.random.default_rng(1)
     lasting = np.zeros_like(recording.tau)
     for k in range(1, len(lasting)):
-        lasting[k] = 0.98 * lasting[k - 1] + 0.05 * rng.standard_normal(2)
+        lasting[k] = 0.98 * lasting[k - 1] + 1.5 * rng.standard_normal(2)
     write(recording.tau + lasting)
     assert main(["identify", str(file)]) == 0
     assert main(["identify", str(file), "--strict"]) == 1
@@ -214,7 +215,7 @@ def test_white_least_squares_have_a_verdict_too(fit: Identification) -> None:
 def test_a_sign_that_noise_hardly_explains_has_advice(fit: Identification) -> None:
     """Between two and ten sigma a result is doubtful, and says what to do."""
     flag = Flag("Ia2 is negative, by 3 sigma", ("Ia2",), 3.0)
-    found = replace(fit, warnings=(flag.sentence,), evidence=tuple(physical_reasons([flag]))).verdict
+    found = replace(fit, warnings=(flag.sentence,), evidence=tuple(physical_findings([flag]))).verdict
     assert found.state is State.DOUBTFUL
     (reason,) = found.grave
     assert reason.parameters == ("Ia2",)

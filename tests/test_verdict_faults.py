@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import didim
-from didim.methods.verdict.loop import loop_reasons, recovered
+from didim.evidence.loop.law import loop_findings, recovered
 from didim.result.verdict import State
 from verdict_arms import ARMS, Log, built, faults, planted
 from verdict_arms import experiment as experiment_of
@@ -49,8 +49,9 @@ def test_a_fault_is_named(sound: dict[str, Log], name: str, title: str) -> None:
     (fault,) = [item for item in faults(arm) if item.name == title]
     log = sound[name] if fault.truth is None else built(arm, fault)
     verdict = didim.identify(planted(log, fault, 1), METHODS[fault.method]()).verdict
-    assert not verdict.sound
-    named = [reason for reason in verdict.grave if reason.code in fault.codes]
+    # Noise that lasts spoils no interval of the jackknife: it may be a note.
+    assert not verdict.sound or fault.codes == ("not-white",)
+    named = [reason for reason in verdict.reasons if reason.code in fault.codes]
     assert named, str(verdict)
     if fault.joints:
         assert named[0].joints == fault.joints
@@ -65,9 +66,9 @@ def test_a_wrong_closed_loop_is_named(sound: dict[str, Log], title: str) -> None
     (fault,) = [item for item in faults(arm) if item.name == title]
     log = sound["gantry"] if fault.truth is None else built(arm, fault)
     experiment = planted(log, fault, 1)
-    (reason,) = loop_reasons(experiment, arm.truth(experiment.robot))
+    (reason,) = loop_findings(experiment, arm.truth(experiment.robot))
     assert reason.code in fault.codes, str(reason)
-    assert reason.severity == "wrong"
+    assert reason.grade == "wrong"
 
 
 def test_a_right_closed_loop_is_recovered(sound: dict[str, Log]) -> None:
@@ -78,7 +79,7 @@ def test_a_right_closed_loop_is_recovered(sound: dict[str, Log]) -> None:
         assert found.names == ("kp", "kv")
         np.testing.assert_allclose(found.factors, 1.0, atol=0.02)
         assert (found.relative < 0.02).all()
-        assert loop_reasons(experiment) == []
+        assert loop_findings(experiment) == []
 
 
 def test_a_wrong_gain_makes_a_converged_result_wrong(sound: dict[str, Log]) -> None:
@@ -108,7 +109,7 @@ def test_gains_of_a_cascade_have_the_names_of_its_file() -> None:
     names, factors, _ = found.keys()
     assert names == ("kp", "kv", "integral_time_s")
     np.testing.assert_allclose(factors[:2].T, [[1.0, 1.25]] * 5, atol=0.03)
-    (reason,) = loop_reasons(wrong)
+    (reason,) = loop_findings(wrong)
     assert reason.code == "controller-gain"
     assert "kv of joints 1, 2, 3, 4 and 5 is 1.2" in reason.sentence
     assert "kp of" not in reason.sentence
@@ -121,4 +122,4 @@ def test_white_noise_of_the_torques_is_not_another_controller(sound: dict[str, L
     assert found is not None
     assert (found.relative > 0.04).any()
     np.testing.assert_allclose(found.rows.noise, found.relative, rtol=0.3)
-    assert loop_reasons(experiment) == []
+    assert loop_findings(experiment) == []

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import didim
+from didim.evidence.loop.simulated import Beside, beside, motion_findings, slope_findings
 from didim.methods.idim_ls import IDIMLS
-from didim.methods.verdict.simulated import Beside, beside, least_errors, motion_reasons, slope_reasons
+from didim.methods.measured import least_errors
 from verdict_arms import ARMS, Fault, Log, _controller, _stiffer, built, faults, planted
 
 
@@ -76,12 +77,12 @@ def test_thresholds() -> None:
     one = np.ones(2)
     found = Beside(np.array([0.004, 0.2]), np.array([1.004, 1.1]), np.array([1e-5, 0.01]), one, one)
     experiment = didim.packaged_experiment("tx40")
-    (moved,) = motion_reasons(experiment, found)
+    (moved,) = motion_findings(experiment, found)
     assert moved.joints == (2,)
-    assert moved.severity == "wrong"
-    (slope,) = slope_reasons(found)
+    assert moved.grade == "wrong"
+    (slope,) = slope_findings(found)
     assert slope.joints == (2,)
-    assert slope_reasons(replace(found, sigma=np.array([1e-5, 0.02]))) == []
+    assert slope_findings(replace(found, sigma=np.array([1e-5, 0.02]))) == []
 
 
 def test_a_held_out_log_that_differs_is_named(sound: Log) -> None:

@@ -11,24 +11,21 @@ from typing import cast
 import numpy as np
 
 from .._tools.arrays import Array
+from ..errors import DidimError
+from ..evidence.causes import Search
+from ..evidence.gain_check import unchecked
+from ..evidence.loop.law import Recovered, loop_findings
+from ..evidence.naming import cause_findings
+from ..evidence.rows import LogRows
+from ..evidence.whiteness import NEGLIGIBLE, whiteness
 from ..experiment.experiment import Experiment
 from ..methods.job import Job
-from ..methods.verdict.causes.search import explained, rows_of
-from ..methods.verdict.causes.torque_scale import unchecked
-from ..methods.verdict.loop import Recovered, loop_reasons
-from ..methods.verdict.whiteness import NEGLIGIBLE, whiteness
 from ..regression.fit import Fit
 from ..regression.linear_system import LinearSystem
 from ..regression.logs.load import load_between, load_beyond
-from ..result.verdict import Reason
+from ..result.finding import Finding as Evidence
 from ..signal.segments import Segment
 from .finding import Finding, Kind
-
-ROBOT_FILE = frozenset(
-    {"gravity", "dh-convention", "a-and-d", "twist-sign", "link-length", "position-sign", "joint-sign"}
-    | {"torque-sign", "drive-gain"}
-)
-"""Codes of hypotheses that are findings; friction is a matter of the model, and delays have a check of their own."""
 
 
 def contradicts(system: LinearSystem, fit: Fit) -> bool:
@@ -38,19 +35,25 @@ def contradicts(system: LinearSystem, fit: Fit) -> bool:
     return any(bool(c) and bool(large) for c, large in zip(coloured, share > NEGLIGIBLE, strict=True))
 
 
-def check_causes(job: Job, parts: Sequence[Segment]) -> tuple[Finding, float] | None:
-    """Return what explains a log that contradicts its model, and the share of the error that it leaves."""
-    found = explained(job, parts).cause
-    if found is None or found.cause.code not in ROBOT_FILE:
+def rows_of(job: Job, parts: Sequence[Segment]) -> LogRows | None:
+    """Return the rows that hypotheses are tried on; None where the log has too few."""
+    try:
+        return LogRows(job.robot, job.signal, parts)
+    except DidimError:
         return None
-    return _finding(found.reason()), found.left
 
 
-def unchecked_gains(job: Job, parts: Sequence[Segment]) -> list[str]:
+def check_causes(rows: LogRows) -> tuple[Finding, float] | None:
+    """Return what explains a log that contradicts its model, and the share of the error that it leaves."""
+    found = cause_findings(rows, Search(rows).cause())
+    if not found or found[0].grade != "wrong":
+        return None
+    return finding_of(found[0]), float(found[0].facts["left"])
+
+
+def unchecked_gains(rows: LogRows) -> list[str]:
     """Return a note on the drive gains that a log cannot check, if there are any."""
-    rows = rows_of(job, parts) if job.parameters.simple else None
-    note = None if rows is None else unchecked(rows)
-    return [] if note is None else [note.sentence]
+    return [item.sentence for item in unchecked(rows)]
 
 
 def check_payload(
@@ -84,8 +87,8 @@ def check_payload(
 
 
 def check_loop(experiment: Experiment, x: Array | None, shown: Recovered | None) -> list[Finding]:
-    """Return what contradicts the declared controller or reference; `x` as for `loop_reasons`, `shown` from `recovered`."""
-    return [] if shown is None else [_finding(reason) for reason in loop_reasons(experiment, x, shown)]
+    """Return what contradicts the declared controller or reference; `x` as for `loop_findings`, `shown` from `recovered`."""
+    return [] if shown is None else [finding_of(item) for item in loop_findings(experiment, x, shown)]
 
 
 def loop_table(shown: Recovered | None) -> tuple[tuple[str, ...], ...]:
@@ -105,11 +108,12 @@ def loop_table(shown: Recovered | None) -> tuple[tuple[str, ...], ...]:
     return (head, *rows)
 
 
-def _finding(reason: Reason) -> Finding:
+def finding_of(item: Evidence) -> Finding:
+    """Return a finding of the evidence as one of a check."""
     return Finding(
-        kind=cast(Kind, reason.code),
-        sentence=reason.sentence,
-        advice=reason.advice,
-        joints=reason.joints,
-        value=reason.value,
+        kind=cast(Kind, item.code),
+        sentence=item.sentence,
+        advice=item.advice,
+        joints=item.joints,
+        value=item.value,
     )

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._tools.arrays import Array
+from ..evidence.torques import is_constant
 from ..log.recording import Recording
-from ..methods.verdict.torques import is_constant
 from .finding import Finding
 
 ROUNDING = 1e-12

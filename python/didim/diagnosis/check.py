@@ -16,24 +16,33 @@ from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array, real_array
 from ..errors import FitError, RankError, SignalError
+from ..evidence.loop.law import Recovered, recovered
+from ..evidence.naming import torque_findings
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import load_experiment
 from ..log.recording import Recording
 from ..log.sampling import MINIMUM_SAMPLES, TimeFault
 from ..methods.idim_ls import IDIMLS
 from ..methods.job import Job
-from ..methods.verdict.loop import Recovered, recovered
 from ..regression.fit import Fit
 from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem
-from ..regression.suspicions import driving_friction
 from ..result.identification import Identification
 from ..signal.decimation import decimate, decimation_stages, least_samples
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, stretches
 from ..studies.run import standard_parameters
 from .bandwidth import check_bandwidth
-from .causes import check_causes, check_loop, check_payload, contradicts, loop_table, unchecked_gains
+from .causes import (
+    check_causes,
+    check_loop,
+    check_payload,
+    contradicts,
+    finding_of,
+    loop_table,
+    rows_of,
+    unchecked_gains,
+)
 from .channels import check_channels
 from .excitation import check_excitation
 from .finding import Finding, Findings
@@ -223,23 +232,17 @@ def _model(
     )
     found = reader.gross()
     solved = _solved(job, parts)
-    if known is None and reader.left > CERTAIN and solved is not None and contradicts(*solved):
-        cause = check_causes(job, parts)
+    rows = rows_of(job, parts) if known is None and job.parameters.simple else None
+    if rows is not None and reader.left > CERTAIN and solved is not None and contradicts(*solved):
+        cause = check_causes(rows)
         if cause is not None and cause[1] < reader.left:
             return [cause[0]]
     if found:
         # What else a log declared so wrongly seems to have comes from that.
         return found
-    turned = None if solved is None else driving_friction(*solved)
-    if turned is not None:
-        return [
-            Finding(
-                kind="torque-sign",
-                joints=tuple(joint + 1 for joint in turned[0]),
-                sentence=turned[1],
-                advice="Turn the sign of the gain or of the column",
-            )
-        ]
+    turned = [] if solved is None else torque_findings(solved[0])
+    if turned:
+        return [finding_of(item) for item in turned]
     found = check_payload(job, parts, solved, beta)
     if job.parameters.simple:
         x = None if solved is None else robot.base_parameters.lift(job.selection.expand(solved[1].solution))
@@ -247,8 +250,8 @@ def _model(
     found += check_delay(job, declared) or reader.fine()
     found += check_limits(experiment, parts)
     found += check_standstill(robot, parts)
-    if known is None:
-        notes += unchecked_gains(job, parts)
+    if rows is not None:
+        notes += unchecked_gains(rows)
     return found + check_excitation(robot, parts, whole, as_declared(robot.n_dof))
 
 

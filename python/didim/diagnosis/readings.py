@@ -3,7 +3,7 @@
 A wrong declaration contradicts itself, because most parameters belong to several joints. So each other reading of the same
 columns (`Reading`) is tried, and the one that takes the contradiction away is what happened. Two measures decide:
 
-* gross: the other reading leaves less than half of what the declared one leaves (`SUSPICION_RESIDUAL`). On real logs,
+* gross: the other reading leaves less than half of what the declared one leaves (`CLEAR`). On real logs,
   whose errors are those of the model, no other reading of a sound log comes near that;
 * fine: the other reading explains the log nearly down to the noise of its torques, and the declared one does not. This finds a gear
   that is wrong by a few percent, and says nothing on logs with larger errors than their noise.
@@ -21,7 +21,6 @@ import numpy as np
 
 from .._tools.arrays import Array
 from ..log.recording import Recording
-from ..regression.suspicions import SUSPICION_RESIDUAL
 from ..robot.robot import Robot
 from .finding import Finding, Kind
 from .probe import Probe, Reading
@@ -50,6 +49,8 @@ KNOWN_LEFT = 0.1
 """And so much of the torques at most: where more is left, the parameters are not those of the log, and a factor hides that."""
 MOST_ROUNDS = 3
 """Wrong declarations reported in one run; each is looked for with those before it corrected."""
+CLEAR = 0.5
+"""Share of the residual that another reading must leave at most to be reported."""
 KNOWN_CLEAR = 0.7
 """With known parameters the factor of a joint may leave more: their own error (friction, temperature) stays."""
 
@@ -306,7 +307,7 @@ class Reader:
         best = min(value for value, _ in left)
         value, candidate = next((v, c) for v, c in left if v <= NEAR * best)
         factor = candidate.factor is not None
-        clear = KNOWN_CLEAR if factor and self._known and value < KNOWN_LEFT else SUSPICION_RESIDUAL
+        clear = KNOWN_CLEAR if factor and self._known and value < KNOWN_LEFT else CLEAR
         if not value < clear * declared or (factor and self._small(candidate)):
             return None
         return self._with_equals(candidate, [other for v, other in left if v <= NEAR * best]), declared, value

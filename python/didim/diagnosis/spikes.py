@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..log.recording import Recording
-from ..signal.spikes import hampel
+from ..signal.spikes import CERTAIN, hampel
 from .finding import Finding
 
-THRESHOLD = 10.0
-"""Robust standard deviations from the median of the window: normal noise does not get there in any log."""
 FEWEST = 3
 """Spikes of a joint that are reported; a single sample changes no estimate."""
 
@@ -22,14 +20,14 @@ def check_spikes(recording: Recording) -> list[Finding]:
     first = recording.tau.shape[0]
     for start, stop in recording.windows:
         tau = recording.tau[start:stop]
-        cleaned, spikes = hampel(tau, threshold=THRESHOLD)
+        cleaned, spikes = hampel(tau, threshold=CERTAIN)
         # A step of friction is not a spike: the samples beside it lie on either side, not both far away.
         distance = np.abs(tau - cleaned)
         beside = np.abs(np.diff(tau, axis=0, prepend=tau[:1]))
         after = np.abs(np.diff(tau, axis=0, append=tau[-1:]))
-        alone = spikes & (np.maximum(beside, after) > 0.5 * distance)
+        spikes = spikes & (np.maximum(beside, after) > 0.5 * distance)
         for joint in range(tau.shape[1]):
-            where = np.flatnonzero(alone[:, joint])
+            where = np.flatnonzero(spikes[:, joint])
             if where.size:
                 counts[joint + 1] = counts.get(joint + 1, 0) + where.size
                 first = min(first, start + int(where[0]))
@@ -41,7 +39,7 @@ def check_spikes(recording: Recording) -> list[Finding]:
         Finding(
             kind="spikes",
             sentence=f"recording '{recording.name}' has spikes in its torques, single samples more than "
-            f"{THRESHOLD:g} robust standard deviations from those around them: {shown}",
+            f"{CERTAIN:g} robust standard deviations from those around them: {shown}",
             advice='Write spikes = "hampel" under [signal], which replaces them before the decimation smears them',
             recording=recording.name,
             joints=tuple(counts),

@@ -14,6 +14,8 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.version import __version__
+from ..evidence.physics import physical_findings
+from ..evidence.whiteness import whiteness, whiteness_findings
 from ..experiment.experiment import Experiment
 from ..model.dynamics import rigid_torque
 from ..model.physics import physical_flags
@@ -23,20 +25,20 @@ from ..regression.linear_system import LinearSystem
 from ..regression.logs.drift import Difference, differences, drifts
 from ..regression.logs.load import load_between
 from ..regression.solver import solver_record
+from ..result.finding import Finding
 from ..result.further import Further
 from ..result.identification import Identification
 from ..result.iteration import Iteration
 from ..result.status import Status
 from ..result.uncertainty import Uncertainty
-from ..result.verdict import Reason
 from ..signal.noise import encoder_step
 from ..signal.segments import Segment
 from .job import Delay, Job, ratio, ratios
 from .method import Described
 from .uncertainty import spread_of_fit, with_alarm
-from .verdict.physics import physical_reasons
-from .verdict.whiteness import whiteness, whiteness_reasons
 
+CLEAR_MASS = 3.0
+"""Standard deviations of a mass below which a load is a note: 0.05 +- 0.04 kg is nothing to declare."""
 LARGEST_CONDITION_NUMBER = 1e10
 """Condition number beyond which fewer than about six of the sixteen digits of the estimate are left."""
 
@@ -95,7 +97,7 @@ def identification(
     output_error: tuple[float, float] | None = None,
     settings: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
-    evidence: Sequence[Reason] = (),
+    evidence: Sequence[Finding] = (),
     standard: Array | None = None,
 ) -> Identification:
     """Put together the result of a method.
@@ -173,7 +175,7 @@ def identification(
         held_out=tuple(job.held_out(beta, delay)) if held_out else (),
         warnings=tuple(flag.sentence for flag in flags),
         remarks=tuple(remarks),
-        evidence=(*evidence, *physical_reasons(flags)),
+        evidence=(*evidence, *physical_findings(flags)),
         delay=delay.record(),
         settings=record(job, prediction={"motion": method.motion, "raw": method.raw}, **(settings or {})),
         digests=digests(job.experiment),
@@ -220,7 +222,7 @@ def fitted(
     output_error: tuple[float, float] | None = None,
     settings: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
-    evidence: Sequence[Reason] = (),
+    evidence: Sequence[Finding] = (),
     parts: Sequence[Segment] = (),
 ) -> Identification:
     """Put together the result of a method that ends with the solution of a system (7); see `identification`.
@@ -232,7 +234,7 @@ def fitted(
     if parts and status.converged:
         spread = with_alarm(spread, _friction(job, method, system, fit, parts), job.selection)
     errors = TorqueErrors.of(system, fit.residual)
-    lasting = whiteness_reasons(
+    lasting = whiteness_findings(
         whiteness(fit.residual, system.blocks, len(system.joints)),
         ratios(errors.norms, errors.torques),
         spread.uncertainty,
@@ -266,7 +268,7 @@ def fitted(
         evidence=(
             *evidence,
             *lasting,
-            *_drift_reasons(job, moved),
+            *_drift_findings(job, moved),
             *(_loads(job, system, fit) if status.converged else ()),
         ),
         standard=fit.standard,
@@ -305,34 +307,37 @@ def _drift(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
     ]
 
 
-def _drift_reasons(job: Job, moved: Sequence[Difference]) -> list[Reason]:
-    """Return reasons to doubt a result whose recordings do not share what they are said to share."""
+def _drift_findings(job: Job, moved: Sequence[Difference]) -> list[Finding]:
+    """Return findings on a result whose recordings do not share what they are said to share."""
     return [
-        Reason(
+        Finding(
             code="drift",
-            severity="doubtful",
-            sentence=item.sentence,
-            advice=item.advice,
+            grade="doubtful",
             joints=item.joints,
             value=item.value,
+            facts={"text": item.sentence, "advice": item.advice},
         )
         for item in drifts(moved, [recording.name for recording in job.experiment.recordings])
     ]
 
 
-def _loads(job: Job, system: LinearSystem, fit: Fit) -> list[Reason]:
-    """Return a reason for each recording that carries a load which another does not."""
+def _loads(job: Job, system: LinearSystem, fit: Fit) -> list[Finding]:
+    """Return a finding for each recording that carries a load which another does not."""
     if not job.parameters.simple or not {block.recording for block in system.blocks} - {
         system.blocks[0].recording
     }:
         return []
     return [
-        Reason(
+        Finding(
             code="payload",
-            severity="doubtful",
-            sentence=f"beside the first recording '{job.experiment.recordings[number].name}' {load}",
-            advice='Declare it: [payload.NAME] and payload = "NAME" under [[recording]]',
+            grade="note" if abs(load.mass) < CLEAR_MASS * load.std else "doubtful",
+            recordings=(job.experiment.recordings[number].name,),
             value=load.mass_or_none,
+            deviation=None if load.mass_or_none is None else load.std,
+            facts={
+                "text": f"beside the first recording '{job.experiment.recordings[number].name}' {load}",
+                "advice": 'Declare it: [payload.NAME] and payload = "NAME" under [[recording]]',
+            },
         )
         for number, load in load_between(system, fit, job.robot, job.settings.blocks)
     ]

@@ -11,14 +11,15 @@ from importlib import import_module
 from .._tools.progress import ProgressLine
 from .._tools.words import did_you_mean
 from ..errors import FitError
+from ..evidence.judge import judged
 from ..experiment.experiment import Experiment
 from ..regression.settings import UncertaintyKind
 from ..result.identification import Identification
 from ..result.iteration import Iteration
 from .friction import with_known_friction
 from .idim_ls import IDIMLS
+from .measured import measured_along
 from .method import FitSettings, Method, MethodSettings
-from .verdict.judge import judged
 
 METHODS: dict[str, str | Callable[..., Method]] = {
     "idim-ls": "didim.methods.idim_ls:IDIMLS",
@@ -140,7 +141,15 @@ def _identified(
             settings={**fit.settings, "friction": friction.record()},
             remarks=(*fit.remarks, *friction.remarks()),
         )
-    fit = judged(fit, experiment, method, say)
+    measured = measured_along(fit, experiment, method)
+    fit = judged(
+        fit,
+        experiment,
+        measured,
+        system_tested=isinstance(method, FitSettings),
+        uses_torques=getattr(method, "output", None) != "position",
+        say=say,
+    )
     fit = replace(fit, elapsed=time.perf_counter() - start)
     say(f"{fit.elapsed:.3f} s; {fit.conclusion}")
     return fit

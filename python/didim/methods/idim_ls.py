@@ -12,15 +12,14 @@ from .._tools.arrays import Array
 from .._tools.settings import one_of
 from .._tools.words import counted
 from ..errors import FitError
+from ..evidence.naming import torque_findings
 from ..experiment.experiment import Experiment
-from ..regression.suspicions import suspicions
 from ..result.identification import Identification
 from ..result.iteration import Iteration
 from .builder import fitted, solved_status
 from .drive_gains import GainEstimate, run_with_gains
 from .job import Delay, ratio
 from .method import FitSettings, MethodSettings
-from .verdict.torques import torque_reasons
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +105,6 @@ class IDIMLS(FitSettings):
         fit = job.solve(system, record)
         if not history:  # the solver reported no solution of its own
             record(1, fit.solution, fit.residual)
-        found = suspicions(system, fit)
         return fitted(
             job,
             self,
@@ -116,8 +114,7 @@ class IDIMLS(FitSettings):
             history=history,
             delay=delay,
             q=np.concatenate([part.q for part in parts]),
-            remarks=found,
-            evidence=torque_reasons(found),
+            evidence=torque_findings(system),
             parts=parts,
         )
 

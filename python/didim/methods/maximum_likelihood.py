@@ -18,6 +18,7 @@ import numpy as np
 from .._tools.arrays import Array, real_array
 from .._tools.settings import whole
 from ..errors import FitError
+from ..evidence.naming import torque_findings
 from ..experiment.experiment import Experiment
 from ..model.partials import torque_partials
 from ..regression.classical.maximum_likelihood import sample_covariances, whitened, whitening
@@ -25,7 +26,6 @@ from ..regression.fit import Fit
 from ..regression.jackknife import Factors
 from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem
-from ..regression.suspicions import suspicions
 from ..result.identification import Identification
 from ..result.iteration import Iteration
 from ..signal.decimation import decimate, decimation_stages
@@ -135,7 +135,7 @@ class MaximumLikelihood(MethodSettings):
             delay=delay,
             q=np.concatenate([part.q for part in parts]),
             settings={"maximum_likelihood": record},
-            remarks=suspicions(system, fit),
+            evidence=torque_findings(system),
         )
 
 

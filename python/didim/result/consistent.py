@@ -20,8 +20,9 @@ from ..regression.consistent.prior import Prior
 from ..regression.selection import Role, Selection
 from ..robot.friction import Friction
 from ..robot.robot import Geometry, JointLimits, Robot
+from .finding import Finding
 from .uncertainty import Uncertainty
-from .verdict import Reason
+from .verdict import Use
 
 LARGE = 1.0
 """Half squared distance per estimated parameter beyond which noise does not explain that an estimate is no robot."""
@@ -69,12 +70,21 @@ def distance_sentence(half_distance: float, n_parameters: int) -> str:
     return f"the estimate is half a squared distance of {half_distance:.4g} from the nearest robot: {meaning}"
 
 
-def distance_reasons(half_distance: float, n_parameters: int) -> list[Reason]:
+def distance_findings(half_distance: float, n_parameters: int) -> list[Finding]:
     """Return a reason where the nearest robot is further from the estimate than noise explains."""
     if half_distance <= LARGE * n_parameters:
         return []
     sentence = distance_sentence(half_distance, n_parameters)
-    return [Reason(code="no-robot", severity="doubtful", sentence=sentence, value=half_distance)]
+    return [Finding(code="no-robot", grade="doubtful", value=half_distance, facts={"text": sentence})]
+
+
+def _simulable(uses: Sequence[Use]) -> tuple[Use, ...]:
+    """Return uses of a result whose parameters are now those of a robot: it can be simulated as well as it predicts torques."""
+    control = next((use for use in uses if use.name == "control" and use.fit_for), None)
+    return tuple(
+        replace(control, name=use.name) if use.name == "simulation" and control is not None else use
+        for use in uses
+    )
 
 
 def record_of(robot: Robot, nearest: NearestRobot, gamma: float) -> dict[str, Any]:
@@ -154,7 +164,8 @@ class MovedToRobot:
     settings: Mapping[str, Any]
     remarks: tuple[str, ...]
     uncertainty: Uncertainty | None
-    evidence: tuple[Reason, ...]
+    evidence: tuple[Finding, ...]
+    uses: tuple[Use, ...]
 
     def consistent(
         self,
@@ -224,8 +235,9 @@ class MovedToRobot:
             warnings=(),
             evidence=(
                 *(reason for reason in self.evidence if reason.code != "not-physical"),
-                *distance_reasons(nearest.half_distance, len(selection.estimated)),
+                *distance_findings(nearest.half_distance, len(selection.estimated)),
             ),
+            uses=_simulable(self.uses),
             remarks=(*self.remarks, distance_sentence(nearest.half_distance, len(selection.estimated))),
             uncertainty=None if self.uncertainty is None else self.uncertainty.of_draws(),
             settings={**self.settings, "consistent": record_of(known, nearest, gamma)},

@@ -23,6 +23,7 @@ from ..regression.selection import Role
 from ..robot.parameter_file import Estimates, write_parameters
 from .consistent import MovedToRobot, table_of
 from .delay_lines import delay_lines
+from .finding import Finding
 from .further import Further
 from .iteration import HeldOut, Iteration
 from .notebook import InNotebook
@@ -30,7 +31,7 @@ from .saved_fields import fields_of
 from .status import Status
 from .table import error_lines, error_rows, parameter_lines, parameter_rows, percent_text
 from .uncertainty import Uncertainty, student_factor
-from .verdict import Reason, Verdict, derived
+from .verdict import Use, Verdict, derived
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,8 +96,10 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         What was asked for; SHA-256 of every file read.
     ending : str
         Sentence on the stopping rule that fired, or on what the result is when none did; empty where the status says it all.
-    evidence : tuple of Reason
+    evidence : tuple of Finding
         What was found for or against the result, beside status, warnings and remarks: see `verdict`.
+    uses : tuple of Use
+        What it is good for: see `verdict`.
 
     Notes
     -----
@@ -133,7 +136,8 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     settings: Mapping[str, Any] = field(default_factory=dict)
     digests: Mapping[str, str] = field(default_factory=dict)
     ending: str = ""
-    evidence: tuple[Reason, ...] = ()
+    evidence: tuple[Finding, ...] = ()
+    uses: tuple[Use, ...] = ()
 
     def __post_init__(self) -> None:
         n_base = len(self.names)
@@ -222,7 +226,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         """Whether the result is sound, doubtful or wrong, and why: evidence, status, warnings and remarks (docs/verdict.md)."""
         said = {reason.sentence for reason in self.evidence}
         warnings = [text for text in self.warnings if text not in said]  # of results without evidence
-        return Verdict.of([*self.evidence, *derived(self.status, warnings, self.remarks)])
+        return Verdict.of([*self.evidence, *derived(self.status, warnings, self.remarks)], self.uses)
 
     @property
     def conclusion(self) -> str:

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from .finding import Finding
 from .further import Further
 from .iteration import HeldOut, Iteration
 from .status import Status
 from .uncertainty import Uncertainty
-from .verdict import DERIVED, Reason
+from .verdict import DERIVED, Use
 
 
 def fields_of(data: dict[str, Any]) -> dict[str, Any]:
@@ -66,10 +67,11 @@ def fields_of(data: dict[str, Any]) -> dict[str, Any]:
         "remarks": tuple(data.get("remarks", ())),
         "ending": str(data.get("ending", "")),
         "evidence": tuple(
-            Reason.from_dict(item)
+            Finding.from_dict(item)
             for item in data.get("verdict", {}).get("reasons", ())
             if item["code"] not in DERIVED
         ),
+        "uses": tuple(Use(**item) for item in data.get("verdict", {}).get("uses", ())),
         "uncertainty": None
         if data.get("uncertainty") is None
         else Uncertainty.from_dict(

@@ -2,86 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from enum import Enum
-from typing import Any, Literal, get_args
+from enum import StrEnum
+from typing import Any
 
 from .._tools.notebook import page
 from .._tools.words import counted
+from .finding import GRADES, Finding
+from .sentences import percent
 from .status import Status
 
-Severity = Literal["wrong", "doubtful", "note"]
-"""How grave a reason is; a note alone leaves a result sound."""
-SEVERITIES: tuple[Severity, ...] = get_args(Severity)
 
-
-class State(Enum):
-    """What a verdict says; the value is the word that is printed."""
+class State(StrEnum):
+    """What a verdict says: the word that is printed."""
 
     SOUND = "sound"
     DOUBTFUL = "doubtful"
     WRONG = "wrong"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reason:
-    """One thing that a verdict rests on.
+@dataclass(frozen=True)
+class Use:
+    """What a result is good for.
 
     Attributes
     ----------
-    code : str
-        What it is about; docs/verdict.md has a row for each.
-    severity : {"wrong", "doubtful", "note"}
-        How grave it is.
-    sentence : str
-        What was seen, where, and how large it is; without a full stop.
-    advice : str
-        What to do about it; empty where nothing is to be done.
-    joints : tuple of int
-        Joints concerned, from 1; empty for all or none.
-    parameters : tuple of str
-        Base parameters concerned; empty for all or none.
-    value : float or None
-        The number that goes with it, in the unit that the sentence names.
+    name : {"simulation", "gravity compensation", "control", "payload"}
+        The use.
+    error : float or None
+        Error to expect: a share of the torques (0.04 = 4 %), and for a payload a mass (kg), twice its standard deviation; None
+        where the result cannot be used so.
+    fit_for : bool
+        Whether nothing forbids it.
+    why : str
+        What the error rests on, or what forbids it.
     """
 
-    code: str
-    severity: Severity
-    sentence: str
-    advice: str = ""
-    joints: tuple[int, ...] = ()
-    parameters: tuple[str, ...] = ()
-    value: float | None = None
+    name: str
+    error: float | None
+    fit_for: bool
+    why: str
 
     def __str__(self) -> str:
-        return f"{self.sentence}. {self.advice}." if self.advice else self.sentence
+        if self.error is None:
+            return f"{self.name}: no, {self.why}"
+        size = f"{self.error:.2g} kg" if self.name == "payload" else f"{percent(self.error)} % of the torques"
+        return f"{self.name}: {size}, {self.why}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields, as JSON knows them."""
-        return {**vars(self), "joints": list(self.joints), "parameters": list(self.parameters)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Reason:
-        """Restore what `to_dict` returned.
-
-        Raises
-        ------
-        KeyError, TypeError, ValueError
-            For anything else.
-        """
-        if data["severity"] not in SEVERITIES:
-            raise ValueError(f"there is no severity {data['severity']!r}")
-        value = data["value"]
-        return cls(
-            code=str(data["code"]),
-            severity=data["severity"],
-            sentence=str(data["sentence"]),
-            advice=str(data["advice"]),
-            joints=tuple(int(joint) for joint in data["joints"]),
-            parameters=tuple(str(name) for name in data["parameters"]),
-            value=None if value is None else float(value),
-        )
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)
@@ -90,27 +61,30 @@ class Verdict:
 
     Attributes
     ----------
-    reasons : tuple of Reason
+    reasons : tuple of Finding
         Gravest first; notes last.
+    uses : tuple of Use
+        What the result is good for, with the error to expect; empty where nothing is known.
     """
 
-    reasons: tuple[Reason, ...] = ()
+    reasons: tuple[Finding, ...] = ()
+    uses: tuple[Use, ...] = ()
 
     @classmethod
-    def of(cls, reasons: Iterable[Reason]) -> Verdict:
-        """Return the verdict with its reasons in order of severity; of equal sentences the first is kept."""
-        kept: dict[str, Reason] = {}
-        for reason in sorted(reasons, key=lambda reason: SEVERITIES.index(reason.severity)):
+    def of(cls, reasons: Iterable[Finding], uses: Iterable[Use] = ()) -> Verdict:
+        """Return the verdict with its reasons in order of gravity; of equal sentences the first is kept."""
+        kept: dict[str, Finding] = {}
+        for reason in sorted(reasons, key=lambda reason: GRADES.index(reason.grade)):
             kept.setdefault(reason.sentence, reason)
-        return cls(tuple(kept.values()))
+        return cls(tuple(kept.values()), tuple(uses))
 
     @property
     def state(self) -> State:
         """Sound, doubtful or wrong: that of the gravest reason."""
-        severities = {reason.severity for reason in self.reasons}
-        if "wrong" in severities:
+        grades = {reason.grade for reason in self.reasons}
+        if "wrong" in grades:
             return State.WRONG
-        return State.DOUBTFUL if "doubtful" in severities else State.SOUND
+        return State.DOUBTFUL if "doubtful" in grades else State.SOUND
 
     @property
     def sound(self) -> bool:
@@ -118,17 +92,17 @@ class Verdict:
         return self.state is State.SOUND
 
     @property
-    def grave(self) -> tuple[Reason, ...]:
+    def grave(self) -> tuple[Finding, ...]:
         """Reasons why the result is not sound, gravest first."""
-        return tuple(reason for reason in self.reasons if reason.severity != "note")
+        return tuple(reason for reason in self.reasons if reason.grade != "note")
 
     @property
-    def notes(self) -> tuple[Reason, ...]:
+    def notes(self) -> tuple[Finding, ...]:
         """What else a reader should know."""
-        return tuple(reason for reason in self.reasons if reason.severity == "note")
+        return tuple(reason for reason in self.reasons if reason.grade == "note")
 
     def _repr_html_(self) -> str:
-        rows = [(reason.severity, reason.sentence, reason.advice) for reason in self.reasons]
+        rows = [(reason.grade, reason.sentence, reason.advice) for reason in self.reasons]
         return page(self.sentence, [("", "reason", "advice"), *rows] if rows else "")
 
     @property
@@ -141,14 +115,16 @@ class Verdict:
     def lines(self) -> list[str]:
         """Return the reasons as lines under headings; empty without any."""
         found = []
-        for severity, title in (
+        for grade, title in (
             ("wrong", "Wrong:"),
             ("doubtful", "Doubtful:"),
             ("note", "To know:"),
         ):
-            texts = [str(reason) for reason in self.reasons if reason.severity == severity]
+            texts = [str(reason) for reason in self.reasons if reason.grade == grade]
             if texts:
                 found += ["", title, *(f"  {text}" for text in texts)]
+        if self.uses:
+            found += ["", "Good for, with the error to expect:", *(f"  {use}" for use in self.uses)]
         return found
 
     def __str__(self) -> str:
@@ -160,36 +136,25 @@ class Verdict:
             "state": self.state.value,
             "sentence": self.sentence,
             "reasons": [reason.to_dict() for reason in self.reasons],
+            "uses": [use.to_dict() for use in self.uses],
         }
 
 
-SIGNIFICANT = "(noise can explain it)"
-"""What a sentence on physics says of a parameter whose sign is not significant."""
 DERIVED = frozenset({"not-converged", "interrupted", "remark"})
-"""Codes of reasons that follow from other fields of a result."""
+"""Codes of findings that follow from other fields of a result."""
 
 
-def derived(status: Status, warnings: Iterable[str], remarks: Iterable[str]) -> list[Reason]:
-    """Return the reasons that follow from a status, from sentences on physics, and from remarks."""
+def derived(status: Status, warnings: Iterable[str], remarks: Iterable[str]) -> list[Finding]:
+    """Return the findings that follow from a status, from flags on physics, and from remarks."""
     found = []
     if not status.converged:
         asked = status in (Status.INTERRUPTED, Status.STOPPED)
-        what, _, advice = status.value.partition(": ")
-        about, _, advice = advice.partition("; ")
         found.append(
-            Reason(
+            Finding(
                 code="interrupted" if asked else "not-converged",
-                severity="doubtful" if asked else "wrong",
-                sentence=f"{what[:1].lower()}{what[1:]}: {about.rstrip('.')}",
-                advice=f"{advice[:1].upper()}{advice[1:].rstrip('.')}",
+                grade="doubtful" if asked else "wrong",
+                facts={"text": f"{status.value[:1].lower()}{status.value[1:].rstrip('.')}"},
             )
         )
-    found += [
-        Reason(
-            code="not-physical",
-            severity="note" if SIGNIFICANT in text else "doubtful",
-            sentence=text,
-        )
-        for text in warnings
-    ]
-    return [*found, *(Reason(code="remark", severity="note", sentence=text) for text in remarks)]
+    found += [Finding(code="not-physical", grade="doubtful", facts={"text": text}) for text in warnings]
+    return [*found, *(Finding(code="remark", grade="note", facts={"text": text}) for text in remarks)]

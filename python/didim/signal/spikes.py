@@ -18,6 +18,10 @@ WINDOW = 11
 """Samples of the sliding window: short beside the motion, long enough for a median of noise."""
 SPIKE_THRESHOLD = 4.0
 """Robust standard deviations from the median beyond which a sample is a spike."""
+TAIL = 5.0
+"""Bend of a single sample over the one that 95 % of the samples stay below, from which it is off."""
+CERTAIN = 10.0
+"""Robust standard deviations from the median beyond which a sample is a spike in any log: normal noise does not get there."""
 NORMAL_MAD = 1.4826
 """Standard deviation of normal noise over its median absolute deviation."""
 AT_ONCE = 16384
@@ -91,3 +95,39 @@ def _resolution(signal: Array) -> float:
     # rarer do not matter: the median of a window is then the level of its sample.
     coarse = 0.05 * steps.size < moving.size < 0.5 * steps.size
     return float(np.min(moving)) if coarse else 0.0
+
+
+def alone(tau: Array, threshold: float = CERTAIN) -> NDArray[np.bool_]:
+    """Return which samples of torques, (n_samples, n_dof), stand alone, far from those on both sides.
+
+    A sample that is off by s bends the signal by s there and by -s/2 on either side. A step of friction does not: the samples
+    beside it lie on either side of it, not both far away.
+    """
+    found = np.zeros(tau.shape, dtype=bool)
+    if len(tau) < WINDOW:
+        return found
+    bends = np.zeros(tau.shape)
+    bends[1:-1] = tau[1:-1] - 0.5 * (tau[:-2] + tau[2:])
+    size = np.abs(bends)
+    # Of a signal with coarse steps most bends are none.
+    steps = np.array([_resolution(column) for column in tau.T])
+    scale = np.maximum(NORMAL_MAD * np.median(size, axis=0), steps)
+    # Heavy tails of the noise are not single samples that are off.
+    limit = np.maximum(threshold * scale, TAIL * np.quantile(size, 0.95, axis=0)) + 1e-12 * np.abs(tau).max(
+        axis=0
+    )
+    inner = bends[2:-2]
+    opposite = (bends[1:-3] * inner < 0.0) & (bends[3:-1] * inner < 0.0)
+    beside = np.minimum(size[1:-3], size[3:-1]) > 0.25 * size[2:-2]
+    found[2:-2] = (size[2:-2] > limit) & opposite & beside
+    return found
+
+
+def without_lone(tau: Array) -> Array:
+    """Return torques, (n_samples, n_dof), with the samples that stand alone replaced, for looks that these must not spoil."""
+    lone = alone(tau)
+    if not lone.any():
+        return tau
+    found = tau.copy()
+    found[1:-1][lone[1:-1]] = (0.5 * (tau[:-2] + tau[2:]))[lone[1:-1]]
+    return found

@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..._tools.arrays import Array
+from ...evidence.torques import CONTRADICTIONS
 from ...experiment.experiment import Experiment
 from ...regression.consistent.problem import ConstrainedProblem
 from ...regression.consistent.solver import CONSISTENT
@@ -25,7 +26,6 @@ from ..didim.globalisation import SecantSteps
 from ..didim.iterations import Iterations
 from ..didim.problem import ConsistentProblem
 from ..start import further_of
-from ..verdict.torques import CONTRADICTIONS
 from .levenberg_marquardt import DAMPINGS, Advance
 from .output_error import OutputError
 from .settings import CLOESettings

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ...errors import FitError
+from ...evidence.loop.simulated import Piece, beside
 from ...experiment.loop import closed_loop
 from ...loop.closed_loop import ClosedLoop
 from ...model.dynamics import regressor
@@ -35,7 +36,6 @@ from ..builder import TorqueErrors, identification, record
 from ..idim_ls import direct_estimate
 from ..job import Delay, Job
 from ..start import FROM_LOG, further_of, standard_start, start_from_log
-from ..verdict.simulated import Piece, beside
 from .checkpoint import Checkpoint
 from .settings import CLOESettings, Output
 

@@ -70,7 +70,6 @@ def result_at(
             "simulated": motion_record(job, simulator.windows, point.simulated),
         },
         remarks=[
-            *suspected,
             *problem.remarks,
             *remarks,
             *_sentences(point, problem, suspected=bool(suspected)),

@@ -21,6 +21,8 @@ import didim._core as _core
 from ..._tools.arrays import Array
 from ..._tools.words import listing
 from ...errors import DidimError, FitError, RankError
+from ...evidence.naming import torque_findings
+from ...evidence.torques import contradiction_findings, following_findings
 from ...regression.classical.instrumental import solve_with_instruments
 from ...regression.consistent.diagnosis import diagnosis
 from ...regression.consistent.nearest import root_of
@@ -31,12 +33,10 @@ from ...regression.fit import Fit
 from ...regression.gains.currents import Currents
 from ...regression.least_squares import solve_partly
 from ...regression.linear_system import LinearSystem
-from ...regression.suspicions import suspicions
-from ...result.verdict import Reason
+from ...result.finding import Finding
 from ...signal.segments import Segment
 from ..job import Job
 from ..start import FROM_LOG, further_of, standard_start, start_from_log
-from ..verdict.torques import contradiction_reasons, following_reasons, torque_reasons
 from .gains import with_gains
 from .settings import DIDIMSettings
 from .simulability import damping_of, simulable
@@ -119,7 +119,7 @@ class Problem:
     def no_start(self, reason: str) -> FitError:
         """Return the error of a start that cannot be simulated."""
         # A log that is wrong makes IDIM-LS wrong, which may be the start and scales the gains.
-        why = "".join(f"; {sentence}" for sentence in self.simulator.suspicions())
+        why = "".join(f"; {finding.sentence}" for finding in self.simulator.suspicions())
         return FitError(f"DIDIM cannot start from these parameters: {reason}{why}")
 
     def observe(self, iterate: Iterate) -> LinearSystem:
@@ -177,22 +177,22 @@ class Problem:
         except DidimError:
             return  # the measured motion says nothing
 
-    def suspected(self, system: LinearSystem, fit: Fit, *, converged: bool) -> list[str]:
+    def suspected(self, system: LinearSystem, fit: Fit, *, converged: bool) -> list[Finding]:
         """Return what looks wrong with the torques of a result."""
         if not converged:
             return self.simulator.suspicions()
         # With unknown gains the rows are those of the motors, and the sign of a gain is estimated.
-        return suspicions(system, fit) if not self.base.n_gains else []
+        return torque_findings(system) if not self.base.n_gains else []
 
     @property
     def remarks(self) -> Sequence[str]:
         """Sentences on the problem."""
         return self.simulator.remarks
 
-    def evidence(self, suspected: Sequence[str], output_error: float) -> list[Reason]:
-        """Return reasons to doubt a result."""
+    def evidence(self, suspected: Sequence[Finding], output_error: float) -> list[Finding]:
+        """Return what speaks against a result."""
         updating = self.method.gain_updating != "never"
-        return [*torque_reasons(suspected), *following_reasons(output_error, updating=updating)]
+        return [*suspected, *following_findings(output_error, updating=updating)]
 
     def record(self) -> dict[str, Any]:
         """Return the settings of the method and of the closed loop, for the record of a result."""
@@ -252,7 +252,7 @@ class ConsistentProblem(Problem):
         assert self.direct.standard is not None
         self.conditions = self.solver.problem
         simulator.prepare(experiment, q, damping, self.direct.standard)
-        self.contradictions = diagnosis(self.measured, direct, first.problem)
+        self.contradictions = [*torque_findings(self.measured), *contradiction_findings(diagnosis(direct))]
 
     def _simulator(self, say: Callable[[str], None]) -> RateSimulator:
         return RateSimulator(self.method, self.job, say)
@@ -281,7 +281,7 @@ class ConsistentProblem(Problem):
 
     def no_start(self, reason: str) -> FitError:
         """Return the error of a start that cannot be simulated."""
-        why = "".join(f"; {sentence}" for sentence in self.contradictions)
+        why = "".join(f"; {finding.sentence}" for finding in self.contradictions)
         return FitError(f"consistent DIDIM cannot start from these parameters: {reason}{why}")
 
     def solution(self, system: LinearSystem) -> Fit:
@@ -307,21 +307,21 @@ class ConsistentProblem(Problem):
             },
         )
 
-    def suspected(self, system: LinearSystem, fit: Fit, *, converged: bool) -> list[str]:
+    def suspected(self, system: LinearSystem, fit: Fit, *, converged: bool) -> list[Finding]:
         """Return what looks wrong with the torques of a result, unless that is known already."""
-        return suspicions(system, fit) if converged and not self.contradictions else []
+        return torque_findings(system) if converged and not self.contradictions else []
 
     @property
     def remarks(self) -> Sequence[str]:
         """What contradicts the torques."""
-        return self.contradictions
+        return [finding.sentence for finding in self.contradictions]
 
-    def evidence(self, suspected: Sequence[str], output_error: float) -> list[Reason]:
-        """Return reasons to doubt a result."""
+    def evidence(self, suspected: Sequence[Finding], output_error: float) -> list[Finding]:
+        """Return what speaks against a result."""
         return [
-            *torque_reasons(suspected),
-            *contradiction_reasons(self.contradictions),
-            *following_reasons(output_error),
+            *suspected,
+            *self.contradictions,
+            *following_findings(output_error),
         ]
 
     def _own_record(self, start: str) -> dict[str, Any]:

@@ -13,14 +13,15 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..._tools.threads import core_threads
 from ...errors import DidimError
+from ...evidence.torques import TORQUE_CODES
 from ...experiment.experiment import Experiment
 from ...loop.outcome import Outcome
 from ...model.dynamics import inertia_matrix
+from ...result.finding import Finding
 from ...result.identification import Identification
 from ...signal.segments import Segment
 from ..idim_ls import direct_estimate
 from ..job import Job
-from ..verdict.torques import TORQUE_CODES
 from .settings import DIDIMSettings
 from .simulability import chosen_steps, largest_rates
 from .windows import Simulated, Window, checked_positions, segments_of, simulated, windows_of
@@ -168,7 +169,7 @@ class LogSimulator:
             self._direct = direct_estimate(self.method, experiment, self.say, compensate_samples=self.delay)
         return self._direct
 
-    def suspicions(self) -> list[str]:
+    def suspicions(self) -> list[Finding]:
         """Return what looks wrong along the measured motion, which no wrong parameter spoils."""
         if not self.measured:
             return []
@@ -176,7 +177,7 @@ class LogSimulator:
             found = self.direct().evidence
         except DidimError:
             return []
-        return [reason.sentence for reason in found if reason.code in TORQUE_CODES]
+        return [finding for finding in found if finding.code in TORQUE_CODES]
 
     def segments(self, found: Simulated) -> list[Segment]:
         """Return a simulated motion with the measured torques beside it."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...errors import FitError
+from ...evidence.loop.simulated import Piece, beside
 from ...experiment.loop import closed_loop
 from ...loop.closed_loop import ClosedLoop
 from ...loop.outcome import Outcome
@@ -20,7 +21,6 @@ from ...signal.align import align
 from ...signal.segments import Segment, kept_samples, place_of
 from ...signal.spikes import without_spikes
 from ..job import Delay, Job, ratio
-from ..verdict.simulated import Piece, beside
 
 ABREAST = 8
 """Candidates that are simulated at once: a few lanes of the core for each thread, and no more memory than they need."""

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..._tools.arrays import Array
-from ..._tools.words import joints_text
-from ...regression.block import Block
-from ...result.uncertainty import Uncertainty
-from ...result.verdict import Reason, Severity
+from .._tools.arrays import Array
+from ..regression.block import Block
+from ..result.finding import Finding, Grade
+from ..result.uncertainty import Uncertainty
 
 LAGS = 20
 """Lags K, in rows; a tenth of the rows of a joint at most."""
@@ -88,10 +87,10 @@ def whiteness(residual: Array, blocks: Sequence[Block], n_joints: int) -> Whiten
     return Whiteness(growth, sigmas)
 
 
-def whiteness_reasons(
+def whiteness_findings(
     found: Whiteness, relative_error: Array, uncertainty: Uncertainty | None, std: Array
-) -> list[Reason]:
-    """Return a reason where residuals last that are not negligible.
+) -> list[Finding]:
+    """Return a finding where residuals last that are not negligible.
 
     Parameters
     ----------
@@ -106,31 +105,24 @@ def whiteness_reasons(
     if not len(joints):
         return []
     large = np.nan_to_num(relative_error[joints]) > NEGLIGIBLE
-    severity: Severity = "doubtful" if large.any() else "note"
     joints = joints[large] if large.any() else joints
-    growth, sizes = found.growth[joints], 100.0 * relative_error[joints]
-    sentence = (
-        f"the residual of {joints_text(joints)} is not white noise but lasts: {_between(sizes)} % of the torque, for which "
-        f"standard deviations of white noise are {_between(growth)} times too small"
-    )
-    if uncertainty is not None and uncertainty.kind == "jackknife" and std.any():
+    jackknifed = uncertainty is not None and uncertainty.kind == "jackknife" and bool(std.any())
+    # What is left out in blocks has the correlation of the residual: those intervals are wide enough for it.
+    grade: Grade = "doubtful" if large.any() and not jackknifed else "note"
+    facts: dict[str, object] = {
+        "shares": relative_error[joints].tolist(),
+        "growth": found.growth[joints].tolist(),
+    }
+    if jackknifed and uncertainty is not None:
         white = uncertainty.std_white
-        ratio = float(np.median(std[white > 0.0] / white[white > 0.0]))
-        sentence += f"; those of the jackknife, printed here, are {ratio:.2g} times larger already (median)"
+        facts["jackknife"] = float(np.median(std[white > 0.0] / white[white > 0.0]))
     return [
-        Reason(
+        Finding(
             code="not-white",
-            severity=severity,
-            sentence=sentence,
-            advice=""
-            if severity == "note"
-            else 'The model lacks something: try terms = "auto" under [friction], and run didim check',
+            grade=grade,
             joints=tuple(int(joint) + 1 for joint in joints),
-            value=float(growth.max()),
+            value=float(found.growth[joints].max()),
+            effect=float(np.nanmax(relative_error[joints])),
+            facts=facts,
         )
     ]
-
-
-def _between(values: Array) -> str:
-    low, high = (f"{value:.2g}" for value in (values.min(), values.max()))
-    return low if low == high else f"{low} to {high}"

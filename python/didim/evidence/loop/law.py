@@ -6,19 +6,19 @@ gains, a delay, a reference that was logged late, a limit, a torque that is fed 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from ..._tools.arrays import Array
-from ..._tools.words import joints_text
 from ...errors import DidimError
 from ...experiment.experiment import Experiment
 from ...experiment.specs import ControllerSpec, ReferenceSpec
 from ...model.dynamics import inverse_dynamics
-from ...result.verdict import Reason
-from .loop_rows import LawRows
+from ...result.finding import Finding
+from .law_rows import LawRows
 
 AGREES = 0.03
 """Share of a joint's torque that the declared law may leave beside the white noise of the torque: that of filters."""
@@ -38,14 +38,13 @@ LIMITS = (0.75, 0.85, 0.9, 0.94, 0.97, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """Another law, what it says, and its error on the rows, (n_rows, n_dof)."""
+    """Another law, by the code of its finding, and its error on the rows, (n_rows, n_dof)."""
 
     code: str
-    sentence: str
-    advice: str
     error: Array
     joints: tuple[int, ...] = ()
     value: float | None = None
+    facts: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +99,13 @@ def declared_loop(experiment: Experiment) -> bool:
         return False
     if isinstance(reference, ReferenceSpec) and reference.kind == "measured":
         return False
-    return not (isinstance(controller, ControllerSpec) and controller.settings.get("kind") == "made-up")
+    return not made_up(experiment)
+
+
+def made_up(experiment: Experiment) -> bool:
+    """Whether the gains of an experiment's controller are made up (``kind = "made-up"``)."""
+    controller = experiment.controller
+    return isinstance(controller, ControllerSpec) and controller.settings.get("kind") == "made-up"
 
 
 def recovered(experiment: Experiment) -> Recovered | None:
@@ -134,10 +139,10 @@ def recovered(experiment: Experiment) -> Recovered | None:
     return Recovered(rows.names, factors, sigmas, relative, rows)
 
 
-def loop_reasons(
+def loop_findings(
     experiment: Experiment, x: Array | None = None, found: Recovered | None = None
-) -> list[Reason]:
-    """Return a reason where the log contradicts the declared controller or reference.
+) -> list[Finding]:
+    """Return a finding where the log contradicts the declared controller or reference.
 
     Parameters
     ----------
@@ -163,27 +168,27 @@ def loop_reasons(
         for law in _laws(found, experiment, off, x)
     ]
     worst = float(found.relative.max())
-    left = f"the declared controller leaves {100.0 * worst:.2g} % of the torque of {joints_text([int(np.argmax(found.relative))])}"
+    left = {"worst": worst, "joint": int(np.argmax(found.relative)) + 1}
     score, law = min(scored, key=lambda item: item[0])
     if score < EXPLAINS:
         return [
-            Reason(
+            Finding(
                 code=law.code,
-                severity="wrong",
-                sentence=f"{law.sentence}: {left}, and this {100.0 * score**0.5:.2g} % of that",
-                advice=law.advice,
+                grade="wrong",
                 joints=law.joints,
                 value=law.value,
+                effect=worst,
+                facts={**left, "left": score**0.5, **law.facts},
             )
         ]
     return [
-        Reason(
+        Finding(
             code="controller",
-            severity="wrong" if worst > ASTRAY else "doubtful",
-            sentence=f"{left}, and no other gain, delay, limit or feed-forward explains it",
-            advice="Look at kind, gains and units of [controller], and at [reference]; until then trust IDIM-LS",
+            grade="wrong" if worst > ASTRAY else "doubtful",
             joints=tuple(joint + 1 for joint in off),
             value=worst,
+            effect=worst,
+            facts=left,
         )
     ]
 
@@ -198,22 +203,10 @@ def _laws(found: Recovered, experiment: Experiment, off: list[int], x: Array | N
         _best(rows, [0.0, *samples], lambda value: rows.law(lag_s=value, differences=True)),
     ]
     lag, error = min(tried, key=lambda item: float(np.sum((item[1] / rows.size) ** 2)))
-    yield Law(
-        "controller-delay",
-        f"the log's controller acts {1e3 * abs(lag):.3g} ms {'later' if lag >= 0.0 else 'earlier'} than the declared one",
-        "Write sample_time_s and delay_samples under [controller]",
-        error,
-        value=lag,
-    )
+    yield Law("controller-delay", error, value=lag)
     leads = sorted({*samples, *(value / 1e3 for value in (5.0, 10.0, 20.0, 40.0))})
     lead, error = _best(rows, leads, lambda value: rows.law(lead_s=value))
-    yield Law(
-        "reference-late",
-        f"the reference looks {1e3 * abs(lead):.3g} ms {'late' if lead > 0.0 else 'early'} against the positions",
-        "Log the reference that the controller gets, at the same time",
-        error,
-        value=lead,
-    )
+    yield Law("reference-late", error, value=lead)
     yield _limits(rows)
     if x is not None:
         forward = rows.reduced(
@@ -223,19 +216,14 @@ def _laws(found: Recovered, experiment: Experiment, off: list[int], x: Array | N
             ]
         )
         share, error = _fed(rows, forward)
-        yield Law(
-            "feed-forward",
-            f"the log's controller feeds a torque forward, {share:.2g} times that of the model along the reference",
-            "Declare it under [controller], or log it",
-            error,
-            value=share,
-        )
+        yield Law("feed-forward", error, value=share)
 
 
 def _gains(found: Recovered, off: list[int]) -> Law:
     rows = found.rows
     torque = np.einsum("kj,krj->rj", found.factors, rows.columns()) + rows.reduced(rows.fed_forward())
-    parts, joints = [], set()
+    parts: list[dict[str, Any]] = []
+    joints: set[int] = set()
     names, factors, sigmas = found.keys()
     for k, name in enumerate(names):
         changed = [
@@ -243,19 +231,14 @@ def _gains(found: Recovered, off: list[int]) -> Law:
         ]
         if changed:
             joints |= set(changed)
-            values = factors[k, changed]
-            low, high = f"{values.min():.3g}", f"{values.max():.3g}"
-            parts.append(
-                f"{name} of {joints_text(changed)} is {low if low == high else f'{low} to {high}'} times the declared one"
-            )
+            values = factors[k, changed].tolist()
+            parts.append({"name": name, "joints": [joint + 1 for joint in changed], "values": values})
     return Law(
         "controller-gain",
-        "the gains of the log's controller are not the declared ones: "
-        + (", ".join(parts) or "several differ"),
-        "Correct the gains under [controller]",
         rows.error(torque),
         joints=tuple(sorted(joint + 1 for joint in joints)),
         value=float(found.factors[0, off].mean()),
+        facts={"gains": parts},
     )
 
 
@@ -285,7 +268,7 @@ def _limits(rows: LawRows) -> Law:
         limits.append(share * top)
     squares = np.array([np.sum(error**2, axis=0) for error in errors])
     best = np.argmin(squares, axis=0)
-    chosen = np.array([limits[k][j] for j, k in enumerate(best)])
+    chosen = np.array([limits[int(k)][j] for j, k in enumerate(best)])
     # Between two limits of the grid the squared errors are alike: refined once, joint by joint at the same time.
     for factor in (0.97, 0.985, 1.015, 1.03):
         error = rows.error(rows.law(limit=factor * chosen))
@@ -294,16 +277,8 @@ def _limits(rows: LawRows) -> Law:
         squares = np.vstack([squares, np.sum(error**2, axis=0)])
     error = rows.error(rows.law(limit=chosen))
     joints = [int(joint) for joint in np.flatnonzero(np.isfinite(chosen))]
-    values = ", ".join(f"{chosen[joint]:.3g}" for joint in joints)
-    return Law(
-        "saturation",
-        f"the torque of {joints_text(joints)} is limited to {values} (N.m or N), which is not declared"
-        if joints
-        else "the torques are limited",
-        "Write saturation under [controller]",
-        error,
-        joints=tuple(joint + 1 for joint in joints),
-    )
+    found = [float(chosen[joint]) for joint in joints]
+    return Law("saturation", error, joints=tuple(joint + 1 for joint in joints), facts={"limits": found})
 
 
 def _fed(rows: LawRows, forward: Array) -> tuple[float, Array]:

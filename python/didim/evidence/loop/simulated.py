@@ -16,15 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._tools.arrays import Array
-from ..._tools.words import joints_text
 from ...errors import DidimError
 from ...experiment.experiment import Experiment
-from ...regression.linear_system import LinearSystem
-from ...result.verdict import Reason, Severity
+from ...result.finding import Finding, Grade
 from ...signal.decimation import decimate, decimation_stages
+from ...signal.noise import white_noise
 from ...signal.processing import SignalProcessing
-from ..job import Job
-from .loop import declared_loop
+from .law import declared_loop, made_up
 
 POSITION = 0.005
 """Share of a joint's motion that the simulated motion may miss: correct loops miss up to 0.01 %, or 0.1 % with
@@ -93,7 +91,9 @@ def beside(signal: SignalProcessing, pieces: Sequence[Piece]) -> Beside:
     missed, moved = np.zeros(n), np.zeros(n)
     for q, q_s, _, _ in pieces:
         if q is not None:
-            missed += np.sum((q_s - q) ** 2, axis=0)
+            # Noise of the encoder is no motion that the simulated robot misses.
+            noise = white_noise(q) if len(q) > 5 else np.zeros(n)
+            missed += np.maximum(np.sum((q_s - q) ** 2, axis=0) - len(q) * noise**2, 0.0)
             moved += np.sum((q - q.mean(axis=0)) ** 2, axis=0)
     position = np.sqrt(missed / np.maximum(moved, np.finfo(float).tiny))
     slope, sigma = _slope(tau_s, tau)
@@ -119,9 +119,9 @@ def _slope(x: Array, y: Array) -> tuple[Array, Array]:
     return slope, np.asarray(np.sqrt(m / (m - 1) * np.sum(np.square(scores), axis=0)) / size)
 
 
-def simulated_reasons(
+def simulated_findings(
     experiment: Experiment, found: Beside, least: Callable[[], Array], *, doubted: bool
-) -> list[Reason]:
+) -> list[Finding]:
     """Return what the simulated robot of a converged result says against it.
 
     Parameters
@@ -135,100 +135,72 @@ def simulated_reasons(
     doubted : bool
         Whether other evidence is against it: IDIM-LS is run then, or where something is found here.
     """
-    reasons = [*motion_reasons(experiment, found), *slope_reasons(found)]
-    if reasons or doubted:
+    findings = [*motion_findings(experiment, found), *slope_findings(found)]
+    if findings or doubted:
         try:
-            reasons += worse_reasons(found, least())
+            findings += worse_findings(found, least())
         except DidimError:  # a log that IDIM-LS cannot solve
-            return reasons
-    return reasons
+            return findings
+    return findings
 
 
-def motion_reasons(experiment: Experiment, found: Beside) -> list[Reason]:
-    """Return a reason where the simulated motion is not the measured one."""
+def motion_findings(experiment: Experiment, found: Beside) -> list[Finding]:
+    """Return a finding where the simulated motion is not the measured one."""
     joints = np.flatnonzero(found.position > POSITION)
     if not len(joints):
         return []
     worst = float(found.position.max())
     real = declared_loop(experiment)
-    severity: Severity = "wrong" if worst > ASTRAY and real else "doubtful"
+    grade: Grade = "wrong" if worst > ASTRAY and real else "doubtful"
     return [
-        Reason(
+        Finding(
             code="simulated-motion",
-            severity=severity,
-            sentence=f"the simulated motion of {joints_text(joints)} misses {_percent(found.position[joints])} % of the measured "
-            "motion, and that of a right closed loop 0.1 % or less",
-            advice="Look at [controller] and [reference]; until then trust IDIM-LS"
-            if real
-            else "The controller is made up: raise its natural_frequency_hz, or trust IDIM-LS",
+            grade=grade,
             joints=tuple(int(joint) + 1 for joint in joints),
             value=worst,
+            effect=worst,
+            facts={
+                "missed": found.position[joints].tolist(),
+                "loop": "declared" if real else "made-up" if made_up(experiment) else "measured",
+            },
         )
     ]
 
 
-def slope_reasons(found: Beside) -> list[Reason]:
-    """Return a reason where measured torques are not those of the simulated robot, but for a factor."""
+def slope_findings(found: Beside) -> list[Finding]:
+    """Return a finding where measured torques are not those of the simulated robot, but for a factor."""
     off = found.slope - 1.0
     joints = np.flatnonzero(np.abs(off) > np.maximum(SLOPE, SLOPE_SIGMAS * found.sigma))
     if not len(joints):
         return []
     worst = int(joints[np.argmax(np.abs(off[joints]))])
     return [
-        Reason(
+        Finding(
             code="torque-slope",
-            severity="doubtful",
-            sentence=f"the measured torques of {joints_text(joints)} are {_factors(found.slope[joints])} times those of the "
-            f"simulated robot (+- {found.sigma[worst]:.1g})",
-            advice="The parameters are off by as much: look at the gains of [controller], and at the drive gains",
+            grade="doubtful",
             joints=tuple(int(joint) + 1 for joint in joints),
             value=float(found.slope[worst]),
+            deviation=float(found.sigma[worst]),
+            effect=float(abs(off[worst])),
+            facts={"slopes": found.slope[joints].tolist()},
         )
     ]
 
 
-def worse_reasons(found: Beside, least: Array) -> list[Reason]:
-    """Return a reason where IDIM-LS explains the log better; `least` are its errors, (n_dof,) (N.m or N, root mean squares)."""
+def worse_findings(found: Beside, least: Array) -> list[Finding]:
+    """Return a finding where IDIM-LS explains the log better; `least` are its errors, (n_dof,) (N.m or N, root mean squares)."""
     ratio = found.error / np.maximum(least, np.finfo(float).tiny)
     joints = np.flatnonzero((ratio > WORSE) & (found.error - least > NEGLIGIBLE * found.torque))
     if not len(joints):
         return []
-    own, other = (100.0 * errors[joints] / found.torque[joints] for errors in (found.error, least))
+    own, other = (errors[joints] / found.torque[joints] for errors in (found.error, least))
     return [
-        Reason(
+        Finding(
             code="worse-than-idim-ls",
-            severity="doubtful",
-            sentence=f"the simulated torques of {joints_text(joints)} are off by {_range(own)} %, and IDIM-LS leaves "
-            f"{_range(other)} % on the same rows",
-            advice="The robot's model is not the cause: look at [controller] and [reference], and trust IDIM-LS",
+            grade="doubtful",
             joints=tuple(int(joint) + 1 for joint in joints),
             value=float(ratio[joints].max()),
+            effect=float(own.max()),
+            facts={"own": own.tolist(), "least": other.tolist()},
         )
     ]
-
-
-def least_errors(job: Job) -> Array:
-    """Return the errors that plain IDIM-LS leaves, (n_dof,) (N.m or N, root mean squares on its rows).
-
-    Raises
-    ------
-    DidimError
-        For a log that it cannot solve.
-    """
-    system: LinearSystem = job.system(job.parts("fit", job.declared_delay))
-    sizes = [max(1, rows.stop - rows.start) for rows in system.joints]
-    return np.asarray(system.norms(job.solve(system).residual) / np.sqrt(sizes))
-
-
-def _percent(values: Array) -> str:
-    return _range(100.0 * values)
-
-
-def _range(values: Sequence[float] | Array) -> str:
-    low, high = f"{min(values):.2g}", f"{max(values):.2g}"
-    return low if low == high else f"{low} to {high}"
-
-
-def _factors(values: Array) -> str:
-    low, high = f"{values.min():.3f}", f"{values.max():.3f}"
-    return low if low == high else f"{low} to {high}"

@@ -24,6 +24,7 @@ from ...signal.decimation import decimate, decimation_stages
 from ...signal.filters import differentiate
 from ...signal.noise import row_noise, white_noise
 from ...signal.processing import SignalProcessing
+from ...signal.spikes import without_lone
 
 LARGEST_LAG = 12
 """Samples at the ends of a window that are left out, because signals are shifted against each other."""
@@ -66,7 +67,7 @@ def _stretch(experiment: Experiment, recording: Recording, window: tuple[int, in
     q = recording.measured_positions()[kept]
     assert recording.tau is not None
     _, dq, _ = differentiate(q, recording.rate_hz, experiment.signal)
-    return Stretch(loop, loop.t[: len(q)], q, dq, recording.tau[kept])
+    return Stretch(loop, loop.t[: len(q)], q, dq, without_lone(recording.tau[kept]))
 
 
 class LawRows:
@@ -186,11 +187,19 @@ class LawRows:
 
     @property
     def noise(self) -> Array:
-        """Share of each joint's torque that white noise of the log's torques leaves on the rows, (n_dof,)."""
-        share = row_noise(self.signal, self.rate_hz)[0]
-        spread = np.median([white_noise(item.tau) for item in self.stretches], axis=0)
+        """Share of each joint's torque that white noise of torques and encoders leaves on the rows, (n_dof,).
+
+        The law has the noise of the positions times its gains: the real controller has had none of it, or its own.
+        """
+        of_torque, _, of_speed, _ = row_noise(self.signal, self.rate_hz)
+        spread, encoder = (
+            np.median([white_noise(getattr(item, key)) for item in self.stretches], axis=0)
+            for key in ("tau", "q")
+        )
+        gain, laws = np.abs(self.controller.gain), np.abs(self.controller.laws)
+        law = gain * encoder * np.hypot(of_torque * laws[:, 0], of_speed * laws[:, 1])
         size = np.std(self.measured, axis=0)
-        return np.asarray(share * spread / np.maximum(size, np.finfo(float).tiny))
+        return np.asarray(np.hypot(of_torque * spread, law) / np.maximum(size, np.finfo(float).tiny))
 
     def error(self, torque: Array) -> Array:
         """Measured torque less another one, each joint's mean left out, (n_rows, n_dof)."""

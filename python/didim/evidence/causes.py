@@ -1,0 +1,279 @@
+"""The rule by which a cause is named: tried by the plain fit, decided by the consistent one, confirmed by blocks and other logs.
+
+Every hypothesis is applied and fitted again, and judged by D, (1) of `didim.evidence.products`, on blocks that were left out. Those
+that pass are fitted by parameters of a robot, which cannot swallow a wrong sign: D of that fit decides. The best of all is named,
+with those that explain the log as well; if the best one is refused (it is an end of its search, another log contradicts it,
+friction gets a sign that no robot has), none is. Tested in ``tests/test_evidence_causes.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..regression.linear_system import LinearSystem
+from .hypotheses.hypothesis import Hypothesis
+from .hypotheses.table import OF_COLUMNS, OF_TORQUES
+from .hypotheses.torques import exchanges, signs
+from .products import BLOCKS, Declared, Judged, Products
+from .rows import LogRows
+from .thresholds import (
+    BLOCKS_BETTER,
+    FRICTION_SIGMAS,
+    FRICTION_SLACK,
+    HINT,
+    MARGIN,
+    MOST_DECIDED,
+    MOST_EXACT,
+    NAMED,
+    NEGATIVE_SIGMAS,
+    OTHER_LOG,
+    SCREEN,
+    TORN,
+    TURNED,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A hypothesis that was applied and fitted again.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+        What was changed.
+    d, d_consistent : float
+        D of the plain fit, on blocks left out, and of the consistent fit; NaN where this one was not asked.
+    blocks : int
+        Blocks that it predicts better, of those of `didim.evidence.products.BLOCKS`.
+    friction : bool
+        Whether the friction of its joint, which would drive it as declared, brakes.
+    refused : str
+        Why it is not named, or nothing.
+    """
+
+    hypothesis: Hypothesis
+    d: float
+    blocks: int = 0
+    d_consistent: float = float("nan")
+    friction: bool = False
+    refused: str = ""
+
+    @property
+    def decisive(self) -> float:
+        """D that decides."""
+        return self.d if np.isnan(self.d_consistent) else self.d_consistent
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """What explains a log, with what explains it as well.
+
+    Attributes
+    ----------
+    tried : tuple of Tried
+        The best first.
+    certain : bool
+        Whether it is clear enough for a result to be wrong; else a hint.
+    """
+
+    tried: tuple[Tried, ...]
+    certain: bool
+
+
+class Search:
+    """The search for a cause.
+
+    Parameters
+    ----------
+    rows : LogRows
+        The log.
+    other : LogRows, optional
+        Another log of the robot, such as one that was held out.
+    """
+
+    def __init__(self, rows: LogRows, other: LogRows | None = None) -> None:
+        self.rows, self.other = rows, other
+        self._columns: dict[int, tuple[Array, tuple[str, ...], Products]] = {}
+
+    def cause(self) -> Cause | None:
+        """Return what explains the log, or None."""
+        found = [self._tried(item) for family in OF_TORQUES for item in family(self.rows)]
+        found += [self._tried(item) for item in self._promising()]
+        found = [item for item in found if np.isfinite(item.d)]
+        by_friction = [item for item in found if item.friction]
+        near = sorted((item for item in found if item.d <= SCREEN), key=lambda item: item.d)[:MOST_DECIDED]
+        known = {id(item.hypothesis) for item in near}
+        near += [item for item in by_friction if id(item.hypothesis) not in known]
+        known = {id(item.hypothesis) for item in near}
+        torn = self._torn_joints()
+        near += [
+            item
+            for item in found
+            if item.hypothesis.turns
+            and item.hypothesis.joints[0] in torn
+            and id(item.hypothesis) not in known
+        ]
+        return None if not near else self._named([self._decided(item) for item in near])
+
+    def _promising(self) -> list[Hypothesis]:
+        """Return the hypotheses with columns of their own that the rougher look leaves, the best first."""
+        rows = self.rows
+        torn = self._torn_joints()
+        scored: list[tuple[float, Hypothesis]] = []
+        for family in OF_COLUMNS:
+            for item in family(rows):
+                d = rows.rough(item.robot, item.position, item.factors)
+                if item.turns and item.joints[0] in torn:
+                    d = min(d, SCREEN)
+                if d <= SCREEN:
+                    scored.append((d, item))
+        scored.sort(key=lambda pair: pair[0])
+        return [item for _, item in scored[:MOST_EXACT]]
+
+    def _torn_joints(self) -> tuple[int, ...]:
+        """Return the joints, from 1, whose torques only parameters of no robot explain."""
+        if not hasattr(self, "_torn"):
+            plain = self.rows.products.seen()
+            held = self.rows.consistent(self.rows.robot, self.rows.w, self.rows.y)
+            self._held = held
+            cost = np.zeros(self.rows.n) if held is None else np.log(held / plain)
+            self._torn = tuple(int(joint) + 1 for joint in np.flatnonzero(cost > TORN))
+        return self._torn
+
+    def _products(self, item: Hypothesis) -> tuple[Array, tuple[str, ...], Products] | None:
+        if not item.needs_columns:
+            return self.rows.w, self.rows.names, self.rows.products
+        key = id(item.robot) if item.position is None else hash(item.position.tobytes())
+        if key not in self._columns:
+            found = self.rows.exact(item.robot, item.position)
+            if found is None:
+                return None
+            self._columns[key] = (*found, Products.of(found[0], self.rows.y))
+        return self._columns[key]
+
+    def _tried(self, item: Hypothesis) -> Tried:
+        found = self._products(item)
+        if found is None:
+            return Tried(item, float("inf"))
+        return tried(self.rows, item, found[2], found[1])
+
+    def _decided(self, plain: Tried) -> Tried:
+        """Return a trial with D of the consistent fit, and whether another log confirms it."""
+        item = plain.hypothesis
+        found = self._products(item)
+        self._torn_joints()
+        if found is None or self._held is None:
+            return plain
+        n = self.rows.n
+        order = list(range(n)) if item.order is None else list(item.order)
+        factors = np.ones(n) if item.factors is None else item.factors
+        y = np.empty_like(self.rows.y)
+        y[order] = self.rows.y / factors[:, None]  # the torques of the joints, not of the channels
+        held = self.rows.consistent(item.robot or self.rows.robot, found[0], y)
+        if held is None:
+            return replace(plain, d_consistent=float("inf"))
+        d = float(np.sum(np.log(held[order] * factors**2 / self._held)))
+        refused = plain.refused
+        if not refused and d <= HINT and self._contradicted(item, found[2]):
+            refused = "other-log"
+        return replace(plain, d_consistent=d, refused=refused)
+
+    def _contradicted(self, item: Hypothesis, products: Products) -> bool:
+        """Whether another log of the robot is predicted no better."""
+        if self.other is None or self.other.n != self.rows.n:
+            return False
+        mine, theirs = self.other.products, self.other.products
+        if item.needs_columns:
+            found = self.other.exact(item.robot, item.position)
+            if found is None:
+                return False
+            theirs = Products.of(found[0], self.other.y)
+        after = theirs.predicted(products.judged(item.order, item.factors).beta, item.order, item.factors)
+        before = mine.predicted(self.rows.declared.beta)
+        return float(np.sum(np.log(after / before))) > OTHER_LOG
+
+    def _named(self, found: Sequence[Tried]) -> Cause | None:
+        """Return the cause by the rule, or None."""
+        order = sorted(found, key=lambda item: item.decisive)
+        by_friction = [item for item in order if item.friction and item.decisive < FRICTION_SLACK]
+        best = order[0]
+        limit = min(best.decisive + MARGIN, HINT)
+        ties = [item for item in order if item.decisive <= limit and not item.refused]
+        if best.decisive <= HINT and not best.refused and any(confirmed(item) for item in ties):
+            return Cause(tuple(_distinct(ties)), certain=best.decisive <= NAMED)
+        if by_friction and not (best.decisive <= HINT and best.refused):
+            return Cause(tuple(_distinct(by_friction)), certain=True)
+        return None
+
+
+def tried(rows: Declared, item: Hypothesis, products: Products, names: Sequence[str]) -> Tried:
+    """Return a hypothesis applied, fitted again and judged on blocks left out; `products` and `names` of its own columns."""
+    judged, declared = products.judged(item.order, item.factors), rows.declared
+    d, refused, friction = judged.against(declared), "", False
+    if item.at_end:
+        refused = "at-end"
+    elif item.turns:
+        before = friction_sigmas(rows.names, declared, item.joints)
+        after = friction_sigmas(names, judged, item.joints)
+        friction = max(before) < -FRICTION_SIGMAS and min(after) > FRICTION_SIGMAS and d < FRICTION_SLACK
+        refused = "friction" if min(after) < min(-NEGATIVE_SIGMAS, min(before)) else ""
+    return Tried(item, d, judged.better_blocks(declared), friction=friction, refused=refused)
+
+
+@dataclass(frozen=True, eq=False)
+class OfSystem:
+    """A linear system (7) as declared."""
+
+    n: int
+    names: tuple[str, ...]
+    products: Products
+    declared: Judged
+
+
+def cause_of_torques(system: LinearSystem) -> tuple[OfSystem, Cause | None] | None:
+    """Return the turned sign or the exchange of torques that a system (7) shows by itself, on blocks that were left out.
+
+    The quick look of every method, before any other: a log like that spoils starts and steps too.
+    """
+    products = Products.of_system(system)
+    if len(system.y) < BLOCKS * products.n or not (products.y.sum(axis=1) > 0.0).all():
+        return None
+    rows = OfSystem(products.n, system.names, products, products.judged())
+    found = [
+        tried(rows, item, products, rows.names) for family in (signs, exchanges) for item in family(rows)
+    ]
+    best, *_ = order = sorted(found, key=lambda item: item.d)
+    if best.d <= NAMED and best.blocks >= BLOCKS_BETTER:
+        ties = [item for item in order if item.d <= best.d + MARGIN and not item.refused]
+        return rows, Cause(tuple(_distinct(ties)), certain=True) if ties else None
+    by_friction = [item for item in order if item.friction]
+    return rows, Cause(tuple(_distinct(by_friction)), certain=True) if by_friction else None
+
+
+def confirmed(tried: Tried) -> bool:
+    """Whether blocks that were left out confirm a trial, or the sign of friction where the plain fit is blind."""
+    if tried.hypothesis.turns and (tried.friction or tried.d_consistent <= TURNED):
+        return True
+    return tried.d <= SCREEN and tried.blocks >= BLOCKS_BETTER
+
+
+def friction_sigmas(names: Sequence[str], judged: Judged, joints: Sequence[int]) -> list[float]:
+    """Return the viscous and Coulomb friction of joints, from 1, in their standard deviations; zero without such columns."""
+    found = []
+    for kind in (f"{kind}{joint}" for joint in joints for kind in ("Fv", "Fc")):
+        places = [place for place, name in enumerate(names) if name.rstrip("+-") == kind]
+        std = np.maximum(judged.std[places], np.finfo(float).tiny)
+        found += (judged.beta[places] / std).tolist()
+    return found or [0.0]
+
+
+def _distinct(tried: Iterable[Tried]) -> list[Tried]:
+    """Return the best of each kind and joint."""
+    kept: dict[tuple[str, tuple[int, ...]], Tried] = {}
+    for item in tried:
+        kept.setdefault((item.hypothesis.code, item.hypothesis.joints), item)
+    return list(kept.values())

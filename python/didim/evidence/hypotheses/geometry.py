@@ -1,0 +1,149 @@
+"""The robot file read otherwise: gravity, conventions, twists, lengths. Tested in ``tests/test_evidence_causes.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...robot.robot import Robot
+from ..rows import LogRows
+from .hypothesis import Hypothesis
+
+FACTORS = (0.8, 1.25)
+"""Factors of a length that are tried; a parabola through their errors tells where the best one is."""
+LARGEST = 0.7
+"""Logarithm of the factor of a length beyond which it is an end of the search, and no estimate."""
+SMALLEST_LENGTH_M = 5e-3
+"""Length (m) below which a row changes no torque that a log shows."""
+GRAVITY = 9.81
+"""Size of gravity where the robot file declares none (m/s^2)."""
+HINT = 0.98
+"""Mean squared error by the rougher look, over that of the declared model, below which the factor of a length is refined."""
+
+
+def with_geometry(robot: Robot, **changes: object) -> Robot:
+    """Return a robot with other rows or gravity, and without what its file says of frames."""
+    return replace(robot, geometry=replace(robot.geometry, **changes), correspondence=None, _named={})  # type: ignore[arg-type]
+
+
+def gravities(rows: LogRows) -> Iterator[Hypothesis]:
+    """Return gravity along each axis of frame 0, either way, and away from where it points."""
+    declared = np.array(rows.robot.geometry.gravity)
+    size = float(np.linalg.norm(declared)) or GRAVITY
+    directions = [sign * size * axis for axis in np.eye(3) for sign in (-1.0, 1.0)]
+    if declared.any():
+        directions.append(-declared)
+    tried: list[Array] = [declared]
+    for direction in directions:
+        if any(np.allclose(direction, other, atol=1e-3 * size) for other in tried):
+            continue
+        tried.append(direction)
+        yield Hypothesis(
+            code="gravity",
+            robot=with_geometry(rows.robot, gravity=tuple(direction.tolist())),
+            facts={"vector": [value + 0.0 for value in direction.tolist()], "declared": declared.tolist()},
+        )
+
+
+def conventions(rows: LogRows) -> Iterator[Hypothesis]:
+    """Return the same rows read by the other convention, and with a and d exchanged."""
+    g, robot = rows.robot.geometry, rows.robot
+    if len(g.kinds) < 2 or g.mounts:  # the rows of a tree have one convention
+        return
+    if robot.standard is not None:
+        other = {"alpha": tuple(robot.standard.alpha), "d": tuple(robot.standard.a)}
+    else:
+        # Modified rows have the twist and the length of the link before; standard ones have their own.
+        other = {"alpha": (0.0, *g.alpha[:-1]), "d": (0.0, *g.d[:-1])}
+    found: list[tuple[str, dict[str, tuple[float, ...]]]] = []
+    if robot.correspondence is None:  # a URDF has no convention
+        found.append(("dh-convention", other))
+    found += [
+        ("a-and-d", {"d": tuple(g.r), "r": tuple(g.d)}),
+        ("a-and-d", {"d": (g.d[0], *g.r[:-1]), "r": (*g.d[1:], g.r[-1])}),
+    ]
+    for code, changes in found:
+        if not all(np.allclose(getattr(g, key), value) for key, value in changes.items()):
+            yield Hypothesis(
+                code=code,
+                robot=with_geometry(robot, **changes),
+                facts={"standard": robot.standard is not None},
+            )
+
+
+def twists(rows: LogRows) -> Iterator[Hypothesis]:
+    """Return each twist turned."""
+    g = rows.robot.geometry
+    for joint, alpha in enumerate(g.alpha):
+        if abs(np.sin(alpha)) > 1e-6 and not g.mounts:
+            changed = _changed(rows.robot.geometry.alpha, joint, -alpha)
+            yield Hypothesis(
+                code="twist-sign",
+                joints=(joint + 1,),
+                robot=with_geometry(rows.robot, alpha=changed),
+                facts={"row": row_of(rows.robot, "alpha", joint)},
+            )
+
+
+def lengths(rows: LogRows) -> Iterator[Hypothesis]:
+    """Return the best factor of each length, and each length turned."""
+    g = rows.robot.geometry
+    for key, symbol in (
+        (("d", "a"), ("r", "d")) if rows.robot.standard is not None else (("d", "d"), ("r", "r"))
+    ):
+        values: tuple[float, ...] = getattr(g, key)
+        for joint, value in enumerate(values):
+            prismatic = key == "r" and g.kinds[joint] == "prismatic"
+            if abs(value) < SMALLEST_LENGTH_M or prismatic:
+                continue
+
+            def missed(
+                factor: float, key: str = key, values: tuple[float, ...] = values, j: int = joint
+            ) -> float:
+                robot = with_geometry(rows.robot, **{key: _changed(values, j, factor * values[j])})
+                return float(np.mean(rows.rough_ratios(robot)))
+
+            tried = {1.0: 1.0, **{factor: missed(factor) for factor in FACTORS}}
+            factors = [-1.0]
+            if min(tried.values()) < HINT:
+                near = _bottom(tried)
+                tried[near] = missed(near)
+                factors.append(_bottom(tried))
+            for factor in factors:
+                yield Hypothesis(
+                    code="link-length",
+                    joints=(joint + 1,),
+                    robot=with_geometry(rows.robot, **{key: _changed(values, joint, factor * value)}),
+                    value=factor * value,
+                    at_end=factor > 0.0 and abs(np.log(factor)) >= 0.999 * LARGEST,
+                    facts={
+                        "symbol": f"{symbol}_m",
+                        "declared": value,
+                        "row": row_of(rows.robot, key, joint),
+                    },
+                )
+
+
+def row_of(robot: Robot, key: str, joint: int) -> int:
+    """Return the row of the file that a twist or length is in: a standard table has those before a joint in the row before."""
+    return joint if robot.standard is not None and key != "r" else joint + 1
+
+
+def _bottom(tried: dict[float, float]) -> float:
+    """Return the bottom of the parabola through the least of some errors and its neighbours, within a factor of two."""
+    order = sorted(tried)
+    k = min(max(order.index(min(tried, key=lambda factor: tried[factor])), 1), len(order) - 2)
+    near = order[k - 1 : k + 2]
+    if not np.isfinite([tried[factor] for factor in near]).all():
+        return 1.0
+    a, b, _ = np.polyfit(np.log(near), [tried[factor] for factor in near], 2)
+    if not a > 0.0:
+        return min(tried, key=lambda factor: tried[factor])
+    return float(np.exp(np.clip(-b / (2.0 * a), -LARGEST, LARGEST)))
+
+
+def _changed(values: tuple[float, ...], place: int, value: float) -> tuple[float, ...]:
+    return (*values[:place], value, *values[place + 1 :])

@@ -1,0 +1,202 @@
+"""The judge: collects what speaks for and against a result, from the same questions for every method.
+
+Along the measured motion, wherever there is one: what is left of the torques, does it last, what explains it, do single samples or
+a dead channel spoil it, is enough identified, what is it good for. In the closed loop: is the declared law that of the log,
+does the simulated robot move as the measured one. Tested in ``tests/test_verdict_faults.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import DidimError
+from ..experiment.experiment import Experiment
+from ..regression.logs.parameters import LogParameters
+from ..result.finding import Finding
+from ..result.identification import Identification
+from ..result.verdict import Use
+from ..robot.payload import NOTHING
+from ..robot.robot import Robot
+from ..signal.processing import SignalProcessing
+from ..signal.segments import Segment
+from .causes import Search
+from .gain_check import unchecked
+from .lasting import delay_findings, friction_findings
+from .loop.law import loop_findings
+from .loop.simulated import Beside, simulated_findings
+from .naming import cause_findings
+from .residual import Residual, held_out_findings, residual_of, size_findings, spike_findings
+from .rows import LogRows
+from .torques import TORQUE_CODES, constant_torque_findings
+from .uses import uses_of
+from .whiteness import NEGLIGIBLE, whiteness, whiteness_findings
+
+SUSPICIOUS = frozenset({"not-white", "not-physical", "no-robot", "size", *TORQUE_CODES})
+"""Codes of findings that say that the log contradicts its model, but not why."""
+ROUNDING = 1e-9
+"""Relative error up to which a residual is that of floating point."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """The measured motion of a log, as IDIM-LS has it, whatever the method.
+
+    Attributes
+    ----------
+    robot : Robot
+        With the friction of the experiment.
+    signal : SignalProcessing
+        Filters and decimation.
+    logs : LogParameters
+        What the logs have beside the robot.
+    parts, outside : sequence of Segment
+        Filtered windows of the recordings of the fit, and of those that were held out.
+    least : callable
+        Returns the errors that plain IDIM-LS leaves, (n,) (N.m or N, root mean squares).
+    """
+
+    robot: Robot
+    signal: SignalProcessing
+    logs: LogParameters
+    parts: Sequence[Segment]
+    outside: Sequence[Segment]
+    least: Callable[[], Array]
+
+
+def judged(
+    fit: Identification,
+    experiment: Experiment,
+    measured: Measured | None,
+    *,
+    system_tested: bool,
+    uses_torques: bool,
+    say: Callable[[str], None],
+) -> Identification:
+    """Return a result with the evidence that its method has not collected.
+
+    Parameters
+    ----------
+    fit : Identification
+        Result of a method.
+    experiment : Experiment
+        What it was made of, with the friction that was chosen.
+    measured : Measured or None
+        Its measured motion; None where there is none, or no torques.
+    system_tested : bool
+        Whether the method has tested the residual of its own system (7) for whiteness.
+    uses_torques : bool
+        Whether the method reads measured torques.
+    say : callable
+        Called with sentences on the progress.
+    """
+    if fit.further is not None and fit.further.gains is not None:
+        experiment = experiment.with_gains(fit.further.gains)
+    # CLOE from positions alone has no use for torques.
+    found = constant_torque_findings(experiment) if uses_torques else []
+    if fit.n_simulations:
+        found += loop_findings(experiment, fit.parameters if fit.converged else None)
+        found += _simulated(fit, experiment, measured, bool(found) or not system_tested)
+    found += held_out_findings(fit)
+    uses: list[Use] = []
+    if measured is not None:
+        told, uses = _along(measured, fit, found, system_tested=system_tested, say=say)
+        found = told
+    # Causes are named by the search where it has found one: it knows more than the look at the torques alone.
+    caused = any("ties" in item.facts for item in found)
+    kept = [item for item in fit.evidence if not (caused and "ties" in item.facts)]
+    return replace(fit, evidence=(*found, *kept), uses=tuple(uses))
+
+
+def _along(
+    measured: Measured,
+    fit: Identification,
+    found: list[Finding],
+    *,
+    system_tested: bool,
+    say: Callable[[str], None],
+) -> tuple[list[Finding], list[Use]]:
+    """Return the findings along the measured motion behind those there are, and the uses."""
+    parts, signal = measured.parts, measured.signal
+    beta = fit.beta if fit.further is None else np.append(fit.beta, fit.further.values)
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            residual = residual_of(measured.robot, measured.logs, beta, parts, signal)
+    except DidimError:
+        return found, []
+    if not np.isfinite(residual.error).all():
+        return found, []
+    found = [*found, *spike_findings(parts, signal), *size_findings(residual)]
+    if not system_tested:
+        found += _lasting(residual, fit)
+    spoiled = any(item.code in ("spikes", "constant-torque") for item in found)
+    if spoiled:
+        # What outliers do to the law of the controller and to a simulated robot is not theirs.
+        found = [item for item in found if not item.code.startswith("controller")]
+    if not measured.logs.simple:
+        return found, []
+    codes = {item.code for item in (*found, *fit.evidence)}
+    explicable = "constant-torque" not in codes and fit.overall_relative_error > ROUNDING
+    rows: LogRows | None = None
+    with suppress(DidimError):  # too few rows for hypotheses
+        rows = LogRows(measured.robot, signal, parts)
+    growth = 1.0
+    if rows is not None:
+        growth = float(np.sqrt(rows.declared.unseen.sum() / max(float(rows.products.seen().sum()), 1e-300)))
+        alarm = None if fit.uncertainty is None else fit.uncertainty.friction
+        if explicable and (codes & SUSPICIOUS or (alarm is not None and alarm.raised)):
+            say("the log contradicts its model: looking for the cause")
+            found = [*explained(rows, measured, fit), *found]  # the cause before what follows from it
+    uses, untold = uses_of(measured.robot, fit, parts, residual, signal, growth)
+    return [*found, *untold], uses
+
+
+def _lasting(residual: Residual, fit: Identification) -> list[Finding]:
+    """Return what the whiteness of the residual says, for methods that solve no system (7)."""
+    n = len(residual.error)
+    shares = np.sqrt(np.mean(residual.error**2, axis=1)) / np.maximum(residual.size, np.finfo(float).tiny)
+    return whiteness_findings(
+        whiteness(residual.error.reshape(-1), residual.blocks, n), shares, fit.uncertainty, fit.std
+    )
+
+
+def explained(rows: LogRows, measured: Measured, fit: Identification | None) -> list[Finding]:
+    """Return what explains a log that contradicts its model: a cause; else friction, a delay, and gains that it cannot check."""
+    other = None
+    if measured.outside:
+        try:
+            other = LogRows(measured.robot, measured.signal, measured.outside)
+        except DidimError:
+            other = None
+    cause = Search(rows, other).cause()
+    named = cause_findings(rows, cause)
+    if cause is not None and cause.certain:
+        return named
+    std = np.zeros(0) if fit is None else fit.std
+    chosen = fit is not None and "friction" in fit.settings
+    delay = {} if fit is None else fit.delay
+    obeyed = bool(np.any(delay.get("compensated_samples", 0.0))) or "estimated_samples" in delay
+    return [
+        *named,
+        *delay_findings(rows, std, obeyed=obeyed),
+        *friction_findings(rows, fit, chosen=chosen),
+        *unchecked(rows),
+    ]
+
+
+def _simulated(
+    fit: Identification, experiment: Experiment, measured: Measured | None, doubted: bool
+) -> list[Finding]:
+    """Return what the simulated robot says against a result, for logs that share all parameters."""
+    record = fit.settings.get("simulated")
+    shared = all(item.payload == NOTHING and not item.own for item in experiment.recordings)
+    if not (record and fit.converged and shared and measured is not None):
+        return []
+    doubted = doubted or any(
+        item.code == "not-white" and (item.effect or 0.0) > NEGLIGIBLE for item in fit.evidence
+    )
+    return simulated_findings(experiment, Beside.of_record(record), measured.least, doubted=doubted)

@@ -1,0 +1,186 @@
+"""What a result leaves of the torques along the measured motion, sample by sample and on the rows: the same for every method.
+
+    r = tau - ID(q, dq, ddq; x),    lasting^2 = mean(r_rows^2) - (noise of the log on the rows)^2
+
+so that white noise of the sensor, however large, speaks against nothing, and an error that lasts does.
+Tested in ``tests/test_evidence_result.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..model.dynamics import inverse_dynamics
+from ..regression.block import Block, stacked
+from ..regression.logs.parameters import LogParameters
+from ..result.finding import Finding, Remedy
+from ..result.identification import Identification
+from ..robot.robot import Robot
+from ..signal.decimation import decimate, decimation_stages
+from ..signal.noise import noise_correlation, row_noise, white_noise
+from ..signal.processing import SignalProcessing
+from ..signal.segments import Segment
+from ..signal.spikes import alone, without_lone
+from .thresholds import FEWEST_SPIKES, MOST_SPIKES, SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG, SPIKES_SHARE
+
+LARGER = 1.5
+"""Error on a held-out recording over that of the fit that is worth a sentence: on correct logs it is 0.9 to 1.1."""
+SMALLEST_SHARE = 0.003
+"""Share of a joint's torque below which it is that of filter and simulation."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """Errors of the torques along the measured motion.
+
+    Attributes
+    ----------
+    error, torque : (n, n_rows) arrays
+        Measured less modelled torques on the rows, and the measured ones.
+    noise : (n,) array
+        Standard deviation of the white noise of the log on the rows.
+    blocks : tuple of Block
+        Rows of each joint in each window.
+    """
+
+    error: Array
+    torque: Array
+    noise: Array
+    blocks: tuple[Block, ...]
+
+    @property
+    def lasting(self) -> Array:
+        """Root mean square of the error beside white noise, (n,)."""
+        return np.asarray(np.sqrt(np.maximum(np.mean(self.error**2, axis=1) - self.noise**2, 0.0)))
+
+    @property
+    def size(self) -> Array:
+        """Root mean square of the torques, (n,)."""
+        return np.asarray(np.sqrt(np.mean(self.torque**2, axis=1)))
+
+    @property
+    def share(self) -> float:
+        """Lasting error of all joints together over their torques."""
+        size = float(np.linalg.norm(self.size))
+        return float(np.linalg.norm(self.lasting)) / size if size > 0.0 else 0.0
+
+
+def residual_of(
+    robot: Robot, logs: LogParameters, beta: Array, parts: Sequence[Segment], signal: SignalProcessing
+) -> Residual:
+    """Return the errors of base parameters, (b + e,), along filtered windows of a log.
+
+    Raises
+    ------
+    DidimError
+        For windows that the decimation leaves nothing of.
+    """
+    errors, torques, whites = [], [], []
+    for part in parts:
+        x = logs.standard(logs.lift(beta), part.recording)
+        error = part.tau - inverse_dynamics(robot, part.q, part.dq, part.ddq, x)
+        stages = decimation_stages(len(error), signal)
+        errors.append(decimate(np.ascontiguousarray(error), stages)[signal.kept_rows].T)
+        torques.append(decimate(np.ascontiguousarray(part.tau), stages)[signal.kept_rows].T)
+        whites.append(white_noise(part.tau) * row_noise(signal, part.rate_hz)[0])
+    blocks = stacked(
+        robot.n_dof,
+        [item.shape[1] for item in errors],
+        places=[(part.recording, part.window) for part in parts],
+        correlation=noise_correlation(signal),
+    )
+    return Residual(
+        np.ascontiguousarray(np.concatenate(errors, axis=1)),
+        np.concatenate(torques, axis=1),
+        np.median(whites, axis=0),
+        blocks,
+    )
+
+
+def size_findings(found: Residual) -> list[Finding]:
+    """Return a finding where the model misses more of the torques than a sound result does."""
+    share = found.share
+    if not share > SIZE_DOUBTFUL:
+        return []
+    shares = found.lasting / np.maximum(found.size, np.finfo(float).tiny)
+    joints = np.flatnonzero(shares > max(SIZE_JOINT, share))
+    return [
+        Finding(
+            code="size",
+            grade="wrong" if share > SIZE_WRONG else "doubtful",
+            joints=tuple(int(joint) + 1 for joint in joints),
+            value=share,
+            effect=share,
+            facts={"limit": SIZE_DOUBTFUL, "shares": shares[joints].tolist()},
+        )
+    ]
+
+
+def spike_findings(parts: Sequence[Segment], signal: SignalProcessing) -> list[Finding]:
+    """Return a finding where single samples of the torques stand alone; none once they are replaced."""
+    if signal.spikes is not None:
+        return []
+    masks = [alone(part.tau) for part in parts]
+    counts = np.sum([mask.sum(axis=0) for mask in masks], axis=0)
+    n_samples = sum(len(mask) for mask in masks)
+    off = np.sum(
+        [
+            np.sum((part.tau - without_lone(part.tau)) ** 2, axis=0)
+            for part, mask in zip(parts, masks, strict=True)
+            if mask.any()
+        ]
+        or [np.zeros(len(counts))],
+        axis=0,
+    )
+    spread = np.std(np.concatenate([part.tau for part in parts]), axis=0)
+    share = np.sqrt(off / n_samples) / np.maximum(spread, np.finfo(float).tiny)
+    told = (counts >= FEWEST_SPIKES * n_samples) & (counts <= MOST_SPIKES * n_samples)
+    joints = np.flatnonzero((share >= SPIKES_SHARE) & told)
+    if not len(joints):
+        return []
+    count = int(counts[joints].sum())
+    return [
+        Finding(
+            code="spikes",
+            grade="doubtful",
+            joints=tuple(int(joint) + 1 for joint in joints),
+            value=count / (n_samples * len(joints)),
+            remedy=Remedy(file="experiment", table="[signal]", key="spikes", action="set", value="hampel"),
+            facts={"count": count},
+        )
+    ]
+
+
+def held_out_findings(fit: Identification) -> list[Finding]:
+    """Return a finding for each held-out recording whose torques a result predicts worse than those it was fitted to.
+
+    Errors are compared as torques, not as shares of them: a slow motion has the noise of a fast one and smaller torques.
+    """
+    if fit.uncertainty is None or fit.uncertainty.joint_std is None:
+        return []
+    own = np.asarray(fit.uncertainty.joint_std)
+    found = []
+    for item in fit.held_out:
+        error, share = np.array(item.error_rms), np.nan_to_num(item.relative_error)
+        if error.shape != own.shape:
+            continue
+        ratio = error / np.maximum(own, np.finfo(float).tiny)
+        joints = np.flatnonzero((ratio > LARGER) & (share > SMALLEST_SHARE))
+        if not len(joints):
+            continue
+        found.append(
+            Finding(
+                code="held-out",
+                grade="doubtful",
+                joints=tuple(int(joint) + 1 for joint in joints),
+                recordings=(item.name,),
+                value=float(ratio[joints].max()),
+                effect=float(share[joints].max()),
+                facts={"share": float(share[joints].max()), "ratios": ratio[joints].tolist()},
+            )
+        )
+    return found

@@ -1,0 +1,79 @@
+"""Torques that contradict each other, or the simulated robot, as evidence. Tested in ``tests/test_verdict.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..experiment.experiment import Experiment
+from ..log.recording import Recording
+from ..regression.consistent.diagnosis import Contradiction
+from ..result.finding import Finding
+
+TORQUE_CODES = frozenset({"torque-sign", "swapped-torques", "constant-torque"})
+"""Codes of findings that say what is wrong with the torques."""
+CONTRADICTIONS = TORQUE_CODES | {"no-robot"}
+"""Codes of findings that say why no robot explains the torques."""
+ASTRAY = 1.0
+"""Output error (12) from which on a simulated robot is further from the log than no torque at all."""
+SAME = 1e-12
+"""Largest range of a constant torque, as a share of its size: rounding of units and reductions."""
+
+
+def is_constant(values: Array) -> bool:
+    """Whether a torque has one value in all samples, (n_samples,)."""
+    return bool(np.ptp(values) <= SAME * np.abs(values).max())
+
+
+def constant_torque_findings(experiment: Experiment) -> list[Finding]:
+    """Return a finding for each recording with torques that never change: a dead sensor, or an empty column."""
+    found = []
+    for recording in experiment.recordings:
+        if recording.tau is None:
+            continue
+        tau, side = _as_logged(recording, recording.tau)
+        dead = [number + 1 for number, values in enumerate(tau.T) if is_constant(values)]
+        if dead:
+            found.append(
+                Finding(
+                    code="constant-torque",
+                    grade="wrong",
+                    joints=tuple(dead) if side == "joint" else (),
+                    recordings=(recording.name,),
+                    facts={"side": side, "numbers": dead, "samples": len(tau)},
+                )
+            )
+    return found
+
+
+def _as_logged(recording: Recording, tau: Array) -> tuple[Array, str]:
+    """Return the torques on the side on which they were logged, and the name of that side."""
+    reduction = recording.origin.get("reduction")
+    if reduction is None or recording.origin.get("torque", {}).get("side") != "motor":
+        return tau, "joint"
+    return tau @ np.linalg.inv(np.array(reduction)), "motor"
+
+
+def following_findings(output_error: float, *, updating: bool = True) -> list[Finding]:
+    """Return a finding where the simulated robot does not follow, judged by the output error (12).
+
+    `updating` is whether the gains of the first simulation are scaled: if not, that may help.
+    """
+    if not output_error >= ASTRAY:
+        return []
+    return [Finding(code="controller", grade="wrong", value=output_error, facts={"updating": updating})]
+
+
+def contradiction_findings(found: Sequence[Contradiction]) -> list[Finding]:
+    """Return a finding for each contradiction between torques and physics (`didim.regression.consistent.diagnosis`)."""
+    return [
+        Finding(
+            code="no-robot",
+            grade="wrong" if item.hopeless else "doubtful",
+            effect=item.constrained,
+            facts={"plain": item.plain, "constrained": item.constrained},
+        )
+        for item in found
+    ]

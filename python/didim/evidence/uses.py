@@ -1,0 +1,218 @@
+"""What a result is good for: the error to expect in each use, from blocks and recordings left out and from the covariance.
+
+Along random motions of the log's size (positions within its range, speeds and accelerations of its root mean squares) the torques
+``W beta`` have the standard deviations ``sqrt(diag(W C W'))``; beside them stands what the model misses of torques that it was
+not fitted to. Tested in ``tests/test_evidence_result.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..model.dynamics import inertia_matrix, inverse_dynamics, regressor
+from ..result.finding import Finding
+from ..result.identification import Identification
+from ..result.sentences import percent
+from ..result.verdict import Use
+from ..robot.robot import Robot
+from ..signal.decimation import decimate, decimation_stages
+from ..signal.processing import SignalProcessing
+from ..signal.segments import Segment
+from .residual import Residual
+from .thresholds import KNOWN_PERCENT, UNTOLD
+
+STATES = 300
+"""Random states of the motions."""
+TAILS = (0.02, 0.98)
+"""Quantiles of the positions of the log between which the random ones lie."""
+DRIVES = ("F", "Off", "Rest")
+"""How names of friction and offsets begin."""
+NO_GRAVITY = 1e-6
+"""Share of the torques at rest below which gravity makes none."""
+PAYLOAD_BLOCKS = 10
+"""Stretches of time whose masses give the deviation of a payload's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """Random states of the size of a log's motion.
+
+    Attributes
+    ----------
+    q, dq, ddq : (k, n) arrays
+        Positions, velocities and accelerations.
+    """
+
+    q: Array
+    dq: Array
+    ddq: Array
+
+    @classmethod
+    def like(cls, parts: Sequence[Segment]) -> Motions:
+        """Return states like those of a log, the same ones for the same log."""
+        rng = np.random.default_rng(0)
+        q, dq, ddq = (np.concatenate([getattr(part, key) for part in parts]) for key in ("q", "dq", "ddq"))
+        low, high = np.quantile(q, TAILS, axis=0)
+        shape = (STATES, q.shape[1])
+        sizes = (np.sqrt(np.mean(values**2, axis=0)) for values in (dq, ddq))
+        return cls(rng.uniform(low, high, shape), *(rng.normal(0.0, size, shape) for size in sizes))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Torques of a result along motions, and what its covariance makes of them.
+
+    Attributes
+    ----------
+    torque, std, gravity : float
+        Root mean squares over states and joints (N.m or N); gravity is the torque without friction and offsets.
+    """
+
+    torque: float
+    std: float
+    gravity: float
+
+    @property
+    def share(self) -> float:
+        """Standard deviation over torque; infinite without a torque."""
+        return self.std / self.torque if self.torque > 0.0 else float("inf")
+
+
+def spread_of(robot: Robot, fit: Identification, q: Array, dq: Array, ddq: Array) -> Spread:
+    """Return the torques of a result along states, and their standard deviations."""
+    w = regressor(robot, q, dq, ddq, x=fit.parameters)[:, :, list(robot.base_parameters.indices)]
+    torque = w @ fit.beta
+    variance = np.einsum("kjp,pq,kjq->kj", w, noise_covariance(fit), w, optimize=True)
+    bodies = w @ np.where([name.startswith(DRIVES) for name in fit.names], 0.0, fit.beta)
+    squares = (torque**2, variance, bodies**2)
+    return Spread(*(float(np.sqrt(np.mean(np.maximum(values, 0.0)))) for values in squares))
+
+
+def noise_covariance(fit: Identification) -> Array:
+    """Return the covariance of noise alone, (b, b): the shift of friction that the model lacks is in what is missed already."""
+    if fit.uncertainty is None:
+        return fit.covariance
+    share = np.divide(
+        fit.uncertainty.without_shift(fit.std), fit.std, out=np.ones_like(fit.std), where=fit.std > 0.0
+    )
+    return np.asarray(fit.covariance * np.outer(share, share))
+
+
+def uses_of(
+    robot: Robot,
+    fit: Identification,
+    parts: Sequence[Segment],
+    residual: Residual,
+    signal: SignalProcessing,
+    growth: float,
+) -> tuple[list[Use], list[Finding]]:
+    """Return the error to expect in each use, and a finding where too little is identified for any.
+
+    Parameters
+    ----------
+    robot, fit
+        Whose parameters.
+    parts : sequence of Segment
+        Filtered windows of the log.
+    residual : Residual
+        What the result leaves of its torques.
+    signal : SignalProcessing
+        Decimation.
+    growth : float
+        Error of blocks left out over that of the same blocks fitted.
+    """
+    states = Motions.like(parts)
+    rest = np.zeros_like(states.dq)
+    moving = spread_of(robot, fit, states.q, states.dq, states.ddq)
+    still = spread_of(robot, fit, states.q, rest, rest)
+    missed, evidence = _missed(fit, residual, growth)
+    root = float(np.sqrt(len(residual.size)))
+    known = fit.std.any()
+    own = float(np.linalg.norm(residual.size))
+    share = float(np.hypot(missed / max(own, np.finfo(float).tiny), moving.share if known else 0.0))
+    definite = np.linalg.eigvalsh(inertia_matrix(robot, states.q, fit.parameters))[:, 0] > 0.0
+    if not fit.converged:
+        why = "the method did not end where it aims"
+        return [Use(name, None, False, why) for name in ("simulation", "gravity compensation", "control")], []
+    uses = [
+        Use("simulation", share, True, evidence)
+        if definite.all()
+        else Use(
+            "simulation",
+            None,
+            False,
+            f"M(q) is not positive definite in {percent(float(np.mean(~definite)))} % of the positions within the log's range: "
+            "take physical = true (--physical)",
+        ),
+        _gravity(still, missed / root, evidence),
+        Use("control", share, True, evidence),
+        Use(
+            "payload",
+            2.0 * payload_std(robot, parts, residual, signal),
+            True,
+            "twice the standard deviation of a mass on the flange that a log like this one gives",
+        ),
+    ]
+    return uses, _untold(fit, moving) if known else []
+
+
+def _missed(fit: Identification, residual: Residual, growth: float) -> tuple[float, str]:
+    """Return what is missed of torques that were not fitted, the norm over the joints, and where it comes from."""
+    outside = [item for item in fit.held_out if len(item.error_rms) == len(residual.size)]
+    if outside:
+        worst = max(outside, key=lambda item: item.overall_relative_error)
+        return float(np.linalg.norm(worst.error_rms)), f"as on recording '{worst.name}', which was kept out"
+    own = np.sqrt(np.mean(residual.error**2, axis=1))
+    return growth * float(np.linalg.norm(own)), "as on blocks of the log that were left out"
+
+
+def _gravity(still: Spread, missed: float, evidence: str) -> Use:
+    if not still.gravity > NO_GRAVITY * still.torque or not still.torque > 0.0:
+        return Use("gravity compensation", None, False, "gravity makes no torque on this robot")
+    return Use("gravity compensation", float(np.hypot(missed / still.torque, still.share)), True, evidence)
+
+
+def _untold(fit: Identification, moving: Spread) -> list[Finding]:
+    """Return a finding where the uncertainty of the parameters alone makes more of the torques than a user can take."""
+    if not moving.share > UNTOLD:
+        return []
+    roles = np.array([role == "estimated" for role in fit.roles])
+    percent = np.nan_to_num(fit.relative_std_percent, nan=np.inf)
+    poor = [name for name, bad in zip(fit.names, roles & (percent > KNOWN_PERCENT), strict=True) if bad]
+    return [
+        Finding(
+            code="unidentified",
+            grade="doubtful",
+            parameters=tuple(poor),
+            value=moving.share if np.isfinite(moving.share) else None,
+            effect=moving.share if np.isfinite(moving.share) else None,
+            facts={"count": len(poor), "of": int(roles.sum())},
+        )
+    ]
+
+
+def payload_std(
+    robot: Robot, parts: Sequence[Segment], residual: Residual, signal: SignalProcessing
+) -> float:
+    """Return the standard deviation of a mass at the last frame that a log like this one gives (kg).
+
+    The mass that explains the residual best is found on each of ten stretches of time, joints weighted by their residuals.
+    """
+    unit = np.zeros(len(robot.parameter_names))
+    unit[robot.parameter_names.index(f"M{robot.n_dof}")] = 1.0
+    columns = []
+    for part in parts:
+        torque = np.ascontiguousarray(inverse_dynamics(robot, part.q, part.dq, part.ddq, unit))
+        columns.append(decimate(torque, decimation_stages(len(torque), signal))[signal.kept_rows].T)
+    column = np.concatenate(columns, axis=1)
+    weight = 1.0 / np.maximum(np.mean(residual.error**2, axis=1), np.finfo(float).tiny)
+    told, information = (
+        np.array([float(part.sum()) for part in np.array_split(weight @ values, PAYLOAD_BLOCKS)])
+        for values in (column * residual.error, column**2)
+    )
+    masses = told / np.maximum(information, np.finfo(float).tiny)
+    return float(np.std(masses, ddof=1) / np.sqrt(PAYLOAD_BLOCKS))

@@ -1,0 +1,55 @@
+"""The measured motion of a log, whatever the method, for the evidence. Tested in ``tests/test_verdict_faults.py``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import DidimError
+from ..evidence.judge import Measured
+from ..experiment.experiment import Experiment
+from ..result.identification import Identification
+from .idim_ls import IDIMLS
+from .job import Delay, Job
+from .method import Method, MethodSettings
+
+
+def measured_along(fit: Identification, experiment: Experiment, method: Method) -> Measured | None:
+    """Return the measured motion and torques of a log with the filters of a method and the delay of its result.
+
+    None without positions, torques or drive gains, and for settings that are not those of IDIM-LS.
+    """
+    asked = method if isinstance(method, MethodSettings) else None
+    try:
+        job = IDIMLS(
+            signal=None if asked is None else asked.signal,
+            fixed=None if asked is None else asked.fixed,
+            dropped=None if asked is None else asked.dropped,
+            compensate_samples=Delay.recorded(fit.delay),
+        ).job(experiment)
+        if job.parameters.n_gains:
+            return None
+        delay = job.declared_delay
+        return Measured(
+            robot=job.robot,
+            signal=job.signal,
+            logs=job.parameters,
+            parts=job.parts("fit", delay),
+            outside=job.parts("held-out", delay),
+            least=lambda: least_errors(job),
+        )
+    except DidimError:
+        return None
+
+
+def least_errors(job: Job) -> Array:
+    """Return the errors that plain IDIM-LS leaves, (n_dof,) (N.m or N, root mean squares on its rows).
+
+    Raises
+    ------
+    DidimError
+        For a log that it cannot solve.
+    """
+    system = job.system(job.parts("fit", job.declared_delay))
+    sizes = [max(1, rows.stop - rows.start) for rows in system.joints]
+    return np.asarray(system.norms(job.solve(system).residual) / np.sqrt(sizes))

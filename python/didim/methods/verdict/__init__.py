@@ -1,1 +1,0 @@
-"""Evidence for and against a result, one kind a file, and the judgement that collects it."""

@@ -1,1 +1,0 @@
-"""Hypotheses on why a log contradicts its model, and the one that explains it."""

@@ -1,0 +1,146 @@
+"""A finding: one thing that speaks for or against a result or a log, as a record. Its sentence is made last, in ``sentences.py``.
+
+Nothing reads a sentence. Tested in ``tests/test_verdict.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal, get_args
+
+from .._tools.pickling import Pickled
+from .sentences import advice_of, sentence_of
+
+Grade = Literal["wrong", "doubtful", "note"]
+"""How grave a finding is; a note alone leaves a result sound."""
+GRADES: tuple[Grade, ...] = get_args(Grade)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remedy:
+    """An edit of a file that takes a finding away.
+
+    Attributes
+    ----------
+    file : {"experiment", "robot"}
+        Which file.
+    table, key : str
+        Where in it, such as ``[signal]`` and ``spikes``.
+    action : {"set", "turn", "exchange", "divide", "add"}
+        What to do with the value there.
+    value : float, str, list or None
+        What to set, or to divide by.
+    joints : tuple of int
+        Entries concerned, by joints from 1; empty for all.
+    """
+
+    file: Literal["experiment", "robot"]
+    table: str
+    key: str
+    action: Literal["set", "turn", "exchange", "divide", "add"]
+    value: float | str | list[float] | None = None
+    joints: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding(Pickled):
+    """One thing that a verdict rests on.
+
+    Attributes
+    ----------
+    code : str
+        What it is about; docs/verdict.md has a row for each.
+    grade : {"wrong", "doubtful", "note"}
+        How grave it is, by its effect.
+    joints : tuple of int
+        Joints concerned, from 1; empty for all or none.
+    parameters : tuple of str
+        Base parameters concerned; empty for all or none.
+    recordings : tuple of str
+        Recordings concerned; empty for all.
+    value, deviation : float or None
+        The number that goes with it, in the unit that the sentence names, and its standard deviation.
+    effect : float or None
+        What it does to the result: D of a cause (``didim.evidence.products``), a shift of parameters in sigma, a share.
+    remedy : Remedy or None
+        The edit that takes it away.
+    facts : mapping
+        What the sentence says beside these: numbers, texts and lists, as JSON has them.
+    """
+
+    code: str
+    grade: Grade
+    joints: tuple[int, ...] = ()
+    parameters: tuple[str, ...] = ()
+    recordings: tuple[str, ...] = ()
+    value: float | None = None
+    deviation: float | None = None
+    effect: float | None = None
+    remedy: Remedy | None = None
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "facts", MappingProxyType(dict(self.facts)))
+
+    @property
+    def sentence(self) -> str:
+        """What was seen, where, and how large it is; without a full stop."""
+        return sentence_of(self)
+
+    @property
+    def advice(self) -> str:
+        """What to do about it; empty where nothing is to be done."""
+        return advice_of(self)
+
+    def __str__(self) -> str:
+        advice = self.advice
+        return f"{self.sentence}. {advice}." if advice else self.sentence
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all fields and the sentence, as JSON knows them."""
+        remedy = self.remedy
+        return {
+            "code": self.code,
+            "grade": self.grade,
+            "severity": self.grade,  # its name in 0.2.0
+            "sentence": self.sentence,
+            "advice": self.advice,
+            "joints": list(self.joints),
+            "parameters": list(self.parameters),
+            "recordings": list(self.recordings),
+            "value": self.value,
+            "deviation": self.deviation,
+            "effect": self.effect,
+            "remedy": None if remedy is None else {**vars(remedy), "joints": list(remedy.joints)},
+            "facts": dict(self.facts),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Finding:
+        """Restore what `to_dict` returned, in this version or in 0.2.0.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            For anything else.
+        """
+        grade = data.get("grade", data.get("severity"))
+        if grade not in GRADES:
+            raise ValueError(f"there is no grade {grade!r}")
+        facts = data.get("facts")
+        if facts is None:
+            facts = {"text": str(data["sentence"]), "advice": str(data["advice"])}
+        remedy = data.get("remedy")
+        numbers = {key: data.get(key) for key in ("value", "deviation", "effect")}
+        return cls(
+            code=str(data["code"]),
+            grade=grade,
+            joints=tuple(int(joint) for joint in data["joints"]),
+            parameters=tuple(str(name) for name in data["parameters"]),
+            recordings=tuple(str(name) for name in data.get("recordings", ())),
+            remedy=None if remedy is None else Remedy(**{**remedy, "joints": tuple(remedy["joints"])}),
+            facts=dict(facts),
+            **{key: None if value is None else float(value) for key, value in numbers.items()},
+        )

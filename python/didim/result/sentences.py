@@ -1,0 +1,436 @@
+"""The words of findings: the one module that makes sentences of them, and what to do about each.
+
+A finding whose words come with it (a status, a remark, a flag on physics) has them as ``facts["text"]`` and ``facts["advice"]``.
+Tested in ``tests/test_verdict.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from .._tools.words import joints_text
+
+Told = Any
+"""A `Finding`, whose module imports this one."""
+
+
+def sentence_of(finding: Told) -> str:
+    """Return what was seen, where, and how large it is; without a full stop."""
+    if "text" in finding.facts:
+        return str(finding.facts["text"])
+    if finding.code in CAUSES and "left" in finding.facts:
+        return _cause(finding)
+    return WORDS[finding.code][0](finding)
+
+
+def advice_of(finding: Told) -> str:
+    """Return what to do about it; empty where nothing is to be done."""
+    if "text" in finding.facts:
+        return str(finding.facts.get("advice", ""))
+    if finding.code in CAUSES and "left" in finding.facts:
+        return _cause_advice(finding)
+    return WORDS[finding.code][1](finding)
+
+
+def between(values: Sequence[float], digits: str = ".2g") -> str:
+    """Return the smallest and the largest of some numbers as text, or the one that they are."""
+    low, high = (format(value, digits) for value in (min(values), max(values)))
+    return low if low == high else f"{low} to {high}"
+
+
+def percent(share: float) -> str:
+    """Return a share as a number of percent."""
+    return f"{100.0 * share:.2g}" if abs(share) < 0.995 else f"{100.0 * share:.0f}"
+
+
+def percents(shares: Sequence[float]) -> str:
+    """Return the smallest and the largest of some shares in percent, or the one that they are."""
+    low, high = percent(min(shares)), percent(max(shares))
+    return low if low == high else f"{low} to {high}"
+
+
+def _joints(finding: Told) -> str:
+    return joints_text(joint - 1 for joint in finding.joints)
+
+
+# Causes: what looks wrong, and the edit.
+
+
+def _gain(joints: tuple[int, ...], value: float, facts: Any) -> str:
+    name = joints_text(joint - 1 for joint in joints)
+    return (
+        f"the torque of {name} looks {value:.3g} times too large"
+        if value > 1.0
+        else f"the torque of {name} looks too small: {value:.3g} times what it is"
+    )
+
+
+def _convention(facts: Any, *, file: bool) -> str:
+    one, other = ("dh", "mdh") if facts.get("standard") else ("mdh", "dh")
+    if file:
+        return f'Write convention = "{other}" in the robot file'
+    names = {"dh": "standard (Denavit-Hartenberg)", "mdh": "modified (Khalil-Kleinfinger)"}
+    return f"the rows of the robot file look as if they were of the {names[other]} convention, not the {names[one]} one"
+
+
+def _vector(values: Sequence[float]) -> str:
+    return f"[{', '.join(f'{value:.3g}' for value in values)}]"
+
+
+Cause = tuple[
+    Callable[[tuple[int, ...], Any, Any], str],
+    Callable[[tuple[int, ...], Any, Any], str],
+    str,
+]
+"""What looks wrong and what to do, of joints, value and facts; and the experiment that would decide."""
+CAUSES: dict[str, Cause] = {
+    "torque-sign": (
+        lambda j, v, f: (
+            f"the torque of joint {j[0]} looks as if its sign were wrong"
+            if len(j) == 1
+            else f"the torques of {joints_text(k - 1 for k in j)} look as if their signs were wrong"
+        ),
+        lambda j, v, f: "Turn the sign of the gain or of the column under [recording.torque]",
+        "push the joint by hand: torque and motion must have the same sign",
+    ),
+    "position-sign": (
+        lambda j, v, f: f"the position of joint {j[0]} looks as if its sign were wrong",
+        lambda j, v, f: "Turn the sign of its column, or of its axis in the robot file",
+        "move that joint alone and compare its axis with the robot file",
+    ),
+    "joint-sign": (
+        lambda j, v, f: f"joint {j[0]} looks as if it turned the other way",
+        lambda j, v, f: "Turn the sign of its row under [transmission], or of its axis in the robot file",
+        "move that joint alone and compare its axis with the robot file",
+    ),
+    "swapped-torques": (
+        lambda j, v, f: f"the torques of joints {j[0]} and {j[1]} look as if they were exchanged",
+        lambda j, v, f: "Exchange their columns under [recording.torque]",
+        "load one of the joints by hand and see which column answers",
+    ),
+    "drive-gain": (
+        _gain,
+        lambda j, v, f: (
+            f"Divide gain under [recording.torque] by {v:.3g} for this joint, or look at its gear ratio"
+        ),
+        "weigh it: log a payload of known mass",
+    ),
+    "gravity": (
+        lambda j, v, f: (
+            f"gravity looks as if it were {_vector(f['vector'])} m/s^2 in frame 0, not {_vector(f['declared'])}"
+        ),
+        lambda j, v, f: (
+            f"Write gravity_m_s2 = {_vector(f['vector'])} in the robot file, or look at how the robot is mounted"
+        ),
+        "look at how the robot is mounted",
+    ),
+    "dh-convention": (
+        lambda j, v, f: _convention(f, file=False),
+        lambda j, v, f: _convention(f, file=True),
+        "compare the frames that didim robot prints with the arm",
+    ),
+    "a-and-d": (
+        lambda j, v, f: "the lengths a and d of the robot file look exchanged",
+        lambda j, v, f: "Exchange them, row by row",
+        "compare the frames that didim robot prints with the arm",
+    ),
+    "twist-sign": (
+        lambda j, v, f: f"the twist alpha of row {f['row']} looks as if its sign were wrong",
+        lambda j, v, f: "Turn its sign in the robot file",
+        "move the joint and compare its axis with the robot file",
+    ),
+    "link-length": (
+        lambda j, v, f: (
+            f"the length {f['symbol']} of row {f['row']} looks as if it were {v:.4g} m, not {f['declared']:.4g} m"
+        ),
+        lambda j, v, f: "Measure it, or look at the data sheet",
+        "measure it",
+    ),
+}
+"""Words of the hypotheses that name a cause."""
+
+
+def _cause(finding: Told) -> str:
+    facts = finding.facts
+    first = CAUSES[finding.code][0](finding.joints, finding.value, facts)
+    ties = [CAUSES[tie["code"]][0](tuple(tie["joints"]), tie["value"], tie["facts"]) for tie in facts["ties"]]
+    others = "".join(f", or {text}" for text in ties)
+    what = "the first" if others else "that"
+    text = f"{first}{others}{' (this log does not tell which)' if others else ''}"
+    if facts.get("friction"):
+        told = ", ".join(f"{name} = {value:.3g}" for name, value in facts["friction"].items())
+        return f"{text}: friction would drive the robot ({told})"
+    return (
+        f"{text}: {what} leaves {percent(facts['left'])} % of the error of the joints (geometric mean; "
+        f"{facts['blocks']} of 10 blocks of the log, predicted without them, get better)"
+    )
+
+
+def _cause_advice(finding: Told) -> str:
+    facts = finding.facts
+    advice = CAUSES[finding.code][1](finding.joints, finding.value, facts)
+    if facts["ties"] or finding.grade != "wrong":
+        return f"{advice}; what would decide: {CAUSES[finding.code][2]}"
+    return advice
+
+
+# Everything else: (sentence, advice) of the finding.
+
+
+def _not_white(f: Told) -> str:
+    facts = f.facts
+    text = (
+        f"the residual of {_joints(f)} is not white noise but lasts: {percents(facts['shares'])} % of the torque, for "
+        f"which standard deviations of white noise are {between(facts['growth'])} times too small"
+    )
+    if facts.get("jackknife") is not None:
+        text += f"; those of the jackknife, printed here, are {facts['jackknife']:.2g} times larger already (median)"
+    return text
+
+
+def _simulated_motion(f: Told) -> str:
+    return (
+        f"the simulated motion of {_joints(f)} misses {percents(f.facts['missed'])} % of the measured motion, and that of a "
+        "right closed loop 0.1 % or less"
+    )
+
+
+def _simulated_motion_advice(f: Told) -> str:
+    return {
+        "made-up": "The controller is made up: raise its natural_frequency_hz, or trust IDIM-LS",
+        "measured": "The reference is the measured position: log the real one, or trust IDIM-LS",
+    }.get(f.facts["loop"], "Look at [controller] and [reference]; until then trust IDIM-LS")
+
+
+def _left(f: Told) -> str:
+    facts = f.facts
+    return (
+        f"the declared controller leaves {percent(facts['worst'])} % of the torque of joint {facts['joint']}"
+    )
+
+
+def _law(f: Told, text: str) -> str:
+    return f"{text}: {_left(f)}, and this {percent(f.facts['left'])} % of that"
+
+
+def _controller_gain(f: Told) -> str:
+    parts = [
+        f"{item['name']} of {joints_text(j - 1 for j in item['joints'])} is {between(item['values'], '.3g')} times the "
+        "declared one"
+        for item in f.facts["gains"]
+    ]
+    return _law(
+        f,
+        "the gains of the log's controller are not the declared ones: "
+        + (", ".join(parts) or "several differ"),
+    )
+
+
+def _saturation(f: Told) -> str:
+    limits = ", ".join(f"{value:.3g}" for value in f.facts["limits"])
+    return _law(f, f"the torque of {_joints(f)} is limited to {limits} (N.m or N), which is not declared")
+
+
+def _value(f: Told) -> float:
+    return 0.0 if f.value is None else f.value
+
+
+def _held_out(f: Told) -> str:
+    return (
+        f"on recording '{f.recordings[0]}', which was kept out, the torques of {_joints(f)} are off by "
+        f"{percent(f.facts['share'])} %, {between(f.facts['ratios'])} times as much as on the recordings of the fit"
+    )
+
+
+def _delay(f: Told) -> str:
+    return (
+        f"the torques look {abs(_value(f)):.2g} samples ({1e3 * f.facts['seconds']:.2g} ms) "
+        f"{'behind' if _value(f) > 0.0 else 'ahead of'} the motion; with that the parameters move by {f.effect:.2g} of their "
+        "standard deviations (root mean square)"
+    )
+
+
+LAWS = {
+    "asymmetric": "differs by direction",
+    "stribeck": "falls with speed (Stribeck)",
+    "atan": "bends with the speed (arctangent)",
+    "load": "grows with the load",
+    "dahl": "has a memory (Dahl)",
+}
+"""What friction laws do that a model may lack."""
+
+
+def _friction(f: Told) -> str:
+    facts = f.facts
+    included = (
+        "the standard deviations printed here include that"
+        if facts["included"]
+        else "the intervals are too narrow by as much"
+    )
+    return (
+        f"the friction of {_joints(f)} {LAWS[facts['law']]}, which no term of the model has: with it the parameters move by up to "
+        f"{f.effect:.2g} of the standard deviations that noise alone would give, and {included}"
+    )
+
+
+def _friction_advice(f: Told) -> str:
+    if f.facts["law"] == "asymmetric":
+        return 'Write model = "asymmetric" under [friction]'
+    smooth = "" if f.facts["smooth"] else '; coulomb = "tanh" if a simulator made the log'
+    return f'Write stribeck = true or terms = "auto" under [friction]{smooth}'
+
+
+def _size(f: Told) -> str:
+    return (
+        f"the model misses {percent(_value(f))} % of the torques beside their noise"
+        + (f", most in {_joints(f)} ({percents(f.facts['shares'])} %)" if f.joints else "")
+        + f", and a result is sound up to {percent(f.facts['limit'])} %"
+    )
+
+
+def _untold(f: Told) -> str:
+    return (
+        f"along motions like those of the log the uncertainty of the parameters alone makes {percent(_value(f))} % of the "
+        f"torques: {f.facts['count']} of {f.facts['of']} parameters are known to no better than 20 %"
+    )
+
+
+def _constant_torque(f: Told) -> str:
+    numbers = f.facts["numbers"]
+    which = joints_text(number - 1 for number in numbers).replace("joint", f.facts["side"])
+    torques = f"torque of {which} is" if len(numbers) == 1 else f"torques of {which} are"
+    return f"recording '{f.recordings[0]}': the {torques} constant in all {f.facts['samples']} samples"
+
+
+def _gain_unchecked(f: Told) -> str:
+    one = len(f.joints) == 1
+    shares = ", ".join(f"{100.0 * share:.2g}" for share in f.facts["shares"])
+    return (
+        f"the drive gain{'' if one else 's'} of {_joints(f)} cannot be checked by this log: only {shares} % of the torque there "
+        "depends on parameters that other joints determine"
+    )
+
+
+def _contradiction(f: Told) -> str:
+    facts = f.facts
+    free, held = (f"{percent(facts[key])} %" for key in ("plain", "constrained"))
+    if f.grade == "wrong":
+        return (
+            f"no robot explains these torques: the residual of physically consistent parameters is {held} (without conditions "
+            f"{free}); check the direction of gravity, the mounting of the robot and the units of the torques"
+        )
+    return (
+        f"physical conditions raise the residual to {held} (without conditions {free}): a model or a log that is wrong; check the "
+        "signs of the torques, the direction of gravity and the friction model"
+    )
+
+
+Words = tuple[Callable[[Told], str], Callable[[Told], str]]
+"""Sentence and advice of a finding."""
+
+
+def _always(text: str) -> Callable[[Told], str]:
+    return lambda finding: text
+
+
+WORDS: dict[str, Words] = {
+    "no-robot": (_contradiction, _always("")),
+    "not-white": (
+        _not_white,
+        lambda f: (
+            ""
+            if f.grade == "note"
+            else 'The model lacks something: try terms = "auto" under [friction], and run didim check'
+        ),
+    ),
+    "simulated-motion": (_simulated_motion, _simulated_motion_advice),
+    "torque-slope": (
+        lambda f: (
+            f"the measured torques of {_joints(f)} are {between(f.facts['slopes'], '.3f')} times those of the simulated robot "
+            f"(+- {f.deviation:.1g})"
+        ),
+        _always(
+            "The parameters are off by as much: look at the gains of [controller], and at the drive gains"
+        ),
+    ),
+    "worse-than-idim-ls": (
+        lambda f: (
+            f"the simulated torques of {_joints(f)} are off by {percents(f.facts['own'])} %, and IDIM-LS leaves "
+            f"{percents(f.facts['least'])} % on the same rows"
+        ),
+        _always(
+            "The robot's model is not the cause: look at [controller] and [reference], and trust IDIM-LS"
+        ),
+    ),
+    "held-out": (
+        _held_out,
+        _always("The logs differ (load, temperature, friction), or the fit lacks motion that this one has"),
+    ),
+    "controller": (
+        lambda f: (
+            f"{_left(f)}, and no other gain, delay, limit or feed-forward explains it"
+            if "worst" in f.facts
+            else f"with these parameters the robot does not follow: its torques are off by {percent(_value(f))} %"
+        ),
+        lambda f: (
+            "Look at kind, gains and units of [controller], and at [reference]; until then trust IDIM-LS"
+            if "worst" in f.facts
+            else "Check the controller, start elsewhere"
+            + ("" if f.facts["updating"] else ", or let gain_updating be 'first'")
+        ),
+    ),
+    "controller-gain": (_controller_gain, _always("Correct the gains under [controller]")),
+    "controller-delay": (
+        lambda f: _law(
+            f,
+            f"the log's controller acts {1e3 * abs(_value(f)):.3g} ms {'later' if _value(f) >= 0.0 else 'earlier'} than the "
+            "declared one",
+        ),
+        _always("Write sample_time_s and delay_samples under [controller]"),
+    ),
+    "reference-late": (
+        lambda f: _law(
+            f,
+            f"the reference looks {1e3 * abs(_value(f)):.3g} ms {'late' if _value(f) > 0.0 else 'early'} against the positions",
+        ),
+        _always("Log the reference that the controller gets, at the same time"),
+    ),
+    "saturation": (_saturation, _always("Write saturation under [controller]")),
+    "feed-forward": (
+        lambda f: _law(
+            f,
+            f"the log's controller feeds a torque forward, {_value(f):.2g} times that of the model along the reference",
+        ),
+        _always("Declare it under [controller], or log it"),
+    ),
+    "delay": (_delay, _always('Write compensate_samples = "estimate" under [delay]')),
+    "friction": (_friction, _friction_advice),
+    "size": (
+        _size,
+        _always(
+            'Try terms = "auto" under [friction]; look for what the model lacks (elasticity, a counterbalance, cross-talk)'
+        ),
+    ),
+    "unidentified": (
+        _untold,
+        _always(
+            "Record a richer or longer motion, drop parameters under [parameters], or take physical = true (--physical)"
+        ),
+    ),
+    "constant-torque": (
+        _constant_torque,
+        _always("Look at the sensor and at columns under [recording.torque]"),
+    ),
+    "spikes": (
+        lambda f: (
+            f"{f.facts['count']} samples of the torques of {_joints(f)} ({percent(_value(f))} %) stand alone, far from those "
+            "around them"
+        ),
+        _always(
+            'Write spikes = "hampel" under [signal], which replaces them before the decimation smears them'
+        ),
+    ),
+    "gain-unchecked": (_gain_unchecked, _always("")),
+}
+"""Words of the other findings, by code."""

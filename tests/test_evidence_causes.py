@@ -1,0 +1,243 @@
+"""Causes are named by the code of a finding, by every method, and good logs raise none: simulated ones and real ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import didim
+from arm import arm_log
+from didim import DIDIM, IDIMLS, Experiment, FitError, identify
+from didim.evidence.causes import Search
+from didim.evidence.hypotheses.geometry import with_geometry
+from didim.evidence.naming import cause_findings, torque_findings
+from didim.evidence.rows import LogRows
+from didim.regression.linear_system import LinearSystem, linear_system
+from didim.result.finding import Finding
+from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
+from plain import plain_didim
+
+Array = NDArray[np.float64]
+
+JOINTS = range(6)
+PAIRS = tuple(combinations(JOINTS, 2))
+Named = tuple[str, tuple[int, ...]]
+"""Code and joints of a finding."""
+
+
+@pytest.fixture(scope="module")
+def exact() -> Experiment:
+    experiment = packaged_experiment("tx40")
+    return simulated_log(experiment, experiment.robot.parameter_set("didim"), noise=False)
+
+
+@pytest.fixture(scope="module")
+def log(exact: Experiment) -> Experiment:
+    return measured(exact)
+
+
+def turned(tau: Array, *joints: int) -> Array:
+    tau = tau.copy()
+    tau[:, joints] *= -1.0
+    return tau
+
+
+def exchanged(tau: Array, i: int, j: int) -> Array:
+    tau = tau.copy()
+    tau[:, [i, j]] = tau[:, [j, i]]
+    return tau
+
+
+def torques(log: Experiment) -> Array:
+    (recording,) = log.recordings
+    assert recording.tau is not None
+    return recording.tau
+
+
+def with_torques(log: Experiment, tau: Array) -> Experiment:
+    (recording,) = log.recordings
+    return replace(log, recordings=(replace(recording, tau=tau),))
+
+
+def system_of(log: Experiment) -> LinearSystem:
+    job = IDIMLS().job(log)
+    return linear_system(job.robot, job.parts("fit", 0.0), job.signal, job.selection)
+
+
+def told(findings: list[Finding] | tuple[Finding, ...]) -> list[Named]:
+    """Codes and joints of what is wrong with torques."""
+    return [(item.code, item.joints) for item in findings if item.code in ("torque-sign", "swapped-torques")]
+
+
+def with_ties(finding: Finding) -> set[Named]:
+    """A cause, and those that explain the log as well."""
+    ties = {(tie["code"], tuple(tie["joints"])) for tie in finding.facts["ties"]}
+    return {(finding.code, finding.joints)} | ties
+
+
+def seen(system: LinearSystem, tau: Array) -> list[Finding]:
+    """Findings with decimated torques, (n_rows, n_dof), in the place of those of the log."""
+    return torque_findings(replace(system, y=np.ascontiguousarray(tau.T).reshape(-1)))
+
+
+def check_all(log: Experiment) -> None:
+    """Turn each joint and exchange each pair: that must be named, and by itself or with what explains the log as well."""
+    system = system_of(log)
+    tau = system.y.reshape(len(JOINTS), -1).T
+    assert seen(system, tau) == []
+    for joint in JOINTS:
+        (finding,) = seen(system, turned(tau, joint))
+        assert ("torque-sign", (joint + 1,)) in with_ties(finding)
+        assert finding.grade == "wrong"
+    for i, j in PAIRS:
+        (finding,) = seen(system, exchanged(tau, i, j))
+        assert ("swapped-torques", (i + 1, j + 1)) in with_ties(finding)
+
+
+def test_every_joint_and_pair_of_the_simulated_tx40(log: Experiment) -> None:
+    check_all(log)
+
+
+def test_every_joint_and_pair_without_noise(exact: Experiment) -> None:
+    check_all(exact)
+
+
+def test_idim_ls_says_so(log: Experiment) -> None:
+    tau = torques(log)
+    assert told(identify(log).evidence) == []
+    fit = identify(with_torques(log, turned(tau, 2)))
+    assert told(fit.evidence) == [("torque-sign", (3,))]
+    fit = identify(with_torques(log, exchanged(tau, 4, 5)))
+    assert told(fit.evidence) == [("swapped-torques", (5, 6))]
+    assert fit.verdict.reasons[0].sentence in str(fit)
+    assert fit.verdict.state == "wrong"
+
+
+def named(log: Experiment, method: DIDIM, wanted: Named) -> None:
+    """Whatever DIDIM makes of the log, the reader is told."""
+    found: list[Finding] | tuple[Finding, ...]
+    try:
+        found = identify(log, method).evidence
+    except FitError as error:
+        # Where DIDIM cannot start, the sentence says why.
+        found = [item for item in torque_findings(system_of(log)) if item.sentence in str(error)]
+    (finding,) = [item for item in found if item.code in ("torque-sign", "swapped-torques")]
+    assert wanted in with_ties(finding)
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_didim_names_a_turned_joint(log: Experiment, joint: int) -> None:
+    tau = turned(torques(log), joint)
+    named(with_torques(log, tau), plain_didim(max_iterations=1), ("torque-sign", (joint + 1,)))
+
+
+@pytest.mark.parametrize(("i", "j"), [(0, 1), (1, 5), (2, 5), (4, 5)])
+def test_didim_names_exchanged_joints(log: Experiment, i: int, j: int) -> None:
+    tau = exchanged(torques(log), i, j)
+    named(with_torques(log, tau), plain_didim(max_iterations=1), ("swapped-torques", (i + 1, j + 1)))
+
+
+def test_didim_without_gain_updating_names_them_too(log: Experiment) -> None:
+    tau = turned(torques(log), 1)
+    named(with_torques(log, tau), plain_didim(max_iterations=1, gain_updating="never"), ("torque-sign", (2,)))
+
+
+@pytest.mark.parametrize("start", ["unit", "idim-ls"])
+def test_two_joints(start: str) -> None:
+    """Turning one joint of two leaves as much as turning the other: friction tells which it was."""
+    log = arm_log(1)
+    tau = torques(log)
+    assert told(identify(log, plain_didim(start=start)).evidence) == []
+    for joint in range(2):
+        wanted = ("torque-sign", (joint + 1,))
+        fit = identify(with_torques(log, turned(tau, joint)))
+        assert told(fit.evidence) == [wanted]
+        named(with_torques(log, turned(tau, joint)), plain_didim(start=start), wanted)
+    named(with_torques(log, -tau), plain_didim(start=start), ("torque-sign", (1, 2)))
+    named(with_torques(log, exchanged(tau, 0, 1)), plain_didim(start=start), ("swapped-torques", (1, 2)))
+
+
+@pytest.mark.parametrize("file", ["emps.toml", "emps_asymmetric.toml"])
+def test_one_joint(project: Path, shared: Path, file: str) -> None:
+    log = didim.load_experiment(project / "examples" / file, data=shared / "data" / "emps")
+    assert told(identify(log).evidence) == []
+    fit = identify(with_torques(log, -torques(log)))
+    assert told(fit.evidence) == [("torque-sign", (1,))]
+    (finding,) = [item for item in fit.evidence if item.code == "torque-sign"]
+    assert all(value < 0.0 for value in finding.facts["friction"].values())
+
+
+def search_of(log: Experiment) -> list[Finding]:
+    """What the whole search finds, plain and consistent fits."""
+    job = IDIMLS(fixed={}, dropped=()).job(log)
+    rows = LogRows(job.robot, job.signal, job.parts("fit", job.declared_delay))
+    return cause_findings(rows, Search(rows).cause())
+
+
+REAL = {
+    "tx40_log.toml": "tx40",
+    "tx40_log_best.toml": "tx40",
+    "emps.toml": "emps",
+    "emps_asymmetric.toml": "emps",
+}
+
+
+@pytest.mark.parametrize("file", REAL)
+def test_real_logs_have_no_false_cause(project: Path, shared: Path, file: str) -> None:
+    log = didim.load_experiment(project / "examples" / file, data=shared / "data" / REAL[file])
+    assert search_of(log) == []
+    assert identify(log).verdict.state == "doubtful"
+
+
+@pytest.fixture(scope="module")
+def measured_tx40(project: Path, shared: Path) -> Experiment:
+    return didim.load_experiment(project / "examples" / "tx40_log_best.toml", data=shared / "data" / "tx40")
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_a_turned_torque_of_the_measured_tx40(measured_tx40: Experiment, joint: int) -> None:
+    """Its model errors hide the signs of the wrist from the plain fit; the consistent fit and friction do not."""
+    log = with_torques(measured_tx40, turned(torques(measured_tx40), joint))
+    found = search_of(log)
+    assert all(("torque-sign", (joint + 1,)) in with_ties(item) for item in found)
+    if joint < 4:  # joints 5 and 6 share a motor's torque
+        assert found
+
+
+@pytest.mark.parametrize(
+    "gravity", [(9.81, 0.0, 0.0), (0.0, -9.81, 0.0), (0.0, 0.0, 9.81)], ids=("x", "-y", "up")
+)
+def test_gravity_of_the_measured_tx40(measured_tx40: Experiment, gravity: tuple[float, ...]) -> None:
+    log = replace(measured_tx40, robot=with_geometry(measured_tx40.robot, gravity=gravity))
+    (finding,) = search_of(log)
+    assert ("gravity", ()) in with_ties(finding)
+    if finding.code == "gravity":
+        np.testing.assert_allclose(finding.facts["vector"], measured_tx40.robot.geometry.gravity)
+        assert finding.remedy is not None
+        assert finding.remedy.key == "gravity_m_s2"
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+def test_a_gain_and_its_remedy(measured_tx40: Experiment, joint: int) -> None:
+    """What the finding says is what was planted, and with the remedy it is gone."""
+    factors = np.ones(6)
+    factors[joint] = 2.0
+    log = with_torques(measured_tx40, torques(measured_tx40) * factors)
+    (finding,) = search_of(log)
+    assert ("drive-gain", (joint + 1,)) in with_ties(finding)
+    if finding.code == "drive-gain" and finding.joints == (joint + 1,):
+        assert finding.value == pytest.approx(2.0, rel=0.35)
+        factors[joint] /= finding.value
+        assert search_of(with_torques(measured_tx40, torques(measured_tx40) * factors)) == []
+
+
+def test_an_optimum_at_the_end_of_its_range_is_no_estimate(measured_tx40: Experiment) -> None:
+    factors = np.ones(6)
+    factors[1] = 30.0
+    found = search_of(with_torques(measured_tx40, torques(measured_tx40) * factors))
+    assert all(item.code != "drive-gain" or 0.2 < (item.value or 0.0) < 5.0 for item in found)
