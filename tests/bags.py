@@ -102,3 +102,28 @@ def write_bag(
                     output=values(empty, effort[k]),
                 )
                 writer.write(controlled, int(received), store.serialize_cdr(message, CONTROLLER_STATE))
+
+
+def write_trajectory(path: Path, joints: Sequence[str], t: Array, q: Array, effort: Array) -> None:
+    """Write one message of a joint trajectory, whose points have times from its start."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kind = "trajectory_msgs/msg/JointTrajectory"
+    duration = store.types["builtin_interfaces/msg/Duration"]
+    point = store.types["trajectory_msgs/msg/JointTrajectoryPoint"]
+    empty = np.zeros(0)
+    points = []
+    for seconds, positions, torques in zip(t.tolist(), q, effort, strict=True):
+        whole, rest = divmod(round(seconds * 1e9), 1_000_000_000)
+        points.append(
+            point(
+                positions=positions,
+                velocities=empty,
+                accelerations=empty,
+                effort=torques,
+                time_from_start=duration(sec=whole, nanosec=rest),
+            )
+        )
+    message = store.types[kind](header=header(store, 0), joint_names=list(joints), points=points)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/trajectory", kind, typestore=store)
+        writer.write(connection, 0, store.serialize_cdr(message, kind))

@@ -455,3 +455,45 @@ def test_public_logs_get_in_by_init_alone(shared: Path, tmp_path: Path, which: s
     assert main(["check", str(out)]) in (0, 1)
     fit = didim.identify(load_experiment(out), didim.IDIMLS())
     assert fit.overall_relative_error < largest
+
+
+def test_a_kuka_with_motor_torques_in_a_structure(
+    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two recordings of a KR300, which no packaged robot is: with the geometry of another KUKA one question stays, the gears."""
+    logs = [str(shared / "data" / "kr300" / f"{run}.mat") for run in "AB"]
+    out = tmp_path / "x.toml"
+    options = ["--columns", "position=rec.act_pos_mot_deg", "--columns", "torque=rec.act_torque_abs_nm"]
+    options += ["--columns", "time=rec.time_cont", "--columns", "reference=rec.ref_pos_deg", "-o", str(out)]
+    sides = [
+        word for text in ("position=joint", "reference=joint", "torque=motor") for word in ("--side", text)
+    ]
+    assert main(["init", "kr16", *logs, *options, *sides]) == 1
+    said = capsys.readouterr().err
+    assert said.count("open:") == 1
+    assert "the robot file has no reduction: fill in [transmission]" in said
+    # Its ratios stand in the log; with them in the robot file nothing is asked.
+    ratios = scipy.io.loadmat(logs[0])["para"][0, 0]["u"].ravel()
+    assert main(["robot", "kr16", "-o", str(tmp_path / "kuka.toml")]) == 0
+    gears = "\n".join(str(row) + "," for row in np.diag(ratios).tolist())
+    with (tmp_path / "kuka.toml").open("a", encoding="utf-8") as file:
+        file.write(f"\n[transmission]\nreduction = [\n{gears}\n]\n")
+    assert main(["init", str(tmp_path / "kuka.toml"), *logs, *options, *sides]) == 0
+    assert main(["check", str(out)]) in (0, 1)
+    experiment = load_experiment(out)
+    assert [len(recording.q) for recording in experiment.recordings] == [2501, 2501]
+    assert didim.identify(experiment, didim.IDIMLS()).relative_error.shape == (6,)
+
+
+def test_a_recorded_trajectory_is_a_log(tmp_path: Path) -> None:
+    """Each point of a trajectory is a sample, where a bag has nothing else."""
+    pytest.importorskip("rosbags", reason="needs the extra 'ros'")
+    from bags import write_trajectory
+
+    write_trajectory(tmp_path / "bag", ("joint_1", "joint_2"), T, Q, TAU)
+    path, draft = initialise("planar2", tmp_path / "bag")
+    assert not draft.questions
+    recording = load_experiment(path).recordings[0]
+    np.testing.assert_array_equal(recording.q, Q)
+    np.testing.assert_array_equal(recording.tau, TAU)  # type: ignore[arg-type]
+    assert recording.rate_hz == RATE

@@ -163,6 +163,8 @@ class RecordingWriter:
             better = [group for group in whole if any(word in str(group[0].stem) for word in PREFERRED)]
             if len(better) == 1:
                 whole = better
+            elif kind == "velocity":  # only offered, in commented lines
+                return []
             else:
                 names = "; ".join(_listed(group) for group in whole)
                 self._ask(

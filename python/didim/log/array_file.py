@@ -188,7 +188,11 @@ class MatFile(ArrayFile):
         check_expanded(_inflated(self.raw), len(self.raw), self.name, RecordingError)
         # Any, because scipy-stubs know paths only; the file is not read a second time.
         stream: Any = io.BytesIO(self.raw)
-        entries = whosmat(stream)
+        try:
+            entries = whosmat(stream)
+        except TypeError:  # an object of a class of MATLAB stands among the variables
+            every = [(name, value) for name, value in self._loaded().items() if not name.startswith("__")]
+            entries = [(name, np.shape(value), _class_of(value)) for name, value in every]
         # Whole numbers are stored in one byte each. The size of a sparse matrix is not that of its content.
         size = sum(8 * prod(shape) for _, shape, kind in entries if kind != "sparse")
         check_expanded(size, len(self.raw), self.name, RecordingError)
@@ -212,10 +216,17 @@ class MatFile(ArrayFile):
         return value
 
     def _load(self, name: str) -> Any:
+        return self._loaded([name])[name]
+
+    def _loaded(self, names: list[str] | None = None) -> dict[str, Any]:
         from scipy.io import loadmat
 
         stream: Any = io.BytesIO(self.raw)
-        return loadmat(stream, variable_names=[name])[name]
+        return dict(loadmat(stream, variable_names=names))
+
+
+def _class_of(value: Any) -> str:
+    return "struct" if getattr(getattr(value, "dtype", None), "names", None) else "double"
 
 
 def _fields(name: str, value: Any) -> list[str]:
