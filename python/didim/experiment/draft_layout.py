@@ -13,7 +13,7 @@ from .draft_columns import Column
 ALIKE = 0.9
 """Correlation of a column with the differences of another from which it is taken for their velocity."""
 MOST_BLOCKS = 40
-"""Largest number of blocks that are compared pair by pair; a log of one robot has some ten signals, and a matrix with more is none."""
+"""Largest number of blocks that are compared pair by pair: a log of one robot has some ten signals."""
 SAME = 0.999
 """Correlation of two columns from which they are taken for reference and position of one joint."""
 
