@@ -228,17 +228,17 @@ PYTHON = (
     ),
     Mutation(
         "held-out recordings may fit twice as badly",
-        "python/didim/methods/verdict/held_out.py",
+        "python/didim/evidence/residual.py",
         "LARGER = 1.5",
         "LARGER = 3.0",
-        "tests/test_verdict.py",
+        "tests/test_verdict_simulated.py",
     ),
     Mutation(
         "records of a digital controller are not late by its hold",
-        "python/didim/methods/verdict/loop_rows.py",
+        "python/didim/evidence/loop/law_rows.py",
         "return digital.sample_time_s * digital.delay_samples + held",
         "return digital.sample_time_s * digital.delay_samples",
-        "tests/test_verdict_rows.py",
+        "tests/test_verdict_faults.py",
     ),
 )
 
