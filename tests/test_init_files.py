@@ -317,8 +317,8 @@ def test_the_chain_of_a_tree_by_the_names_of_the_log(
     experiment = load_experiment(tmp_path / "log.toml")
     assert experiment.robot.joint_names == ("left_1", "left_2", "left_3")
     other = write(tmp_path / "bare.csv", None, T, q, np.gradient(q, T, axis=0), np.cos(3.0 * q))
-    assert main(["init", robot, str(other)]) == 2
-    assert "choose one by its last link" in capsys.readouterr().err
+    assert main(["init", robot, str(other)]) == 1
+    assert "the positions of the 6 joints" in capsys.readouterr().err
     assert main(["init", robot, str(other), "--tip", "right_link_3", "--columns", "torque=8-10"]) == 0
     assert load_experiment(tmp_path / "bare.toml").robot.joint_names[0] == "right_1"
 

@@ -378,7 +378,10 @@ def test_write(fit: Identification, arm: Experiment, tmp_path: Path) -> None:
     with pytest.raises(PlotError, match="a report needs the experiment that the result was made of"):
         report.render(fit)
     tx40 = packaged_experiment("tx40")
-    with pytest.raises(FitError, match="the result is for robot 'planar2' and the experiment for 'tx40'"):
+    with pytest.raises(
+        FitError,
+        match="the result is for robot 'planar2' with 28 parameters, the experiment for 'tx40' with 86",
+    ):
         report.render(fit, tx40)
 
 

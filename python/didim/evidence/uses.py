@@ -209,7 +209,9 @@ def payload_std(
         torque = np.ascontiguousarray(inverse_dynamics(robot, part.q, part.dq, part.ddq, unit))
         columns.append(decimate(torque, decimation_stages(len(torque), signal))[signal.kept_rows].T)
     column = np.concatenate(columns, axis=1)
-    weight = 1.0 / np.maximum(np.mean(residual.error**2, axis=1), np.finfo(float).tiny)
+    squares = np.mean(residual.error**2, axis=1)
+    # A joint without a residual, as one without torques, has no finite weight, and says nothing of a mass.
+    weight = np.divide(1.0, squares, out=np.zeros_like(squares), where=squares > 0.0)
     told, information = (
         np.array([float(part.sum()) for part in np.array_split(weight @ values, PAYLOAD_BLOCKS)])
         for values in (column * residual.error, column**2)

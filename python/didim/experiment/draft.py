@@ -224,16 +224,19 @@ def _model(
     if any(chain.values()):
         model = load_robot(robot, **chain)
         return model, robot_text(model)
+    names = [name for log in logs for name in log_names(log, topic)]
+    found = chain_of_names(Path(robot), names)
     try:
-        return load_robot(robot), None
+        whole = load_robot(robot)
     except RobotError as error:
-        names = [name for log in logs for name in log_names(log, topic)]
-        found = chain_of_names(Path(robot), names)
         if found is None:
             raise RobotError(str(error).replace("didim robot --tip", "--tip")) from None
-        tip, locked = found
-        model = load_robot(robot, tip=tip, lock=dict.fromkeys(locked, 0.0))
-        return model, robot_text(model)
+    else:
+        if found is None or whole.geometry.in_line:
+            return whole, None
+    tip, locked = found
+    model = load_robot(robot, tip=tip, lock=dict.fromkeys(locked, 0.0))
+    return model, robot_text(model)
 
 
 def _is_robot(path: Path) -> bool:

@@ -189,7 +189,7 @@ class MatFile(ArrayFile):
         # Any, because scipy-stubs know paths only; the file is not read a second time.
         stream: Any = io.BytesIO(self.raw)
         try:
-            entries = whosmat(stream)
+            entries: list[Any] = list(whosmat(stream))
         except TypeError:  # an object of a class of MATLAB stands among the variables
             every = [(name, value) for name, value in self._loaded().items() if not name.startswith("__")]
             entries = [(name, np.shape(value), _class_of(value)) for name, value in every]
