@@ -33,6 +33,8 @@ DRIVES = ("F", "Off", "Rest")
 """How names of friction and offsets begin."""
 NO_GRAVITY = 1e-6
 """Share of the torques at rest below which gravity makes none."""
+ROUNDING = 1e-9
+"""Error of a joint over the largest torque below which it is rounding."""
 PAYLOAD_BLOCKS = 10
 """Stretches of time whose masses give the deviation of a payload's."""
 
@@ -209,9 +211,11 @@ def payload_std(
         torque = np.ascontiguousarray(inverse_dynamics(robot, part.q, part.dq, part.ddq, unit))
         columns.append(decimate(torque, decimation_stages(len(torque), signal))[signal.kept_rows].T)
     column = np.concatenate(columns, axis=1)
-    squares = np.mean(residual.error**2, axis=1)
-    # A joint without a residual, as one without torques, has no finite weight, and says nothing of a mass.
-    weight = np.divide(1.0, squares, out=np.zeros_like(squares), where=squares > 0.0)
+    # A joint without errors, such as one without torque, would have infinite weight.
+    floor = ROUNDING**2 * float(np.max(residual.size)) ** 2
+    if not floor > 0.0:
+        return 0.0
+    weight = 1.0 / np.maximum(np.mean(residual.error**2, axis=1), floor)
     told, information = (
         np.array([float(part.sum()) for part in np.array_split(weight @ values, PAYLOAD_BLOCKS)])
         for values in (column * residual.error, column**2)
