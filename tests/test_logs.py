@@ -36,7 +36,8 @@ def beta_of(experiment: Experiment) -> np.ndarray:
         (didim.IDIMLS(), 6e-3),  # the filter of the positions
         (didim.IDIMIV(), 6e-3),
         (didim.DIDIM(), 1e-5),
-        (didim.CLOE(start="idim-ls", output="torque"), 1e-5),
+        # The logs are simulated with the steps of the search, and the estimate is that of finer ones.
+        (didim.CLOE(start="idim-ls", output="torque"), 2e-5),
     ],
     ids=lambda item: getattr(item, "name", ""),
 )

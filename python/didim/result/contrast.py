@@ -224,8 +224,8 @@ def contrast(first: Identification, second: Identification, *, level: float = 0.
         units=tuple(first.units[k] for k in kept),
         difference=second.beta[kept] - first.beta[kept],
         std=np.sqrt((m - 1) / m * np.sum(centred**2, axis=0)),
-        std_first=first.std[kept],
-        std_second=second.std[kept],
+        std_first=_of_noise(first)[kept],
+        std_second=_of_noise(second)[kept],
         degrees_of_freedom=m - 1.0,
         level=level,
     )
@@ -258,3 +258,8 @@ def reading(contrasts: Sequence[Contrast]) -> str:
             "one; check the controller and the reference, and trust IDIM-IV or IDIM-LS"
         )
     return "the estimates agree: the contrasts show no bias by the filter or by the controller"
+
+
+def _of_noise(fit: Identification) -> Array:
+    """Return standard deviations without the shift of missing friction: both estimates of a contrast have that error."""
+    return fit.std if fit.uncertainty is None else fit.uncertainty.without_shift(fit.std)
