@@ -495,5 +495,5 @@ def test_a_recorded_trajectory_is_a_log(tmp_path: Path) -> None:
     assert not draft.questions
     recording = load_experiment(path).recordings[0]
     np.testing.assert_array_equal(recording.q, Q)
-    np.testing.assert_array_equal(recording.tau, TAU)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(recording.tau, TAU)
     assert recording.rate_hz == RATE

@@ -30,6 +30,10 @@ pub const SIX: usize = 6;
 
 /// The form of a step from one frame to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "independent facts on a joint, each a constant of a kernel"
+)]
 pub struct StepForm {
     /// Does the joint turn (or slide)?
     pub turns: bool,
