@@ -169,7 +169,7 @@ mod tests {
                 (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();
             let geometry = Geometry::of(&Robot::new(joints, [0.0; 3], &unit, Friction::sign(n)).unwrap());
             let lanes = |part: usize| -> [Lanes<V>; MAX_DOF] {
-                std::array::from_fn(|j| Lanes::each(|l| self.numbers[(part * 12 + j) * 4 + l % 4]))
+                std::array::from_fn(|j| Lanes::each(|l| self.numbers[(part * 12 + j % 12) * 4 + l % 4]))
             };
             let [q, dq, scale] = [0, 1, 2].map(lanes);
             let mut plain = [Lanes::zero(); MAX_DOF];
