@@ -11,7 +11,7 @@ from .finding import Finding
 ROOM = 1.02
 """Limits are rounded, and a controller overshoots a little."""
 SEVERAL = 5.0
-"""Times the limit where a wrong unit or side is likelier than a fast robot."""
+"""Multiple of a limit beyond which a wrong unit or side is likelier than a fast robot."""
 LARGEST_RANGE = {"revolute": 8.0 * np.pi, "prismatic": 20.0}
 """Four turns, or twenty metres, in one log: no joint of an arm moves through that much."""
 

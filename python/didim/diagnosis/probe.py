@@ -24,7 +24,7 @@ from ..signal.decimation import decimate, decimation_stages
 from ..signal.segments import Segment
 
 SMALLEST_EIGENVALUE = 1e-12
-"""Of the products of normed columns, against the largest: below it a combination of columns is rounding."""
+"""Relative eigenvalue of the products of unit-norm columns below which the columns count as dependent."""
 
 SMALLEST_SHARE = 1e-6
 """Lower bound of a joint's residual, as a share of its torque: weights stay finite on logs without noise."""

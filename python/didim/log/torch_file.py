@@ -33,7 +33,7 @@ LARGEST_PICKLE = 10_000_000
 
 @dataclass(frozen=True)
 class _Storage:
-    """Where the numbers of tensors are: member of the archive, their type and count."""
+    """Numbers of tensors: member of the archive, their type and count."""
 
     member: str
     dtype: str

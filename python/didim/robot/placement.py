@@ -1,4 +1,4 @@
-"""Where the joints of a tree stand: antecedents, and the part of a modified row that chains do without.
+"""Placements of the joints of a tree: antecedents, and the part of a modified row that chains do without.
 
 Khalil and Kleinfinger (1986): frame j follows the frame of its antecedent a(j) by ``Trans(shift) Rot(z, gamma) Trans(z, b)`` and
 then as in a chain, ``Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)``. Any pose is such a row with ``b = d = r = 0``: the

@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Corrected(Generic[T]):
-    """Where the corrections ended.
+    """End of the corrections.
 
     Attributes
     ----------

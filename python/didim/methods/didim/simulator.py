@@ -27,7 +27,7 @@ from .simulability import chosen_steps, largest_rates
 from .windows import Simulated, Window, checked_positions, segments_of, simulated, windows_of
 
 CAREFUL = 2
-"""Where a robot cannot be simulated, all is tried again with equal steps, so many times smaller than the smallest one before."""
+"""Divisor of the smallest step when a simulation fails; the run is repeated with that uniform step."""
 SAME = 1e-9
 """Logarithm of a factor of the gains below which it is 1."""
 

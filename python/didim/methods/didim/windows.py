@@ -104,7 +104,7 @@ class Step:
     moved: float
     """Largest change of a base parameter on the whole way, in standard deviations."""
     after: Iterate | Outcome
-    """Where it leads, or how the simulation of the shortest step ended."""
+    """Iterate after the step, or how the simulation of the shortest step ended."""
     wanted: float = 1.0
     """Share that was asked for before anything shortened it: a secant step is shorter by design."""
     repeated: bool = False
