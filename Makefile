@@ -86,9 +86,18 @@ docs: $(VENV)/.built $(VENV)/.group-docs
 	$(BIN)/mkdocs build --strict
 
 # zig, a package of PyPI, links with the symbols of an old glibc: the wheel runs on systems older than this one. maturin asks the first
-# python3 on the path for it.
+# python3 on the path for it. Neither the core nor the SBOM may tell where they were built: rustc writes the places of its sources, and
+# maturin the folder of the project.
+CARGO_HOME ?= $(HOME)/.cargo
 wheel: $(VENV)/.group-wheels
-	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/maturin build --release --strip --zig --compatibility manylinux2014 --out dist
+	rm -rf dist/built
+	PATH="$(abspath $(BIN)):$$PATH" \
+	RUSTFLAGS="--remap-path-prefix=$(CARGO_HOME)/registry/src=crates --remap-path-prefix=$(CURDIR)=didim" \
+	$(BIN)/maturin build --release --strip --zig --compatibility manylinux2014 --out dist/built
+	$(BIN)/wheel unpack --dest dist/built dist/built/didim-*.whl
+	sed -i 's|path+file://$(CURDIR)|path+file:///didim|g' dist/built/didim-*/*.dist-info/sboms/*.json
+	$(BIN)/wheel pack --dest-dir dist $$(ls -d dist/built/didim-*/)
+	rm -r dist/built
 
 sdist: $(BIN)/maturin
 	$(BIN)/maturin sdist --out dist

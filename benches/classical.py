@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import didim
+from didim.contrib.maximum_likelihood import MaximumLikelihood
 from didim.methods.method import Method
 from didim.regression.linear_system import LinearSystem
 from didim.regression.solver import SOLVERS, solver_of
@@ -28,6 +29,7 @@ from didim.studies.simulated_log import measured
 Array = NDArray[np.float64]
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+TOTAL = "didim.contrib.total:Total"
 PARTS, GAP = 5, 5
 """Parts of a log, and rows between them that serve neither the fit nor the prediction."""
 SPIKES, SPIKE_SIZE = 0.005, 30.0
@@ -60,7 +62,7 @@ def left_out(experiment: didim.Experiment) -> None:
     system = job.system(job.parts("fit", job.delay()))
     n = system.joints[0].stop
     edges = np.linspace(0, n, PARTS + 1).round().astype(int)
-    for name in SOLVERS:
+    for name in (*SOLVERS, TOTAL):
         if name == "consistent":
             continue
         solve = solver_of(name, job.robot, job.selection)
@@ -139,7 +141,7 @@ def simulated(seeds: int) -> None:
     squares: dict[str, list[float]] = {"least-squares": [], "total": []}
     for log in logs:
         plain = didim.identify(log, didim.IDIMLS(signal=slow, uncertainty="decimated"))
-        total = didim.identify(log, didim.IDIMLS(signal=slow, solver="total"))
+        total = didim.identify(log, didim.IDIMLS(signal=slow, solver=TOTAL))
         for name, fit in (("least-squares", plain), ("total", total)):
             squares[name].append(rms((fit.beta - truth) / plain.std))
     plain_rms, total_rms = (rms(np.array(values)) for values in squares.values())
@@ -153,14 +155,12 @@ def simulated(seeds: int) -> None:
         noise = tuple(factor * value for value in clean.measurement.position_noise)
         measurement = replace(clean.measurement, position_noise=noise)
         noisy = [measured(replace(clean, measurement=measurement), seed) for seed in range(seeds)]
-        given = didim.MaximumLikelihood(
-            signal=signal, position_noise=noise, torque_noise=measurement.torque_noise
-        )
+        given = MaximumLikelihood(signal=signal, position_noise=noise, torque_noise=measurement.torque_noise)
         for name, method in (
             ("weighted least squares", didim.IDIMLS(signal=signal)),
             ("ml, noise given", given),
             ("ml, two solutions", replace(given, max_iterations=2)),
-            ("ml, noise estimated", didim.MaximumLikelihood(signal=signal)),
+            ("ml, noise estimated", MaximumLikelihood(signal=signal)),
             ("IDIM-IV", didim.IDIMIV(signal=signal)),
         ):
             print(f"encoder noise x {factor:g}, {name}: {errors(noisy, method, truth, sigma)}", flush=True)

@@ -55,9 +55,9 @@ def rich_peaks() -> Array:
     return np.asarray(np.abs(didim.inverse_dynamics(robot, *motion, robot.sets["didim"])).max(axis=0))
 
 
-def tx40_settings(**more: object) -> didim.ExcitationSettings:
+def tx40_settings(**more: object) -> didim.excitation.ExcitationSettings:
     """The packaged experiment as a design: its limits, its noise, its length, and torques as the random motion has them."""
-    settings = didim.ExcitationSettings(
+    settings = didim.excitation.ExcitationSettings(
         margin=1.0,
         start=[0.0] * 6,
         position=[(-reach, reach) for reach in REACH],
@@ -83,7 +83,9 @@ def row(name: str, design: didim.Excitation, random: Array, seconds: float, proc
     return ratio
 
 
-def timed(robot: didim.Robot, settings: didim.ExcitationSettings) -> tuple[didim.Excitation, float, float]:
+def timed(
+    robot: didim.Robot, settings: didim.excitation.ExcitationSettings
+) -> tuple[didim.Excitation, float, float]:
     """A design, its seconds, and those of the processor."""
     wall, processor = time.perf_counter(), time.process_time()
     design = didim.excite(robot, settings)
@@ -119,7 +121,7 @@ def urdf(starts: int) -> None:
         robot = didim.load_robot(SHARED / f"{name}.urdf")
         print(f"{name}, 10 s, 12 harmonics, noise 0.2 N.m")
         for seed in range(1, starts + 1):
-            settings = didim.ExcitationSettings(
+            settings = didim.excitation.ExcitationSettings(
                 seed=seed, starts=1, harmonics=12, torque_noise=0.2, rate_hz=1000.0
             )
             design, seconds, processor = timed(robot, settings)
@@ -206,7 +208,7 @@ RADII = (0.07, 0.07, 0.055, 0.045, 0.04, 0.04, 0.04)
 
 def ur5e_capsules(
     robot: didim.Robot, model: object
-) -> tuple[list[didim.Capsule], list[tuple[int, Array, Array, float]]]:
+) -> tuple[list[didim.excitation.Capsule], list[tuple[int, Array, Array, float]]]:
     """Capsules between the joints of the URDF, in the frames of the robot and in those of Pinocchio."""
     import pinocchio as pin
 
@@ -228,7 +230,9 @@ def ur5e_capsules(
         )
         inside = [own[link][:3, :3].T @ (point - own[link][:3, 3]) for point in (start, end)]
         ours.append(
-            didim.Capsule(link=link, start=tuple(inside[0]), end=tuple(inside[1]), radius=RADII[link])
+            didim.excitation.Capsule(
+                link=link, start=tuple(inside[0]), end=tuple(inside[1]), radius=RADII[link]
+            )
         )
         theirs.append((link, *(poses[link].actInv(point) for point in (start, end)), RADII[link]))
     return ours, theirs
@@ -258,11 +262,11 @@ def capsules(count: int) -> None:
     print(
         f"UR5e, {len(ours)} capsules, floor 0.1 m below the base, torques of the URDF: {count} random designs"
     )
-    workspace = didim.Workspace(floor=-0.1 - float(base_matrix(robot)[2, 3]), clearance=0.005)
+    workspace = didim.excitation.Workspace(floor=-0.1 - float(base_matrix(robot)[2, 3]), clearance=0.005)
     rng = np.random.default_rng(0)
     collisions = 0
     for seed in range(count):
-        settings = didim.ExcitationSettings(
+        settings = didim.excitation.ExcitationSettings(
             seed=seed,
             starts=1,
             harmonics=int(rng.integers(6, 13)),

@@ -1,6 +1,6 @@
 """Wrong files through the command line: each case must end in a result or in one sentence.
 
-    python benches/fuzz.py [--count 10000] [--seed 0] [--jobs 1] [--first CASE] [--cases-only]
+    python benches/fuzz.py [--count 10000] [--seed 0] [--jobs 1] [--first CASE] [--cases-only] [--resume]
     python benches/fuzz.py --count 0                         outputs that cannot be written, alone
 
 A case mutates the files of a command (`fuzz_material.py`, `fuzz_mutate.py`) one to three times, in one case of eight puts a
@@ -11,7 +11,9 @@ behind notes on what was assumed:
 no traceback, no panic, no warning of NumPy or SciPy, no file lost that it does not own, no more than `MEMORY_GB` of memory. A case
 that takes more than `LIMIT_S` of processor time is interrupted as by Ctrl-C; that it must hear, and it counts as long. Cases
 depend on the seed and on nothing else. A case that
-fails is kept with its files and its command under ``out/fuzz/``, and one that was long. Then `fuzz_outputs.py` takes the outputs
+fails is kept with its files and its command under ``out/fuzz/``, and one that was long; a line every `TOLD` cases counts them.
+What became of each case stands in ``out/fuzz/seed-N.txt``: ``--resume`` leaves out those that are there.
+Then `fuzz_outputs.py` takes the outputs
 away: absent folders, full devices, limits of the size of files, and eight threads that save to one path.
 """
 
@@ -48,6 +50,8 @@ ADDRESSES_GB = 6
 LONGEST_SENTENCE = 1200
 STRANGE = 0.125
 """Share of cases with a hostile file, and share of those whose output is an input."""
+TOLD = 500
+"""Cases between two lines on standard output that count them."""
 OUTPUT = Path("out", "fuzz")
 
 
@@ -177,7 +181,7 @@ def wrong_result() -> str:
     return ""
 
 
-def work(seed: int, numbers: range, material: Path, folder: Path, kept: Path) -> None:
+def work(seed: int, numbers: list[int], material: Path, folder: Path, kept: Path) -> None:
     """Run cases in this process, each announced and answered by a line on stdout."""
     import resource
 
@@ -234,14 +238,40 @@ def is_pipe(path: Path) -> bool:
     return False
 
 
+class Tally:
+    """What became of each case, kept in a file as it is known, so that an interrupted run can go on."""
+
+    def __init__(self, path: Path, seed: int, *, resume: bool) -> None:
+        lines = path.read_text(encoding="ascii").splitlines() if resume and path.exists() else []
+        self.outcomes = {int(number): outcome for number, outcome in map(str.split, lines)}
+        self._path, self._seed = path, seed
+        self._lock = threading.Lock()
+        if not lines:
+            path.write_text("", encoding="ascii")
+
+    def count(self, number: int, outcome: str) -> None:
+        """Note a case, and print the counts now and then."""
+        with self._lock:
+            self.outcomes[number] = outcome
+            with self._path.open("a", encoding="ascii") as file:
+                file.write(f"{number} {outcome}\n")
+            if len(self.outcomes) % TOLD == 0:
+                print(self, flush=True)
+
+    def __str__(self) -> str:
+        counts = collections.Counter(self.outcomes.values())
+        told = ", ".join(f"{counts[key]} {key}" for key in OUTCOMES)
+        return f"{len(self.outcomes)} cases, seed {self._seed}: {told}"
+
+
 class Parent(threading.Thread):
     """Keeps one worker process going through its share of the cases, and ends it when it is deaf."""
 
-    def __init__(self, seed: int, numbers: range, material: Path, folder: Path, kept: Path) -> None:
+    def __init__(
+        self, tally: Tally, seed: int, numbers: list[int], material: Path, folder: Path, kept: Path
+    ) -> None:
         super().__init__()
-        self.counts: collections.Counter[str] = collections.Counter()
-        self.bad: list[int] = []
-        self._seed, self._numbers = seed, numbers
+        self._tally, self._seed, self._numbers = tally, seed, numbers
         self._places = material, folder, kept
 
     def run(self) -> None:
@@ -250,17 +280,25 @@ class Parent(threading.Thread):
         while left:
             left = left[self._worker(left) :]
 
-    def _worker(self, numbers: range) -> int:
+    def _worker(self, numbers: list[int]) -> int:
         """Run one worker; return how many cases are done with."""
         material, folder, kept = self._places
-        places = [str(place) for place in (material, folder, kept)]
-        arguments = ["--worker", *map(str, (self._seed, numbers.start, numbers.stop, numbers.step)), *places]
-        command = [sys.executable, str(Path(__file__).resolve()), *arguments]
+        command = [sys.executable, str(Path(__file__).resolve()), "--worker", str(self._seed)]
+        command += [str(place) for place in (material, folder, kept)]
         # One thread: processor time is that of the clock where nobody else computes.
         alone = dict.fromkeys(("DIDIM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, **alone})
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, **alone},
+        )
+        assert process.stdin is not None
         assert process.stdout is not None
-        done, current = 0, numbers.start
+        process.stdin.write(" ".join(map(str, numbers)))
+        process.stdin.close()
+        done, current = 0, numbers[0]
         complaint = ""
         with selectors.DefaultSelector() as selector, process:
             selector.register(process.stdout, selectors.EVENT_READ)
@@ -276,27 +314,25 @@ class Parent(threading.Thread):
                 current = int(line[1])
                 if line[0] == "end":
                     done += 1
-                    self._count(current, line[2])
+                    self._tally.count(current, line[2])
         if done < len(numbers):
             keep(folder, kept, current, complaint or f"the process ended with {process.returncode}")
-            self._count(current, "failed")
+            self._tally.count(current, "failed")
             done += 1
         return done
 
-    def _count(self, number: int, outcome: str) -> None:
-        self.counts[outcome] += 1
-        if outcome == "failed":
-            self.bad.append(number)
 
-
-def fuzz(count: int, seed: int, jobs: int, first: int = 0, *, outputs_too: bool = True) -> int:
+def fuzz(seed: int, numbers: range, jobs: int, *, outputs_too: bool = True, resume: bool = False) -> int:
     """Run all cases, and if asked for those of the outputs, print what became of them, and return the number of failed ones."""
     from fuzz_material import make
     from fuzz_outputs import outputs
 
     kept = OUTPUT.resolve()
-    shutil.rmtree(kept, ignore_errors=True)
-    kept.mkdir(parents=True)
+    if not resume:
+        shutil.rmtree(kept, ignore_errors=True)
+    kept.mkdir(parents=True, exist_ok=True)
+    tally = Tally(kept / f"seed-{seed}.txt", seed, resume=resume)
+    left = [number for number in numbers if number not in tally.outcomes]
     here = Path.cwd()
     with tempfile.TemporaryDirectory() as scratch:
         material = Path(scratch, "sound")
@@ -306,23 +342,16 @@ def fuzz(count: int, seed: int, jobs: int, first: int = 0, *, outputs_too: bool 
         os.chdir(here)
         # Shared out by strides, so that the jobs end together.
         parents = [
-            Parent(
-                seed,
-                range(first + k, first + count, jobs),
-                material,
-                Path(scratch, f"case-{k}", "files"),
-                kept,
-            )
-            for k in range(min(jobs, count))
+            Parent(tally, seed, left[k::jobs], material, Path(scratch, f"case-{k}", "files"), kept)
+            for k in range(min(jobs, len(left)))
         ]
         for parent in parents:
             parent.start()
         for parent in parents:
             parent.join()
         unwritten = outputs(material, Path(scratch, "output")) if outputs_too else 0
-    counts = sum((parent.counts for parent in parents), collections.Counter[str]())
-    bad = sorted(number for parent in parents for number in parent.bad)
-    print(f"{count} cases, seed {seed}: " + ", ".join(f"{counts[key]} {key}" for key in OUTCOMES))
+    print(tally)
+    bad = sorted(number for number, outcome in tally.outcomes.items() if outcome == "failed")
     for number in bad:
         print(f"failed: {kept / f'case-{number:05d}'}")
     return len(bad) + unwritten
@@ -334,9 +363,8 @@ OUTCOMES = ("result", "refused", "long", "failed")
 def command_line() -> int:
     """Read the arguments and run."""
     if sys.argv[1:2] == ["--worker"]:
-        seed, start, stop, step = map(int, sys.argv[2:6])
-        material, folder, kept = map(Path, sys.argv[6:9])
-        work(seed, range(start, stop, step), material, folder, kept)
+        material, folder, kept = map(Path, sys.argv[3:6])
+        work(int(sys.argv[2]), [int(text) for text in sys.stdin.read().split()], material, folder, kept)
         return 0
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--count", type=int, default=10_000)
@@ -346,9 +374,11 @@ def command_line() -> int:
     parser.add_argument(
         "--cases-only", action="store_true", help="leave the outputs alone, for a run in portions"
     )
+    parser.add_argument("--resume", action="store_true", help="leave out cases that an earlier run has done")
     options = parser.parse_args()
+    numbers = range(options.first, options.first + options.count)
     failed = fuzz(
-        options.count, options.seed, options.jobs, options.first, outputs_too=not options.cases_only
+        options.seed, numbers, options.jobs, outputs_too=not options.cases_only, resume=options.resume
     )
     return 1 if failed else 0
 

@@ -97,7 +97,7 @@ edge_rows = 1
 weights = "per-joint"
 reweightings = 1
 variance = "r-b"
-decimation_corrected = true
+uncertainty = "decimated"
 [delay]
 compensate_samples = 0.5
 [parameters]

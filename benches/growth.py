@@ -13,7 +13,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,11 @@ from didim.experiment.experiment import Experiment
 from didim.log.recording import Recording
 from didim.loop.closed_loop import ClosedLoop
 from didim.loop.tuning import mean_inertia
+from didim.regression import least_squares
+from didim.regression.block import stacked
+from didim.regression.linear_system import LinearSystem
+from didim.regression.settings import LeastSquaresSettings
+from didim.robot.placement import Mount
 from didim.robot.robot import Geometry, Robot
 from didim.signal.processing import SignalProcessing
 
@@ -51,7 +56,10 @@ SHORT_S = 0.1
 """Simulated time where candidates are counted."""
 HEADROOM = 8.0
 """Room for the names above the curves of the figure."""
-TICKS = {"joints": [1, 2, 3, 4, 6, 9, 12], "threads": [1, 2]}
+TICKS = {"joints": [1, 2, 3, 4, 6, 9, 12], "legs": [1, 2, 3, 4], "threads": [1, 2]}
+LEGS = (1, 2, 3, 4)
+LEG_SAMPLES = 500
+"""Rows of each joint where legs are counted."""
 BATCH, CACHED = 1024, 256
 """Samples where joints are counted; of the regressor, whose 12 joints would fill more than a cache."""
 LIMITS: dict[str, Any] = {
@@ -101,7 +109,7 @@ def main() -> int:
         parser.error(f"--rounds must be at least 1, got {arguments.rounds}")
     rounds = 1 if arguments.quick else arguments.rounds
     measured: list[tuple[Curve, dict[int, Figures]]] = []
-    for make in (over_samples, over_joints, over_candidates, over_threads):
+    for make in (over_samples, over_joints, over_legs, over_candidates, over_threads):
         for curve in make(arguments.quick):
             measured.append((curve, measure(curve, rounds * (1 if arguments.quick else curve.more_rounds))))
             tell(*measured[-1])
@@ -181,6 +189,47 @@ def _chain(robot: Robot, rng: np.random.Generator) -> dict[str, Callable[[], obj
         f"regressor, {CACHED} samples": lambda: didim.regressor(robot, *few),
         "closed loop of 1000 steps, 4 candidates": _simulation(loop, x, 4, 1),
     }
+
+
+def over_legs(quick: bool) -> list[Curve]:
+    """Costs of a trunk that is held with legs of three joints each: those of the legs one by one, if the exponent is 1."""
+    runs: dict[str, dict[int, Callable[[], object]]] = {}
+    for count in LEGS[:3] if quick else LEGS:
+        n, rng = 3 * count, np.random.default_rng(0)
+        robot = make_robot(
+            Geometry(
+                kinds=("revolute",) * n,
+                alpha=(0.0, np.pi / 2.0, 0.0) * count,
+                d=(0.1, 0.05, 0.2) * count,
+                theta=(0.0,) * n,
+                r=(0.2, 0.0, 0.0) * count,
+                gravity=(9.81, 0.0, 0.0),
+                coupling=tuple(tuple(row) for row in np.eye(n).tolist()),
+                mounts=tuple(Mount(parent=j - 1 if j % 3 else None) for j in range(n)),
+            ),
+            coulomb="tanh",
+            smoothing=(0.05,) * n,
+        )
+        few = random_motion(rng, LEG_SAMPLES, n)
+        base = robot.base_parameters
+        columns = didim.regressor(robot, few.q, few.dq, few.ddq)[:, :, list(base.indices)]
+        w = np.concatenate(list(np.moveaxis(columns, 1, 0)))
+        system = LinearSystem(
+            w=w,
+            y=w @ rng.normal(size=len(base.names)) + rng.normal(size=len(w)),
+            blocks=stacked(n, [LEG_SAMPLES]),
+            names=tuple(base.names),
+        )
+        # A system of its own each time: it remembers which rows share what.
+        solution = f"solution of {LEG_SAMPLES} samples, sigma included"
+        runs.setdefault(solution, {})[count] = partial(_solved, system)
+        for name, run in _chain(robot, rng).items():
+            runs.setdefault(name, {})[count] = run
+    return [Curve(name, "legs", by_size, more_rounds=MORE_ROUNDS) for name, by_size in runs.items()]
+
+
+def _solved(system: LinearSystem) -> object:
+    return least_squares.solve(replace(system), LeastSquaresSettings())
 
 
 def over_candidates(quick: bool) -> list[Curve]:
@@ -304,9 +353,9 @@ def plot(measured: list[tuple[Curve, dict[int, Figures]]], file: Path) -> None:
 
     panels = [
         (title, [(curve, figures) for curve, figures in measured if curve.over.startswith(title)])
-        for title in ("seconds", "joints", "candidates", "threads")
+        for title in ("seconds", "joints", "legs", "candidates", "threads")
     ]
-    figure, axes = pyplot.subplots(1, len(panels), figsize=(13.0, 3.4), layout="constrained")
+    figure, axes = pyplot.subplots(1, len(panels), figsize=(16.0, 3.4), layout="constrained")
     for axis, (title, curves) in zip(axes, panels, strict=True):
         for curve, figures in curves:
             sizes = list(figures)

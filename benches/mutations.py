@@ -8,16 +8,20 @@ beside it are run there, first as it is, which must pass, then changed, which mu
 instead, by ``cargo test --release`` in the copy (minutes each; the first build apart, which all share).
 
 ``--constants`` draws module constants of heuristics, doubled or halved (``benches/constants.py``), and runs the tests that reach
-each, the nearest first, for so many seconds at most. Where one fails, it is run once more without the change, and must pass.
-What is not caught needs a test, is not needed, or has a reason, such as a bound that only saves time.
+each, the nearest first, for so many seconds of the processor at most. Where one fails, it is run once more without the change, and
+must pass. What is not caught needs a test, is not needed, or has a reason, such as a bound that only saves time. What became of
+each stands in ``out/mutations/``: ``--resume`` leaves out those that are there.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -27,6 +31,9 @@ from pathlib import Path
 from constants import Planted, drawn, tests_of
 
 PROJECT = Path(__file__).resolve().parent.parent
+FIRST_FILES = 3
+"""Files of tests that a changed constant meets first; three times as many each time after."""
+ESCAPED = "NOT CAUGHT"
 
 
 @dataclass(frozen=True)
@@ -246,8 +253,8 @@ RUST = (
     Mutation(
         "gravity pushes instead of pulling",
         "rust/src/model/motion.rs",
-        "Vector::splat([-x, -y, -z])",
-        "Vector::splat([x, y, z])",
+        "let a = Vector::splat([-x, -y, -z])",
+        "let a = Vector::splat([x, y, z])",
         "",
     ),
     Mutation(
@@ -287,30 +294,42 @@ def copy(target: Path) -> None:
 
 
 def run(folder: Path, tests: str, rust: bool, seconds: float | None = None) -> tuple[bool, str]:
-    """Run tests in a copy; return whether they pass, and the first that does not. Out of time counts as passed."""
-    environment = {**os.environ, "PYTHONPATH": str(folder / "python"), "PYTHONDONTWRITEBYTECODE": "1"}
+    """Run tests in a copy; return whether they pass, and the first that does not. Out of processor time counts as passed."""
+    environment = {**os.environ, "PYTHONPATH": str(folder / "python")}
     if rust:
         command = ["cargo", "test", "--release", *tests.split()]
         pattern = r"^test (\S+) \.\.\. FAILED|^(error.*)"
     else:
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests.split()]
         pattern = r"^FAILED (\S+?::\S+)|^ERROR (.*)"
-    try:
-        done = subprocess.run(
-            command,
-            cwd=folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=seconds,
-        )
-    except subprocess.TimeoutExpired:
+    if seconds is not None:
+        # Of the processor: other programs may share it.
+        command = ["bash", "-c", f'ulimit -t {max(1, round(seconds))} && exec "$@"', "-", *command]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         return True, "out of time"
     found = re.search(pattern, done.stdout + done.stderr, re.MULTILINE)
     first = next((group for group in found.groups() if group), "") if found else "?"
     # 5: no test was chosen, which is none that fails.
     return done.returncode in (0, 5), first
+
+
+def run_in_turn(folder: Path, tests: list[str], seconds: float) -> tuple[bool, str]:
+    """Run files of tests, the first ones by themselves: most errors are caught there, and files take time to be read."""
+    if not tests:
+        return True, "no test reaches it"
+    start, size, end = 0, FIRST_FILES, _spent() + seconds
+    while start < len(tests):
+        passed, first = run(folder, " ".join(tests[start : start + size]), False, end - _spent())
+        if not passed or first == "out of time" or _spent() >= end:
+            return passed, first if not passed else "out of time"
+        start, size = start + size, 3 * size
+    return True, f"{len(tests)} files"
+
+
+def _spent() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def stale(project: Path = PROJECT) -> list[str]:
@@ -342,27 +361,35 @@ def named(folder: Path, chosen: list[Mutation], rust: bool) -> int:
         passed, first = run(folder, mutation.tests, rust)
         path.write_text(text, encoding="utf-8")
         escaped += passed
-        print(f"{mutation.name} ({mutation.file}): {'NOT CAUGHT' if passed else first}", flush=True)
+        print(f"{mutation.name} ({mutation.file}): {ESCAPED if passed else first}", flush=True)
     return escaped
 
 
-def changed_constants(folder: Path, chosen: list[Planted], seconds: float) -> int:
-    """Change the constants one after the other; return how many no test noticed."""
-    escaped = 0
+def changed_constants(folder: Path, chosen: list[Planted], seconds: float, known: Path) -> int:
+    """Change the constants one after the other, but for those whose end stands in a file; return how many no test noticed."""
+    ends = dict(json.loads(line) for line in known.read_text(encoding="utf-8").splitlines())
+    sound: set[str] = set()
     for planted in chosen:
-        path = folder / planted.file
-        text = path.read_text(encoding="utf-8")
-        path.write_text(planted.apply(text), encoding="utf-8")
-        tests = tests_of(planted, PROJECT)
-        passed, first = (
-            run(folder, " ".join(tests), False, seconds) if tests else (True, "no test reaches it")
-        )
-        path.write_text(text, encoding="utf-8")
-        if not passed and not run(folder, first, False)[0] and "::" in first:
-            passed, first = True, f"{first} fails without it too"
-        escaped += passed
-        print(f"{planted}: {f'NOT CAUGHT ({first})' if passed else first}", flush=True)
-    return escaped
+        if str(planted) not in ends:
+            ends[str(planted)] = _changed(folder, planted, seconds, sound)
+            with known.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([str(planted), ends[str(planted)]]) + "\n")
+        print(f"{planted}: {ends[str(planted)]}", flush=True)
+    return sum(ends[str(planted)].startswith(ESCAPED) for planted in chosen)
+
+
+def _changed(folder: Path, planted: Planted, seconds: float, sound: set[str]) -> str:
+    """Plant one; return the test that notices it, or why none does. ``sound`` are tests that pass as it is."""
+    path = folder / planted.file
+    text = path.read_text(encoding="utf-8")
+    path.write_text(planted.apply(text), encoding="utf-8")
+    passed, first = run_in_turn(folder, tests_of(planted, PROJECT), seconds)
+    path.write_text(text, encoding="utf-8")
+    if not passed and "::" in first and first not in sound:
+        if not run(folder, first, False)[0]:
+            return f"{ESCAPED} ({first} fails without it too)"
+        sound.add(first)
+    return f"{ESCAPED} ({first})" if passed else first
 
 
 def main() -> int:
@@ -374,7 +401,12 @@ def main() -> int:
         "--constants", type=int, metavar="N", help="so many module constants, doubled or halved"
     )
     parser.add_argument("--seed", type=int, default=0, help="which constants are drawn")
-    parser.add_argument("--seconds", type=float, default=120.0, help="of tests for each constant at most")
+    parser.add_argument(
+        "--seconds", type=float, default=120.0, help="of the processor for each constant at most"
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="leave out constants that an earlier run has changed"
+    )
     options = parser.parse_args()
     lost = stale()
     if lost:
@@ -384,7 +416,10 @@ def main() -> int:
         copy(folder)
         if options.constants is not None:
             count = len(planted := drawn(PROJECT, options.constants, options.seed))
-            escaped = changed_constants(folder, planted, options.seconds)
+            known = Path("out", "mutations", f"seed-{options.seed}.jsonl")
+            known.parent.mkdir(parents=True, exist_ok=True)
+            known.open("a" if options.resume else "w", encoding="utf-8").close()
+            escaped = changed_constants(folder, planted, options.seconds, known)
         else:
             chosen = [item for item in (RUST if options.rust else PYTHON) if options.only in item.name]
             count = len(chosen)

@@ -85,7 +85,11 @@ ROWS = (
         r"largest error [0-3]\.\d sigma",
     ),
     Row("consistent DIDIM on seven axes in a slack digital loop", python.slack_loop, "converged.*"),
-    Row("an experiment that leaves `ends` to the default says so", commands.first_order_ends, "said"),
+    Row(
+        "a recipe for the digits of others that leaves `ends` to the default says so",
+        commands.first_order_ends,
+        "said",
+    ),
     Row("a test against another solver, kernels of AVX2", checkout.another_solver, r"1 passed.*"),
     Row(
         "a test of a diverging run, `DIDIM_ISA=portable`", checkout.portable_lanes, r"(1 passed|1 skipped).*"

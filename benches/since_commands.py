@@ -172,8 +172,9 @@ def example() -> str:
 
 
 def first_order_ends() -> str:
-    """A result of 0.1.0's settings says that the ends are of another order now."""
+    """A recipe of 0.1.0 for the digits of others says that the ends are of another order now."""
     write_log()
+    Path("log.toml").write_text(EXPERIMENT + 'padding = "matlab"\n', encoding="utf-8")
     told = run("identify", "log.toml", "--quiet")
     return "said" if "ends" in told.out + told.err else "not said"
 

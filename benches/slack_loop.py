@@ -95,7 +95,7 @@ def slack_log(
         robot=robot,
         recordings=(),
         signal=didim.SignalProcessing(cutoff_hz=100.0, trim_start=20, trim_end=20, decimation=(10,)),
-        least_squares=didim.LeastSquaresSettings(weights="per-joint", decimation_corrected=True),
+        least_squares=didim.solvers.LeastSquaresSettings(weights="per-joint", uncertainty="decimated"),
         reference=reference,
         controller=controller,
         simulation=SimulationSettings(rate_hz=500.0, duration_s=period_s),
@@ -131,7 +131,7 @@ def digital_log(seed: int, *, reverse: int | None = None) -> didim.Experiment:
         reference=reference,
         controller=replace(controller, digital=Digital(sample_time_s=0.005, delay_samples=1)),
         signal=didim.SignalProcessing(cutoff_hz=10.0, trim_start=25, trim_end=25, decimation=(5,)),
-        least_squares=didim.LeastSquaresSettings(),
+        least_squares=didim.solvers.LeastSquaresSettings(),
         simulation=SimulationSettings(
             rate_hz=200.0,
             smoothing=(0.02,) * n,

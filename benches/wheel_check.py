@@ -5,7 +5,8 @@
 installs the newest wheel of dist/ (`make wheel`) into an empty environment of each interpreter, runs every example with all its
 commands and the paper's experiment in an empty folder, with no Rust and no project on any path, and prints what was installed and
 how large it is. It fails where a command fails, where anything is imported from outside the environment, where the core asks
-for a later glibc than the name of the wheel says, and where the licence of a Rust package inside, or the SBOM, is missing.
+for a later glibc than the name of the wheel says, where the licence of a Rust package inside, or the SBOM, is missing, and where a
+file of the wheel tells in which folder it was built.
 
 `FOLDER:PYTHON` is an interpreter in the root of another system, entered by chroot (as root):
 
@@ -124,6 +125,14 @@ def unlicensed(wheel: Path) -> list[str]:
     ]
 
 
+def telling(wheel: Path) -> list[str]:
+    """Return the files of the wheel that name a folder of the machine that built it: the project, or the Rust packages."""
+    cargo = os.environ.get("CARGO_HOME", str(Path.home() / ".cargo"))
+    folders = [os.fsencode(folder) for folder in (f"{DIST.parent}/", f"{cargo}/registry/")]
+    with zipfile.ZipFile(wheel) as archive:
+        return [name for name in archive.namelist() if any(path in archive.read(name) for path in folders)]
+
+
 def run(
     place: Place, folder: Path, environment: dict[str, str], words: Sequence[object]
 ) -> subprocess.CompletedProcess[str]:
@@ -222,6 +231,9 @@ def main() -> int:
     missing = unlicensed(wheel)
     if missing:
         sys.exit(f"the licence of {missing[0]} does not travel with the wheel: python benches/licences.py")
+    told = telling(wheel)
+    if told:
+        sys.exit(f"{told[0]} names a folder of the machine that built the wheel")
     for name in options.python:
         check(wheel, Place.named(name))
     return 0

@@ -7,7 +7,7 @@ import numpy as np
 import didim
 
 experiment = didim.packaged_experiment("tx40")
-settings = didim.ExcitationSettings(
+settings = didim.excitation.ExcitationSettings(
     position=[(-reach, reach) for reach in (2.6, 1.8, 2.0, 3.5, 1.9, 4.0)],
     velocity=[4.5, 4.5, 6.5, 6.5, 5.0, 10.0],
     acceleration=[25, 25, 35, 60, 60, 90],

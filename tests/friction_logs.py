@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 import didim
 from didim.log.recording import Recording
 from didim.loop.reference import Reference
-from didim.regression.friction.memory import state
+from didim.model.memory import state
 from didim.result.identification import Identification
 from didim.robot.robot import Robot
 from didim.signal.processing import SignalProcessing

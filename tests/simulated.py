@@ -7,10 +7,14 @@ from numpy.typing import NDArray
 
 from didim import _core
 from didim.experiment.experiment import Experiment
+from didim.experiment.specs import Measurement, SimulationSettings
 from didim.log.recording import Recording, Role
+from didim.loop.controller import Controller
+from didim.loop.reference import Reference
 from didim.robot.robot import Robot
 from didim.signal.filters import differentiate
 from didim.signal.processing import SignalProcessing
+from didim.studies.simulated_log import simulated_log
 
 Array = NDArray[np.float64]
 
@@ -44,6 +48,31 @@ def log(
     tau = np.asarray(_core.inverse_dynamics(robot.core, *differentiate(q, RATE_HZ, signal), x))
     tau = tau + noise * np.random.default_rng(seed + 1000).standard_normal(tau.shape)
     return Recording.from_arrays(q, tau, rate_hz=RATE_HZ, name=name, role=role)
+
+
+def closed_loop_log(robot: Robot, x: Array, seed: int = 1, torque_noise: float = 0.0) -> Experiment:
+    """Simulated log of a robot of any shape in closed loop: random Fourier series, tuned gains, friction as tanh."""
+    n = robot.n_dof
+    reference = Reference.random_fourier(
+        harmonics=8, period_s=4.0, max_position=[1.0] * n, max_velocity=[4.0] * n, max_acceleration=[40.0] * n, seed=seed
+    )  # fmt: skip
+    planned = Experiment(
+        name="planned",
+        robot=robot,
+        recordings=(),
+        reference=reference,
+        controller=Controller.tuned([8.0] * n, [0.7] * n, [0.5] * n),
+        signal=SignalProcessing(cutoff_hz=50.0, trim_start=25, trim_end=25, decimation=(10,)),
+        simulation=SimulationSettings(
+            rate_hz=500.0, smoothing=(0.02,) * n, step_s=1e-3, fine_step_s=5e-4, start="reference"
+        ),
+        measurement=Measurement(
+            torque_noise=(torque_noise,) * n, position_noise=(1e-2 * torque_noise,) * n, seed=seed
+        )
+        if torque_noise
+        else None,
+    )
+    return simulated_log(planned, x, noise=torque_noise > 0.0, refinement=1)
 
 
 def experiment(robot: Robot, *recordings: Recording, signal: SignalProcessing = SIGNAL) -> Experiment:

@@ -96,9 +96,9 @@ def test_what_no_motion_shows_is_named() -> None:
 
 def test_wrong_lengths_are_told() -> None:
     base = didim.load_robot("emps").base_parameters
-    with pytest.raises(didim.ShapeError, match=r"beta must have shape \(4,\), got \(3,\)"):
+    with pytest.raises(didim.errors.ShapeError, match=r"beta must have shape \(4,\), got \(3,\)"):
         base.lift(np.zeros(3))
-    with pytest.raises(didim.ShapeError, match=r"x must have shape \(14,\), got \(4,\)"):
+    with pytest.raises(didim.errors.ShapeError, match=r"x must have shape \(14,\), got \(4,\)"):
         base.project(np.zeros(4))
 
 

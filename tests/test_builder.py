@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from didim import CLOE, DIDIM, IDIMLS, FitError, Identification, identify, validate
+from didim import CLOE, DIDIM, IDIMLS, Identification, identify, validate
+from didim.errors import FitError
 from didim.experiment.experiment import Experiment
 from didim.experiment.experiment_file import load_experiment
 from didim.regression.settings import LeastSquaresSettings

@@ -4,22 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import didim
 from didim import Experiment, SignalProcessing, check, load_experiment
 from didim.diagnosis.finding import Findings
-from didim.diagnosis.probe import Probe, Reading
-from didim.diagnosis.readings import Reader
-from didim.log.recording import Recording
 from didim.studies.simulated_log import measured, simulated_log
-
-Array = NDArray[np.float64]
-ROWS = 1000
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +33,7 @@ def test_joints_that_share_nothing_are_noted_and_are_no_finding(arm: Experiment)
     assert not found.items, str(found)
     (note,) = found.notes
     assert "the drive gains of joints 1 and 2 cannot be checked by this log" in note
-    assert str(found).splitlines()[1] == f"To know: {note}."
+    assert str(found).splitlines()[1] == f"Note: {note}."
     assert found.to_dict()["notes"] == [note]
 
 
@@ -51,50 +42,40 @@ def test_nothing_is_noted_where_the_log_checks_all_gains(arm: Experiment) -> Non
     assert (found.items, found.notes) == ((), ()), str(found)
 
 
+def test_friction_that_differs_between_recordings_is_a_finding(arm: Experiment) -> None:
+    fc = dict(zip(arm.robot.parameter_names, arm.robot.parameter_set("reference"), strict=True))["Fc1"]
+    (first,) = planar_log(arm).recordings
+    warmer, same = (planar_log(arm, Fc1=factor * fc).recordings[0] for factor in (0.8, 1.0))
+    alike = replace(arm, recordings=(first, replace(same, name="again")))
+    assert not [item for item in check(alike).items if item.kind == "friction-between"]
+    found = check(replace(arm, recordings=(first, replace(warmer, name="warm"))))
+    (item,) = (item for item in found.items if item.kind == "friction-between")
+    assert (item.joints, item.recording) == ((1,), "warm")
+    assert item.value is not None
+    assert -0.25 < item.value < -0.05
+    assert "friction of joint 1 is" in item.sentence
+    assert "lower than in the others" in item.sentence
+
+
 def test_notes_stand_before_the_table_of_the_closed_loop() -> None:
     shown = str(Findings("log", closed_loop=(("joint", "kp"), ("1", "1.00")), notes=("a gain is open",)))
-    assert shown.splitlines()[:3] == ["log: nothing found.", "To know: a gain is open.", ""]
+    assert shown.splitlines()[:3] == ["log: nothing found.", "Note: a gain is open.", ""]
 
 
-class Fitted:
-    """A log whose chi^2 per row depends on the scale of the position of joint 2 alone."""
-
-    viscous = np.zeros(0, dtype=int)
-    names = ()
-    n_rows = ROWS // 2
-
-    def __init__(self, declared: float, right: float) -> None:
-        self._declared, self._right = declared, right
-
-    def relative(self, reading: Reading) -> tuple[float, Array]:
-        return 0.05, np.zeros(0)
-
-    def solve(self, reading: Reading, weights: Array) -> tuple[float, Array]:
-        off = np.log(reading.position[1, 1] / 2.0) ** 2 / np.log(2.0) ** 2
-        turned = 0.0 if np.allclose(reading.torque, np.eye(2)) else 0.1
-        chi2 = self._right + (self._declared - self._right) * (off + turned)
-        return ROWS * float(chi2), np.zeros(0)
-
-
-@pytest.mark.parametrize(
-    ("declared", "right", "kinds"),
-    [
-        # Measured: a gear that is 10 % off; friction that is smooth in the log and a sign in the model.
-        (7.62, 4.88, ["position-scale"]),
-        (2.99, 2.63, []),
-    ],
-)
-def test_a_factor_has_to_take_a_fifth_of_the_residual(
-    arm: Experiment, declared: float, right: float, kinds: list[str]
-) -> None:
+@pytest.mark.parametrize("factor", [1.0, 0.9])
+def test_a_factor_is_found_to_the_percent_and_none_where_none_is(arm: Experiment, factor: float) -> None:
+    """The scale of the position of joint 2, noise and friction of the arm beside it."""
     log = planar_log(arm)
-    probe = cast(Probe, Fitted(declared, right))
-    recording: Recording = log.recordings[0]
-    reader = Reader(probe, probe, log.robot, recording, timed=True, noise=np.ones(2), known=False)
-    found = reader.fine()
-    assert [item.kind for item in found] == kinds
-    for item in found:
-        assert item.value == pytest.approx(2.0, rel=0.02)
+    (recording,) = log.recordings
+    scaled = replace(log, recordings=(replace(recording, q=recording.q * [1.0, factor]),))
+    found = [item for item in check(scaled) if "ties" in item.facts]
+    if factor == 1.0:
+        assert found == []
+    else:
+        (item,) = found
+        named = [(item.code, item.value), *((tie["code"], tie["value"]) for tie in item.facts["ties"])]
+        (value,) = [value for code, value in named if code == "position-scale"]
+        assert value == pytest.approx(1.0 / factor, rel=0.02)
 
 
 def test_the_causes_of_friction_say_what_a_file_takes(arm: Experiment, tmp_path: Path) -> None:

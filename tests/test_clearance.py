@@ -13,6 +13,7 @@ from didim.errors import RobotError
 from didim.excitation.clearance import Clearance, Workspace
 from didim.model.kinematics import frames
 from didim.robot.collision import Capsule, checked_pairs
+from didim.robot.placement import in_line
 from didim.robot.robot import Robot
 from didim.robot.robot_text import robot_text
 
@@ -120,7 +121,7 @@ def test_prismatic_joints_move_capsules_too(project: Path) -> None:
 def test_neighbours_are_not_checked_and_walls_are_named(tx40: Robot) -> None:
     at = (0.0, 0.0, 0.0)
     capsules = [Capsule(link=link, start=at, end=at, radius=0.1) for link in (0, 1, 2, 3)]
-    assert checked_pairs(capsules).tolist() == [[0, 2], [0, 3], [1, 3]]
+    assert checked_pairs(capsules, in_line(4)).tolist() == [[0, 2], [0, 3], [1, 3]]
     clearance = Clearance(tx40, capsules, Workspace(floor=-1.0, highest=(2.0, 2.0, 2.0)))
     names = [clearance.describe(column) for column in range(clearance.distances(np.zeros((1, 6))).shape[1])]
     assert names[0] == "links 0 and 2"

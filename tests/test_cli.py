@@ -166,9 +166,12 @@ def test_help_lists_every_solver(capsys: pytest.CaptureFixture[str]) -> None:
             ("--method", "idim-iv", "--solver", "huber"),
             "IDIM-IV solves the linear system with its instruments",
         ),
-        (("--method", "ekf", "--plain"), "--plain is not for method 'ekf'"),
         (
-            ("--method", "ekf", "--uncertainty", "white"),
+            ("--method", "didim.contrib.ekf:EKF", "--plain"),
+            "--plain is not for method 'didim.contrib.ekf:EKF'",
+        ),
+        (
+            ("--method", "didim.contrib.ekf:EKF", "--uncertainty", "white"),
             "the standard deviations of the Kalman filter are its own",
         ),
     ],
@@ -233,7 +236,7 @@ def test_an_unknown_method(arm: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert identify_arm(arm, "--method", "magic") == 2
     assert (
         one_line(capsys)
-        == "didim: there is no method 'magic' (there are: idim-ls, idim-iv, didim, ekf, ml, cloe)"
+        == "didim: there is no method 'magic' (there are: idim-ls, idim-iv, didim, cloe; or one of your own as module:name)"
     )
 
 

@@ -15,9 +15,10 @@ from didim.cli.main import main
 from didim.errors import DidimError, ExperimentError, FitError
 from didim.experiment.loop import closed_loop
 from didim.experiment.specs import Measurement
+from didim.model.consistency import link_cones, violations
 from didim.result.iteration import Iteration
-from didim.studies.compare import _key, all_methods
-from didim.studies.comparison import sentence
+from didim.studies.compare import _key, all_methods, truth_of
+from didim.studies.comparison import sentence, text_of
 from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 
 ARM = """\
@@ -69,7 +70,7 @@ def experiment(path: Path) -> Experiment:
 
 @pytest.fixture(scope="module")
 def tx40() -> Comparison:
-    return compare(methods=LEAST_SQUARES)
+    return compare(parameters="didim", methods=LEAST_SQUARES)
 
 
 @pytest.fixture(scope="module")
@@ -104,31 +105,59 @@ def test_both_are_as_near_as_sigma_says_and_didim_a_little_nearer(tx40: Comparis
 
 
 def test_the_table(tx40: Comparison) -> None:
-    text = str(tx40)
+    text = text_of(tx40, every=True)
     lines = text.splitlines()
     assert lines[0] == "TX40, simulated: 10 s at 1000 Hz, 60 base parameters"
     # Student's distribution with 19 degrees of freedom has 0.738 % beyond 3, the normal distribution 0.27 %.
-    assert lines[1] == (
+    assert (
         "off: estimate less truth, in standard deviations; 0.74 % of right estimates are off by more than 3 (Student's "
         "distribution, 19 degrees of freedom)"
-    )
+    ) in text.replace("\n", " ")
     fit = tx40.fits["didim"]
     index = fit.names.index("Ia3")
     (row,) = [line for line in lines if line.startswith("Ia3 ")]
     cells = row.split()
     assert cells[:3] == ["Ia3", "kg.m^2", "0.0875"]
-    assert cells[6:] == [
-        f"{fit.beta[index]:.4g}",
-        f"{fit.relative_std_percent[index]:.3g}",
-        f"{tx40.deviations('didim')[index]:.1f}",
-    ]
-    assert [line.split()[0] for line in lines[6:66]] == list(fit.names)
-    (effort,) = [line for line in lines if line.startswith("DIDIM ") and "Converged" in line]
-    assert effort.split()[1:3] == [str(fit.n_iterations), str(fit.n_simulations)]
+    assert cells[5:] == [f"{fit.beta[index]:.3g}", f"{tx40.deviations('didim')[index]:.1f}"]
+    head = next(number for number, line in enumerate(lines) if line.startswith("---"))
+    assert [line.split()[0] for line in lines[head + 1 : head + 61]] == list(fit.names)
+    (answer,) = [line for line in lines if line.startswith("DIDIM ") and "Converged" in line]
+    assert answer.split()[2] == str(fit.n_simulations)
+    assert answer.endswith(f"Converged, {fit.verdict.state}")
     well = fit.relative_std_percent < 20.0
     worst = np.max(np.abs(tx40.deviations("didim")[well]))
-    assert f"DIDIM found 60 base parameters in {fit.n_iterations} iterations" in lines[-1]
-    assert f"the {well.sum()} with a sigma below 20 % are within {worst:.1f} sigma of the truth." in lines[-1]
+    last = text.replace("\n", " ")
+    assert f"DIDIM found 60 base parameters in {fit.n_iterations} iterations" in last
+    assert last.endswith(
+        f"the {well.sum()} with a sigma below 20 % are within {worst:.1f} sigma of the truth."
+    )
+
+
+def test_the_answer_comes_first_within_100_columns(tx40: Comparison, arm: Comparison) -> None:
+    short = str(tx40).splitlines()
+    assert short[3].split()[0] == "(truth)"
+    assert short[4].split()[0] == "IDIM-LS"
+    rows = [line for line in short if line.split()[:1] and line.split()[0] in tx40.fits["didim"].names]
+    assert len(rows) == 10
+    assert "10 of 60 base parameters; --all prints all of them." in short
+    # Reasons of verdicts may be longer: only --all prints them.
+    assert max(map(len, str(arm).splitlines())) <= 100
+    assert max(map(len, short)) <= 100
+    # An arm of 13 parameters loses three rows.
+    assert sum(line.startswith(arm.fits["didim"].names) for line in str(arm).splitlines()) == 10
+    assert (
+        sum(line.startswith(arm.fits["didim"].names) for line in text_of(arm, every=True).splitlines()) == 13
+    )
+
+
+def test_the_truth_is_a_robot_that_can_be_built_unless_another_is_named() -> None:
+    experiment = packaged_experiment("tx40")
+    robot = experiment.robot
+    np.testing.assert_array_equal(truth_of(experiment), robot.parameter_set("didim_physical"))
+    np.testing.assert_array_equal(truth_of(experiment, "didim"), robot.parameter_set("didim"))
+    conditions = link_cones(robot)
+    assert violations(conditions, truth_of(experiment)) == []
+    assert violations(conditions, truth_of(experiment, "didim"))
 
 
 def test_the_table_of_all_methods(arm: Comparison) -> None:
@@ -139,15 +168,17 @@ def test_the_table_of_all_methods(arm: Comparison) -> None:
         "cloe-nelder-mead",
         "cloe-levenberg-marquardt",
     ]
-    text = str(arm)
-    (title,) = [line for line in text.splitlines() if line.split()[:1] == ["truth"]]
-    assert title.split(maxsplit=1)[1].split("  ")[0] == "IDIM-LS"
-    assert title.endswith("CLOE, Levenberg-Marquardt")
-    assert text.splitlines()[-1].startswith("Shortened: Nelder-Mead ends after 1000 iterations")
-    assert "; CLOE, Levenberg-Marquardt is at the optimum after " in text
+    text = text_of(arm, every=True)
+    (title,) = [
+        line for line in text.splitlines() if line.split()[:1] == ["IDIM-LS"] and line.startswith("      ")
+    ]
+    assert title.split()[1:] == ["DIDIM", "consistent", "CLOE", "simplex", "CLOE"]
+    wrapped = " ".join(text.splitlines())
+    assert "Shortened: Nelder-Mead ends after 1000 iterations" in wrapped
+    assert "; CLOE, Levenberg-Marquardt is at the optimum after " in wrapped
     # A search without covariance has no sigma and no distance in it.
     (row,) = [line.split() for line in text.splitlines() if line.startswith("MX2 ")]
-    assert row[13:15] == ["-", "-"]
+    assert row[10] == "-"
     assert np.isnan(arm.deviations("cloe-nelder-mead")).all()
     assert np.nanmax(np.abs(arm.deviations("didim"))) < 4.0
 
@@ -272,7 +303,7 @@ def test_a_method_that_cannot_start_costs_no_other_result(experiment: Experiment
     (note,) = found.notes
     assert note.startswith("cloe-levenberg-marquardt gives no result: ")
     assert "CLOE cannot start from these parameters" in note
-    assert note in str(found)
+    assert note in str(found).replace("\n", " ")
     with pytest.raises(FitError, match="CLOE cannot start from these parameters"):
         compare(experiment, parameters="reference", methods=[CLOE(start=none)])
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from didim.cli.main import _parser, main
-from didim.methods.identify import METHODS
+from didim.methods.table import METHODS
 
 CASES = {
     "didim id": {"identify"},

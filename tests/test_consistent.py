@@ -85,9 +85,9 @@ def test_bounds_are_met_and_contradictions_are_named() -> None:
     x = ConstrainedProblem(ROBOT, NOTHING, PRIOR, 1e-2, bounds).solve(root, root @ beta).x
     assert violations([*conditions_of(ROBOT), *bounds.cones(ROBOT)], x) == []
     wrong = Bounds(masses={6: (5.0, 6.0)}, total_mass=(1.0, 2.0))
-    with pytest.raises(didim.FitError, match="no parameters meet all conditions"):
+    with pytest.raises(didim.errors.FitError, match="no parameters meet all conditions"):
         ConstrainedProblem(ROBOT, NOTHING, PRIOR, 1e-2, wrong).solve(root, root @ beta)
-    with pytest.raises(didim.FitError, match="no link 9"):
+    with pytest.raises(didim.errors.FitError, match="no link 9"):
         Bounds(masses={9: (0.0, 1.0)}).cones(ROBOT)
 
 
@@ -117,9 +117,9 @@ def test_rotors_bound_the_rates_of_every_pose() -> None:
 
 def test_priors_and_weights_are_checked() -> None:
     assert prior_of(ROBOT, "didim_physical").name == "didim_physical"
-    with pytest.raises(didim.FitError, match="86 standard parameters"):
+    with pytest.raises(didim.errors.FitError, match="86 standard parameters"):
         prior_of(ROBOT, np.zeros(3))
-    with pytest.raises(didim.FitError, match="gamma must be a number of at least 0"):
+    with pytest.raises(didim.errors.FitError, match="gamma must be a number of at least 0"):
         Consistent(gamma=-1.0)
 
 
@@ -149,7 +149,7 @@ def test_the_real_log_has_the_distance_of_the_oracle(shared: Path) -> None:
     near = fit.consistent(draws=40)
     sources = {item["name"]: item["source"] for item in near.settings["consistent"]["parameters"]}
     assert sources["M1"] == "prior"
-    with pytest.raises(didim.FitError, match=r"prior='didim_physical' needs the robot as well"):
+    with pytest.raises(didim.errors.FitError, match=r"prior='didim_physical' needs the robot as well"):
         fit.consistent("didim_physical")
     named = fit.consistent("didim_physical", robot=experiment.robot, draws=20)
     assert named.settings["consistent"]["prior"] == "didim_physical"

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
-from didim import Experiment, FitError, Identification
+from didim import Experiment, Identification
+from didim.errors import FitError
 from didim.methods.method import Method
 from didim.model.consistency import violations
 from didim.model.drive_cones import drive_cones

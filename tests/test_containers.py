@@ -11,8 +11,8 @@ import scipy.io
 from numpy.typing import NDArray
 
 import didim
-from didim import ExperimentError, RecordingError
 from didim._tools.toml import Table
+from didim.errors import ExperimentError, RecordingError
 from didim.log.data_folder import DataFolder, expanded
 from didim.log.recording import Recording
 from didim.log.recording_file import read_recording

@@ -11,8 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
-from didim import DIDIM, IDIMIV, IDIMLS, Experiment, FitError, Identification, contrast, identify
+from didim import DIDIM, IDIMIV, IDIMLS, Experiment, Identification, contrast, identify
 from didim.cli.main import main
+from didim.errors import FitError
 from didim.experiment.loop import closed_loop
 from didim.experiment.specs import ControllerSpec
 from didim.loop.controller import Controller

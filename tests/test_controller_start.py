@@ -11,22 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
-from didim import (
-    CLOE,
-    DIDIM,
-    Controller,
-    ControllerMemory,
-    Digital,
-    Experiment,
-    Recording,
-    Reference,
-    identify,
-)
+from didim import CLOE, DIDIM, Controller, Experiment, Recording, Reference, identify
 from didim.cli.main import main
 from didim.errors import ExperimentError, SimulationError
 from didim.experiment.experiment_file import load_experiment
 from didim.experiment.loop import closed_loop
 from didim.experiment.specs import ReferenceSpec, SimulationSettings
+from didim.loop import ControllerMemory, Digital
 from didim.loop.memory import memory_of_log, remembers
 
 Array = NDArray[np.float64]

@@ -20,6 +20,7 @@ from didim.loop.closed_loop import ClosedLoop
 from didim.loop.controller import Controller
 from didim.loop.reference import Reference
 from didim.methods.didim.convergence import contraction_of, rule_sentence
+from didim.studies.comparison import text_of
 from didim.studies.simulated_log import measured, packaged_experiment
 from plain import plain_didim
 from scripts import script
@@ -277,7 +278,7 @@ def test_compare_shows_remarks_and_one_kind_of_torque_errors(slack: Experiment) 
             CLOE(start="reference", max_iterations=2),
         ],
     )
-    text = str(comparison)
+    text = text_of(comparison, every=True)
     assert any(remark.startswith("slow contraction") for remark in comparison.fits["didim"].remarks)
     for fit in comparison.fits.values():
         for remark in fit.remarks:

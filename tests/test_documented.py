@@ -414,24 +414,25 @@ def test_tx40_by_didim(
 
 def test_didim_on_the_simulated_tx40(project: Path) -> None:
     page = project / "docs" / "didim.md"
-    comparison = compare(methods=[IDIMLS(), DIDIM(physical=False)])
+    # The README has the default truth, a robot that can be built; the page has Table II.
+    default = compare(methods=[IDIMLS(), DIDIM(physical=False)])
     readme = (project / "README.md").read_text(encoding="utf-8")
-    for name in ("ZZ1R", "Fv1", "MX2R", "Ia3"):
+    for name in ("ZZ1R", "MY3R", "Fv4", "MX6"):
         written, run = (
             re.search(rf"^ *{name} +\S+(( +-?[\d.]+)+)", text, flags=re.MULTILINE)
-            for text in (readme, str(comparison))
+            for text in (readme, str(default))
         )
         assert written is not None
         assert run is not None
-        for place, (cell, found) in enumerate(zip(written[1].split(), run[1].split(), strict=True)):
-            # Of truth, estimate, sigma and distance twice, the last may round otherwise on another processor.
-            room = 0.101 if place in (3, 6) else 2e-3 * abs(float(found))
+        for place, (cell, found) in enumerate(zip(written[1].split(), run[1].split(), strict=False)):
+            # Of truth, estimate and distance twice, the last digit may round otherwise on another processor.
+            room = 0.101 if place in (2, 4) else 1.01e-2 * abs(float(found))
             assert abs(float(cell) - float(found)) <= room, name
-    for name in comparison.fits:
-        rms = np.sqrt(np.mean(comparison.deviations(name) ** 2))
-        assert re.search(
-            rf"^ +{name.upper()} .* {rms:.1f} +0.000\d+ +(Solved|Converged)$", readme, re.MULTILINE
-        )
+    for name in default.fits:
+        rms = np.sqrt(np.mean(default.deviations(name) ** 2))
+        line = rf"^ +{name.upper()} .* {rms:.1f} +[\d.]+ +0.000\d+ +(Solved|Converged), sound$"
+        assert re.search(line, readme, re.MULTILINE)
+    comparison = compare(parameters="didim", methods=[IDIMLS(), DIDIM(physical=False)])
     history = comparison.fits["didim"].history
     (row,) = tables(page)["iteration 1 2"]
     assert len(row) == 1 + len(history)

@@ -10,7 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
-from didim import Experiment, FitError
+from didim import Experiment
+from didim.contrib.ekf import EKF
+from didim.errors import FitError
 from didim.log.recording import Recording
 from didim.regression.gains.classical import classical_gains
 from didim.regression.gains.maximum_likelihood import drive_gains, expected_percent
@@ -188,7 +190,7 @@ def test_what_cannot_be_known_is_said() -> None:
     with pytest.raises(FitError, match="ratio of parameters and drive gains alone"):
         didim.identify(replace(experiment, payloads={"disc": Payload(name="disc")}), didim.IDIMLS())
     with pytest.raises(FitError, match="drive gains are unknown: identify them by idim-ls"):
-        didim.identify(experiment, didim.EKF())
+        didim.identify(experiment, EKF())
     with pytest.raises(FitError, match=r"compares torques, and experiment .* has currents"):
         didim.identify(experiment, didim.CLOE(output="torque"))
     with pytest.raises(FitError, match="physically consistent solution needs torques"):

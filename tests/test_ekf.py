@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import didim
-from didim import EKF, Experiment, identify
+from didim import Experiment, identify
+from didim.contrib.ekf import EKF
+from didim.log.recording import Recording
 from didim.studies.simulated_log import measured, simulated_log
 
 
@@ -53,7 +55,14 @@ def test_the_callback_stops_it(log: Experiment) -> None:
 
 
 def test_wrong_calls(log: Experiment) -> None:
-    with pytest.raises(didim.FitError, match="prior must be a positive number"):
+    with pytest.raises(didim.errors.FitError, match="prior must be a positive number"):
         EKF(prior=0.0)
-    with pytest.raises(didim.FitError, match="takes no delay"):
+    with pytest.raises(didim.errors.FitError, match="takes no delay"):
         identify(log, EKF(compensate_samples=1.0))
+
+
+def test_a_log_of_more_than_half_a_million_samples_is_refused(log: Experiment) -> None:
+    rest = np.zeros((500_001, 2))
+    long = Recording.from_arrays(rest, rest, rate_hz=250.0, name="long")
+    with pytest.raises(didim.errors.FitError, match="at most 500000 samples, and the log has 500001"):
+        identify(replace(log, recordings=(long,)), EKF())

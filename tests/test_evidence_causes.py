@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 import didim
 from arm import arm_log
-from didim import DIDIM, IDIMLS, Experiment, FitError, identify
+from didim import DIDIM, IDIMLS, Experiment, identify
+from didim.errors import FitError
 from didim.evidence.causes import Search
 from didim.evidence.hypotheses.geometry import with_geometry
 from didim.evidence.naming import cause_findings, torque_findings
@@ -21,6 +22,8 @@ from didim.regression.linear_system import LinearSystem, linear_system
 from didim.result.finding import Finding
 from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 from plain import plain_didim
+from simulated import experiment as of_recordings
+from simulated import log as recorded
 
 Array = NDArray[np.float64]
 
@@ -160,6 +163,17 @@ def test_two_joints(start: str) -> None:
         named(with_torques(log, turned(tau, joint)), plain_didim(start=start), wanted)
     named(with_torques(log, -tau), plain_didim(start=start), ("torque-sign", (1, 2)))
     named(with_torques(log, exchanged(tau, 0, 1)), plain_didim(start=start), ("swapped-torques", (1, 2)))
+
+
+def test_a_simulated_slide() -> None:
+    """One joint: only the sign of its friction says that its force is turned."""
+    robot = didim.load_robot("emps")
+    log = of_recordings(robot, recorded(robot, robot.parameter_set("published"), noise=4.0))
+    assert told(identify(log).evidence) == []
+    fit = identify(with_torques(log, -torques(log)))
+    assert told(fit.evidence) == [("torque-sign", (1,))]
+    (finding,) = [item for item in fit.evidence if item.code == "torque-sign"]
+    assert all(value < 0.0 for value in finding.facts["friction"].values())
 
 
 @pytest.mark.parametrize("file", ["emps.toml", "emps_asymmetric.toml"])

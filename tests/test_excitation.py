@@ -311,6 +311,7 @@ def test_the_noise_of_an_earlier_log_is_found(planar: Robot, design: Excitation)
             {"friction": {"load": [2]}},
             "the load friction of joint 2 depends on the torques that are still to be identified",
         ),
+        ({"parameters": {"Fv1": 2e30}}, r"the parameter Fv1 of the design is 2e\+30, beyond 1e\+30"),
     ],
 )
 def test_limits_without_room_get_one_sentence(planar: Robot, settings: dict[str, Any], sentence: str) -> None:

@@ -118,7 +118,7 @@ def test_the_reference_is_read_by_experiments(design: Excitation, tmp_path: Path
 
 
 def test_points_are_read_by_experiments_too(tmp_path: Path) -> None:
-    settings = didim.ExcitationSettings(
+    settings = didim.excitation.ExcitationSettings(
         kind="point-to-point", points=4, starts=1, acceleration=20.0, torque_noise=0.3, parameters="reference"
     )
     found = excite("planar2", settings)
@@ -150,7 +150,7 @@ def test_the_trajectory_of_ros_2_is_the_motion(design: Excitation, tmp_path: Pat
 
 def test_the_program_for_a_ur_is_the_motion(tmp_path: Path) -> None:
     robot = didim.load_robot("tx40")
-    settings = didim.ExcitationSettings(
+    settings = didim.excitation.ExcitationSettings(
         duration_s=2.0,
         harmonics=4,
         starts=1,

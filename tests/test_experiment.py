@@ -102,7 +102,7 @@ decimation_convention = "matlab"
 weights = "none"
 reweightings = 2
 variance = "r-1"
-decimation_corrected = false
+uncertainty = "white"
 [delay]
 compensate_samples = "estimate"
 [parameters]
@@ -139,7 +139,7 @@ seed = 3
         decimation_convention="matlab",
     )
     assert experiment.least_squares == LeastSquaresSettings(
-        weights="none", reweightings=2, variance="r-1", decimation_corrected=False
+        weights="none", reweightings=2, variance="r-1", uncertainty="white"
     )
     assert experiment.delay.compensate_samples == "estimate"
     assert experiment.fixed == {"Fv1": 0.5}

@@ -71,11 +71,11 @@ def test_a_result_with_its_robot_file(arm: Path, capsys: pytest.CaptureFixture[s
                 value, rel=1e-11, abs=1e-13
             )
     assert main(["export", str(fit), "--mjcf", "-o", str(arm.with_name("arm.xml"))]) == 0
-    assert arm.with_name("arm.xml").read_text() == didim.to_mjcf(robot, x)
+    assert arm.with_name("arm.xml").read_text() == didim.export.to_mjcf(robot, x)
     capsys.readouterr()
     assert main(["export", str(fit), "--sdf"]) == 0
     out_text, err = capsys.readouterr()
-    assert out_text == didim.to_sdf(robot, x)
+    assert out_text == didim.export.to_sdf(robot, x)
     assert "SDF has no place for rotor inertias (kg.m^2 or kg): shoulder" in err
     toml.write_text(toml.read_text() + "\n# edited\n")
     assert main(["export", str(fit), "--mjcf"]) == 2

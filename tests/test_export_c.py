@@ -21,6 +21,8 @@ from didim.robot.friction import FrictionTerm
 from didim.robot.robot import Geometry, Robot
 from robots import make_robot, random_motion, random_parameters
 from test_export import saved_fit
+from test_friction_terms import motion
+from urdfs import random_tree
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 Array = np.ndarray
@@ -31,7 +33,7 @@ class Compiled:
 
     def __init__(self, folder: Path, robot: Robot, x: Array, prefix: str = "arm") -> None:
         assert COMPILER is not None
-        (folder / "arm.h").write_text(didim.to_c(robot, x, prefix=prefix))
+        (folder / "arm.h").write_text(didim.export.to_c(robot, x, prefix=prefix))
         source = folder / "arm.c"
         n = robot.n_dof
         source.write_text(
@@ -74,7 +76,7 @@ def check(folder: Path, robot: Robot, x: Array, seed: int = 0) -> None:
     assert worst(inertia, didim.inertia_matrix(robot, motion.q, x).reshape(-1, n * n)) < 1e-12
     still = np.zeros_like(motion.q)
     bodies = x.copy()
-    bodies[[name.startswith(("F", "Off", "Rest")) for name in robot.parameter_names]] = 0.0
+    bodies[[name.startswith(("F", "Off", "Rest")) for name in robot.parameter_names]] = 0.0  # springs stay
     gravity = compiled.call("gravity", n, motion.q)
     assert worst(gravity, didim.inverse_dynamics(robot, motion.q, still, still, bodies)) < 1e-12
     assert worst(gravity, didim.gravity(robot, motion.q, x)) < 1e-12
@@ -125,6 +127,15 @@ def test_random_arms_with_every_friction(tmp_path: Path, seed: int) -> None:
     check(tmp_path, robot, random_parameters(rng, robot), seed)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_trees(tmp_path: Path, seed: int) -> None:
+    path = tmp_path / "tree.urdf"
+    path.write_text(random_tree(np.random.default_rng(seed), 7))
+    robot = didim.load_robot(path, tip="", snap=0.0)
+    assert not robot.geometry.in_line
+    check(tmp_path, robot, robot.parameter_set("urdf"), seed)
+
+
 def random_geometry(rng: np.random.Generator, kinds: tuple[str, ...], coupling: Array) -> Geometry:
     n = len(kinds)
     angles = rng.choice([0.0, np.pi / 2, -np.pi / 2, 0.4], (2, n))
@@ -142,23 +153,23 @@ def random_geometry(rng: np.random.Generator, kinds: tuple[str, ...], coupling: 
 
 def test_base_parameters_and_a_prefix_from_the_name() -> None:
     robot = didim.load_robot("tx40")
-    text = didim.to_c(robot, robot.sets["didim"])
+    text = didim.export.to_c(robot, robot.sets["didim"])
     assert "static inline void tx40_tau(const double q[6]" in text
     assert "#define TX40_DOF 6" in text
     assert text.count(" *   ") == 60
     assert "malloc" not in text
-    named = didim.to_c(replace(robot, name="7-axis arm */"), robot.sets["didim"])
+    named = didim.export.to_c(replace(robot, name="7-axis arm */"), robot.sets["didim"])
     assert "void robot_7_axis_arm____tau(" in named
     assert "of 7-axis arm * /:" in named
     with pytest.raises(FitError, match="begin with a letter"):
-        didim.to_c(robot, robot.sets["didim"], prefix="2x")
+        didim.export.to_c(robot, robot.sets["didim"], prefix="2x")
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     robot = didim.load_robot("planar2")
     named = ["export", "--parameters", "reference", "--robot", "planar2", "--c"]
     assert main(named) == 0
-    assert capsys.readouterr().out == didim.to_c(robot, robot.sets["reference"])
+    assert capsys.readouterr().out == didim.export.to_c(robot, robot.sets["reference"])
     out = tmp_path / "arm.h"
     assert main([*named, "--prefix", "rig", "-o", str(out)]) == 0
     assert "#define RIG_DOF 2" in out.read_text()
@@ -196,5 +207,41 @@ def test_a_result_in_place_of_its_parameters_is_named() -> None:
     with pytest.raises(
         ShapeError, match=r"x is a result \(Identification\): pass its standard parameters, fit\.parameters"
     ):
-        didim.to_c(robot, fit)  # type: ignore[arg-type]
-    assert didim.to_c(robot, fit.parameters).startswith("/* Inverse dynamics of planar2")
+        didim.export.to_c(robot, fit)  # type: ignore[arg-type]
+    assert didim.export.to_c(robot, fit.parameters).startswith("/* Inverse dynamics of planar2")
+
+
+def test_friction_that_remembers_carries_its_states(tmp_path: Path) -> None:
+    assert COMPILER is not None
+    terms = [
+        FrictionTerm(law="hold", joint=0),
+        FrictionTerm(law="stribeck", joint=0, velocity=0.3),
+        FrictionTerm(law="dahl", joint=0, velocity=0.02),
+        FrictionTerm(law="dahl", joint=1, velocity=0.01),
+    ]
+    robot = didim.load_robot("planar2").with_friction(coulomb="sign", dead_zone_rad_s=0.05).with_terms(terms)
+    x = random_parameters(np.random.default_rng(3), robot)
+    (tmp_path / "arm.h").write_text(didim.export.to_c(robot, x, prefix="arm"))
+    source = tmp_path / "arm.c"
+    pointers = "const double *q, const double *dq, const double *ddq"
+    source.write_text(
+        '#include "arm.h"\n'
+        f"void tau({pointers}, double *z, double *out);\nvoid remember(const double *dx, double *z);\n"
+        f"void tau({pointers}, double *z, double *out) {{ arm_tau(q, dq, ddq, z, out); }}\n"
+        "void remember(const double *dx, double *z) { arm_remember(dx, z); }\n"
+    )
+    library = tmp_path / "arm.so"
+    flags = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC"]
+    subprocess.run([COMPILER, *flags, "-o", library, source, "-lm"], check=True)
+    code, pointer = ctypes.CDLL(str(library)), ctypes.POINTER(ctypes.c_double)
+
+    def at(array: Array) -> object:
+        return array.ctypes.data_as(pointer)
+
+    q, dq, ddq = (np.ascontiguousarray(values[:400]) for values in motion())
+    found, z = np.zeros_like(q), np.array([np.sign(dq[0, 0]), 0.0, 0.0])
+    for k in range(len(q)):
+        if k:
+            code.remember(at(np.ascontiguousarray(q[k] - q[k - 1])), at(z))
+        code.tau(at(q[k]), at(dq[k]), at(ddq[k]), at(z), at(found[k]))
+    assert worst(found, didim.inverse_dynamics(robot, q, dq, ddq, x)) < 1e-9

@@ -56,13 +56,13 @@ def test_formulas_equal_the_core() -> None:
 
 def test_a_dead_zone_is_written() -> None:
     robot = didim.load_robot("planar2")
-    assert r"\theta" not in didim.to_latex(robot)
-    text = didim.to_latex(replace(robot, friction=replace(robot.friction, dead_zone=(0.01, 0.01))))
+    assert r"\theta" not in didim.export.to_latex(robot)
+    text = didim.export.to_latex(replace(robot, friction=replace(robot.friction, dead_zone=(0.01, 0.01))))
     assert text.count(r"\theta\left(\left|{\dot q_{1}}\right| - 0.01\right)") == 1
 
 
 def test_a_planar_arm_as_textbooks_have_it() -> None:
-    text = didim.to_latex(didim.load_robot("planar2"))
+    text = didim.export.to_latex(didim.load_robot("planar2"))
     assert text.startswith("\\begin{align*}\n\\tau_{1} &= \\mathit{ZZ}_{1R}\\, \\ddot q_{1} \\\\\n")
     assert r"\mathit{MX}_{1R}\, g \cos{\left(q_{1} \right)}" in text
     assert r"g \cos{\left(q_{1} + q_{2} \right)}" in text
@@ -71,18 +71,18 @@ def test_a_planar_arm_as_textbooks_have_it() -> None:
 
 def test_refusals(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(FitError, match="equations of 6 joints fill pages"):
-        didim.to_latex(didim.load_robot("tx40"))
+        didim.export.to_latex(didim.load_robot("tx40"))
     robot = didim.load_robot("planar2")
     load = replace(robot.friction, terms=(FrictionTerm(law="load", joint=1),))
     with pytest.raises(FitError, match="Fl2 depends on the load"):
-        didim.to_latex(replace(robot, friction=load))
+        didim.export.to_latex(replace(robot, friction=load))
     monkeypatch.setitem(sys.modules, "sympy", None)
     with pytest.raises(FitError, match=r"didim\[latex\]"):
-        didim.to_latex(robot)
+        didim.export.to_latex(robot)
 
 
 def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", "--latex", "--robot", "planar2"]) == 0
-    assert capsys.readouterr().out == didim.to_latex(didim.load_robot("planar2"))
+    assert capsys.readouterr().out == didim.export.to_latex(didim.load_robot("planar2"))
     assert main(["export", "--latex", "--robot", "tx40"]) == 2
     assert "C takes any robot" in capsys.readouterr().err

@@ -13,6 +13,7 @@ from didim.errors import FitError
 from didim.robot.robot import Robot
 from engines import mujoco_model, mujoco_torques
 from robots import random_motion, random_parameters
+from test_export_sdf import ELBOW
 from test_export_urdf import only
 from urdfs import random_urdf
 
@@ -25,7 +26,7 @@ def difference(robot: Robot, x: Array) -> float:
     state = motion.q, motion.dq, motion.ddq
     names = robot.joint_names or tuple(f"joint{j + 1}" for j in range(robot.n_dof))
     expected = didim.inverse_dynamics(robot, *state, only(robot, x, "Ia", "Fv"))
-    tau = mujoco_torques(didim.to_mjcf(robot, x), names, *state)
+    tau = mujoco_torques(didim.export.to_mjcf(robot, x), names, *state)
     return float(np.abs(tau - expected).max() / np.abs(expected).max())
 
 
@@ -53,7 +54,7 @@ def test_the_tx40_with_its_wrist(seed: int) -> None:
     robot = didim.load_robot("tx40")
     x = wrist_parameters(robot, seed)
     assert difference(robot, x) < 1e-12
-    model = mujoco_model(didim.to_mjcf(robot, x))
+    model = mujoco_model(didim.export.to_mjcf(robot, x))
     values = dict(zip(robot.parameter_names, x.tolist(), strict=True))
     assert model.ntendon == 1
     np.testing.assert_allclose(model.tendon_frictionloss, [values["Fcm6"]])
@@ -92,9 +93,18 @@ def test_robots_from_urdfs(tmp_path: Path, seed: int) -> None:
     assert difference(robot, random_parameters(rng, robot)) < 1e-12
 
 
+def test_limits_and_names_are_those_of_the_urdf(tmp_path: Path) -> None:
+    (tmp_path / "two.urdf").write_text(ELBOW, encoding="utf-8")
+    robot = didim.load_robot(tmp_path / "two.urdf")
+    model = mujoco_model(didim.export.to_mjcf(robot, random_parameters(np.random.default_rng(0), robot)))
+    np.testing.assert_allclose(model.actuator_ctrlrange, [[-330.0, 330.0], [-150.0, 150.0]])
+    np.testing.assert_allclose(model.jnt_range, [[-3.0, 3.0], [-2.0, 1.0]], atol=1e-9)
+    assert [model.body(k + 1).name for k in range(2)] == ["upper", "fore"]
+
+
 def test_limits_and_motors(shared: Path) -> None:
     robot = didim.load_robot(shared / "data" / "ur10e" / "ur10e.urdf")
-    model = mujoco_model(didim.to_mjcf(robot, random_parameters(np.random.default_rng(0), robot)))
+    model = mujoco_model(didim.export.to_mjcf(robot, random_parameters(np.random.default_rng(0), robot)))
     np.testing.assert_allclose(model.actuator_ctrlrange[3], [-54.0, 54.0])
     np.testing.assert_allclose(model.jnt_range[2], [-np.pi, np.pi], atol=1e-9)
     assert [model.body(k + 1).name for k in range(6)][5] == "wrist_3_link"
@@ -114,4 +124,4 @@ def test_shares_of_a_coupled_motor_must_not_be_negative(name: str, share: float,
     at = robot.parameter_names.index
     x[at(name)] = share * x[at("Ia6")]
     with pytest.raises(FitError, match=message):
-        didim.to_mjcf(robot, x)
+        didim.export.to_mjcf(robot, x)

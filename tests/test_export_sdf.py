@@ -20,7 +20,7 @@ def difference(robot: Robot, x: np.ndarray, gravity: tuple[float, ...]) -> float
     motion = random_motion(np.random.default_rng(0), 30, robot.n_dof)
     state = motion.q, motion.dq, motion.ddq
     expected = didim.inverse_dynamics(robot, *state, only(robot, x))
-    tau = sdf_torques(didim.to_sdf(robot, x), gravity, *state)
+    tau = sdf_torques(didim.export.to_sdf(robot, x), gravity, *state)
     return float(np.abs(tau - expected).max() / np.abs(expected).max())
 
 
@@ -40,11 +40,39 @@ def test_packaged_robots() -> None:
         assert difference(robot, x, robot.geometry.gravity) < 1e-12
 
 
+ELBOW = """<robot name="two"><link name="base"/><link name="upper"/><link name="fore"/>
+<joint name="to_base" type="fixed"><parent link="world"/><child link="base"/></joint><link name="world"/>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" velocity="2" effort="330"/></joint>
+<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="1" velocity="3" effort="150"/></joint></robot>"""
+"""A world, a base and two links without inertia."""
+
+
+def test_names_limits_and_friction_are_those_of_the_urdf(tmp_path: Path) -> None:
+    (tmp_path / "two.urdf").write_text(ELBOW, encoding="utf-8")
+    robot = didim.load_robot(tmp_path / "two.urdf")
+    x = random_parameters(np.random.default_rng(0), robot)
+    values = dict(zip(robot.parameter_names, x.tolist(), strict=True))
+    model = ET.fromstring(didim.export.to_sdf(robot, x)).find("model")
+    assert model is not None
+    assert model.get("name") == "two"
+    joints = {joint.get("name"): joint for joint in model.findall("joint")}
+    elbow = joints["elbow"]
+    assert (elbow.findtext("parent"), elbow.findtext("child")) == ("upper", "fore")
+    found = [
+        float(elbow.findtext(f"axis/{key}") or "nan") for key in ("dynamics/damping", "dynamics/friction")
+    ]
+    assert found == [values["Fv2"], values["Fc2"]]
+    limits = [float(elbow.findtext(f"axis/limit/{key}") or "nan") for key in ("lower", "upper", "effort")]
+    assert limits == [-2.0, 1.0, 150.0]
+
+
 def test_what_it_says(shared: Path) -> None:
     robot = didim.load_robot(shared / "data" / "urdf" / "ur5e.urdf")
     x = random_parameters(np.random.default_rng(0), robot)
     values = dict(zip(robot.parameter_names, x.tolist(), strict=True))
-    model = ET.fromstring(didim.to_sdf(robot, x)).find("model")
+    model = ET.fromstring(didim.export.to_sdf(robot, x)).find("model")
     assert model is not None
     assert model.get("name") == "ur5e_robot"
     joints = {joint.get("name"): joint for joint in model.findall("joint")}

@@ -70,7 +70,7 @@ def test_real_descriptions(shared: Path, tmp_path: Path, file: str) -> None:
     path = shared / "data" / f"{file}.urdf"
     robot = didim.load_robot(path, snap=0.0)  # as it is written, for the other engines
     x = without_offsets(robot, 1)
-    content = didim.to_urdf(robot, x, path)
+    content = didim.export.to_urdf(robot, x, path)
     out = tmp_path / path.name
     out.write_bytes(content)
     check_engines(robot, x, content.decode(), 1e-9, np.array([0.0, 0.0, -9.81]))
@@ -99,7 +99,7 @@ def untouched(text: str) -> str:
 def test_all_other_bytes_are_as_they_were(shared: Path, file: str) -> None:
     path = shared / "data" / f"{file}.urdf"
     robot = didim.load_robot(path)
-    content = didim.to_urdf(robot, without_offsets(robot, 1), path)
+    content = didim.export.to_urdf(robot, without_offsets(robot, 1), path)
     assert untouched(content.decode()) == untouched(path.read_text())
     assert content != path.read_bytes()
 
@@ -111,7 +111,7 @@ def test_random_chains(tmp_path: Path, seed: int) -> None:
     path.write_text(random_urdf(rng, int(rng.integers(1, 8)))[0])
     robot = didim.load_robot(path)
     x = without_offsets(robot, seed)
-    text = didim.to_urdf(robot, x, path).decode()
+    text = didim.export.to_urdf(robot, x, path).decode()
     check_engines(robot, x, text, 1e-11, np.array([0.0, 0.0, -9.81]))
 
 
@@ -125,7 +125,7 @@ def arm(tmp_path: Path) -> Path:
 def test_what_changes_in_a_file(arm: Path) -> None:
     robot = didim.load_robot(arm)
     x = arm_parameters(robot, 4)
-    lines = didim.to_urdf(robot, x, arm).decode().splitlines()
+    lines = didim.export.to_urdf(robot, x, arm).decode().splitlines()
     before = GRIPPER_ARM.splitlines()
     values = dict(zip(robot.parameter_names, x.tolist(), strict=True))
     added = [line for line in lines if line not in before]
@@ -147,7 +147,7 @@ def test_what_changes_in_a_file(arm: Path) -> None:
 def test_the_same_parameters_change_next_to_nothing(arm: Path) -> None:
     robot = didim.load_robot(arm)
     again = arm.with_name("again.urdf")
-    again.write_bytes(didim.to_urdf(robot, robot.parameter_set("urdf"), arm, keep_lumped=True))
+    again.write_bytes(didim.export.to_urdf(robot, robot.parameter_set("urdf"), arm, keep_lumped=True))
     robot_again = didim.load_robot(again)
     np.testing.assert_allclose(
         robot_again.parameter_set("urdf"), robot.parameter_set("urdf"), rtol=1e-12, atol=1e-14
@@ -159,10 +159,10 @@ def test_the_same_parameters_change_next_to_nothing(arm: Path) -> None:
 def test_a_second_export_replaces_the_notes(arm: Path) -> None:
     robot = didim.load_robot(arm)
     first = arm.with_name("first.urdf")
-    first.write_bytes(didim.to_urdf(robot, arm_parameters(robot, 1), arm))
+    first.write_bytes(didim.export.to_urdf(robot, arm_parameters(robot, 1), arm))
     robot = didim.load_robot(first)
     x = arm_parameters(robot, 2)
-    second = didim.to_urdf(robot, x, first).decode()
+    second = didim.export.to_urdf(robot, x, first).decode()
     assert second.count("rotor inertia") == 3
     assert f"rotor inertia {dict(zip(robot.parameter_names, x.tolist(), strict=True))['Ia1']!r} kg" in second
     assert untouched(second) == untouched(GRIPPER_ARM)
@@ -187,7 +187,7 @@ def test_a_file_without_inertias(tmp_path: Path) -> None:
     path.write_bytes(EMPTY.encode())
     robot = didim.load_robot(path)
     x = without_offsets(robot, 5)
-    content = didim.to_urdf(robot, x, path)
+    content = didim.export.to_urdf(robot, x, path)
     text = content.decode()
     assert text.count("\r\n") == text.count("\n")
     assert re.search(r"<link name='b' >\r\n\t  <inertial>\r\n\t    <origin xyz", text)
@@ -208,7 +208,7 @@ def test_attributes_that_end_alike(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(GRIPPER_ARM.replace("<dynamics damping", '<dynamics mu_damping="7" damping'))
     robot = didim.load_robot(path)
-    text = didim.to_urdf(robot, arm_parameters(robot, 6), path).decode()
+    text = didim.export.to_urdf(robot, arm_parameters(robot, 6), path).decode()
     assert 'mu_damping="7" damping="' in text
 
 
@@ -219,11 +219,11 @@ def test_another_file_is_refused(arm: Path) -> None:
     with pytest.raises(
         FitError, match=r"arm\.urdf is not the file that robot 'little_arm' was read from .* read it again"
     ):
-        didim.to_urdf(robot, x, arm)
+        didim.export.to_urdf(robot, x, arm)
     with pytest.raises(
         FitError, match=r"robot 'tx40' was not read from a URDF: .*didim robot arm\.urdf -o arm\.toml"
     ):
-        didim.to_urdf(didim.load_robot("tx40"), np.zeros(86), arm)
+        didim.export.to_urdf(didim.load_robot("tx40"), np.zeros(86), arm)
 
 
 def spoilt(robot: Robot, **changes: float) -> Array:
@@ -247,7 +247,7 @@ def spoilt(robot: Robot, **changes: float) -> Array:
 )  # fmt: skip
 def test_what_is_no_robot_is_refused(arm: Path, changes: dict[str, float], message: str) -> None:
     robot = didim.load_robot(arm)
-    for write in (lambda x: didim.to_urdf(robot, x, arm), lambda x: didim.to_mjcf(robot, x)):
+    for write in (lambda x: didim.export.to_urdf(robot, x, arm), lambda x: didim.export.to_mjcf(robot, x)):
         with pytest.raises(FitError, match=f"{message}.*export physically consistent parameters"):
             write(spoilt(robot, **changes))
 
@@ -261,7 +261,7 @@ def test_the_hand_must_be_a_body_without_its_fingers(arm: Path) -> None:
         FitError,
         match=r"link 'hand' is not a body without .* \(finger, other_finger\): its mass",
     ):
-        didim.to_urdf(robot, x, arm)
+        didim.export.to_urdf(robot, x, arm)
 
 
 def test_a_link_with_a_name_for_comments(tmp_path: Path) -> None:
@@ -269,7 +269,7 @@ def test_a_link_with_a_name_for_comments(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(text, encoding="utf-8")
     robot = didim.load_robot(path)
-    content = didim.to_urdf(robot, arm_parameters(robot, 0), path)
+    content = didim.export.to_urdf(robot, arm_parameters(robot, 0), path)
     assert b"<!-- inertial: part of link hand- -? -->" in content
     path.write_bytes(content)
     assert didim.load_robot(path).n_dof == 3

@@ -13,7 +13,8 @@ from scipy.optimize import linprog
 
 import didim
 import simulated
-from didim import IDIMLS, FitError, RecordingError, identify, load_robot
+from didim import IDIMLS, identify, load_robot
+from didim.errors import FitError, RecordingError
 from didim.experiment.experiment import Experiment
 from didim.log.data_file import READERS
 from didim.regression.solver import SOLVERS

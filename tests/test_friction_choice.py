@@ -12,11 +12,12 @@ import pytest
 
 import didim
 from didim.errors import FitError
+from didim.regression.friction.choice import choose_terms
 from didim.regression.friction.velocity import settled
 from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem
 from didim.robot.friction import FrictionTerm
-from test_friction_terms import log, parameters, planar
+from test_friction_terms import log, motion, parameters, planar
 
 pytestmark = pytest.mark.usefixtures("without_causes")
 
@@ -48,6 +49,96 @@ def test_a_log_without_further_friction_keeps_its_terms() -> None:
         fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
         kept.append(len(fit.settings["friction"]["chosen"]))
     assert np.mean(kept) <= 0.5
+
+
+def test_a_sign_that_is_kept_and_memory_are_found() -> None:
+    terms = [FrictionTerm(law="hold", joint=0), FrictionTerm(law="dahl", joint=1, velocity=0.01)]
+    robot = planar(*terms, dead_zone=0.05)
+    x = parameters(robot, Fz2=2.0)
+    q, dq, ddq = motion()
+    for rest in range(400, 4000, 800):  # the first joint stops
+        for array, value in ((q, q[rest, 0]), (dq, 0.0), (ddq, 0.0)):
+            array[rest : rest + 100, 0] = value
+    tau = didim.inverse_dynamics(robot, q, dq, ddq, x)
+    tau += 0.05 * np.random.default_rng(0).standard_normal(tau.shape)
+    job = didim.IDIMLS().job(replace(log(robot, x), robot=planar(dead_zone=0.05)))
+    part = replace(job.parts("fit")[0], q=q, dq=dq, ddq=ddq, tau=tau)
+
+    def solved(system: LinearSystem) -> tuple[np.ndarray, np.ndarray]:
+        fit = solve(system, job.settings)
+        return fit.solution, fit.weights
+
+    choice = choose_terms(job.robot, [part], job.signal, ({}, ()), solved)
+    found = {term.parameter: term for term in choice.friction.terms}
+    assert {"Hold1", "Fz2"} <= set(found)
+    assert len(found) <= 4
+    assert found["Fz2"].velocity == pytest.approx(0.01, rel=0.05)
+    assert {gain.parameter for gain in choice.gains} == set(found)
+    assert all(gain.gain > 0.0 for gain in choice.gains)
+    # The encoder's steps must be ten times finer than the memory.
+    coarse = choose_terms(job.robot, [part], job.signal, ({}, ()), solved, np.array([0.01, 0.01]))
+    assert not any(term.law == "dahl" for term in coarse.friction.terms)
+
+
+def test_no_term_makes_another_recording_worse() -> None:
+    robot = planar(FrictionTerm(law="forward", joint=0), dead_zone=0.02)
+    experiment = replace(log(robot, parameters(robot, Fvp1=0.5), noise=0.1), robot=planar(dead_zone=0.02))
+    (lopsided,) = experiment.recordings
+    (even,) = log(robot, parameters(robot), noise=0.1, seed=1).recordings
+    even = replace(even, windows=((0, 1500),))
+
+    def chosen(*recordings: didim.Recording) -> set[str]:
+        fit = didim.identify(replace(experiment, recordings=recordings), didim.IDIMLS(friction="auto"))
+        return {item["parameter"] for item in fit.settings["friction"]["chosen"]}
+
+    assert "Fvp1" in chosen(lopsided)
+    assert "Fvp1" not in chosen(lopsided, even)
+
+
+def test_nothing_is_chosen_where_more_than_friction_is_missing() -> None:
+    robot = planar(dead_zone=0.02)
+    experiment = log(robot, parameters(robot))
+    (recording,) = experiment.recordings
+    assert recording.tau is not None
+    tau = recording.tau + 30.0 * np.sin(3.0 * recording.q)  # a spring that no model has
+    wrong = didim.Recording.from_arrays(recording.q, tau, rate_hz=recording.rate_hz)
+    fit = didim.identify(replace(experiment, recordings=(wrong,)), didim.IDIMLS(friction="auto"))
+    assert fit.settings["friction"]["chosen"] == []
+    assert any("% of the torques, which is more than friction" in remark for remark in fit.remarks)
+
+
+def test_the_width_of_memory_is_estimated_with_its_deviation() -> None:
+    term = FrictionTerm(law="dahl", joint=0, velocity=0.02)
+    robot = planar(term, dead_zone=0.01)
+    x = parameters(robot, Fz1=2.0)
+    searched = robot.with_terms([replace(term, estimated=True, velocity=1e-3)])
+    z, widths = [], []
+    for seed in range(12):
+        experiment = replace(log(robot, x, noise=0.2, seed=seed), robot=searched)
+        fit = didim.identify(experiment, uncertainty="white")
+        (item,) = fit.settings["friction"]["velocities"]
+        widths.append((item["velocity"] - 0.02) / item["std"])
+        z.append((fit.beta - robot.base_parameters.project(x)) / fit.std)
+        assert item["velocity"] == pytest.approx(0.02, rel=0.05)
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.2)
+    assert 0.5 < np.sqrt(np.mean(np.square(widths))) < 1.6
+    assert any("displacements of friction that remembers" in remark for remark in fit.remarks)
+
+
+def test_methods_that_simulate_recover_memory(project: Path) -> None:
+    experiment = didim.load_experiment(project / "examples/planar2_simulation.toml")
+    terms = (FrictionTerm(law="dahl", joint=0, velocity=0.02),)
+    robot = experiment.robot.with_terms(terms)
+    x = np.append(next(iter(experiment.robot.sets.values())), [3.0])
+    truth = robot.base_parameters.project(x)
+    clean = didim.simulated_log(replace(experiment, robot=robot), x, seed=1)
+    for method in (didim.DIDIM(start="idim-ls"), didim.CLOE(start="idim-ls")):
+        fit = didim.identify(clean, method)
+        assert fit.status.converged
+        rows = zip(fit.names, fit.beta, truth, fit.std, strict=True)
+        z = {name: (value - true) / std for name, value, true, std in rows if std > 0.0}
+        assert "Fz1" in z
+        assert np.sqrt(np.mean(np.square(list(z.values())))) < 1.8, (method.name, z)
 
 
 def test_methods_that_simulate_recover_load_and_atan_friction(project: Path) -> None:

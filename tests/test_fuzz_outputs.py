@@ -109,3 +109,19 @@ def test_notes_may_stand_before_the_sentence_of_a_refusal_and_warnings_may_not(b
     assert "without one sentence" in wrong("", f"didim: warning: overflow\n{sentence}")
     assert "without one sentence" in wrong("", sentence * 2)
     assert "without one sentence" in wrong("", "didim: note: the log was resampled\n")
+
+
+def test_a_tally_goes_on_where_it_was(
+    benches: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program = importlib.import_module("fuzz")
+    monkeypatch.setattr(program, "TOLD", 2)
+    path = tmp_path / "seed-3.txt"
+    first = program.Tally(path, 3, resume=True)
+    for number, outcome in ((0, "result"), (7, "failed"), (2, "long")):
+        first.count(number, outcome)
+    assert capsys.readouterr().out == "2 cases, seed 3: 1 result, 0 refused, 0 long, 1 failed\n"
+    second = program.Tally(path, 3, resume=True)
+    assert second.outcomes == {0: "result", 7: "failed", 2: "long"}
+    assert program.Tally(path, 3, resume=False).outcomes == {}
+    assert path.read_text(encoding="ascii") == ""

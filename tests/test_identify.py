@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 import simulated
 from didim.errors import FitError, RankError, SignalError
 from didim.log.recording import Recording
-from didim.methods.identify import METHODS, identify, method_class
+from didim.methods.identify import identify
 from didim.methods.idim_ls import IDIMLS
+from didim.methods.table import METHODS, method_class
 from didim.result.iteration import Iteration
 from didim.result.status import Status
 from didim.robot.robot import Robot
@@ -151,7 +152,7 @@ def test_the_experiment_names_fixed_parameters_and_the_method_overrides_them(rob
 
 def test_settings_of_the_method_override_those_of_the_experiment(robot: Robot, x: Array) -> None:
     exp = simulated.experiment(robot, simulated.log(robot, x, noise=0.2))
-    fit = identify(exp, IDIMLS(reweightings=3, variance="r-1", decimation_corrected=False))
+    fit = identify(exp, IDIMLS(reweightings=3, variance="r-1", uncertainty="white"))
     assert fit.settings["least_squares"] == {
         "weights": "per-joint",
         "reweightings": 3,

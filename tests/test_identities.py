@@ -144,7 +144,7 @@ def test_an_indefinite_inertia_matrix_is_told() -> None:
     x = robot.sets["reference"].copy()
     x[robot.parameter_names.index("Ia2")] = -10.0
     rest = np.zeros((3, 2))
-    with pytest.raises(didim.IndefiniteError, match=r"not positive definite at sample 1: .* joint 2"):
+    with pytest.raises(didim.errors.IndefiniteError, match=r"not positive definite at sample 1: .* joint 2"):
         didim.direct_dynamics(robot, rest, rest, rest, x)
 
 
@@ -220,18 +220,20 @@ def test_wrong_arrays_are_told() -> None:
     robot = didim.load_robot("tx40")
     rest = np.zeros((10, 6))
     x = np.zeros(86)
-    with pytest.raises(didim.ShapeError, match=r"q must have shape .* got \(6, 10\); transpose it\?"):
+    with pytest.raises(didim.errors.ShapeError, match=r"q must have shape .* got \(6, 10\); transpose it\?"):
         didim.inverse_dynamics(robot, rest.T, rest, rest, x)
-    with pytest.raises(didim.ShapeError, match=r"dq must have the shape of q, \(10, 6\), got \(9, 6\)"):
+    with pytest.raises(
+        didim.errors.ShapeError, match=r"dq must have the shape of q, \(10, 6\), got \(9, 6\)"
+    ):
         didim.regressor(robot, rest, rest[:9], rest)
-    with pytest.raises(didim.ShapeError, match=r"lift them"):
+    with pytest.raises(didim.errors.ShapeError, match=r"lift them"):
         didim.inverse_dynamics(robot, rest, rest, rest, np.zeros(60))
     bad = rest.copy()
     bad[3, 2] = np.nan
-    with pytest.raises(didim.ShapeError, match="ddq is NaN at sample 4, column 3"):
+    with pytest.raises(didim.errors.ShapeError, match="ddq is NaN at sample 4, column 3"):
         didim.regressor(robot, rest, rest, bad)
     x[4] = np.inf
-    with pytest.raises(didim.ShapeError, match="inf for parameter YZ1"):
+    with pytest.raises(didim.errors.ShapeError, match="inf for parameter YZ1"):
         didim.inverse_dynamics(robot, rest, rest, rest, x)
-    with pytest.raises(didim.ShapeError, match="array of real numbers"):
+    with pytest.raises(didim.errors.ShapeError, match="array of real numbers"):
         didim.regressor(robot, [["a"] * 6], rest, rest)

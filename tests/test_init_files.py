@@ -12,8 +12,9 @@ import scipy.io
 from numpy.typing import NDArray
 
 import didim
-from didim import ExperimentError, RecordingError, load_experiment
+from didim import load_experiment
 from didim.cli.main import main
+from didim.errors import ExperimentError, RecordingError
 from didim.experiment.draft import initialise
 from didim.experiment.draft_columns import column, joints_by_name, name_without_signal
 

@@ -140,7 +140,7 @@ def derivatives(recording: Recording) -> tuple[Array, Array]:
 
 def test_the_reason_says_what_was_compared(clean: Recording) -> None:
     filters = choose_filters(ROBOT, [clean], comparable=True)
-    assert "% of the torques of held-out blocks" in filters.reason
+    assert "held-out torque error " in filters.reason
     assert filters.cutoff_hz in [cutoff for cutoff, _ in filters.errors]
     without = choose_filters(ROBOT, [replace(clean, tau=None)], comparable=False)
     assert without.reason.endswith("cut-offs were not compared")

@@ -12,8 +12,9 @@ import scipy.io
 from numpy.typing import NDArray
 
 import didim
-from didim import ExperimentError, load_experiment
+from didim import load_experiment
 from didim.cli.main import main
+from didim.errors import ExperimentError
 from didim.experiment.draft import initialise
 from didim.experiment.draft_columns import column
 from didim.experiment.draft_layout import layout
@@ -228,7 +229,7 @@ def test_a_bag_by_names(tmp_path: Path) -> None:
 
     robot = didim.load_robot("ur5e")
     write_bag(tmp_path / "bag", robot.joint_names, T, Q, TAU, reference=Q)
-    with pytest.raises(didim.RecordingError, match="topic must say which is meant"):
+    with pytest.raises(didim.errors.RecordingError, match="topic must say which is meant"):
         initialise("ur5e", tmp_path / "bag")
     path, draft = initialise("ur5e", tmp_path / "bag", topic="/arm_controller/state")
     assert not draft.questions

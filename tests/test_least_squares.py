@@ -21,7 +21,7 @@ from didim.signal.processing import SignalProcessing
 
 Array = NDArray[np.float64]
 
-PLAIN = LeastSquaresSettings(weights="none", decimation_corrected=False)
+PLAIN = LeastSquaresSettings(weights="none", uncertainty="white")
 BETA = np.array([3.0, -0.2, 0.05])
 NAMES = ("ZZ1R", "Fv1", "Off2")
 
@@ -59,7 +59,7 @@ def test_the_correlation_changes_the_covariance_only_when_asked() -> None:
     coloured = replace(one, blocks=stacked(1, [200], correlation=correlation))
     plain = solve(coloured, PLAIN)
     np.testing.assert_array_equal(plain.covariance, solve(one, PLAIN).covariance)
-    corrected = solve(coloured, replace(PLAIN, decimation_corrected=True))
+    corrected = solve(coloured, replace(PLAIN, uncertainty="decimated"))
     np.testing.assert_array_equal(corrected.solution, plain.solution)
     # By the definition, with the whole matrices; two windows do not see each other.
     for windows in ((), (120, 80)):
@@ -73,7 +73,7 @@ def test_the_correlation_changes_the_covariance_only_when_asked() -> None:
         left = np.eye(200) - one.w @ p @ one.w.T
         variance = plain.residual @ plain.residual / np.trace(left @ t @ left)
         expected = variance * p @ one.w.T @ t @ one.w @ p
-        found = solve(two, replace(PLAIN, decimation_corrected=True)).covariance
+        found = solve(two, replace(PLAIN, uncertainty="decimated")).covariance
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
@@ -173,7 +173,7 @@ def test_errors_are_as_large_as_sigma_says() -> None:
 def test_errors_after_decimation_are_as_large_as_the_corrected_sigma_says() -> None:
     corrected = coverage(LeastSquaresSettings(), decimated=True)
     assert corrected == pytest.approx(1.0, abs=0.06)
-    assert coverage(LeastSquaresSettings(decimation_corrected=False), decimated=True) > 1.05 * corrected
+    assert coverage(LeastSquaresSettings(uncertainty="white"), decimated=True) > 1.05 * corrected
 
 
 def test_dependent_columns_are_named() -> None:
@@ -240,7 +240,6 @@ def test_too_few_rows_and_no_columns() -> None:
         ({"reweightings": -1}, "reweightings must be a whole number from 0 to 1000, got -1"),
         ({"reweightings": True}, "reweightings must be a whole number"),
         ({"reweightings": 1.5}, "reweightings must be a whole number"),
-        ({"decimation_corrected": 1}, "decimation_corrected must be True or False, got 1"),
         ({"uncertainty": "hac"}, "uncertainty must be 'jackknife', 'decimated' or 'white', got 'hac'"),
         ({"blocks": 1}, "blocks must be a whole number from 2 to 1000, got 1"),
     ],

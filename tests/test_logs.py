@@ -10,7 +10,9 @@ import pytest
 
 import didim
 from arm import arm_file, arm_log
-from didim import Experiment, ExperimentError, FitError
+from didim import Experiment
+from didim.contrib.ekf import EKF
+from didim.errors import ExperimentError, FitError
 from didim.methods.builder import fitted, solved_status
 from didim.methods.method import Method
 from didim.robot.payload import Payload
@@ -108,7 +110,7 @@ def test_parameters_that_no_recording_tells_are_refused_by_name() -> None:
     ):
         didim.identify(arm_logs([False, True], payloads={"disk": Payload(name="disk")}), didim.IDIMLS())
     with pytest.raises(FitError, match="Kalman"):
-        didim.identify(arm_logs([False, True]), didim.EKF())
+        didim.identify(arm_logs([False, True]), EKF())
 
 
 def test_a_sentence_says_that_own_offsets_were_left_out() -> None:

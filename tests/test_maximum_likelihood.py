@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 import didim
-from didim import Experiment, FitError, MaximumLikelihood, SignalProcessing, identify
-from didim.model.partials import torque_partials
+from didim import Experiment, SignalProcessing, identify
+from didim.contrib.maximum_likelihood import MaximumLikelihood
+from didim.contrib.partials import torque_partials
+from didim.errors import FitError
 from didim.signal.decimation import decimate, decimation_stages
 from didim.signal.filters import differentiate
 from didim.signal.noise import row_noise

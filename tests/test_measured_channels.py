@@ -82,9 +82,9 @@ def test_measured_velocities_take_the_place_of_differences() -> None:
 
 def test_channels_of_another_shape_are_refused() -> None:
     plain = log(ROBOT, X, n_samples=200)
-    with pytest.raises(didim.RecordingError, match="dq and q differ in shape"):
+    with pytest.raises(didim.errors.RecordingError, match="dq and q differ in shape"):
         replace(plain, dq=plain.q[:-1])
-    with pytest.raises(didim.RecordingError, match="external and q differ in shape"):
+    with pytest.raises(didim.errors.RecordingError, match="external and q differ in shape"):
         replace(plain, external=plain.q[:, :1])
 
 

@@ -10,6 +10,7 @@ import pytest
 
 import didim
 from didim.errors import RobotError
+from didim.experiment.specs import ControllerSpec, ReferenceSpec
 from robots import random_motion, relative
 
 MODEL = """
@@ -165,3 +166,139 @@ def test_the_go2_of_mujoco(shared: Path) -> None:
     values = dict(zip(robot.parameter_names, robot.parameter_set("mjcf"), strict=True))
     assert (values["Ia1"], values["Fv1"], values["Fc1"]) == (0.01, 0.6, 0.2)
     assert any("floating" in note for note in robot.notes)
+
+
+ACTUATED = """
+<mujoco>
+  <compiler autolimits="{auto}"/>
+  <default>
+    <position kp="40" kv="0.5" forcerange="-9 8"/>
+    <default class="big"><general gear="3"/></default>
+    <default class="torque"><motor ctrlrange="-6 5"/></default>
+    <default class="saved"><general biastype="affine" gainprm="70" biasprm="0 -70 -2"/></default>
+  </default>
+  <worldbody>
+    <body name="a"><joint name="j1"/><geom size="0.1"/>
+    <body name="b" pos="0.1 0 0"><joint name="j2" actuatorfrcrange="-4 4"/><geom size="0.1"/>
+    <body name="c" pos="0.1 0 0"><joint name="j3"/><geom size="0.1"/>
+    <body name="d" pos="0.1 0 0"><joint name="j4"/><geom size="0.1"/>
+    <body name="e" pos="0.1 0 0"><joint name="j5"/><geom size="0.1"/></body></body></body></body></body>
+  </worldbody>
+  <actuator>
+    <position joint="j1" class="big"/>
+    <position joint="j2" kp="30" kv="1.5" timeconst="0.02" forcelimited="true"/>
+    <motor joint="j3" class="torque" gear="-2" ctrllimited="true"/>
+    <general joint="j4" class="saved" forcerange="-3 3" forcelimited="false"/>
+    {last}
+  </actuator>
+</mujoco>
+"""
+
+
+def compiled_gains(model: mujoco.MjModel) -> list[tuple[float | None, float | None, float | None, float]]:
+    """Gains, limit and filter of each joint as MuJoCo has compiled them, behind the gear."""
+    found = []
+    for k in range(model.nu):
+        gear = abs(model.actuator_gear[k, 0])
+        gain, bias = model.actuator_gainprm[k, 0], model.actuator_biasprm[k]
+        position = bool(model.actuator_biastype[k]) and bias[1] == -gain
+        limits = []
+        if model.actuator_forcelimited[k]:
+            limits.append(gear * np.abs(model.actuator_forcerange[k]).max())
+        elif not model.actuator_biastype[k] and model.actuator_ctrllimited[k]:
+            limits.append(gear * gain * np.abs(model.actuator_ctrlrange[k]).max())
+        joint = model.actuator_trnid[k, 0]
+        if model.jnt_actfrclimited[joint]:
+            limits.append(np.abs(model.jnt_actfrcrange[joint]).max())
+        found.append(
+            (
+                gear**2 * gain if position else None,
+                -(gear**2) * bias[2] if position else None,
+                min(limits, default=None),
+                model.actuator_dynprm[k, 0] if model.actuator_dyntype[k] else 0.0,
+            )
+        )
+    return found
+
+
+@pytest.mark.parametrize("auto", ["true", "false"])
+@pytest.mark.parametrize(
+    "last", ['<velocity joint="j5" kv="3"/>', '<position joint="j5" gear="0.5" forcelimited="true"/>']
+)
+@pytest.mark.parametrize("saved", [False, True])
+def test_actuators_are_read_as_mujoco_reads_them(tmp_path: Path, auto: str, last: str, saved: bool) -> None:
+    path = tmp_path / "driven.xml"
+    driven = ACTUATED.format(auto=auto, last=last)
+    if auto == "false":
+        for limits, switch in (("actuatorfrcrange", "actuatorfrclimited"), ("forcerange", "forcelimited")):
+            driven = driven.replace(f' {limits}="', f' {switch}="true" {limits}="', 1)
+        driven = driven.replace('"-6 5"', '"-6 5" ctrllimited="false"')
+    path.write_text(driven)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    if saved:
+        mujoco.mj_saveLastXML(str(path), model)
+    robot = didim.load_robot(path)
+    read = [(a.kp, a.kv, a.effort, a.lag_s) for a in robot.actuators if a is not None]
+    for ours, theirs in zip(read, compiled_gains(model), strict=True):
+        assert [value is None for value in ours] == [value is None for value in theirs]
+        np.testing.assert_allclose(
+            [value or 0.0 for value in ours], [value or 0.0 for value in theirs], rtol=1e-5
+        )
+    assert [limits.effort for limits in robot.limits] == [a.effort for a in robot.actuators if a is not None]
+
+
+def controller_of(path: Path) -> didim.Controller:
+    experiment = didim.load_experiment(path)
+    assert isinstance(experiment.controller, ControllerSpec)
+    assert isinstance(experiment.reference, ReferenceSpec)
+    assert experiment.reference.made is not None
+    return experiment.controller.build(experiment.reference.made)
+
+
+def test_gains_of_actuators_are_those_of_a_controller_without_its_own(tmp_path: Path) -> None:
+    last = '<position joint="j5" kp="11"/>'
+    text = ACTUATED.format(auto="true", last=last).replace(
+        '<motor joint="j3" class="torque" gear="-2" ctrllimited="true"/>', '<position joint="j3"/>'
+    )
+    (tmp_path / "driven.xml").write_text(text.replace('forcerange="-9 8"', "", 1))
+    path = tmp_path / "run.toml"
+    loop = (
+        "schema = 1\nrobot = 'driven.xml'\n[reference]\nkind = 'fourier'\nperiod_s = 5.0\n"
+        "sine_rad = [[0.1, 0.1, 0.1, 0.1, 0.1]]\ncosine_rad = [[0, 0, 0, 0, 0]]\n[controller]\nkind = 'pd'\n"
+    )
+    path.write_text(loop)
+    controller = controller_of(path)
+    kp, kv = [360.0, 30.0, 40.0, 70.0, 11.0], [4.5, 1.5, 0.5, 2.0, 0.5]
+    np.testing.assert_allclose(controller.laws[:, 0], kp)
+    np.testing.assert_allclose(controller.laws[:, 1], kv)
+    np.testing.assert_allclose(controller.laws[:, 4], 0.0)  # they damp the motion itself
+    np.testing.assert_allclose(controller.saturation, [np.inf, 4.0, np.inf, np.inf, np.inf])
+    path.write_text(f"{loop}kp = 5\nkv = 1\nsaturation_n_m = 2\n")
+    own = controller_of(path)
+    np.testing.assert_allclose([own.laws[0, 0], own.laws[0, 4], own.saturation[0]], [5.0, 1.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('kp="30"', 'kp="stiff"', "kp of <position> must be numbers, got 'stiff'"),
+        ('class="saved" f', 'class="lost" f', "there is no default class 'lost'"),
+        ('gear="-2"', 'gear="two"', "ranges and gear of the actuator of 'j3' must be numbers"),
+    ],
+)
+def test_wrong_actuators_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = tmp_path / "driven.xml"
+    path.write_text(ACTUATED.format(auto="true", last="").replace(old, new))
+    with pytest.raises(RobotError, match=message):
+        didim.load_robot(path)
+
+
+def test_a_damping_ratio_is_left_to_mujoco(tmp_path: Path) -> None:
+    path = tmp_path / "driven.xml"
+    path.write_text(
+        ACTUATED.format(auto="true", last='<position joint="j5" dampratio="1"/><dcmotor joint="j4"/>')
+    )
+    robot = didim.load_robot(path)
+    assert robot.actuators[4] is not None
+    assert (robot.actuators[4].kp, robot.actuators[4].kv) == (40.0, None)
+    assert any("kv of the actuator of j5" in note and "<dcmotor> of j4" in note for note in robot.notes)

@@ -59,3 +59,18 @@ def test_constants_come_by_their_seed_and_whole_ones_stay_whole(
     by_name = {planted.name: planted for planted in constants.constants(tmp_path)}
     assert constants.tests_of(by_name["ONE"], tmp_path) == ["tests/test_c.py", "tests/test_b.py"]
     assert constants.tests_of(by_name["MOST"], tmp_path) == ["tests/test_b.py", "tests/test_c.py"]
+
+
+@pytest.mark.tools
+def test_a_changed_constant_is_noticed_or_not(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(project / "benches"))
+    mutations = importlib.import_module("mutations")
+    (tmp_path / "test_a.py").write_text("def test_a(): assert True\n", encoding="utf-8")
+    (tmp_path / "test_b.py").write_text("def test_b(): assert False\n", encoding="utf-8")
+    (tmp_path / "test_c.py").write_text("def test_c():\n    while True: pass\n", encoding="utf-8")
+    assert mutations.run_in_turn(tmp_path, ["test_a.py"], 60.0) == (True, "1 files")
+    assert mutations.run_in_turn(tmp_path, ["test_a.py", "test_b.py"], 60.0) == (False, "test_b.py::test_b")
+    assert mutations.run_in_turn(tmp_path, ["test_c.py", "test_b.py"], 2.0) == (True, "out of time")
+    assert mutations.run_in_turn(tmp_path, [], 60.0) == (True, "no test reaches it")

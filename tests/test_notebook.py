@@ -13,9 +13,11 @@ import pytest
 
 import didim
 from didim._tools.notebook import Printed, page
-from didim.diagnosis.finding import Finding, Findings
+from didim.diagnosis.finding import Findings
 from didim.errors import DidimError
+from didim.result.contrast import Contrast
 from didim.result.finding import Finding as Evidence
+from didim.result.finding import said
 from didim.result.verdict import Verdict
 from didim.studies.comparison import Comparison
 from didim.studies.contrasts import Contrasts
@@ -99,7 +101,7 @@ def test_robots_and_base_parameters() -> None:
 
 
 def test_findings() -> None:
-    finding = Finding(kind="delay", sentence="torques are late", advice="Say so", joints=(1,))
+    finding = said(kind="delay", sentence="torques are late", advice="Say so", joints=(1,))
     found = Findings("log", (finding,), ("pan",))
     assert cells(found._repr_html_()) == ["delay", "torques are late", "Say so"]
     assert "joints: 1 pan" in found._repr_html_()
@@ -130,7 +132,14 @@ def test_what_people_print_shows_itself() -> None:
     assert repr(errors).startswith("<Validation: ")
     text = "".join(ET.fromstring(errors._repr_html_()).itertext())
     assert text.split() == str(errors).split()
-    for kind in (didim.Excitation, didim.StudyResults, didim.Contrast, Contrasts, PayloadEstimate, Residual):
+    for kind in (
+        didim.Excitation,
+        didim.StudyResults,
+        Contrast,
+        Contrasts,
+        PayloadEstimate,
+        Residual,
+    ):
         assert kind._repr_html_ is Printed._repr_html_
         assert kind.__repr__ is Printed.__repr__
 

@@ -1,4 +1,4 @@
-"""Robots that come along: their axes are those of independent descriptions, and the lists name them all."""
+"""Included robots: their axes are those of independent descriptions, and the lists name them all."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import didim
 from didim.cli.main import main
-from didim.methods.identify import METHODS
+from didim.methods.table import METHODS
 from didim.robot.rigid_body import mdh_pose
 from didim.robot.robot_file import PACKAGED
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,12 @@ import pytest
 import didim
 from didim.cli.main import main
 from didim.formats import FORMATS, render
-from didim.methods.identify import METHODS
+from didim.methods.table import METHODS
 from robots import random_motion, random_parameters
-from test_cli import arm as arm_fixture
-from test_cli import identify_arm
 from test_documented import tables
 from test_identification import example
 from twins import PINOCCHIO_ORDER, pinocchio_model
 
-arm = arm_fixture
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 FOLDERS = "tests|benches|examples|docs|python|rust"
@@ -77,22 +75,28 @@ def test_the_page_on_the_api_has_every_public_name() -> None:
     text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     item = r"^::: didim\.([\w.]+)\n(?: {4}options:\n {6}members: \[(.*)\]\n)?"
     shown = re.findall(item, text, flags=re.MULTILINE)
-    assert sorted(path.split(".")[-1] for path, _ in shown) == sorted(didim.__all__)
+    paths = [path for path, _ in shown]
+    assert sorted(path for path in paths if "." not in path) == sorted(
+        [*didim.__all__, "formats", "plot", "report"]
+    )
+    moved = {f"{place}.{name}" for name, place in didim._MOVED.items() if not place.startswith("contrib")}
+    assert sorted(path for path in paths if "." in path) == sorted(moved)
     for path, members in shown:
-        name = path.split(".")[-1]
-        thing = getattr(didim, name)
-        assert path == name
+        thing = attrgetter(path)(didim)
         for member in filter(None, members.split(", ")):
-            assert hasattr(thing, member), f"{name}.{member}"
+            assert hasattr(thing, member), f"{path}.{member}"
 
 
-def test_the_table_of_methods_has_them_all() -> None:
+def test_the_tables_of_methods_are_that_of_the_package() -> None:
     for rows in (
         tables(ROOT / "docs" / "choose.md")["--method needs gives"],
         tables(ROOT / "README.md")["method needs gives"],
     ):
-        text = " ".join(row[0].lower() for row in rows)
-        assert all(name in text for name in METHODS)
+        cells = {name: row[1:3] for row in rows for name in METHODS if f"{name}`" in row[0]}
+        assert cells == {row.name: [row.needs, row.gives] for row in METHODS.values()}
+    text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    for name, row in METHODS.items():
+        assert f"::: didim.{row.place.partition(':')[2]}\n" in text, name
 
 
 def test_the_formats_are_those_of_the_page() -> None:
@@ -125,23 +129,6 @@ def code_of(file: str) -> dict[str, Any]:
     names: dict[str, Any] = {"__name__": file}
     exec(compile(code, file, "exec", dont_inherit=True), names)
     return names
-
-
-def test_the_method_of_contributing_runs(
-    arm: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """As the steps there say: a place in METHODS, and the command knows it."""
-    method = code_of("CONTRIBUTING.md")["Ordinary"]
-    monkeypatch.setitem(METHODS, method.name, method)
-    fit = didim.identify(didim.load_experiment(arm, data=arm.parent / "data"), method())
-    plain = didim.identify(
-        didim.load_experiment(arm, data=arm.parent / "data"),
-        didim.IDIMLS(),
-    )
-    np.testing.assert_array_equal(fit.beta, plain.beta)
-    np.testing.assert_array_equal(fit.covariance, plain.covariance)
-    assert identify_arm(arm, "--method", "ordinary") == 0
-    assert capsys.readouterr().out == f"{fit}\n"
 
 
 def conventions_example() -> dict[str, Any]:

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import didim
-from didim import DIDIM, FitError, Identification, RobotError
+from didim import DIDIM, Identification
 from didim.cli.main import main
+from didim.errors import FitError, RobotError
 from didim.methods.start import standard_start
 from didim.robot.parameter_file import load_parameters
 from didim.studies.run import simulate_experiment

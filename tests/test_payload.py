@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 import didim
 from arm import arm_file
-from didim import Experiment, FitError
+from didim import Experiment
 from didim.cli.main import main
+from didim.errors import FitError
 from didim.regression.logs.body import nearest_bodies
 from didim.robot.payload import Payload, flange_in_last_frame, last_link
 from didim.robot.rigid_body import body_pseudo_inertia, pose, pseudo_inertia, ten_parameters
@@ -46,7 +47,7 @@ def tx40_log(x: Array, seed: int) -> Experiment:
         robot=robot,
         recordings=(didim.Recording.from_arrays(q, tau, rate_hz=200.0),),
         signal=didim.SignalProcessing(cutoff_hz=40.0, trim_start=20, trim_end=20, decimation=(5,)),
-        least_squares=didim.LeastSquaresSettings(weights="per-joint"),
+        least_squares=didim.solvers.LeastSquaresSettings(weights="per-joint"),
     )
 
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import didim
-from didim import ExperimentError
 from didim._tools.toml import Table
+from didim.errors import ExperimentError
 from didim.robot.payload import Payload, last_link, moved, read_flange, to_flange
 from didim.robot.rigid_body import body_pseudo_inertia, pose, rotation_of, ten_parameters
 

@@ -90,7 +90,7 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
     ]
     controllers = [
         didim.Controller.cascade(
-            [9.0], [5.0], integral_time_s=0.1, digital=didim.Digital(sample_time_s=1e-3)
+            [9.0], [5.0], integral_time_s=0.1, digital=didim.loop.Digital(sample_time_s=1e-3)
         ),
         didim.Controller.pd([9.0], [5.0]).with_feedforward([[1.0], [2.0]], rate_hz=10.0),
     ]
@@ -103,7 +103,7 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
     turned = dataclasses.replace(arm.recordings[0], tau=-np.asarray(arm.recordings[0].tau))
     findings = didim.check(dataclasses.replace(arm, recordings=(turned,)))
     assert findings
-    excitation = didim.ExcitationSettings(
+    excitation = didim.excitation.ExcitationSettings(
         position=[(-1.0, 1.0)] * 2,
         velocity=[2.0] * 2,
         acceleration=[10.0] * 2,
@@ -116,25 +116,28 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
     recursive.update(*(np.random.default_rng(1).standard_normal((4, 60, 2))))
     return {
         "CLOE": [CLOE(start="idim-ls", noise=[1.0, 2.0])],
-        "Bounds": [didim.Bounds(total_mass=(10.0, 20.0), masses={2: (1.0, 3.0)})],
-        "Consistent": [didim.Consistent(gamma=0.1, prior="urdf")],
+        "Bounds": [didim.solvers.Bounds(total_mass=(10.0, 20.0), masses={2: (1.0, 3.0)})],
+        "Consistent": [didim.solvers.Consistent(gamma=0.1, prior="urdf")],
         "Prior": [generic_prior(robot)],
-        "Capsule": [didim.Capsule(link=1, start=(0.0, 0.0, 0.0), end=(0.1, 0.0, 0.0), radius=0.05)],
+        "Iteration": list(fit.history),
+        "Reason": list(fit.verdict.reasons),
+        "Verdict": [fit.verdict],
+        "Capsule": [
+            didim.excitation.Capsule(link=1, start=(0.0, 0.0, 0.0), end=(0.1, 0.0, 0.0), radius=0.05)
+        ],
         "Contrast": [didim.contrast(didim.identify(arm, IDIMLS()), fit)],
         "DIDIM": [DIDIM(fixed={"Fc1": 1.0}, dropped=["Off1"])],
-        "EKF": [didim.EKF()],
         "IDIMIV": [didim.IDIMIV()],
-        "MaximumLikelihood": [didim.MaximumLikelihood(torque_noise=[1.0, 2.0])],
         "IDIMLS": [IDIMLS()],
         "BaseParameters": [robot.base_parameters],
         "Comparison": [comparison],
         "Controller": controllers,
         "ControllerMemory": [
-            didim.ControllerMemory(
+            didim.loop.ControllerMemory(
                 start="torque", values=(1.0, 2.0), outputs=[[3.0, 4.0]], positions=[[0.1, 0.2]]
             )
         ],
-        "Digital": [didim.Digital(sample_time_s=1e-3, resolution=(1e-5,))],
+        "Digital": [didim.loop.Digital(sample_time_s=1e-3, resolution=(1e-5,))],
         "Excitation": [didim.excite(didim.load_robot("planar2"), excitation)],
         "ExcitationSettings": [excitation],
         "Experiment": [arm, tx40],
@@ -143,7 +146,7 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
         "Friction": [robot.friction],
         "FrictionTerm": [didim.FrictionTerm(law="atan", joint=0, velocity=0.3)],
         "Identification": [fit, didim.identify(arm, IDIMLS())],
-        "LeastSquaresSettings": [didim.LeastSquaresSettings(weights="per-joint")],
+        "LeastSquaresSettings": [didim.solvers.LeastSquaresSettings(weights="per-joint")],
         "Payload": [didim.Payload(name="disc", mass_kg=3.0)],
         "Recording": list(arm.recordings),
         "Recursive": [recursive],
@@ -154,8 +157,8 @@ def objects(arm: Experiment) -> dict[str, list[Any]]:
         "Simulation": [run],
         "StudyResults": [didim.StudyResults("empty", Rows(), ("loud",), ("didim",))],
         "Validation": [didim.validate(fit, arm)],
-        "Workspace": [didim.Workspace(floor=-0.5, clearance=0.01)],
-        "errors": [didim.FitError("one"), didim.RankError("two", (1, 2))],
+        "Workspace": [didim.excitation.Workspace(floor=-0.5, clearance=0.01)],
+        "errors": [didim.errors.FitError("one"), didim.errors.RankError("two", (1, 2))],
         "others": [Iteration(iteration=1, relative_error=0.1, step=0.2, more={"a": 1.0})],
     }
 

@@ -222,6 +222,23 @@ def test_recordings_stand_one_after_the_other(two_windows: Experiment) -> None:
     assert "one recording after the other" in axes[1].get_xlabel()
 
 
+def slide() -> Experiment:
+    """A carriage with 100 N of noise."""
+    robot = didim.load_robot("emps")
+    x = robot.parameter_set("published")
+    return log_experiment(robot, simulated_log(robot, x, noise=100.0))
+
+
+def test_units_of_a_simulated_slide() -> None:
+    experiment = slide()
+    fit = identify(experiment)
+    axes = panels(plot.torques(fit, experiment))
+    (error,) = relative_errors(predict(fit, experiment))
+    assert axes[0].get_ylabel() == "force (N)"
+    assert axes[0].get_title(loc="right") == f"difference {100.0 * error:.2g} %"
+    assert 0.001 < error < 0.1
+
+
 def test_units_of_a_prismatic_joint(project: Any, shared: Any) -> None:
     experiment = didim.load_experiment(project / "examples" / "emps.toml", data=shared / "data" / "emps")
     fit = identify(experiment)
@@ -408,7 +425,7 @@ def test_robot(arm: Experiment) -> None:
     assert [text.get_text() for text in axes.texts] == ["1", "2"]
     motion = arm.recordings[0].q
     axes = panels(plot.robot(arm.robot, motion=motion))[0]
-    (way,) = [item for item in axes.get_lines() if item.get_label() == "way of the last frame"]
+    (way,) = [item for item in axes.get_lines() if item.get_label() == "path of the last frame"]
     np.testing.assert_allclose(np.array(way.get_data_3d())[:, 0], frames(arm.robot, motion[:1])[0, -1, :3, 3])
     with pytest.raises(PlotError, match=r"q must have shape \(2,\) for robot 'planar2', got \(3,\)"):
         plot.robot(arm.robot, [0.0, 0.0, 0.0])

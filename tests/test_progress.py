@@ -12,6 +12,7 @@ import pytest
 import didim
 from didim._tools import progress
 from didim._tools.progress import WIDEST, ProgressLine, in_notebook
+from didim.contrib.maximum_likelihood import MaximumLikelihood
 from didim.excitation.search.progress import share_done
 from simulated import experiment, log
 from test_study import SPEC
@@ -90,7 +91,7 @@ def test_identify_says_how_long_it_takes_at_most(
     monkeypatch.setattr(sys, "stderr", terminal)
     robot = didim.load_robot("planar2")
     measured = experiment(robot, log(robot, robot.parameter_set("reference"), noise=0.1))
-    didim.identify(measured, didim.MaximumLikelihood(), verbose=verbose)
+    didim.identify(measured, MaximumLikelihood(), verbose=verbose)
     text = terminal.getvalue()
     assert ("iteration 1: relative error" in text) is expected
     assert (" s left" in text) is expected
@@ -103,7 +104,7 @@ def test_a_design_says_how_long_it_takes(
 ) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    settings = didim.ExcitationSettings(duration_s=4.0, harmonics=4, iterations=10, starts=2)
+    settings = didim.excitation.ExcitationSettings(duration_s=4.0, harmonics=4, iterations=10, starts=2)
     told: list[int] = []
     didim.excite("planar2", settings, progress=lambda start, *_: told.append(start), verbose=verbose)
     assert {*told} == {1, 2}

@@ -148,7 +148,7 @@ def test_tx40_parameters(
 
 def test_tx40_standard_deviations(project: Path, shared: Path, oracle: Expected) -> None:
     experiment = load_experiment(project / "examples" / "tx40_log_best.toml", data=shared / "data" / "tx40")
-    fit = identify(experiment, IDIMLS(decimation_corrected=False))
+    fit = identify(experiment, IDIMLS(uncertainty="white"))
     np.testing.assert_allclose(fit.std, oracle.std, rtol=1e-6)
 
 
@@ -167,7 +167,7 @@ def test_a_simulated_log_on_the_way_of_the_measured_one(project: Path, tmp_path:
     """Files of motors, coupled wrist, filter, two decimations, dead zone, weights, (10): all of it, without measured data."""
     example = project / "examples" / "tx40_log_best.toml"
     robot = load_experiment(example, data=written_log(tmp_path, 5.0)).robot
-    fit = identify(load_experiment(example, data=tmp_path), IDIMLS(decimation_corrected=False))
+    fit = identify(load_experiment(example, data=tmp_path), IDIMLS(uncertainty="white"))
     other = expected(tmp_path, fit.names)
     assert np.max(np.abs(fit.beta - other.beta) / other.std) < 1e-5
     np.testing.assert_allclose(fit.std, other.std, rtol=1e-5)

@@ -67,9 +67,9 @@ def test_its_commands_exist(capsys: pytest.CaptureFixture[str]) -> None:
 def test_it_reads_the_same_on_a_package_index() -> None:
     """Relative links lead nowhere there. Only the picture is one, with a text that says what it shows."""
     links = re.findall(r"(!?)\[([^\]]*)\]\((?!https?:)([^)#]+)", README)
-    assert [(mark, target) for mark, _, target in links] == [("!", "docs/img/torques.png")]
+    assert [(mark, target) for mark, _, target in links] == [("!", "docs/img/first.png")]
     assert len(links[0][1]) > 80
-    assert (ROOT / "docs/img/torques.png").is_file()
+    assert (ROOT / "docs/img/first.png").is_file()
     pages = re.findall(r"`(docs/\w+\.md|[A-Z]+\.md)`", README)
     assert len(pages) >= 8
     for page in pages:
@@ -81,7 +81,7 @@ def test_the_readme_of_an_index_has_absolute_links_alone() -> None:
     text = absolute(README, "https://pages.example/didim/")
     links = re.findall(r"\]\(([^)]+)\)", text)
     assert all(link.startswith("https://pages.example/didim/") for link in links)
-    assert "https://pages.example/didim/img/torques.png" in links
+    assert "https://pages.example/didim/img/first.png" in links
     named = set(re.findall(r"`docs/(\w+)\.md`", README))
     assert {f"https://pages.example/didim/{name}.html" for name in named} <= set(links)
     # Nothing else changed.
@@ -114,3 +114,21 @@ def test_its_make_targets_exist() -> None:
     assert targets == ["demo", "test"]
     for target in targets:
         assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
+
+
+def test_the_paper_cites_what_its_bibliography_has() -> None:
+    text = (ROOT / "paper.md").read_text(encoding="utf-8")
+    _, _, body = text.split("---\n", 2)
+    assert len(body.split()) <= 1000
+    bibliography = (ROOT / "paper.bib").read_text(encoding="utf-8")
+    keys = re.findall(r"^@\w+\{(\w+),", bibliography, flags=re.MULTILINE)
+    assert len(keys) == len(set(keys))
+    assert set(re.findall(r"@(\w+\d{4})", body)) == set(keys)
+    for picture in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", body):
+        assert (ROOT / picture).is_file()
+
+
+def test_the_page_for_assistants_links_to_pages_that_exist() -> None:
+    links = re.findall(r"\]\(([^)]+)\)", (ROOT / "llms.txt").read_text(encoding="utf-8"))
+    assert len(links) >= 10
+    assert [link for link in links if not (ROOT / link).is_file()] == []

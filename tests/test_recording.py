@@ -568,7 +568,7 @@ def test_a_rate_that_contradicts_the_time_stamps(tmp_path: Path) -> None:
         (
             "position",
             {"unit": "grad"},
-            "unit 'grad' is unknown here; known are 'rad', 'deg', 'm', 'mm', 'count'",
+            "unit 'grad' is unknown here; known are 'rad', 'deg', 'm', 'mm', 'percent', 'signed-percent', 'count'",
         ),
         ("torque", {"unit": "Nm"}, "unit 'Nm' is unknown here; known are 'N.m', 'N', 'A', 'V'"),
         ("time", {"unit": "min"}, "unit must be one of 's', 'ms', 'us', got 'min'"),
@@ -616,7 +616,7 @@ def test_wrong_keys(
         ({"role": "test"}, "role must be one of 'fit', 'held-out', got 'test'"),
         (
             {"acceleration": {}},
-            "unknown key 'acceleration'; known here are 'name', 'role', 'rate_hz', 'windows_s', "
+            "unknown key 'acceleration'; known here are 'name', 'role', 'rate_hz', 'windows_s', 'rollouts', "
             "'payload', 'offsets', 'friction', 'time', "
             "'position', 'velocity', 'torque', 'external', 'reference'",
         ),

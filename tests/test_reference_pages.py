@@ -23,7 +23,7 @@ PACKAGE = PACKAGED.parents[1]
 READERS = [
     "robot/robot_file.py", "robot/standard_dh.py", "robot/friction.py", "robot/collision.py", "robot/correspondence.py",
     "robot/transmission.py", "robot/payload.py", "log/recording_file.py", "log/data_folder.py", "log/units.py",
-    "experiment/experiment_file.py", "experiment/loop_tables.py",
+    "experiment/experiment_file.py", "experiment/loop_tables.py", "experiment/unknown.py",
 ]  # fmt: skip
 METHODS = (
     "number",
@@ -108,8 +108,9 @@ def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str], project: Path
     assert title + experiment in pages[1]
     assert main(["schema", "robot"]) == 0
     assert capsys.readouterr().out == printed.split("## The experiment file")[0].rstrip("\n") + "\n"
-    assert main(["schema", "--json"]) == 2
-    assert "--json needs the kind of file" in capsys.readouterr().err
+    assert main(["schema", "--json"]) == 0
+    both = json.loads(capsys.readouterr().out)
+    assert (both["then"]["title"], both["else"]["title"]) == ("didim robot file", "didim experiment file")
     assert main(["schema", "experiment", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == json_schema("experiment")
 
@@ -125,7 +126,7 @@ def test_types_bounds_and_defaults_are_those_of_the_readers() -> None:
     assert found["recording.time", "resample"].default == "false"
     for table, settings in (("signal", SignalProcessing), ("least_squares", LeastSquaresSettings)):
         names = {item.name for item in fields(settings)}
-        keys = {key for path, key in found if path == table} - {"decimation_corrected"}
+        keys = {key for path, key in found if path == table}
         assert keys <= names
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from didim import ExperimentError, RecordingError
 from didim._tools.toml import Table
+from didim.errors import ExperimentError, RecordingError
 from didim.log.data_folder import DataFolder
 from didim.log.recording import Recording
 from didim.log.recording_file import read_recording

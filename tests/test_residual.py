@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 import didim
 from arm import arm_file
-from didim import Experiment, FitError
+from didim import Experiment
 from didim.cli.main import main
+from didim.errors import FitError
 from didim.robot.payload import Payload, flange_in_last_frame, last_link
 from didim.studies.loads.detection import contacts, payload_change, shortest_s
 from didim.studies.loads.observer import low_pass, observe

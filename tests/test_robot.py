@@ -148,7 +148,7 @@ def test_sets_may_mix_base_and_standard_names(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_files_say_what_is_wrong(tmp_path: Path, change: tuple[str, str], message: str) -> None:
-    with pytest.raises(didim.RobotError) as caught:
+    with pytest.raises(didim.errors.RobotError) as caught:
         load(tmp_path, ARM.replace(*change, 1))
     assert message in str(caught.value)
     assert "arm.toml" in str(caught.value)
@@ -156,20 +156,22 @@ def test_wrong_files_say_what_is_wrong(tmp_path: Path, change: tuple[str, str], 
 
 
 def test_a_robot_without_joints_is_told(tmp_path: Path) -> None:
-    with pytest.raises(didim.RobotError, match="at least one"):
+    with pytest.raises(didim.errors.RobotError, match="at least one"):
         load(tmp_path, "schema = 1\n")
-    with pytest.raises(didim.RobotError, match="at most 40 joints, got 41"):
+    with pytest.raises(didim.errors.RobotError, match="at most 40 joints, got 41"):
         load(tmp_path, "schema = 1\n" + '[[joint]]\nkind = "revolute"\n' * 41)
 
 
 def test_unknown_names_are_told() -> None:
-    with pytest.raises(didim.RobotError, match="no packaged robot 'tx4'; did you mean 'tx40'"):
+    with pytest.raises(didim.errors.RobotError, match="no packaged robot 'tx4'; did you mean 'tx40'"):
         didim.load_robot("tx4")
-    with pytest.raises(didim.RobotError, match=r"^friction of robot 'tx40': unknown key 'zeal'; known here"):
+    with pytest.raises(
+        didim.errors.RobotError, match=r"^friction of robot 'tx40': unknown key 'zeal'; known here"
+    ):
         didim.load_robot("tx40").with_friction(zeal="red")
-    with pytest.raises(didim.RobotError, match="no such file"):
+    with pytest.raises(didim.errors.RobotError, match="no such file"):
         didim.load_robot("nowhere/robot.toml")
-    with pytest.raises(didim.RobotError, match="no parameter set 'didm'; did you mean 'didim'"):
+    with pytest.raises(didim.errors.RobotError, match="no parameter set 'didm'; did you mean 'didim'"):
         didim.load_robot("tx40").parameter_set("didm")
 
 
@@ -178,5 +180,5 @@ def test_friction_options_can_be_replaced() -> None:
     assert emps.parameter_names[-4:] == ("Fv1+", "Fc1+", "Fv1-", "Fc1-")
     tx40 = didim.load_robot("tx40").with_friction(dead_zone_rad_s=[0.1, 0, 0, 0, 0, 0.2], coulomb="sign")
     assert tx40.friction.dead_zone == (0.1, 0.0, 0.0, 0.0, 0.0, 0.2)
-    with pytest.raises(didim.RobotError, match="did you mean 'dead_zone_rad_s'"):
+    with pytest.raises(didim.errors.RobotError, match="did you mean 'dead_zone_rad_s'"):
         tx40.with_friction(dead_zone_rads=1.0)

@@ -7,12 +7,12 @@ import pytest
 from scipy.optimize import minimize
 
 import didim
+from didim.contrib.sample_weights import sample_covariances, whitened, whitening
+from didim.contrib.total import total_least_squares
 from didim.regression.block import stacked
-from didim.regression.classical.maximum_likelihood import sample_covariances, whitened, whitening
 from didim.regression.classical.ridge import STRENGTHS, chosen_strength, ridge
 from didim.regression.classical.robust import CONSTANTS, psi_weights, reweighted
 from didim.regression.classical.solvers import Ridge
-from didim.regression.classical.total import total_least_squares
 from didim.regression.jackknife import intervals
 
 
@@ -159,7 +159,7 @@ def test_whitened_errors_have_the_unit_covariance() -> None:
         assert found[k::n] == pytest.approx(whiteners[k] @ rows[k::n])
 
 
-@pytest.mark.parametrize("name", ["huber", "bisquare", "total", "ridge"])
+@pytest.mark.parametrize("name", ["huber", "bisquare", "didim.contrib.total:Total", "ridge"])
 def test_they_are_solvers_of_the_methods(name: str) -> None:
     experiment = didim.packaged_experiment("tx40")
     log = didim.simulated_log(experiment, experiment.robot.parameter_set("didim"), seed=1)
@@ -173,5 +173,5 @@ def test_they_are_solvers_of_the_methods(name: str) -> None:
 
 
 def test_ridge_refuses_a_negative_strength() -> None:
-    with pytest.raises(didim.FitError, match="strength must be a finite number of at least 0, got -1"):
+    with pytest.raises(didim.errors.FitError, match="strength must be a finite number of at least 0, got -1"):
         Ridge(-1.0)

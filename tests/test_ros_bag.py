@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from didim import RecordingError
+from didim.errors import RecordingError
 from test_containers import JOINTS, N, log, read, sources
 from test_recording import FakeRobot
 

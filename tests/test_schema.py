@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from didim._tools.toml import Table, read_toml
+from didim._tools.toml import Key, Table, asked_keys, read_toml
 from didim.errors import ExperimentError, RobotError
 
 
@@ -28,6 +28,41 @@ def test_values_come_out_typed() -> None:
     assert found.texts("words") == ["u", "v"]
     assert found.matrix("m", 2, 2) == [[1.0, 0.0], [0.0, 1.0]]
     found.done()
+
+
+KEYS = (
+    Key("x_hz", "number", "A rate.", 1.0, above=0.0),
+    Key("n", "integer", "A count.", 2, minimum=1, maximum=9),
+    Key("kind", "text", "A kind.", "a", choices=("a", "b")),
+    Key("flag", "true or false", "A flag.", True),
+    Key("list", "list of numbers", "Numbers.", [1.0]),
+    Key("words", "list of texts", "Texts.", ["u"]),
+)
+
+
+def test_declared_keys_are_read_and_described_by_their_rows() -> None:
+    with asked_keys() as asked:
+        content: dict[str, Any] = {"x_hz": 2, "n": 3, "kind": "b", "flag": False, "list": [1], "words": ["v"]}
+        found = table(**content)
+        assert found.given(KEYS) == content
+        found.done()
+        assert table(n=3).given(KEYS) == {"n": 3}
+    assert next(item.meaning for item in asked if item.key == "x_hz") == "A rate."
+    assert {item.key for item in asked if item.path == "signal"} == {key.name for key in KEYS}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"x_hz": 0}, r"\[signal\] x_hz must be above 0.0, got 0.0"),
+        ({"n": 10}, "n must be at most 9, got 10"),
+        ({"kind": "c"}, "kind must be one of 'a', 'b', got 'c'"),
+        ({"flag": 1}, "flag must be true or false, got 1"),
+    ],
+)
+def test_declared_keys_have_their_bounds(content: dict[str, Any], message: str) -> None:
+    with pytest.raises(ExperimentError, match=message):
+        table(**content).given(KEYS)
 
 
 def test_defaults_stand_for_absent_keys_only() -> None:

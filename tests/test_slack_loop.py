@@ -135,7 +135,7 @@ def test_a_place_without_steps_left_says_how_far_it_is(slack: Experiment) -> Non
 def test_a_simulation_that_ends_early_leaves_the_estimate_of_the_steps(
     slack: Experiment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ended = Outcome(didim.SimulationStatus.DIVERGED)
+    ended = Outcome(didim.loop.SimulationStatus.DIVERGED)
     monkeypatch.setattr(
         "didim.methods.didim.slack.simulated_all", lambda windows, candidates: [ended] * len(candidates)
     )

@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 import simulated
-from didim import DIDIM, IDIMLS, FitError, Status, identify
+from didim import DIDIM, IDIMLS, Status, identify
+from didim.errors import FitError
 from didim.experiment.experiment import Experiment
 from didim.experiment.experiment_file import load_experiment
 from didim.regression.block import by_joint, by_window, stacked

@@ -119,7 +119,7 @@ def test_check_names_spikes_and_the_cure(log: didim.Experiment) -> None:
     assert finding.joints == (1, 2, 3, 4, 5, 6)
     assert 'spikes = "hampel"' in finding.advice
     # Ten in each thousand samples of six joints, of which nearly all are found.
-    assert finding.value == pytest.approx(0.001 * spoiled.recordings[0].q.size, rel=0.25)
+    assert finding.facts["count"] == pytest.approx(0.001 * spoiled.recordings[0].q.size, rel=0.25)
     cured = replace(spoiled, signal=replace(spoiled.signal, spikes="hampel"))
     assert not [item for item in didim.check(cured) if item.kind == "spikes"]
 
@@ -134,5 +134,5 @@ def test_didim_and_a_prediction_see_the_same_torques(log: didim.Experiment) -> N
 
 
 def test_another_word_is_refused() -> None:
-    with pytest.raises(didim.SignalError, match="spikes must be 'hampel' or None, got 'median'"):
+    with pytest.raises(didim.errors.SignalError, match="spikes must be 'hampel' or None, got 'median'"):
         didim.SignalProcessing(spikes="median")  # type: ignore[arg-type]

@@ -161,23 +161,23 @@ def test_a_urdf_has_own_frames_too(shared: Path) -> None:
 def test_the_keys_of_the_two_conventions_do_not_mix(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = tmp_path / "arm.toml"
     path.write_text(arm_text().replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(didim.RobotError, match=message):
+    with pytest.raises(didim.errors.RobotError, match=message):
         didim.load_robot(path)
 
 
 def test_wrong_sets_and_parameters(tmp_path: Path) -> None:
     with pytest.raises(
-        didim.RobotError, match=r"'ZZ1R' is a base parameter, which frames = 'own' cannot have"
+        didim.errors.RobotError, match=r"'ZZ1R' is a base parameter, which frames = 'own' cannot have"
     ):
         arm(tmp_path, '[parameters.a]\nframes = "own"\nZZ1R = 1.0\n')
-    with pytest.raises(didim.RobotError, match="frames must be one of 'model', 'own'"):
+    with pytest.raises(didim.errors.RobotError, match="frames must be one of 'model', 'own'"):
         arm(tmp_path, '[parameters.a]\nframes = "dh"\n')
     plain = 'schema = 1\n[[joint]]\nkind = "revolute"\n[parameters.a]\nframes = "own"\n'
     (tmp_path / "plain.toml").write_text(plain)
-    with pytest.raises(didim.RobotError, match="frames = 'own' is for a robot with convention = 'dh'"):
+    with pytest.raises(didim.errors.RobotError, match="frames = 'own' is for a robot with convention = 'dh'"):
         didim.load_robot(tmp_path / "plain.toml")
     with pytest.raises(
-        didim.RobotError, match=r"parameters must have shape \(56,\) for robot 'arm', got \(3,\)"
+        didim.errors.RobotError, match=r"parameters must have shape \(56,\) for robot 'arm', got \(3,\)"
     ):
         arm(tmp_path).to_own_frames([1.0, 2.0, 3.0])
 

@@ -73,7 +73,7 @@ def test_from_a_log_to_parameters(
     run(simulate_other)
     capsys.readouterr()
     run(init)
-    assert capsys.readouterr().out == indented(text, "what it took the columns for:")
+    assert capsys.readouterr().out == indented(text, "how it read the columns:")
     run(append)
     (friction,) = fences(text)
     assert friction in Path("log.toml").read_text(encoding="utf-8")
@@ -83,7 +83,7 @@ def test_from_a_log_to_parameters(
     assert right.count('unit = "rad"') == 2
     (Path("log.toml")).write_text(right.replace('unit = "rad"', 'unit = "deg"', 1), encoding="utf-8")
     run(check, code=1)
-    same(capsys.readouterr().out, indented(text, "it would print\n"))
+    same(capsys.readouterr().out, indented(text, "by mistake, it prints\n"))
     (Path("log.toml")).write_text(right, encoding="utf-8")
     run(identify)
     end = text[text.index("and ends\n") : text.index("## Do they hold")].split("\n\n", 1)[1]

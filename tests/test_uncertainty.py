@@ -92,19 +92,6 @@ def test_the_other_kinds_are_those_of_the_noise(log: Experiment) -> None:
         )
 
 
-def test_the_older_name_is_understood(log: Experiment) -> None:
-    for fit in (
-        identify(log, IDIMLS(decimation_corrected=False)),
-        identify(replace(log, least_squares=LeastSquaresSettings(decimation_corrected=False))),
-    ):
-        assert fit.uncertainty is not None
-        assert fit.uncertainty.kind == "white"
-    white = LeastSquaresSettings(uncertainty="white")
-    assert replace(white, decimation_corrected=True).uncertainty == "decimated"
-    assert replace(white, uncertainty="jackknife").uncertainty == "jackknife"
-    assert LeastSquaresSettings(decimation_corrected=True).uncertainty == "jackknife"
-
-
 def test_intervals_cover_the_truth(arm: Experiment, truth: Array) -> None:
     covered, ratios = [], []
     for seed in range(12):
@@ -120,7 +107,7 @@ def test_intervals_have_students_factor() -> None:
     assert student_factor(0.95, 19.0) == pytest.approx(2.0930, abs=1e-4)
     assert student_factor(0.95, np.inf) == pytest.approx(1.95996, abs=1e-5)
     for level in (0.0, 1.0, 95, True, "much"):
-        with pytest.raises(didim.FitError, match="between 0 and 1"):
+        with pytest.raises(didim.errors.FitError, match="between 0 and 1"):
             student_factor(level, 19.0)  # type: ignore[arg-type]
 
 

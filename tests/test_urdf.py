@@ -214,11 +214,12 @@ def test_links_without_inertia(arm: Path) -> None:
     end = text.index("</inertial>", start) + len("</inertial>")
     arm.write_text(text[:start] + text[end:])
     robot = didim.load_robot(arm)
-    assert "urdf" not in robot.sets
-    note = "some moving links have no positive mass (forearm), so there is no parameter set 'urdf'"
-    assert note in robot.notes
+    assert "moving links without a positive mass: forearm" in robot.notes
+    values = dict(zip(robot.parameter_names, robot.parameter_set("urdf"), strict=True))
+    assert values["M2"] == 0.0
+    assert values["M3"] > 1.0
     arm.write_text(re.sub(r'<mass value="[^"]*"', '<mass value="-1"', text))
-    note = "some moving links have no positive mass (upper_arm, forearm, hand)"
+    note = "no moving link has an inertia, so there is no parameter set 'urdf'"
     assert any(note in text for text in didim.load_robot(arm).notes)
 
 

@@ -102,9 +102,6 @@ def test_the_base_may_be_turned() -> None:
     assert chain.base == "wall"
 
 
-MIMIC = '<mimic joint="to_l1"/>'
-
-
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
@@ -115,7 +112,6 @@ MIMIC = '<mimic joint="to_l1"/>'
         (GRIPPER_ARM, {"lock": {"elbo": 1.0}}, "there is no moving joint 'elbo' to lock; did you mean 'elbow'?"),
         (GRIPPER_ARM, {"lock": {"stand": 0.0}}, "there is no moving joint 'stand' to lock"),
         (GRIPPER_ARM, {"lock": {"elbow": math.nan}}, "joint 'elbow' of type revolute cannot be locked at nan"),
-        (GRIPPER_ARM, {"tip": "other_finger"}, "joint 'other_finger_joint' mimics 'finger_joint'; lock it (didim robot"),
         (tree(*arm("base", "l", 41)), {}, "at most 40 joints, and this one has 41 (to_l1, to_l2,"),
         (tree(("a", "b", "fixed")), {}, "no joint moves between base and tip"),
     ],
@@ -139,15 +135,31 @@ def test_joints_of_other_types_are_held(kind: str) -> None:
     assert joints_of(again) == joints_of(whole)
 
 
-def test_joints_that_follow_others_are_held_in_a_tree() -> None:
+def test_joints_that_follow_others_do_so_in_a_tree() -> None:
     text = tree(*arm("base", "left_", 3), *arm("base", "right_", 3), ("right_3", "finger", "prismatic"))
     text = text.replace(
         '<joint name="to_finger" type="prismatic">',
         '<joint name="to_finger" type="prismatic"><mimic joint="to_left_1"/>',
     )
     whole = chain_of(text)
-    assert len(whole.joints) == 6
-    assert dict(whole.locked) == {"to_finger": 0.0}
+    assert len(whole.joints) == 7
+    assert dict(whole.mimics) == {"to_finger": ("to_left_1", 1.0, 0.0)}
+    assert not whole.locked
+    # On the way to one tip the leader stands still, and so does the finger.
+    right = chain_of(text, tip="finger")
+    assert len(right.joints) == 3
+    assert dict(right.locked) == {"to_finger": 0.0}
+
+
+def test_joints_that_carry_least_are_held_beyond_forty() -> None:
+    text = tree(*arm("base", "left_", 30), *arm("base", "right_", 12))
+    chain = chain_of(text)
+    assert len(chain.joints) == 40
+    # The last link of an arm is lighter than it with any other.
+    assert dict(chain.locked) == {"to_left_30": 0.0, "to_right_12": 0.0}
+    named = chain_of(text, lock={"to_left_1": 0.5, "to_left_2": 0.0})
+    assert len(named.joints) == 40
+    assert dict(named.locked) == {"to_left_1": 0.5, "to_left_2": 0.0}
 
 
 def test_a_long_row_of_fixed_links_is_read() -> None:

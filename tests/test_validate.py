@@ -11,8 +11,9 @@ import pytest
 
 import didim
 from arm import arm_file, arm_log
-from didim import DIDIM, Experiment, FitError, Identification, identify, validate
+from didim import DIDIM, Experiment, Identification, identify, validate
 from didim.cli.main import main
+from didim.errors import FitError
 from didim.experiment.specs import SimulationSettings
 
 

@@ -53,7 +53,7 @@ def test_states_follow_the_gravest_reason() -> None:
         "",
         "Doubtful:",
         "",
-        "To know:",
+        "Notes:",
     ]
 
 

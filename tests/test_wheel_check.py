@@ -112,3 +112,14 @@ def test_licences_and_the_sbom_must_travel(check: ModuleType, project: Path, tmp
 def test_the_file_of_licences_is_that_of_the_lock_file(project: Path) -> None:
     licences = script(project / "benches" / "licences.py")
     assert licences.FILE.read_text(encoding="utf-8") == licences.document()
+
+
+def test_the_wheel_tells_no_folder_of_its_builder(
+    check: ModuleType, project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CARGO_HOME", "/home/who/.cargo")
+    texts = {"a.json": f"path+file://{project}/rust", "core": "crates/faer/lib.rs", "METADATA": "/didim"}
+    assert check.telling(wheel_with(tmp_path, **texts)) == ["didim-1.dist-info/a.json"]
+    assert check.telling(wheel_with(tmp_path, core="/home/who/.cargo/registry/src/faer.rs")) == [
+        "didim-1.dist-info/core"
+    ]

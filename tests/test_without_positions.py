@@ -11,8 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
-from didim import CLOE, DIDIM, EKF, IDIMIV, IDIMLS, Experiment, Recording, identify
+from didim import CLOE, DIDIM, IDIMIV, IDIMLS, Experiment, Recording, identify
 from didim.cli.main import main
+from didim.contrib.ekf import EKF
 from didim.errors import DidimError, RecordingError
 from didim.experiment.specs import ReferenceSpec
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -128,11 +128,86 @@ def random_tree(rng: np.random.Generator, joints: int) -> str:
     return '<robot name="tree">' + "\n".join(parts) + "</robot>"
 
 
-def pinocchio_model(text: str, names: Sequence[str]) -> pin.Model:
-    """The description in Pinocchio, with all joints but the named ones locked at zero."""
+NASTY_JOINTS = (
+    '<limit effort="0" velocity="0"/>',
+    '<limit lower="0" upper="0" velocity="1e20" effort="inf"/>',
+    '<calibration rising="0.0"/><safety_controller k_velocity="10"/>',
+    '<mimic joint="no_such_joint" multiplier="2" offset="0"/>',
+    '<mimic joint="stand still"/>',
+    "<dynamics/><!-- <limit/> --><drake:rotor_inertia value='0.1'/>",
+)
+"""What descriptions have inside joints, and what neither moves nor stops them; a leader that stands still holds its followers."""
+
+NASTY_PARTS = (
+    '<material name="grau"><color rgba="0.5 0.5 0.5 1"/></material>',
+    '<xacro:property name="width" value="0.2"/>',
+    '<gazebo reference="none"><plugin filename="libnone.so"/></gazebo>',
+    '<transmission name="t"><type>SimpleTransmission</type></transmission>',
+    "<!-- ${left} < & --> <drake:loop_joint/>",
+    "<link name='loose'/><link name='loose leaf'/><joint name='loose joint' type='revolute'>"
+    "<parent link='loose'/><child link='loose leaf'/></joint>",
+)
+"""What descriptions have beside links and joints of the robot; the last one is a tree of its own."""
+
+
+def nasty_tree(rng: np.random.Generator, joints: int) -> tuple[str, str]:
+    """A tree as exporters and people write them, and the same for Pinocchio, with joints fixed that no robot moves."""
+    links, nasty, clean = ["Grundplatte über 1"], [], []
+    nasty.append(f'<link name="{links[0]}"/>')
+    clean.append(nasty[0])
+    fixed = joint_text("stand still", "fixed", links[0], "Fuß", xyz=(0.0, 0.0, 0.1))
+    for parts in (nasty, clean):
+        parts += [f'<link name="Fuß">{inertial_text(np.random.default_rng(joints))}</link>', fixed]
+    for j in range(joints):
+        parent = links[-1] if rng.random() < 0.5 else str(rng.choice(links))
+        name, child = f"Gelenk {j} ({'lr'[j % 2]})", f"link/{j} 'é'"
+        kind = str(rng.choice(["revolute", "continuous", "prismatic", "floating", "planar", "fixed", "universal"],
+                              p=[0.5, 0.15, 0.15, 0.05, 0.05, 0.05, 0.05]))  # fmt: skip
+        kind = kind if j else "revolute"  # something must move
+        axis = rng.normal(size=3)
+        axis *= rng.choice([1e-3, 1.0, 1e3]) / np.linalg.norm(axis)
+        inside = str(rng.choice(NASTY_JOINTS)) if rng.random() < 0.4 else ""
+        inside = inside if j else ""
+        none = j > 0 and kind in ("revolute", "prismatic") and rng.random() < 0.05
+        stands = none or kind not in ("revolute", "continuous", "prismatic") or "mimic" in inside
+        place = {"xyz": rng.uniform(-0.4, 0.4, 3), "rpy": rng.uniform(-3.0, 3.0, 3)}
+        written = np.zeros(3) if none else axis
+        nasty.append(joint_text(name, kind, parent, child, axis=written, inside=inside, **place))
+        clean.append(
+            joint_text(
+                name, "fixed" if stands else kind, parent, child, axis=axis, inside=limit_text(rng), **place
+            )
+        )
+        body, drawn = inertial_text(rng), rng.random()
+        shape = '<visual><geometry><mesh filename="package://none/a b.STL"/></geometry></visual>'
+        half = '<inertial><mass value="nan"/><inertia ixx="0" iyy="0" izz="0"/></inertial>'
+        alone = '<inertial><origin xyz="0 0 0"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>'
+        if drawn < 0.15:  # not a body, and taken as it is
+            body = body.replace('ixx="', 'ixx="-')
+        broken = {0: half, 1: alone, 2: ""}.get(int((drawn - 0.15) / 0.05)) if drawn > 0.15 else None
+        # Something must weigh, or there is nothing to compare.
+        broken = broken if j else None
+        nasty.append(f'<link name="{child}">{body if broken is None else broken}{shape}</link>')
+        clean.append(f'<link name="{child}">{body if broken is None else ""}</link>')
+        links.append(child)
+    more = [str(part) for part in rng.permutation(NASTY_PARTS)[:3]]
+    nasty = [str(part) for part in rng.permutation([*nasty, *more])]
+    head = "\n  <?xml version='1.0' encoding='utf-8'?>\n" if rng.random() < 0.5 else ""
+    return (
+        f"{head}<robot name='Übung'>{''.join(nasty)}</robot>",
+        f"<robot name='clean'>{''.join(clean)}</robot>",
+    )
+
+
+def pinocchio_model(text: str, names: Sequence[str], held: Mapping[str, float] | None = None) -> pin.Model:
+    """The description in Pinocchio, with all joints but the named ones locked, at zero or where they are held."""
     model = pin.buildModelFromXML(text)
     locked = [model.getJointId(name) for name in model.names[1:] if name not in set(names)]
-    return pin.buildReducedModel(model, locked, pin.neutral(model)) if locked else model
+    place = pin.neutral(model)
+    for name, value in (held or {}).items():
+        if value:
+            place[model.joints[model.getJointId(name)].idx_q] = value
+    return pin.buildReducedModel(model, locked, place) if locked else model
 
 
 def pinocchio_torques(model: pin.Model, names: Sequence[str], q: Array, dq: Array, ddq: Array) -> Array:

@@ -144,6 +144,7 @@ impl ClosedLoop {
             memory: Memory::default(),
             divergence: 100.0,
             integrator: Integrator::RungeKutta,
+            servos: None,
         };
         let measured =
             Measured { q: &self.zeros, tau: &self.zeros, weight_q: &[1.0; 6], weight_tau: &[0.0; 6] };

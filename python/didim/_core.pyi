@@ -32,6 +32,7 @@ __all__ = [
     "simulate",
     "simulate_cost",
     "simulate_sensitivities",
+    "simulate_servos",
     "smallest_eigenvalue",
 ]
 
@@ -82,6 +83,7 @@ class Robot:
         dead_zone: Sequence[float],
         terms: Sequence[tuple[int, str, str, float, float, Sequence[float]]] = ...,
         mounts: Sequence[tuple[int | None, float, float, tuple[float, float, float]]] | None = ...,
+        followers: Sequence[tuple[Sequence[tuple[int, float]], float]] = ...,
     ) -> Robot: ...
     @property
     def n_dof(self) -> int: ...
@@ -154,6 +156,7 @@ class Reference:
     def point_to_point(
         points: _Array, velocity: Sequence[float], acceleration: Sequence[float], dwell: float
     ) -> Reference: ...
+    def with_breaks(self, breaks: Sequence[float]) -> Reference: ...
     @property
     def n_dof(self) -> int: ...
     @property
@@ -192,6 +195,8 @@ class Schedule:
     def steps(self) -> int: ...
     @property
     def records(self) -> int: ...
+    @property
+    def edges(self) -> _Array: ...
     def divided(self, parts: int) -> Schedule: ...
 
 class _Setting(Protocol):
@@ -217,6 +222,9 @@ class _Setting(Protocol):
 def simulate(
     setting: _Setting, x: _Array, scale: _Array, threads: int | None = None
 ) -> tuple[list[_Array], list[_Ending]]: ...
+def simulate_servos(
+    setting: _Setting, x: _Array, rows: _Array, targets: _Array, threads: int | None = None
+) -> tuple[_Array, list[_Ending]]: ...
 def simulate_cost(
     setting: _Setting,
     x: _Array,

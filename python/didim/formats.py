@@ -15,12 +15,13 @@ from typing import Any
 
 from ._tools.arrays import relative_percent
 from .errors import FitError
+from .methods.table import title_of
 from .monte_carlo.results import StudyResults
 from .monte_carlo.text import HEAD, NOTES, cells
 from .result.identification import Identification
 from .result.table import LARGEST_PERCENT
 from .robot.base_parameters import BaseParameters
-from .studies.comparison import TITLES, Comparison, off_explained, sentence
+from .studies.comparison import Comparison, off_explained, sentence
 
 FORMATS = ("text", "markdown", "latex", "csv")
 """Formats of a result; text is what ``print`` shows."""
@@ -182,7 +183,7 @@ def _comparison(comparison: Comparison, form: str) -> str:
             cells += [f"{fit.beta[index]:.4g}", _percent(percent), "-" if math.isnan(off) else f"{off:.1f}"]
         body.append(cells)
     align = "llr" + "rrr" * len(fits)
-    titles = [TITLES.get(method, method) for method in fits]
+    titles = [title_of(method) for method in fits]
     notes = [
         off_explained(comparison),
         sentence(comparison),

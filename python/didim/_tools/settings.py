@@ -57,7 +57,7 @@ def positive(name: str, value: object, error: type[DidimError], unit: str = "num
 
 
 def one_of(name: str, value: object, choices: Sequence[object], error: type[DidimError]) -> None:
-    """Refuse a value that is none of the choices; parameters as `whole`."""
+    """Refuse a value that is not among the choices; parameters as `whole`."""
     # Equal is not enough: 1 == True.
     if any(value is choice or (type(value) is type(choice) and value == choice) for choice in choices):
         return

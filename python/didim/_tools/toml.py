@@ -10,7 +10,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -62,6 +62,38 @@ class Asked:
     minimum: float | None = None
     maximum: float | None = None
     above: float | None = None
+    meaning: str = ""
+    example: Any = None
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key declared once: `Table.given` reads it, and the reference pages and the JSON schema say what it is.
+
+    Attributes
+    ----------
+    name : str
+        Key; its unit is the end of its name.
+    kind : {"number", "integer", "text", "true or false", "list of numbers", "list of texts"}
+        Type of the value.
+    meaning : str
+        One sentence.
+    example
+        A value, for the reference page.
+    choices : tuple of str
+        Texts that are allowed.
+    minimum, maximum, above : int, float or None
+        Bounds of a number.
+    """
+
+    name: str
+    kind: str
+    meaning: str
+    example: Any
+    choices: tuple[str, ...] = ()
+    minimum: Any = None
+    maximum: Any = None
+    above: Any = None
 
 
 _LISTENER: ContextVar[list[Asked] | None] = ContextVar("listener", default=None)
@@ -188,6 +220,29 @@ class Table:
             near = nearest(key, self._unknown())
             self.fail(f"key {key!r} is missing" + (f"; is {near!r} meant to be it?" if near else ""))
         return default
+
+    def given(self, keys: Sequence[Key]) -> dict[str, Any]:
+        """Return the values of declared keys that the table holds: settings keep the one place of their defaults."""
+        for key in keys:
+            said = {name: value for name, value in vars(key).items() if name not in ("name", "kind")}
+            self._note(key.name, key.kind, None, **said)
+            self._asked[key.name] = None
+        return {key.name: self._declared(key) for key in keys if key.name in self._mapping}
+
+    def _declared(self, key: Key) -> Any:
+        match key.kind:
+            case "number":
+                return self.number(key.name, MISSING, key.minimum, key.maximum, key.above)
+            case "integer":
+                return self.integer(key.name, MISSING, key.minimum, key.maximum)
+            case "text":
+                return self.text(key.name, choices=key.choices or None)
+        others: dict[str, Callable[[str], Any]] = {
+            "true or false": self.boolean,
+            "list of numbers": self.numbers,
+            "list of texts": self.texts,
+        }
+        return others[key.kind](key.name)
 
     def number(
         self,

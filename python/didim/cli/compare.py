@@ -54,12 +54,17 @@ def add(commands: Commands) -> None:
     log.add_argument(
         "--parameters",
         metavar="NAME",
-        default="didim",
-        help="parameter set of the robot: the truth (default: %(default)s)",
+        help="parameter set of the robot that is the truth (default: didim_physical, or didim, Table II of the paper)",
     )
     log.add_argument("--seed", type=int, metavar="N", help="seed of the noise")
     log.add_argument("--no-noise", action="store_true", help="simulate a log without noise")
     method = parser.add_argument_group("methods")
+    method.add_argument(
+        "--method",
+        metavar="NAME",
+        action="append",
+        help="compare this method, one of `didim methods` or module:Class, in place of all; may be given several times",
+    )
     method.add_argument(
         "--nelder-mead",
         choices=("short", "full", "none"),
@@ -84,6 +89,9 @@ def add(commands: Commands) -> None:
     files.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
     add_report(files)
     add_format(files)
+    files.add_argument(
+        "--all", action="store_true", help="print all parameters, each joint's torque error and all notes"
+    )
     files.add_argument("--quiet", action="store_true", help="print nothing on stderr")
 
 
@@ -91,6 +99,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from ..experiment.experiment_file import load_experiment
     from ..studies.compare import SHORT_SIMPLEX, all_methods, compare
+    from ..studies.comparison import text_of
     from ..studies.simulated_log import packaged_experiment
 
     check_report(options)
@@ -108,7 +117,8 @@ def run(options: argparse.Namespace) -> int:
     iterations = {"short": SHORT_SIMPLEX, "full": None, "none": 0}[options.nelder_mead]
     comparison = compare(
         experiment,
-        methods=all_methods(
+        methods=options.method
+        or all_methods(
             experiment,
             simplex_iterations=iterations,
             variants=options.variant or ["adaptive"],
@@ -126,20 +136,27 @@ def run(options: argparse.Namespace) -> int:
         from ..report import write
 
         saved.save(options.report, lambda path: write(path, comparison))
-    saved.show(formatted(comparison, options.format), exact=options.format != "text")
+    text = text_of(comparison, every=options.all)
+    saved.show(
+        text if options.format == "text" else formatted(comparison, options.format),
+        exact=options.format != "text",
+    )
     if any(fit.status.name == "INTERRUPTED" for fit in comparison.fits.values()):
         return INTERRUPTED
+    if options.method:
+        return saved.code(max(map(exit_code, comparison.fits.values())))
     code = exit_code(comparison.fits["didim"]) if "didim" in comparison.fits else NOT_CONVERGED
     return saved.code(code)
 
 
 def _contrast(options: argparse.Namespace, experiment: Experiment) -> int:
     """Contrast three methods on one log, and return the exit code."""
+    from ..studies.compare import truth_of
     from ..studies.contrasts import contrasts_of
     from ..studies.simulated_log import simulated_log
 
     if not experiment.recordings:
-        x = experiment.robot.parameter_set(options.parameters)
+        x = truth_of(experiment, options.parameters)
         experiment = simulated_log(experiment, x, noise=not options.no_noise, seed=options.seed)
     found = contrasts_of(experiment, verbose=not options.quiet)
     saved = Saved()

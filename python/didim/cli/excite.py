@@ -59,6 +59,12 @@ def add(commands: Commands) -> None:
         nargs="+",
         help="base parameters that count (default: all)",
     )
+    parser.add_argument(
+        "--positions",
+        action="store_true",
+        help="ROBOT is an experiment file with known links: steps or chirps that tell its drives and friction apart by positions "
+        "alone (-o motion.csv)",
+    )
     add_report(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
@@ -74,6 +80,8 @@ def run(options: argparse.Namespace) -> int:
     from ..excitation.settings_file import read_excitation
     from ..robot.robot_file import load_robot
 
+    if options.positions:
+        return _positions(options)
     check_report(options)
     robot = load_robot(options.robot)
     for path in options.output:
@@ -98,6 +106,20 @@ def run(options: argparse.Namespace) -> int:
         saved.save(options.report, lambda place: write(place, found))
     saved.show(str(found))
     return saved.code(INTERRUPTED if found.interrupted else CONVERGED)
+
+
+def _positions(options: argparse.Namespace) -> int:
+    """Design commanded positions for an experiment."""
+    from ..experiment.experiment_file import load_experiment
+    from ..methods.positions.motion import excite_positions
+
+    check_outputs(*options.output)
+    found = excite_positions(load_experiment(options.robot))
+    saved = Saved()
+    for path in options.output:
+        saved.save(path, found.save)
+    saved.show(str(found))
+    return saved.code(CONVERGED)
 
 
 def _progress() -> Callable[[int, int, float], None]:

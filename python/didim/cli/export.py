@@ -15,6 +15,9 @@ from .terminal.width import fitted
 if TYPE_CHECKING:
     from .options import Commands
 
+NEW = Path()
+"""Value of ``--mjcf`` without a file: a new MJCF is written."""
+
 
 def add(commands: Commands) -> None:
     """Add the command and its options."""
@@ -22,10 +25,11 @@ def add(commands: Commands) -> None:
         commands,
         "export",
         run,
-        "write identified parameters into your URDF, or as MJCF, SDF, C or LaTeX",
+        "write identified parameters into your URDF or MJCF, or for simulators, as C or LaTeX",
         (
             "didim export fit.json --urdf arm.urdf -o new.urdf",
             "didim export fit.json --mjcf -o arm.xml",
+            "didim export fit.json --mjcf go2.xml -o go2_fit.xml --for-step 0.002",
             "didim export fit.json --c --prefix arm_ -o arm.h",
         ),
     )
@@ -50,11 +54,31 @@ def add(commands: Commands) -> None:
     form.add_argument(
         "--urdf", metavar="ARM.urdf", type=Path, help="URDF whose inertias and friction are replaced"
     )
-    form.add_argument("--mjcf", action="store_true", help="write MJCF, the format of MuJoCo")
+    form.add_argument(
+        "--mjcf",
+        metavar="ROBOT.xml",
+        type=Path,
+        nargs="?",
+        const=NEW,
+        help="write MJCF, the format of MuJoCo; with a file, change the drives in it and nothing else",
+    )
+    form.add_argument(
+        "--isaac-lab", action="store_true", help="write the actuators of an Isaac Lab articulation"
+    )
+    form.add_argument("--mjlab", action="store_true", help="write the actuators of an mjlab entity")
+    form.add_argument(
+        "--bam", action="store_true", help="write parameters of BAM's friction model M1 as JSON"
+    )
     form.add_argument("--sdf", action="store_true", help="write SDF, the format of Gazebo and Drake")
     form.add_argument("--c", action="store_true", help="write a C99 header: torques, M(q) and gravity")
     form.add_argument(
         "--latex", action="store_true", help="write the equations of a robot of up to three joints as LaTeX"
+    )
+    parser.add_argument(
+        "--for-step",
+        metavar="H",
+        type=float,
+        help="with --mjcf ROBOT.xml, --mjlab and --isaac-lab: step of the simulator (s), by which its integrator shifts values",
     )
     parser.add_argument("--prefix", help="with --c: what names begin with (default: the name of the robot)")
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="new file (default: stdout)")
@@ -78,6 +102,13 @@ def run(options: argparse.Namespace) -> int:
         return refuse("--prefix is for --c")
     if options.keep_lumped and options.urdf is None:
         return refuse("--keep-lumped is for --urdf")
+    if options.mjcf is not None and options.mjcf.suffix == ".json" and options.fit is None:
+        options.fit, options.mjcf = options.mjcf, NEW
+    of_drives = options.isaac_lab or options.mjlab or options.bam or options.mjcf not in (None, NEW)
+    if options.for_step is not None and (not of_drives or options.bam or not 0.0 < options.for_step <= 1.0):
+        return refuse(
+            "--for-step takes a step of up to 1 s, and is for --mjcf ROBOT.xml, --mjlab and --isaac-lab"
+        )
     if options.output is not None and options.output.exists() and not options.force:
         return refuse(f"{options.output}: the file is there already; --force overwrites it")
     check_outputs(options.output)
@@ -85,6 +116,8 @@ def run(options: argparse.Namespace) -> int:
         return _written(options.output, to_latex(load_robot(options.robot)).encode())
     if (options.fit is None) == (options.parameters is None):
         return refuse("export takes either a result, FIT.json, or --parameters")
+    if of_drives or (options.urdf is not None and options.fit is not None and _has_servos(options.fit)):
+        return _drives(options)
     source = exported_parameters(
         fit=options.fit,
         parameters=options.parameters,
@@ -99,12 +132,43 @@ def run(options: argparse.Namespace) -> int:
     content, report = export(
         source.robot,
         source.x,
-        "urdf" if options.urdf is not None else "mjcf" if options.mjcf else "sdf",
+        "urdf" if options.urdf is not None else "mjcf" if options.mjcf is not None else "sdf",
         urdf=options.urdf,
         keep_lumped=options.keep_lumped,
         from_prior=source.from_prior,
     )
     return _written(options.output, content, f"{report}", source.notes)
+
+
+def _has_servos(fit: Path) -> bool:
+    """Whether a result is one on positions, whose links are those of the robot file."""
+    from ..result.identification import Identification
+
+    return "positions" in Identification.load(fit).settings
+
+
+def _drives(options: argparse.Namespace) -> int:
+    """Write the drives of a result for a simulator."""
+    from ..export.configuration import bam, isaac_lab, mjlab
+    from ..export.drives import for_step, read_drives
+    from ..export.mjcf_edit import edit_mjcf
+    from ..export.urdf import edit_dynamics
+
+    if options.fit is None:
+        return refuse("drives are exported of a result, FIT.json, and not of --parameters")
+    drives, step = read_drives(options.fit), options.for_step
+    if options.bam:
+        content = bam(drives).encode()
+    elif options.urdf is not None:
+        content = edit_dynamics(drives, options.urdf)
+    elif options.mjlab:
+        drives = drives if step is None else for_step(drives, step, "implicitfast")
+        content = mjlab(drives, step).encode()
+    elif options.isaac_lab:
+        content = isaac_lab(drives, step).encode()
+    else:
+        content, drives = edit_mjcf(drives, options.mjcf, step_s=step)
+    return _written(options.output, content, f"{drives}")
 
 
 def _written(path: Path | None, content: bytes, report: str = "", notes: Sequence[str] = ()) -> int:

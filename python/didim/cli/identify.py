@@ -33,7 +33,9 @@ def add(commands: Commands) -> None:
     add_experiment(parser)
     method = parser.add_argument_group("method")
     method.add_argument(
-        "--method", metavar="NAME", default="idim-ls", help="one of `didim methods` (default: %(default)s)"
+        "--method",
+        metavar="NAME",
+        help="one of `didim methods`, or module:Class (default: idim-ls, and cloe where the file says links = 'fixed')",
     )
     method.add_argument(
         "--start",
@@ -125,9 +127,10 @@ CHOICES = (
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from ..experiment.experiment_file import load_experiment
-    from ..methods.identify import identify, method_class
+    from ..methods.identify import default_method, identify
+    from ..methods.table import method_class
 
-    make = method_class(options.method)
+    make = None if options.method is None else method_class(options.method)
     check_report(options)
     check_outputs(options.json, options.save_parameters, options.report, options.checkpoint)
     if options.save_parameters is not None:
@@ -138,11 +141,12 @@ def run(options: argparse.Namespace) -> int:
     tell(experiment.notes)
     settings = {key: getattr(options, key) for key in CHOICES}
     settings = {key: value for key, value in settings.items() if value is not None}
+    make = make or method_class(default_method(experiment))
     method = make()
     for key in settings:
         if not hasattr(method, key):
             key = "plain" if key == "physical" and not options.physical else key
-            return refuse(f"--{key} is not for method '{options.method}'")
+            return refuse(f"--{key} is not for method '{options.method or default_method(experiment)}'")
     fit = identify(
         experiment, make(**settings), verbose=True if options.verbose else False if options.quiet else None
     )

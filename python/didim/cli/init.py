@@ -61,6 +61,15 @@ def add(commands: Commands) -> None:
         default=[],
         help="drive gains, N.m or N per A or V: one for all joints, one for each, or estimate",
     )
+    for gain, words in (("kp", "position error, N.m/rad"), ("kv", "velocity, N.m.s/rad")):
+        parser.add_argument(
+            f"--{gain}",
+            metavar=gain.upper(),
+            nargs="+",
+            type=float,
+            default=[],
+            help=f"gain of position servos on the {words}, for a log without torques: one for all joints, or one for each",
+        )
     parser.add_argument(
         "--side",
         metavar="TABLE=SIDE",
@@ -93,6 +102,7 @@ def add(commands: Commands) -> None:
 EXAMPLES = (
     "didim init ur5e log.csv",
     "didim init arm.urdf log1.csv log2.csv -o logs.toml",
+    "didim init go2.xml traj_0.pt --kp 20 --kv 1.5",
     "didim init ur10e free.csv --columns current=14-19 --gain 14.87 13.26 11.13 10.62 11.03 11.47",
 )
 """Examples of the help."""
@@ -132,6 +142,7 @@ def run(options: argparse.Namespace) -> int:
         rate_hz=options.rate,
         columns=chosen["columns"],
         gains=ESTIMATE if estimated else [number for number in numbers if number is not None],
+        servo={key: getattr(options, key) for key in ("kp", "kv") if getattr(options, key)},
         sides=chosen["side"],
         values_per_sample=options.values_per_sample,
         topic=options.topic,

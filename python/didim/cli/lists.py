@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import inspect
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,7 +37,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--json",
         action="store_true",
-        help="as a JSON schema, for editors that check TOML files; needs the kind of file",
+        help="as a JSON schema, for editors that complete and check TOML files",
     )
     parser = add_command(commands, "example", example, "copy an example, with the commands to run")
     parser.add_argument("name", metavar="NAME", nargs="?", help="example (default: list them)")
@@ -75,17 +74,13 @@ def robots(_: argparse.Namespace) -> int:
 
 def methods(_: argparse.Namespace) -> int:
     """Run ``didim methods``."""
-    from ..methods.identify import METHODS, method_class
+    from ..methods.table import METHODS
 
     width = max(len(name) for name in METHODS)
-    lines = []
-    for name in METHODS:
-        made = method_class(name)
-        # A method from outside the package may have no summary.
-        text = getattr(made, "summary", (inspect.getdoc(made) or "").partition("\n")[0])
-        lines.append(f"{name:{width}}  {text}")
+    lines = [f"{row.name:{width}}  {row.line}" for row in METHODS.values()]
+    end = "`didim identify EXPERIMENT.toml --method NAME` runs one; NAME may be module:Class, a method of your own."
     saved = Saved()
-    saved.show("\n".join([*lines, "", "`didim identify EXPERIMENT.toml --method NAME` runs one."]))
+    saved.show("\n".join([*lines, "", end]))
     return saved.code(CONVERGED)
 
 
@@ -96,9 +91,7 @@ def schema(options: argparse.Namespace) -> int:
     saved = Saved()
     files = [file for file in FILES if options.file in (None, file)]
     if options.json:
-        if options.file is None:
-            return refuse("--json needs the kind of file: didim schema experiment --json")
-        saved.show(json.dumps(json_schema(options.file), indent=2, ensure_ascii=False), exact=True)
+        saved.show(json.dumps(json_schema(options.file or "any"), indent=2, ensure_ascii=False), exact=True)
     elif columns() is None:
         saved.show(
             "\n".join(f"## The {file} file\n\n{page(file)}" for file in files).rstrip("\n"), exact=True

@@ -18,7 +18,6 @@ from .._tools.inputs import Run, one_run
 from .._tools.threads import core_threads
 from .._tools.version import __version__
 from ..errors import DidimError, RobotWarning
-from .base import add as add_base
 from .check import add as add_check
 from .compare import add as add_compare
 from .excite import add as add_excite
@@ -29,7 +28,9 @@ from .lists import add as add_lists
 from .loads.payload import add as add_payload
 from .loads.residual import add as add_residual
 from .options import CONVERGED, INTERRUPTED, refuse
-from .robot import add as add_robot
+from .robots.base import add as add_base
+from .robots.robot import add as add_robot
+from .robots.view import add as add_view
 from .simulate import add as add_simulate
 from .studies.study import add as add_study
 from .terminal.completion import add as add_completion
@@ -140,6 +141,7 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_study,
     add_export,
     add_base,
+    add_view,
     add_lists,
     add_completion,
 )

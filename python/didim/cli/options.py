@@ -124,8 +124,8 @@ def add_regression(parser: Options) -> None:
     parser.add_argument(
         "--solver",
         metavar="NAME",
-        help="solver of the linear system in idim-ls and didim: least-squares, huber, bisquare, total, ridge or consistent "
-        "(default: least-squares; consistent for didim)",
+        help="solver of the linear system in idim-ls and didim: least-squares, huber, bisquare, ridge, consistent or "
+        "module:object (default: least-squares; consistent for didim)",
     )
 
 

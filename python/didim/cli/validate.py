@@ -13,6 +13,7 @@ from .options import (
     add_experiment,
     add_report,
     check_report,
+    refuse,
 )
 from .outputs import Saved, check_outputs
 
@@ -27,10 +28,22 @@ def add(commands: Commands) -> None:
         "validate",
         run,
         "compare a result with another log: predicted and simulated torques",
-        ("didim validate fit.json other.toml --report other.html",),
+        (
+            "didim validate fit.json other.toml --report other.html",
+            "didim validate fit.json go2.toml --mujoco go2_fit.xml",
+        ),
     )
     parser.add_argument("fit", metavar="FIT.json", type=Path, help="result of an identification")
     add_experiment(parser)
+    parser.add_argument(
+        "--mujoco",
+        metavar="ROBOT.xml",
+        type=Path,
+        help="replay the log in MuJoCo with this file, and with the robot file: position errors by joint",
+    )
+    parser.add_argument(
+        "--step", metavar="H", type=float, help="with --mujoco: its step (default: that of the file), s"
+    )
     parser.add_argument("--json", metavar="FILE", type=Path, help="also write the errors as JSON")
     add_report(parser)
 
@@ -38,15 +51,38 @@ def add(commands: Commands) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from ..experiment.experiment_file import load_experiment
+    from ..methods.positions.replay import error_lines, position_errors, replayed
     from ..result.identification import Identification
+    from ..result.positions.record import PositionRecord
     from ..studies.validation import validate
 
     fit = Identification.load(options.fit)
     check_report(options)
     check_outputs(options.json, options.report)
+    if options.step is not None and (options.mujoco is None or not options.step > 0.0):
+        return refuse("--step takes a positive number of seconds, and is for --mujoco")
+    if options.mujoco is not None and options.report is not None:
+        return refuse("--report is for a validation without --mujoco")
     experiment = load_experiment(options.experiment, data=options.data)
-    found = validate(fit, experiment)
     saved = Saved()
+    if options.mujoco is not None:
+        from ..studies.in_mujoco import validate_in_mujoco
+
+        replay = validate_in_mujoco(fit, experiment, options.mujoco, step_s=options.step)
+        saved.save_json(options.json, replay.to_dict())
+        saved.show(str(replay))
+        return saved.code(CONVERGED if replay.completed else NOT_CONVERGED)
+    if PositionRecord.of(fit.settings) is not None:
+        # The closed loop of other results knows neither held references nor delays.
+        if options.report is not None:
+            return refuse(
+                "--report is not for a result on positions: didim identify --report has its pictures"
+            )
+        errors = position_errors(replayed(fit, experiment))
+        saved.save_json(options.json, {"position_errors": errors})
+        saved.show("\n".join(error_lines(errors)))
+        return saved.code(CONVERGED)
+    found = validate(fit, experiment)
     saved.save_json(options.json, found.to_dict())
     if options.report is not None:
         from ..report import write

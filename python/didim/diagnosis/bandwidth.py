@@ -12,8 +12,8 @@ import numpy as np
 
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
+from ..result.finding import Finding, said
 from ..signal.spectrum import spectrum
-from .finding import Finding
 
 LARGEST_LOSS = 0.02
 """Share of the acceleration that may be lost: inertias of a good log are known to 1 or 2 %."""
@@ -55,7 +55,7 @@ def check_bandwidth(experiment: Experiment) -> list[Finding]:
 
 
 def _too_slow(recording: Recording, sentence: str, advice: str, joints: tuple[int, ...]) -> Finding:
-    return Finding(
+    return said(
         kind="too-slow",
         sentence=f"recording '{recording.name}': {sentence}",
         advice=advice,

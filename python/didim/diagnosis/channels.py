@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .._tools.arrays import Array
 from ..evidence.torques import is_constant
 from ..log.recording import Recording
-from .finding import Finding
+from ..result.finding import Finding, said
 
 ROUNDING = 1e-12
 """Share of the largest value within which two samples are the same: going back to the columns rounds."""
@@ -72,7 +72,7 @@ class Channel:
 
     def found(self, **more: Any) -> Finding:
         """Make a finding on this channel."""
-        return Finding(
+        return said(
             recording=self.recording.name,
             file=self.file,
             column=self.column,
@@ -115,8 +115,7 @@ def check_channels(recording: Recording) -> list[Finding]:
             if not stuck:
                 jumps += [(channel, sample) for sample in _jumps(channel)]
         else:
-            constant = _constant(channel)
-            found += constant or _clipped(channel)
+            found += [] if is_constant(channel.values) else _clipped(channel)
         found += _coarse(channel)
     return [*_told_jumps(recording, jumps), *found]
 
@@ -198,7 +197,7 @@ def _told_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) -> l
         if len(at) > 1:
             joints = tuple(channel.number for channel in at)
             found.append(
-                Finding(
+                said(
                     kind="gap",
                     sentence=f"the positions of {at[0].side}s {', '.join(map(str, joints))} jump together behind sample "
                     f"{sample} ({time:.6g} s) of recording '{recording.name}': samples seem to be missing there",
@@ -219,21 +218,6 @@ def _told_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) -> l
                 )
             )
     return found
-
-
-def _constant(channel: Channel) -> list[Finding]:
-    """Find a torque that never changes: a dead sensor, or an empty column."""
-    if not is_constant(channel.values):
-        return []
-    return [
-        channel.found(
-            kind="constant-torque",
-            sentence=f"{channel} is {channel.values[0] + 0.0:.6g} in all {len(channel.values)} samples: nothing was compared with "
-            "the model of the robot",
-            advice="Look at the sensor and at columns under [recording.torque]",
-            value=float(channel.values[0]),
-        )
-    ]
 
 
 def _clipped(channel: Channel) -> list[Finding]:

@@ -7,7 +7,8 @@ that is reported is corrected before the next check looks. Tested in ``tests/tes
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,52 +16,49 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array, real_array
-from ..errors import FitError, RankError, SignalError
-from ..evidence.loop.law import Recovered, recovered
-from ..evidence.naming import torque_findings
+from .._tools.progress import ProgressLine
+from ..errors import DidimError, FitError, SignalError
+from ..evidence.causes import Search
+from ..evidence.gain_check import unchecked
+from ..evidence.lasting import delay_findings
+from ..evidence.loop.law import Recovered, loop_findings, recovered
+from ..evidence.naming import cause_findings, torque_findings
+from ..evidence.residual import spike_findings
+from ..evidence.rows import LogRows
+from ..evidence.torques import constant_torque_findings
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import load_experiment
 from ..log.recording import Recording
 from ..log.sampling import MINIMUM_SAMPLES, TimeFault
+from ..methods.builder import load_finding, load_findings
 from ..methods.idim_ls import IDIMLS
 from ..methods.job import Job
-from ..regression.fit import Fit
-from ..regression.least_squares import solve
-from ..regression.linear_system import LinearSystem
+from ..methods.positions.prospect import prospect
+from ..regression.linear_system import check_squares
+from ..regression.logs.load import load_beyond
+from ..result.finding import Finding, said
 from ..result.identification import Identification
-from ..signal.decimation import decimate, decimation_stages, least_samples
+from ..signal.decimation import least_samples
 from ..signal.processing import SignalProcessing
-from ..signal.segments import Segment, stretches
+from ..signal.segments import Segment
 from ..studies.run import standard_parameters
 from .bandwidth import check_bandwidth
-from .causes import (
-    check_causes,
-    check_loop,
-    check_payload,
-    contradicts,
-    finding_of,
-    loop_table,
-    rows_of,
-    unchecked_gains,
-)
 from .channels import check_channels
 from .excitation import check_excitation
-from .finding import Finding, Findings
+from .finding import Findings
 from .late import check_delay
 from .limits import check_limits
-from .probe import Probe
-from .readings import Reader, as_declared
 from .reference import check_reference
 from .sampled import time_findings
-from .spikes import check_spikes
-from .standstill import check_standstill
+from .standstill import check_friction, check_standstill
 
-MOST_SAMPLES = 30_000
-"""Samples that other readings are tried on at most: in three stretches, evenly over a longer log."""
-CERTAIN = 0.2
-"""Share of the residual below which another reading of the columns needs no comparison with hypotheses on the robot file."""
-QUICK_ROWS = 100
-"""Rows of each joint that all other readings are tried on first: of the 60 parameters of six joints each has ten."""
+FEWEST_SPIKES = 3
+"""Spikes of a joint that are reported; a single sample changes no estimate."""
+KNOWN_LEFT = 0.7
+"""Share of the error, geometric mean of the joints, that a cause may leave beside known parameters: what is theirs (load, friction,
+temperature) is no wrong declaration."""
+MOST_ROUNDS = 3
+"""Wrong declarations reported in one run; each is looked for with those before it corrected."""
 
 
 def check(
@@ -84,7 +82,7 @@ def check(
     Returns
     -------
     Findings
-        A sequence of `Finding`, empty for a log with nothing to say about.
+        A sequence of `Finding`, empty for a clean log.
 
     Raises
     ------
@@ -95,8 +93,19 @@ def check(
     -----
     ``test_check.py`` plants a defect of each kind, and finds none where there is none.
     """
+    with closing(ProgressLine()) as line:
+        return _checked(experiment, parameters, data, lambda text: line.show(f"check: {text}"))
+
+
+def _checked(
+    experiment: Experiment | str | Path,
+    parameters: str | Path | Identification | ArrayLike | None,
+    data: str | Path | None,
+    say: Callable[[str], None],
+) -> Findings:
     found: list[Finding] = []
     if not isinstance(experiment, Experiment):
+        say("reading the log")
         faults: list[tuple[str, TimeFault]] = []
         experiment = load_experiment(experiment, data=data, faults=faults)
         found += time_findings(faults)
@@ -104,34 +113,44 @@ def check(
     linear = [term for term in experiment.robot.friction.terms if term.law != "load"]
     experiment = replace(experiment, robot=experiment.robot.with_terms(linear))
     known = None if parameters is None else _standard(experiment, parameters)
+    say("looking at the columns")
     recordings = []
     for recording in experiment.recordings:
         recording.measured_positions()  # refuses a log without them
         of_columns = check_channels(recording)
         found += of_columns
-        if experiment.signal.spikes is None:
-            found += check_spikes(recording)
         recordings.append(_filterable(_without(recording, of_columns), experiment.signal))
     experiment = replace(experiment, recordings=tuple(recordings))
-    found += check_reference(experiment)
-    found += check_bandwidth(experiment)
+    notes: list[str] = []
+    if experiment.links == "fixed":
+        return Findings(
+            experiment.name,
+            (*found, *_of_positions(experiment, notes)),
+            experiment.robot.joint_names,
+            (),
+            tuple(notes),
+            tuple(experiment.digests.values()),
+        )
+    constant = constant_torque_findings(experiment)
+    found += [*constant, *check_reference(experiment), *check_bandwidth(experiment)]
     cutoff = experiment.signal.cutoff_hz
     filtered = cutoff is None or all(cutoff < item.rate_hz / 2.0 for item in experiment.recordings)
     without = [recording.name for recording in experiment.recordings if recording.tau is None]
     if without:
         found.append(
-            Finding(
+            said(
                 kind="no-torque",
                 sentence=f"recording '{without[0]}' has no torques",
                 advice="Add a table [recording.torque]; only CLOE with its output 'position' does without",
                 recording=without[0],
             )
         )
+    say("looking at the controller")
     with np.errstate(over="ignore", invalid="ignore"):  # torques beyond floating point are refused by the fit
         shown = recovered(experiment)
-    notes: list[str] = []
-    without += [item.recording or "" for item in found if item.kind == "constant-torque"]
-    if filtered and not without and any(recording.role == "fit" for recording in experiment.recordings):
+    fits = any(recording.role == "fit" for recording in experiment.recordings)
+    if filtered and fits and not (without or constant):
+        say("looking for what explains the torques better")
         found += _model(experiment, known, shown, notes)
     return Findings(
         experiment.name,
@@ -141,6 +160,23 @@ def check(
         tuple(notes),
         tuple(experiment.digests.values()),
     )
+
+
+def _of_positions(experiment: Experiment, notes: list[str]) -> list[Finding]:
+    """Look at a log of positions of a robot with known links, and add what it can tell to `notes`."""
+    try:
+        lacks, told = prospect(experiment)
+    except DidimError as error:
+        return [
+            said(
+                kind="excitation", sentence=str(error), advice="Correct the experiment file, then check again"
+            )
+        ]
+    notes += told
+    return [
+        said(kind="excitation", sentence=lack.sentence, advice=lack.advice, joints=lack.joints)
+        for lack in lacks
+    ]
 
 
 def _without(recording: Recording, findings: Sequence[Finding]) -> Recording:
@@ -190,6 +226,26 @@ def _standard(experiment: Experiment, parameters: str | Path | Identification | 
     return x
 
 
+def _unfiltered(error: DidimError) -> list[Finding]:
+    """Return the finding of a log that the filters refuse."""
+    return [
+        said(
+            kind="signal",
+            sentence=f"the log cannot be filtered as [signal] says: {error}",
+            advice="Choose filters that suit rate and length of the log",
+        )
+    ]
+
+
+def _check_squares(parts: Sequence[Segment]) -> None:
+    """Refuse torques whose squares leave floating point, before anything is made of them."""
+    tau = np.concatenate([part.tau for part in parts])
+    with np.errstate(over="ignore"):
+        sizes = np.linalg.norm(tau, axis=0)
+    for joint, size in enumerate(sizes):
+        check_squares(joint, size, size, measured=tau[:, joint])
+
+
 def _model(
     experiment: Experiment, known: Array | None, shown: Recovered | None, notes: list[str]
 ) -> list[Finding]:
@@ -199,84 +255,86 @@ def _model(
     if job.parameters.n_gains:
         # Currents of joints with gains of their own are not torques of one robot.
         return [
-            Finding(
+            said(
                 kind="drive-gain",
                 sentence="the drive gains are to be estimated, so nothing was compared with the model of the robot",
                 advice="Identify them by idim-ls, and check again with gain = [...]",
             )
         ]
-    robot = job.robot
-    declared = job.declared_delay
-    least = least_samples(job.signal)
+    robot, base = job.robot, job.robot.base_parameters
+    beta = None if known is None else base.project(known)
+    of_fit = [item for item in experiment.recordings if item.role == "fit"]
     try:
-        parts = job.parts("fit", declared)
-        probe = Probe(job, stretches(parts, MOST_SAMPLES, least))
-        whole = probe if probe.n_samples == sum(len(part.q) for part in parts) else Probe(job, parts)
+        parts = job.parts("fit", job.declared_delay)
     except (SignalError, FitError) as error:
-        return [
-            Finding(
-                kind="signal",
-                sentence=f"the log cannot be filtered as [signal] says: {error}",
-                advice="Choose filters that suit rate and length of the log",
-            )
-        ]
-    beta = None
-    if known is not None:
-        beta = job.parameters.project(job.parameters.extended(known))[job.selection.estimated]
-        probe = Probe(job, stretches(parts, MOST_SAMPLES, least), beta)
-    (recording, *_) = (item for item in experiment.recordings if item.role == "fit")
-    timed = all("time" in item.origin for item in experiment.recordings)
-    quick = Probe(job, stretches(parts, _quick_samples(job, parts), least), beta)
-    reader = Reader(
-        probe, quick, robot, recording, timed=timed, noise=_noise(job, parts), known=known is not None
-    )
-    found = reader.gross()
-    solved = _solved(job, parts)
-    rows = rows_of(job, parts) if known is None and job.parameters.simple else None
-    if rows is not None and reader.left > CERTAIN and solved is not None and contradicts(*solved):
-        cause = check_causes(rows)
-        if cause is not None and cause[1] < reader.left:
-            return [cause[0]]
-    if found:
+        return _unfiltered(error)
+    _check_squares(parts)
+    try:
+        rows = LogRows(robot, job.signal, parts, of_fit)
+    except (SignalError, FitError) as error:
+        return _unfiltered(error)
+    own = [
+        *spike_findings(parts, job.signal, FEWEST_SPIKES),
+        *check_limits(experiment, parts),
+        *check_standstill(robot, parts),
+    ]
+    if not job.parameters.simple:
+        return [*torque_findings(job.system(parts)), *own]
+    hints: list[Finding] = []
+    named = _causes(rows if beta is None else LogRows(robot, job.signal, parts, of_fit, beta), hints)
+    if named:
         # What else a log declared so wrongly seems to have comes from that.
-        return found
-    turned = [] if solved is None else torque_findings(solved[0])
-    if turned:
-        return [finding_of(item) for item in turned]
-    found = check_payload(job, parts, solved, beta)
-    if job.parameters.simple:
-        x = None if solved is None else robot.base_parameters.lift(job.selection.expand(solved[1].solution))
-        found += check_loop(experiment, x, shown)
-    found += check_delay(job, declared) or reader.fine()
-    found += check_limits(experiment, parts)
-    found += check_standstill(robot, parts)
-    if rows is not None:
-        notes += unchecked_gains(rows)
-    return found + check_excitation(robot, parts, whole, as_declared(robot.n_dof))
+        return named
+    found = [*hints, *_between(job, parts, beta)]
+    if shown is not None:
+        found += loop_findings(experiment, base.lift(rows.declared.beta), shown)
+    if job.delay_setting != "estimate":
+        late = delay_findings(rows, np.zeros(0), obeyed=False)
+        found += late if late or rows.hopeless else check_delay(job)
+    notes += [item.sentence for item in unchecked(rows)]
+    n_rows = sum(len(part.q) for part in parts) / math.prod(job.signal.decimation)
+    return [*found, *own, *check_excitation(rows, n_rows)]
 
 
-def _solved(job: Job, parts: Sequence[Segment]) -> tuple[LinearSystem, Fit] | None:
-    """Return the linear system of a log and its solution; None where the log does not identify all parameters."""
+def _causes(rows: LogRows, hints: list[Finding]) -> list[Finding]:
+    """Return what is declared wrongly, each found with those before it corrected; what is not certain goes to `hints`."""
+    named: list[Finding] = []
+    with suppress(DidimError):  # a log that cannot be read as a cause says
+        for _ in range(MOST_ROUNDS):
+            cause = Search(rows).cause()
+            if cause is None or not cause.certain:
+                hints += cause_findings(rows, cause) if rows.known is None else []
+                break
+            if rows.known is not None and cause.tried[0].decisive > 2.0 * rows.n * np.log(KNOWN_LEFT):
+                break
+            named += cause_findings(rows, cause)
+            rows = rows.under(cause.tried[0].hypothesis)
+    return named
+
+
+def _between(job: Job, parts: Sequence[Segment], beta: Array | None) -> list[Finding]:
+    """Return loads and friction that recordings do not share, and a load that known parameters, (b,), do not have."""
+    if beta is not None:
+        load = load_beyond(job.system(parts), beta, job.robot)
+        return [] if load is None else [load_finding(load, f"beside the known parameters the robot {load}")]
+    if len({part.recording for part in parts}) < 2:
+        return []
     system = job.system(parts)
     try:
-        # Thresholds of these checks are those of white noise.
-        return system, solve(system, replace(job.settings, uncertainty="white"))
-    except RankError:  # reported as parameters that the log does not identify
-        return None
+        fit = job.solve(system)
+    except DidimError:  # reported as parameters that the log does not identify
+        return []
+    loads = [item for item in load_findings(job, system, fit) if item.grade != "note"]
+    return [*loads, *check_friction(job, (system, fit))]
 
 
-def _quick_samples(job: Job, parts: Sequence[Segment]) -> int:
-    """Count the samples that leave enough rows of each joint, of a fifth of the motion at least."""
-    rows = QUICK_ROWS + 6 * job.signal.edge_rows * len(parts)
-    return max(rows * math.prod(job.signal.decimation), sum(len(part.q) for part in parts) // 5)
-
-
-def _noise(job: Job, parts: Sequence[Segment]) -> Array:
-    """Return the standard deviation of the noise of the decimated torques, (n_dof,), if it is white at the rate of the log."""
-    tau = np.concatenate([np.diff(part.tau, 2, axis=0) for part in parts])
-    # The median does not see the jumps of friction; second differences of white noise have sqrt(6) times its size.
-    raw = np.median(np.abs(tau), axis=0) / 0.6745 / np.sqrt(6.0)
-    n_samples = max(len(part.q) for part in parts)
-    white = np.random.default_rng(0).standard_normal((n_samples, 8))
-    kept = decimate(white, decimation_stages(n_samples, job.signal))[job.signal.kept_rows]
-    return np.asarray(raw * np.sqrt(np.mean(kept**2)))
+def loop_table(shown: Recovered | None) -> tuple[tuple[str, ...], ...]:
+    """Return heading and rows of the gains that a log shows over the declared ones; empty without a controller."""
+    if shown is None:
+        return ()
+    names, factors, _ = shown.keys()
+    rows = [
+        (str(joint + 1), *(f"{value:.3f}" for value in column), f"{100.0 * left:.2g}")
+        for joint, (column, left) in enumerate(zip(factors.T, shown.relative, strict=True))
+    ]
+    return (("joint", *names, "left %"), *rows)

@@ -15,7 +15,7 @@ from .._tools.arrays import Array
 from .._tools.words import joints_text
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
-from .finding import Finding
+from ..result.finding import Finding, said
 
 SAME = 1e-9
 """Error over motion up to which two columns are the same, but for rounding."""
@@ -56,7 +56,7 @@ def _recording(recording: Recording) -> Iterator[Finding]:
         if not found:
             continue
         value = float(np.median(list(found.values())))
-        yield Finding(
+        yield said(
             kind="reference",
             sentence=f"the reference of {joints_text(found)} in recording '{recording.name}' "
             + _TEXT[what].format(value),

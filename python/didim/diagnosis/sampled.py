@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..log.sampling import TimeFault
-from .finding import Finding, Kind
+from ..result.finding import Finding, said
 
 MOST_GAPS = 5
 """Number of gaps that are reported one by one."""
@@ -21,7 +21,7 @@ ADVICE = {
 def time_findings(faults: Sequence[tuple[str, TimeFault]]) -> list[Finding]:
     """Turn faults of time stamps into findings."""
     found = []
-    kinds: dict[str, Kind] = {"order": "uneven-time", "gap": "gap", "uneven": "uneven-time", "rate": "rate"}
+    kinds = {"order": "uneven-time", "gap": "gap", "uneven": "uneven-time", "rate": "rate"}
     for recording in dict.fromkeys(name for name, _ in faults):
         for kind in ADVICE:
             alike = [fault for name, fault in faults if name == recording and fault.kind == kind]
@@ -30,7 +30,7 @@ def time_findings(faults: Sequence[tuple[str, TimeFault]]) -> list[Finding]:
                 left = len(alike) - len(shown)
                 more = f"; there are {left} more" if left and fault is shown[-1] else ""
                 found.append(
-                    Finding(
+                    said(
                         kind=kinds[kind],
                         sentence=fault.sentence + more,
                         advice=ADVICE[kind],

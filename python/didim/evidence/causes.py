@@ -16,8 +16,9 @@ import numpy as np
 from .._tools.arrays import Array
 from ..regression.linear_system import LinearSystem
 from .hypotheses.hypothesis import Hypothesis
-from .hypotheses.table import OF_COLUMNS, OF_TORQUES
-from .hypotheses.torques import exchanges, signs
+from .hypotheses.positions import scales
+from .hypotheses.table import OF_READINGS, OF_ROBOT, OF_SIGNS
+from .hypotheses.torques import exchanges, gains, signs
 from .products import BLOCKS, Declared, Judged, Products
 from .rows import LogRows
 from .thresholds import (
@@ -93,40 +94,43 @@ class Search:
         The log.
     other : LogRows, optional
         Another log of the robot, such as one that was held out.
+    readings : bool
+        Whether units, sides, rates, gears, encoders and exchanged positions are tried too.
     """
 
-    def __init__(self, rows: LogRows, other: LogRows | None = None) -> None:
-        self.rows, self.other = rows, other
-        self._columns: dict[int, tuple[Array, tuple[str, ...], Products]] = {}
+    def __init__(self, rows: LogRows, other: LogRows | None = None, *, readings: bool = True) -> None:
+        self.rows, self.other, self._readings = rows, other, readings
+        self._columns: dict[Hypothesis, tuple[Array, tuple[str, ...], Products] | None] = {}
 
     def cause(self) -> Cause | None:
         """Return what explains the log, or None."""
-        found = [self._tried(item) for family in OF_TORQUES for item in family(self.rows)]
+        rows = self.rows
+        found = [self._tried(item) for item in signs(rows)]
+        torn = self._torn_joints()
+        if rows.hopeless and not torn and not any(item.friction for item in found):
+            return None
+        found += [self._tried(item) for item in gains(rows)]
+        found += [self._tried(item) for item in exchanges(rows) if self._fell(item) <= 0.0]
         found += [self._tried(item) for item in self._promising()]
         found = [item for item in found if np.isfinite(item.d)]
-        by_friction = [item for item in found if item.friction]
         near = sorted((item for item in found if item.d <= SCREEN), key=lambda item: item.d)[:MOST_DECIDED]
         known = {id(item.hypothesis) for item in near}
-        near += [item for item in by_friction if id(item.hypothesis) not in known]
-        known = {id(item.hypothesis) for item in near}
-        torn = self._torn_joints()
         near += [
             item
             for item in found
-            if item.hypothesis.turns
-            and item.hypothesis.joints[0] in torn
-            and id(item.hypothesis) not in known
+            if id(item.hypothesis) not in known
+            and (item.friction or (item.hypothesis.turns and item.hypothesis.joints[0] in torn))
         ]
         return None if not near else self._named([self._decided(item) for item in near])
 
     def _promising(self) -> list[Hypothesis]:
         """Return the hypotheses with columns of their own that the rougher look leaves, the best first."""
-        rows = self.rows
-        torn = self._torn_joints()
+        rows, torn = self.rows, self._torn_joints()
         scored: list[tuple[float, Hypothesis]] = []
-        for family in OF_COLUMNS:
+        families = OF_SIGNS if rows.known is not None else (*OF_SIGNS, *OF_ROBOT)
+        for family in (*families, *OF_READINGS) if self._readings else families:
             for item in family(rows):
-                d = rows.rough(item.robot, item.position, item.factors)
+                d = rows.rough(item) if family is not scales else self._fell(item)
                 if item.turns and item.joints[0] in torn:
                     d = min(d, SCREEN)
                 if d <= SCREEN:
@@ -134,32 +138,27 @@ class Search:
         scored.sort(key=lambda pair: pair[0])
         return [item for _, item in scored[:MOST_EXACT]]
 
+    def _fell(self, item: Hypothesis) -> float:
+        return float(np.sum(np.log(self.rows.seen(item) / self.rows.declared_seen)))
+
     def _torn_joints(self) -> tuple[int, ...]:
         """Return the joints, from 1, whose torques only parameters of no robot explain."""
         if not hasattr(self, "_torn"):
             plain = self.rows.products.seen()
             held = self.rows.consistent(self.rows.robot, self.rows.w, self.rows.y)
-            self._held = held
-            cost = np.zeros(self.rows.n) if held is None else np.log(held / plain)
+            self._held = None if held is None else np.sum(held**2, axis=1)
+            cost = np.zeros(self.rows.n) if self._held is None else np.log(self._held / plain)
             self._torn = tuple(int(joint) + 1 for joint in np.flatnonzero(cost > TORN))
         return self._torn
 
     def _products(self, item: Hypothesis) -> tuple[Array, tuple[str, ...], Products] | None:
-        if not item.needs_columns:
-            return self.rows.w, self.rows.names, self.rows.products
-        key = id(item.robot) if item.position is None else hash(item.position.tobytes())
-        if key not in self._columns:
-            found = self.rows.exact(item.robot, item.position)
-            if found is None:
-                return None
-            self._columns[key] = (*found, Products.of(found[0], self.rows.y))
-        return self._columns[key]
+        if item not in self._columns:
+            self._columns[item] = self.rows.exact(item)
+        return self._columns[item]
 
     def _tried(self, item: Hypothesis) -> Tried:
         found = self._products(item)
-        if found is None:
-            return Tried(item, float("inf"))
-        return tried(self.rows, item, found[2], found[1])
+        return Tried(item, float("inf")) if found is None else tried(self.rows, item, found[2], found[1])
 
     def _decided(self, plain: Tried) -> Tried:
         """Return a trial with D of the consistent fit, and whether another log confirms it."""
@@ -168,15 +167,12 @@ class Search:
         self._torn_joints()
         if found is None or self._held is None:
             return plain
-        n = self.rows.n
-        order = list(range(n)) if item.order is None else list(item.order)
-        factors = np.ones(n) if item.factors is None else item.factors
-        y = np.empty_like(self.rows.y)
-        y[order] = self.rows.y / factors[:, None]  # the torques of the joints, not of the channels
+        mixing = item.mixing(self.rows.n)
+        y: Array = np.linalg.inv(mixing) @ self.rows.y  # the torques of the joints, not of the channels
         held = self.rows.consistent(item.robot or self.rows.robot, found[0], y)
         if held is None:
             return replace(plain, d_consistent=float("inf"))
-        d = float(np.sum(np.log(held[order] * factors**2 / self._held)))
+        d = float(np.sum(np.log(np.sum((mixing @ held) ** 2, axis=1) / self._held)))
         refused = plain.refused
         if not refused and d <= HINT and self._contradicted(item, found[2]):
             refused = "other-log"
@@ -186,14 +182,12 @@ class Search:
         """Whether another log of the robot is predicted no better."""
         if self.other is None or self.other.n != self.rows.n:
             return False
-        mine, theirs = self.other.products, self.other.products
-        if item.needs_columns:
-            found = self.other.exact(item.robot, item.position)
-            if found is None:
-                return False
-            theirs = Products.of(found[0], self.other.y)
-        after = theirs.predicted(products.judged(item.order, item.factors).beta, item.order, item.factors)
-        before = mine.predicted(self.rows.declared.beta)
+        found = self.other.exact(item)
+        if found is None:
+            return False
+        beta = products.judged(item.order, item.factors).beta
+        after = found[2].predicted(beta, item.order, item.factors)
+        before = self.other.products.predicted(self.rows.declared.beta)
         return float(np.sum(np.log(after / before))) > OTHER_LOG
 
     def _named(self, found: Sequence[Tried]) -> Cause | None:
@@ -256,7 +250,8 @@ def cause_of_torques(system: LinearSystem) -> tuple[OfSystem, Cause | None] | No
 
 def confirmed(tried: Tried) -> bool:
     """Whether blocks that were left out confirm a trial, or the sign of friction where the plain fit is blind."""
-    if tried.hypothesis.turns and (tried.friction or tried.d_consistent <= TURNED):
+    blind = tried.d < FRICTION_SLACK  # a plain fit that gets clearly worse is not blind, and contradicts
+    if tried.hypothesis.turns and (tried.friction or (tried.d_consistent <= TURNED and blind)):
         return True
     return tried.d <= SCREEN and tried.blocks >= BLOCKS_BETTER
 
@@ -266,7 +261,7 @@ def friction_sigmas(names: Sequence[str], judged: Judged, joints: Sequence[int])
     found = []
     for kind in (f"{kind}{joint}" for joint in joints for kind in ("Fv", "Fc")):
         places = [place for place, name in enumerate(names) if name.rstrip("+-") == kind]
-        std = np.maximum(judged.std[places], np.finfo(float).tiny)
+        std = np.maximum(judged.std[places], 1e-9 * np.abs(judged.beta[places]) + 1e-300)
         found += (judged.beta[places] / std).tolist()
     return found or [0.0]
 

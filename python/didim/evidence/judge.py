@@ -16,6 +16,7 @@ import numpy as np
 from .._tools.arrays import Array
 from ..errors import DidimError
 from ..experiment.experiment import Experiment
+from ..log.recording import Recording
 from ..regression.logs.parameters import LogParameters
 from ..result.finding import Finding
 from ..result.identification import Identification
@@ -32,6 +33,7 @@ from .loop.simulated import Beside, simulated_findings
 from .naming import cause_findings
 from .residual import Residual, held_out_findings, residual_of, size_findings, spike_findings
 from .rows import LogRows
+from .thresholds import READ_OTHERWISE
 from .torques import TORQUE_CODES, constant_torque_findings
 from .uses import uses_of
 from .whiteness import NEGLIGIBLE, whiteness, whiteness_findings
@@ -104,7 +106,8 @@ def judged(
     found += held_out_findings(fit)
     uses: list[Use] = []
     if measured is not None:
-        told, uses = _along(measured, fit, found, system_tested=system_tested, say=say)
+        of_fit = [item for item in experiment.recordings if item.role == "fit"]
+        told, uses = _along(measured, fit, found, of_fit, system_tested=system_tested, say=say)
         found = told
     # Causes are named by the search where it has found one: it knows more than the look at the torques alone.
     caused = any("ties" in item.facts for item in found)
@@ -116,6 +119,7 @@ def _along(
     measured: Measured,
     fit: Identification,
     found: list[Finding],
+    fitted: Sequence[Recording],
     *,
     system_tested: bool,
     say: Callable[[str], None],
@@ -143,7 +147,7 @@ def _along(
     explicable = "constant-torque" not in codes and fit.overall_relative_error > ROUNDING
     rows: LogRows | None = None
     with suppress(DidimError):  # too few rows for hypotheses
-        rows = LogRows(measured.robot, signal, parts)
+        rows = LogRows(measured.robot, signal, parts, fitted)
     growth = 1.0
     if rows is not None:
         growth = float(np.sqrt(rows.declared.unseen.sum() / max(float(rows.products.seen().sum()), 1e-300)))
@@ -172,7 +176,8 @@ def explained(rows: LogRows, measured: Measured, fit: Identification | None) -> 
             other = LogRows(measured.robot, measured.signal, measured.outside)
         except DidimError:
             other = None
-    cause = Search(rows, other).cause()
+    share = float(np.sqrt(rows.products.seen().sum() / np.sum(rows.y**2)))
+    cause = Search(rows, other, readings=share > READ_OTHERWISE).cause()
     named = cause_findings(rows, cause)
     if cause is not None and cause.certain:
         return named

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from .._tools.arrays import Array
-from ..model.dynamics import inverse_dynamics
+from ..model.dynamics import rigid_torque
 from ..result.finding import Finding, Remedy
 from ..result.identification import Identification
 from .products import Judged
@@ -33,6 +33,8 @@ SPEEDS = (0.03, 0.1, 0.3)
 """Stribeck velocities that are tried, as shares of the largest speed of a joint."""
 FALLING = frozenset({"stribeck", "atan"})
 """Laws of terms with which a model has friction that falls with speed."""
+HOLD = (0.3, 0.7)
+"""Delays, in samples ahead of the motion, that the hold of a digital controller of the log's rate explains."""
 CLEARLY = 0.97
 """Share of a joint's squared error that a further friction term must not exceed there for the joint to be named."""
 
@@ -117,7 +119,10 @@ def delay_findings(rows: LogRows, std: Array, *, obeyed: bool) -> list[Finding]:
             remedy=Remedy(
                 file="experiment", table="[delay]", key="compensate_samples", action="set", value="estimate"
             ),
-            facts={"seconds": abs(late) / rows.parts[0].rate_hz},
+            facts={
+                "seconds": abs(late) / rows.parts[0].rate_hz,
+                "held": -HOLD[1] < late < -HOLD[0],
+            },
         )
     ]
 
@@ -157,8 +162,8 @@ def _smoothing(rows: LogRows, top: Array) -> Array:
 
 
 def _slopes(rows: LogRows) -> Array:
-    """Return the change of each joint's torque in a sample, by the declared model, (n, n_rows)."""
+    """Return the change of each joint's torque in a sample, by the declared model without friction, (n, n_rows)."""
     x = rows.robot.base_parameters.lift(rows.declared.beta)
     return rows.reduced(
-        [np.gradient(inverse_dynamics(rows.robot, p.q, p.dq, p.ddq, x), axis=0) for p in rows.parts]
+        [np.gradient(rigid_torque(rows.robot, p.q, p.dq, p.ddq, x), axis=0) for p in rows.parts]
     )

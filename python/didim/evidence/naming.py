@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Literal
 
 import numpy as np
 
@@ -43,39 +44,40 @@ def torque_findings(system: LinearSystem) -> list[Finding]:
     return [] if found is None else cause_findings(*found)
 
 
+REMEDIES: dict[
+    str, tuple[Literal["experiment", "robot"], str, str, Literal["set", "turn", "exchange", "divide"]]
+] = {
+    "torque-sign": ("experiment", "[recording.torque]", "gain", "turn"),
+    "drive-gain": ("experiment", "[recording.torque]", "gain", "divide"),
+    "swapped-torques": ("experiment", "[recording.torque]", "columns", "exchange"),
+    "swapped-positions": ("experiment", "[recording.position]", "columns", "exchange"),
+    "unit": ("experiment", "[recording.position]", "unit", "set"),
+    "position-sign": ("robot", "[[joint]]", "axis", "turn"),
+    "joint-sign": ("robot", "[[joint]]", "axis", "turn"),
+    "gravity": ("robot", "", "gravity_m_s2", "set"),
+    "twist-sign": ("robot", "[[joint]]", "alpha_deg", "turn"),
+    "link-length": ("robot", "[[joint]]", "", "set"),
+    "dh-convention": ("robot", "", "convention", "set"),
+}
+"""File, table, key and action of the edit that takes a cause away, where a file says enough."""
+
+
 def remedy_of(tried: Tried) -> Remedy | None:
     """Return the edit of a file that a cause asks for; None where the file does not say enough."""
     item = tried.hypothesis
-    joints = item.joints
-    if item.code == "torque-sign":
-        return Remedy(file="experiment", table="[recording.torque]", key="gain", action="turn", joints=joints)
-    if item.code == "drive-gain":
-        return Remedy(
-            file="experiment",
-            table="[recording.torque]",
-            key="gain",
-            action="divide",
-            value=item.value,
-            joints=joints,
-        )
-    if item.code == "swapped-torques":
-        return Remedy(
-            file="experiment", table="[recording.torque]", key="columns", action="exchange", joints=joints
-        )
-    if item.code in ("position-sign", "joint-sign"):
-        return Remedy(file="robot", table="[[joint]]", key="axis", action="turn", joints=joints)
+    if item.code not in REMEDIES:
+        return None
+    file, table, key, action = REMEDIES[item.code]
+    facts: Mapping[str, Any] = item.facts
+    value: Any = item.value
     if item.code == "gravity":
-        vector: Any = item.facts["vector"]
-        return Remedy(file="robot", table="", key="gravity_m_s2", action="set", value=list(vector))
-    if item.code == "twist-sign":
-        return Remedy(file="robot", table="[[joint]]", key="alpha_deg", action="turn", joints=joints)
-    if item.code == "link-length":
-        key = str(item.facts["symbol"])
-        return Remedy(file="robot", table="[[joint]]", key=key, action="set", value=item.value, joints=joints)
-    if item.code == "dh-convention":
-        value = "mdh" if item.facts.get("standard") else "dh"
-        return Remedy(file="robot", table="", key="convention", action="set", value=value)
-    return None
+        value = list(facts["vector"])
+    elif item.code == "dh-convention":
+        value = "mdh" if facts.get("standard") else "dh"
+    elif item.code == "unit":
+        value = facts["unit"]
+    key = key or str(facts["symbol"])
+    return Remedy(file=file, table=table, key=key, action=action, value=value, joints=item.joints)
 
 
 def _tie(tried: Tried) -> dict[str, Any]:

@@ -94,15 +94,18 @@ class Products:
         ``y' y``.
     scale : (p,) array
         Norms of the columns.
+    given : (p,) array or None
+        Parameters that are known: nothing is fitted then.
     """
 
     g: Array
     h: Array
     y: Array
     scale: Array
+    given: Array | None = None
 
     @classmethod
-    def of(cls, columns: Array, torque: Array, blocks: int = BLOCKS) -> Products:
+    def of(cls, columns: Array, torque: Array, blocks: int = BLOCKS, given: Array | None = None) -> Products:
         """Return the products of columns, (n, rows, p), and torques, (n, rows), in blocks of time."""
         cuts = [slice(part[0], part[-1] + 1) for part in np.array_split(np.arange(torque.shape[1]), blocks)]
         g = np.stack([np.matmul(columns[:, c].transpose(0, 2, 1), columns[:, c]) for c in cuts], axis=1)
@@ -110,7 +113,7 @@ class Products:
         scale = np.sqrt(np.einsum("jmpp->p", g))
         scale[scale == 0.0] = 1.0
         squares = np.stack([np.sum(torque[:, c] ** 2, axis=1) for c in cuts], axis=1)
-        return cls(g / (scale[:, None] * scale), h / scale, squares, scale)
+        return cls(g / (scale[:, None] * scale), h / scale, squares, scale, given)
 
     @classmethod
     def of_system(cls, system: LinearSystem) -> Products:
@@ -175,6 +178,8 @@ class Products:
         return np.asarray(np.maximum(error, LEAST_SHARE * np.maximum(sizes, np.finfo(float).tiny)))
 
     def _solved(self, gram: Array, right: Array) -> Array:
+        if self.given is not None:
+            return np.tile(self.given * self.scale, (len(right), 1))
         p = right.shape[1]
         ridge = RIDGE * np.trace(gram, axis1=1, axis2=2)
         gram = gram + ridge[:, None, None] * np.eye(p)

@@ -20,12 +20,12 @@ from ..regression.logs.parameters import LogParameters
 from ..result.finding import Finding, Remedy
 from ..result.identification import Identification
 from ..robot.robot import Robot
-from ..signal.decimation import decimate, decimation_stages
+from ..signal.decimation import row_values
 from ..signal.noise import noise_correlation, row_noise, white_noise
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment
 from ..signal.spikes import alone, without_lone
-from .thresholds import FEWEST_SPIKES, MOST_SPIKES, SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG, SPIKES_SHARE
+from .thresholds import FEWEST_SPIKES, SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG, SPIKES_SHARE
 
 LARGER = 1.5
 """Error on a held-out recording over that of the fit that is worth a sentence: on correct logs it is 0.9 to 1.1."""
@@ -83,9 +83,8 @@ def residual_of(
     for part in parts:
         x = logs.standard(logs.lift(beta), part.recording)
         error = part.tau - inverse_dynamics(robot, part.q, part.dq, part.ddq, x)
-        stages = decimation_stages(len(error), signal)
-        errors.append(decimate(np.ascontiguousarray(error), stages)[signal.kept_rows].T)
-        torques.append(decimate(np.ascontiguousarray(part.tau), stages)[signal.kept_rows].T)
+        errors.append(row_values(error, signal).T)
+        torques.append(row_values(part.tau, signal).T)
         whites.append(white_noise(part.tau) * row_noise(signal, part.rate_hz)[0])
     blocks = stacked(
         robot.n_dof,
@@ -120,8 +119,10 @@ def size_findings(found: Residual) -> list[Finding]:
     ]
 
 
-def spike_findings(parts: Sequence[Segment], signal: SignalProcessing) -> list[Finding]:
-    """Return a finding where single samples of the torques stand alone; none once they are replaced."""
+def spike_findings(
+    parts: Sequence[Segment], signal: SignalProcessing, fewest: int | None = None
+) -> list[Finding]:
+    """Return a finding where single samples of the torques stand alone, by their effect or so many; none once they are replaced."""
     if signal.spikes is not None:
         return []
     masks = [alone(part.tau) for part in parts]
@@ -138,8 +139,9 @@ def spike_findings(parts: Sequence[Segment], signal: SignalProcessing) -> list[F
     )
     spread = np.std(np.concatenate([part.tau for part in parts]), axis=0)
     share = np.sqrt(off / n_samples) / np.maximum(spread, np.finfo(float).tiny)
-    told = (counts >= FEWEST_SPIKES * n_samples) & (counts <= MOST_SPIKES * n_samples)
-    joints = np.flatnonzero((share >= SPIKES_SHARE) & told)
+    # One sample of forty at most is found alone: more are the noise of that torque.
+    told = (share >= SPIKES_SHARE) & (counts >= FEWEST_SPIKES * n_samples)
+    joints = np.flatnonzero(told if fewest is None else counts >= fewest)
     if not len(joints):
         return []
     count = int(counts[joints].sum())

@@ -6,14 +6,16 @@ Tested in ``tests/test_evidence_products.py``.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._tools.arrays import Array
 from ..errors import DidimError, FitError
+from ..log.recording import Recording
 from ..regression.block import stacked
 from ..regression.consistent.solver import Consistent, ConsistentSolver
 from ..regression.linear_system import LinearSystem, linear_system, observation
@@ -21,13 +23,20 @@ from ..regression.selection import select
 from ..regression.settings import LeastSquaresSettings
 from ..robot.robot import Robot
 from ..signal.decimation import decimate, decimation_stages
+from ..signal.noise import row_noise, white_noise
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, stretches
 from .products import BLOCKS, Products
 from .screen import MOTION, Screen
+from .thresholds import HINT
+
+if TYPE_CHECKING:
+    from .hypotheses.hypothesis import Hypothesis
 
 ROWS = 300
 """Rows of a joint that hypotheses are tried on, where the log has them: at least as many, and less than twice that."""
+ROUGH_ROWS = 150
+"""Rows of a joint for the rougher look, at least, and less than twice that."""
 SAMPLES = 6000
 """Samples that they are tried on at least."""
 FEWEST_ROWS = 3
@@ -45,8 +54,10 @@ class LogRows:
         Decimation.
     parts : sequence of Segment
         Filtered windows of the log.
-    whole : bool
-        Whether all of the log is taken, and not stretches of it.
+    recordings : sequence of Recording
+        What they were read from, where units, sides and rates are asked too.
+    known : (p,) array, optional
+        Base parameters that are known: nothing is fitted then.
 
     Attributes
     ----------
@@ -58,6 +69,10 @@ class LogRows:
         Of both.
     declared : Judged
         Errors of the declared model.
+    origin : mapping
+        What the file says of the first recording.
+    timed : bool
+        Whether time stamps say the rate, or nothing is known of it.
 
     Raises
     ------
@@ -66,21 +81,28 @@ class LogRows:
     """
 
     def __init__(
-        self, robot: Robot, signal: SignalProcessing, parts: Sequence[Segment], *, whole: bool = False
+        self,
+        robot: Robot,
+        signal: SignalProcessing,
+        parts: Sequence[Segment],
+        recordings: Sequence[Recording] = (),
+        known: Array | None = None,
     ) -> None:
         linear = [term for term in robot.friction.terms if term.law != "load"]
         self.robot = robot if len(linear) == len(robot.friction.terms) else robot.with_terms(linear)
-        self.signal = signal
-        self.parts = list(parts) if whole else stretches(parts, samples_wanted(signal, parts))
+        self.signal, self.recordings, self.known = signal, recordings, known
+        self.origin: Mapping[str, Any] = recordings[0].origin if recordings else {}
+        self.timed = all("time" in item.origin for item in recordings)
+        self.parts = stretches(parts, samples_wanted(signal, parts))
         self._thin = 1
         w, y, self.names = self._system(self.robot, self.parts)
-        self._thin = 1 if whole else max(1, y.shape[1] // ROWS)
+        self._thin = max(1, y.shape[1] // ROWS)
         self.w, self.y = np.ascontiguousarray(w[:, :: self._thin]), np.ascontiguousarray(y[:, :: self._thin])
         if self.y.shape[1] < FEWEST_ROWS * BLOCKS:
             raise FitError(f"{self.y.shape[1]} rows are too few for hypotheses on a log")
         if not y.any(axis=1).all():
             raise FitError("a joint without torque says nothing of hypotheses on a log")
-        self.products = Products.of(self.w, self.y)
+        self.products = Products.of(self.w, self.y, given=known)
         self.declared = self.products.judged()
 
     @property
@@ -88,46 +110,90 @@ class LogRows:
         """Number of joints."""
         return self.robot.n_dof
 
+    def under(self, item: Hypothesis) -> LogRows:
+        """Return the rows as a hypothesis reads the log."""
+        undone = np.linalg.inv(item.mixing(self.n)).T
+        parts = [replace(part, tau=part.tau @ undone) for part in self._moved(item)]
+        return LogRows(item.robot or self.robot, self.signal, parts, self.recordings, self.known)
+
+    @cached_property
+    def declared_seen(self) -> Array:
+        """Squared errors of the declared model in sample, (n,)."""
+        return self.products.seen()
+
+    @cached_property
+    def hopeless(self) -> bool:
+        """Whether all that is left of the torques is about their white noise, so that no hypothesis can explain more."""
+        gain = [row_noise(self.signal, part.rate_hz)[0] * white_noise(part.tau) for part in self.parts]
+        share = self.y.shape[1] * np.median(gain, axis=0) ** 2 / self.declared_seen
+        return float(np.sum(np.log(np.minimum(1.0, np.maximum(share, 1e-9))))) > HINT
+
     @cached_property
     def screen(self) -> Screen:
         """The rougher look."""
-        motion = [self.reduced([getattr(part, key) for part in self.parts]) for key in MOTION]
-        return Screen(self.robot, motion, self._whole())
+        motion = [
+            self.reduced([getattr(part, key) for part in self.parts])[:, :: self._step] for key in MOTION
+        ]
+        return Screen(self.robot, motion, self._whole()[:, :: self._step])
+
+    @cached_property
+    def _step(self) -> int:
+        return max(1, int(self.y.shape[1]) // ROUGH_ROWS)
 
     @cached_property
     def _rough(self) -> Array:
-        return Products.of(self.screen.exact, self.y, blocks=1).seen()
+        return self._seen(self.screen.exact)
 
-    def rough(
-        self, robot: Robot | None = None, position: Array | None = None, factors: Array | None = None
-    ) -> float:
-        """Return about the D of another robot, or of positions ``A q``, in sample; infinity where it cannot be computed."""
-        return float(np.sum(np.log(self.rough_ratios(robot, position, factors))))
+    def _seen(self, w: Array, order: Sequence[int] | None = None, factors: Array | None = None) -> Array:
+        y, known = self.y[:, :: self._step], self.known
+        given = None if known is None else self.robot.base_parameters.lift(known)
+        return Products.of(w, y, 1, given).seen(order, factors)
 
-    def rough_ratios(
-        self, robot: Robot | None = None, position: Array | None = None, factors: Array | None = None
-    ) -> Array:
+    def rough(self, item: Hypothesis) -> float:
+        """Return about the D of a hypothesis, in sample; infinity where it cannot be computed."""
+        return float(np.sum(np.log(self.rough_ratios(item))))
+
+    def rough_ratios(self, item: Hypothesis) -> Array:
         """Return about the squared error of each channel over that of the declared model, (n,), in sample."""
         try:
-            w = self.screen.of_robot(robot) if robot is not None else None
-            w = self.screen.of_motion(np.asarray(position)) if w is None else w
+            if item.robot is not None:
+                w = self.screen.of_robot(item.robot)
+            elif item.position is not None or item.rate != 1.0:
+                w = self.screen.of_motion(
+                    np.eye(self.n) if item.position is None else item.position, item.rate
+                )
+            else:
+                w = self.screen.exact
         except DidimError:
             return np.full(self.n, math.inf)
-        return Products.of(w, self.y, blocks=1).seen(None, factors) / self._rough
+        w = w if item.torque is None else np.tensordot(item.torque, w, 1)
+        return self._seen(w, item.order, item.factors) / self._rough
 
-    def exact(
-        self, robot: Robot | None = None, position: Array | None = None
-    ) -> tuple[Array, tuple[str, ...]] | None:
-        """Return columns as those of a fit, (n, n_rows, p), with their names; None where they cannot be computed."""
-        parts = self.parts
-        if position is not None:
-            a = np.asarray(position).T
-            parts = [replace(part, q=part.q @ a, dq=part.dq @ a, ddq=part.ddq @ a) for part in parts]
+    def seen(self, item: Hypothesis) -> Array:
+        """Return the squared errors of the channels in sample, (n,); infinity where they cannot be computed."""
+        found = self.exact(item)
+        return np.full(self.n, math.inf) if found is None else found[2].seen(item.order, item.factors)
+
+    def exact(self, item: Hypothesis) -> tuple[Array, tuple[str, ...], Products] | None:
+        """Return columns as those of a fit, (n, n_rows, p), names and products; None where they cannot be computed."""
+        if not item.needs_columns:
+            return self.w, self.names, self.products
         try:
-            w, _, names = self._system(robot or self.robot, parts)
+            w, _, names = self._system(item.robot or self.robot, self._moved(item))
         except DidimError:
             return None
-        return np.ascontiguousarray(w[:, :: self._thin]), names
+        w = np.ascontiguousarray(w[:, :: self._thin])
+        channels = w if item.torque is None else np.tensordot(item.torque, w, 1)
+        return w, names, Products.of(channels, self.y, given=self.known)
+
+    def _moved(self, item: Hypothesis) -> list[Segment]:
+        if item.position is None and item.rate == 1.0:
+            return self.parts
+        a = np.eye(self.n) if item.position is None else item.position.T
+        r = item.rate
+        return [
+            replace(part, q=part.q @ a, dq=r * part.dq @ a, ddq=r**2 * part.ddq @ a) for part in self.parts
+        ]
 
     def reduced(self, signals: Sequence[Array]) -> Array:
         """Return signals of each part, (n_samples, n) each, on the rows, (n, n_rows)."""
@@ -140,7 +206,7 @@ class LogRows:
         return Products.of(np.concatenate([self.w, columns], axis=2), self.y)
 
     def consistent(self, robot: Robot, w: Array, y: Array) -> Array | None:
-        """Return the squared errors of each row joint, (n,), of the physically consistent fit; None where there is none.
+        """Return the errors of the physically consistent fit, (n, n_rows); None where there is none, or parameters are known.
 
         Parameters
         ----------
@@ -149,6 +215,8 @@ class LogRows:
         w, y : (n, n_rows, p), (n, n_rows) arrays
             Columns, and the torques of the joints that they belong to.
         """
+        if self.known is not None:
+            return None
         n, rows, p = w.shape
         system = LinearSystem(
             w=w.reshape(n * rows, p),
@@ -163,7 +231,7 @@ class LogRows:
             fit = solver(system, LeastSquaresSettings(weights="per-joint", reweightings=1))
         except DidimError:
             return None
-        return np.asarray(np.sum(fit.residual.reshape(n, rows) ** 2, axis=1))
+        return fit.residual.reshape(n, rows)
 
     @cached_property
     def _gamma(self) -> float:

@@ -1,6 +1,7 @@
 """The thresholds of the evidence: what each decides, and the logs behind it.
 
 Chosen on the first half of the logs that docs/verdict.md lists, and only counted on the second.
+Tested in ``tests/test_turning_points.py``.
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ TORN = 0.7
 """Logarithm of a joint's squared error of the consistent fit over that of the plain one, from which its signs are doubted."""
 MOST_DECIDED = 6
 """Causes that the consistent fit is asked for at most: the best by the plain fit."""
+READ_OTHERWISE = 0.1
+"""Share of the torques left from which the verdict asks, as `check` always does, whether columns are to be read otherwise: a wrong
+unit, side or column leaves more, and the look takes as long as a fit."""
 MOST_EXACT = 6
 """Causes with columns of their own that are fitted after the rougher look at most."""
 # Friction and delays (`didim.evidence.lasting`).
@@ -58,8 +62,6 @@ SPIKES_SHARE = 0.01
 """Error of the spikes of a torque over its standard deviation from which they are reported."""
 FEWEST_SPIKES = 1e-3
 """Share of samples that are spikes at least: a few change no estimate."""
-MOST_SPIKES = 0.05
-"""Share of samples that are spikes at most: more are the noise of that torque."""
 
 # Uses (`didim.evidence.uses`).
 UNTOLD = 0.3

@@ -19,7 +19,7 @@ from ..result.identification import Identification
 from ..result.sentences import percent
 from ..result.verdict import Use
 from ..robot.robot import Robot
-from ..signal.decimation import decimate, decimation_stages
+from ..signal.decimation import row_values
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment
 from .residual import Residual
@@ -206,11 +206,8 @@ def payload_std(
     """
     unit = np.zeros(len(robot.parameter_names))
     unit[robot.parameter_names.index(f"M{robot.n_dof}")] = 1.0
-    columns = []
-    for part in parts:
-        torque = np.ascontiguousarray(inverse_dynamics(robot, part.q, part.dq, part.ddq, unit))
-        columns.append(decimate(torque, decimation_stages(len(torque), signal))[signal.kept_rows].T)
-    column = np.concatenate(columns, axis=1)
+    torques = (inverse_dynamics(robot, part.q, part.dq, part.ddq, unit) for part in parts)
+    column = np.concatenate([row_values(torque, signal).T for torque in torques], axis=1)
     # A joint without errors, such as one without torque, would have infinite weight.
     floor = ROUNDING**2 * float(np.max(residual.size)) ** 2
     if not floor > 0.0:

@@ -16,6 +16,7 @@ from .._tools.arrays import Array
 from ..model.kinematics import frames
 from ..robot.collision import Capsule, checked_pairs
 from ..robot.robot import Robot
+from ..robot.transmission import driven_part
 
 TINY = 1e-12
 """Squared length (m^2) below which a segment is a point, or two points are one."""
@@ -56,11 +57,11 @@ class Clearance:
 
     def __init__(self, robot: Robot, capsules: Sequence[Capsule], workspace: Workspace) -> None:
         self.robot, self.workspace = robot, workspace
-        self.pairs = checked_pairs(capsules)
+        self.pairs = checked_pairs(capsules, robot.geometry.parents)
         if not capsules:
             capsules = [
                 Capsule(link=link + 1, start=(0.0, 0.0, 0.0), end=(0.0, 0.0, 0.0), radius=0.0)
-                for link in range(robot.n_dof)
+                for link in range(robot.n_joints)
             ]
         self.links = np.array([capsule.link for capsule in capsules])
         self.ends = np.array([(capsule.start, capsule.end) for capsule in capsules])
@@ -126,8 +127,8 @@ class Clearance:
         points, short, found = points[samples], short[samples], found[samples]
         s, t, direction = s[samples], t[samples], direction[samples]
         # Force and moment about the origin of frame 0 on each link.
-        n = self.robot.n_dof
-        force, moment = np.zeros((2, len(samples), n + 1, 3))
+        geometry = self.robot.geometry
+        force, moment = np.zeros((2, len(samples), self.robot.n_joints + 1, 3))
 
         def add(capsules: NDArray[np.intp], at: Array, pull: Array) -> None:
             for column, capsule in enumerate(capsules):
@@ -150,14 +151,19 @@ class Clearance:
             pull[..., axis] = side * slope[:, first : first + len(moving)]
             add(moving, at, pull)
             first += len(moving)
-        force, moment = (values[:, ::-1].cumsum(axis=1)[:, ::-1] for values in (force, moment))
-        for joint, kind in enumerate(self.robot.joint_kinds):
+        slopes = np.zeros((len(samples), self.robot.n_joints))
+        for joint in reversed(geometry.outwards):
+            parent = geometry.parents[joint]
+            if parent is not None:
+                force[:, parent + 1] += force[:, joint + 1]
+                moment[:, parent + 1] += moment[:, joint + 1]
             frame = found[:, joint + 1]
             z, origin = frame[:, :3, 2], frame[:, :3, 3]
             pull = force[:, joint + 1]
-            if kind == "revolute":
+            if geometry.kinds[joint] == "revolute":
                 pull = moment[:, joint + 1] - np.cross(origin, pull)
-            gradient[samples, joint] = (z * pull).sum(axis=1)
+            slopes[:, joint] = (z * pull).sum(axis=1)
+        gradient[samples] = driven_part(geometry.followers, slopes)
         return value, gradient
 
     def describe(self, column: int) -> str:

@@ -26,6 +26,9 @@ TORQUE_SHARE = 0.01
 REST_POSES = 2000
 """Random poses tried for one at which the robot can rest within all limits."""
 
+LARGEST_PARAMETER = 1e30
+"""Largest standard parameter (SI) of a design: sums of squares of its torques are far from the limit of floating point."""
+
 
 class Task:
     """What all starts share."""
@@ -76,7 +79,13 @@ class Task:
                     "torque limits are not checked, for want of parameters: give parameters, such as those of an earlier result"
                 )
             return None
-        return standard_vector(self.robot, standard_start(self.robot, given))
+        x = standard_vector(self.robot, standard_start(self.robot, given))
+        worst = int(np.abs(x).argmax())
+        if abs(x[worst]) > LARGEST_PARAMETER:
+            raise ExcitationError(
+                f"the parameter {self.robot.parameter_names[worst]} of the design is {x[worst]:g}, beyond {LARGEST_PARAMETER:g}"
+            )
+        return x
 
     def _noise(self) -> Array:
         given, n = self.settings.torque_noise, self.robot.n_dof

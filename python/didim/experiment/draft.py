@@ -26,6 +26,7 @@ from ..log.data_folder import DataFolder
 from ..log.recording import Recording
 from ..log.recording_file import read_recording, read_reduction
 from ..log.units import ESTIMATE
+from ..model.limbs import limbs_of
 from ..robot.robot import Robot
 from ..robot.robot_file import PACKAGED, load_robot
 from ..robot.robot_text import robot_text
@@ -38,6 +39,13 @@ from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names
 UNFINISHED = "# Unfinished draft of `didim init`, which may replace it; SHA-256 of the lines above: "
 """Begin of the last line of a file with open questions: one that nobody has edited since is replaced without --force."""
 
+DELAY = (
+    "# What else is unknown of the drives: kp, kv, saturation, lag_s, bias_rad; each with start, min, max, sigma, shared.",
+    "[unknown]",
+    "delay_s = { max = 0.025, shared = true }",
+)
+"""Lines of the unknowns of servos: all motors on one bus have one delay."""
+
 
 def initialise(
     robot: str,
@@ -47,6 +55,7 @@ def initialise(
     rate_hz: float | None = None,
     columns: Mapping[str, str] | None = None,
     gains: Sequence[float] | str = (),
+    servo: Mapping[str, Sequence[float]] | None = None,
     sides: Mapping[str, str] | None = None,
     values_per_sample: int | None = None,
     topic: str | None = None,
@@ -71,6 +80,9 @@ def initialise(
         Columns by kind of signal where names do not tell: ``{"torque": "14-19"}``, or ``{"torque": "drives.csv:1-6"}``.
     gains : sequence of float, or "estimate"
         Drive gains (N.m or N per A or V), one or one per joint.
+    servo : mapping of str to sequence of float, optional
+        Gains ``kp`` (N.m/rad) and ``kv`` (N.m.s/rad) of position servos, one or one per joint: of a log of commanded and measured
+        positions a fit of the drives is written, with links held at the values of the robot file.
     sides : mapping of str to str, optional
         Sides of the gears by table: ``{"torque": "motor"}``.
     values_per_sample : int, optional
@@ -109,7 +121,7 @@ def initialise(
     if not force:
         _check_free(path)
     model, own_file = _model(robot, paths, chain or {}, topic)
-    _check_options(model, rate_hz, gains, sides or {})
+    _check_options(model, rate_hz, gains, servo or {}, sides or {})
     check_output(path)
     place = path.with_name(f"{path.stem}_robot.toml")
     if own_file:
@@ -134,15 +146,18 @@ def initialise(
         choose_columns(sources, kind, text)
     recorded, told = assembled(sources, model)
     draft.read += told
-    options = DraftOptions(rate_hz, gains, sides or {})
+    options = DraftOptions(rate_hz, gains, sides or {}, servo or {})
     writers = [
         RecordingWriter(model, source, name, file.name, options, draft) for source, name, file in recorded
     ]
     body = [line for writer in writers for line in writer.lines()]
     transmission = _transmission(model, draft) if any(writer.motors for writer in writers) else []
     rest = "\n".join([*body, *transmission])
-    recordings, in_torque = _recordings(rest, model, path)
-    signal = _signal(model, recordings, in_torque, draft)
+    if all(writer.positions_only for writer in writers):
+        signal = _servos(model, options, draft)
+    else:
+        recordings, in_torque = _recordings(rest, model, path)
+        signal = _signal(model, recordings, in_torque, draft)
     name = (paths[0] if len(paths) == 1 else path).stem
     head = _head(model, _named(str(place) if own_file else robot, path), path, paths, name)
     draft.text = _finished("\n".join([*_open(draft.questions), *head, rest, *signal]) + "\n", draft)
@@ -156,8 +171,17 @@ def initialise(
 
 
 def _check_options(
-    robot: Robot, rate_hz: float | None, gains: Sequence[float] | str, sides: Mapping[str, str]
+    robot: Robot,
+    rate_hz: float | None,
+    gains: Sequence[float] | str,
+    servo: Mapping[str, Sequence[float]],
+    sides: Mapping[str, str],
 ) -> None:
+    for key, values in servo.items():
+        if len(values) not in (1, robot.n_dof) or not all(0.0 <= value < math.inf for value in values):
+            raise ExperimentError(
+                f"--{key} takes one number or {robot.n_dof}, one for each joint, none negative; got {list(values)}"
+            )
     if rate_hz is not None and not 0.0 < rate_hz < math.inf:
         raise ExperimentError(f"the rate must be a positive number of Hz, got {rate_hz:g}")
     if gains and gains != ESTIMATE:
@@ -301,6 +325,51 @@ def _recordings(text: str, robot: Robot, path: Path) -> tuple[list[Recording], b
     except DidimError:
         return [], False
     return found, closed == text and all(recording.tau is not None for recording in found)
+
+
+def _servos(robot: Robot, options: DraftOptions, draft: Draft) -> list[str]:
+    """Lines of a fit on positions: links held, commands held between samples, the servos' law, and a delay to be found."""
+    limbs = [limb for limb in limbs_of(robot) if len(limb.joints) < robot.n_dof]
+    if limbs:
+        names = ", ".join(f"{limb.name} ({counted(len(limb.joints), 'joint')})" for limb in limbs)
+        draft.read.append(f"{counted(len(limbs), 'limb')}, each a problem of its own: {names}")
+    draft.read.append(
+        "no torques: drives and friction are fitted on positions, links held at the values of the robot file"
+    )
+    lines = [
+        "",
+        "# Masses and inertias are those of the robot file; rotor inertias, friction and offsets are identified.",
+        "[parameters]",
+        'links = "fixed"',
+        "",
+        "[reference]",
+        'kind = "recorded"',
+        'between_samples = "held" # confirm: commands jump from sample to sample',
+        "",
+        "# tau = kp (command - q) - kv dq, up to the limit",
+        "[controller]",
+        'kind = "pd"',
+    ]
+    for key in ("kp", "kv"):
+        values = ", ".join(f"{value:.9g}" for value in options.servo.get(key, ()))
+        if values:
+            lines.append(f"{key} = [{values}]" if "," in values else f"{key} = {values}")
+        else:
+            lines.append(f"# {key}: those of the actuators of the robot file")
+    lines.append("reference_velocity = 0.0")
+    return [*lines, *_limits(robot), "", *DELAY]
+
+
+def _limits(robot: Robot) -> list[str]:
+    """Line of the servos' largest torques, where actuators or joints have them."""
+    if any(getattr(item, "effort", None) is not None for item in robot.actuators):
+        return ["# saturation: that of the actuators of the robot file"]
+    efforts = [limits.effort for limits in robot.limits]
+    if any(effort is None for effort in efforts):
+        return ["# saturation_n_m = 3.0 # largest torque of a servo, where the log reaches it"]
+    return [
+        f"saturation_n_m = [{', '.join(f'{effort:.9g}' for effort in efforts)}] # confirm: limits of the robot file"
+    ]
 
 
 def _signal(robot: Robot, recordings: Sequence[Recording], in_torque: bool, draft: Draft) -> list[str]:

@@ -18,6 +18,7 @@ WORDS = {
         "commanded",
         "target",
         "setpoint",
+        "action",
         "qg",
     ),
     "acceleration": ("ddq", "qdd", "acc", "acceleration", "accelerations", "qddot"),
@@ -296,3 +297,15 @@ def joints_by_name(found: Sequence[str], joint_names: Sequence[str], n_dof: int)
             names = [name for _, name in ordered]
             return names, f"joints {names[0]} to {names[-1]} of the log are joints 1 to {n_dof} of the robot"
     return [], ""
+
+
+def listed(columns: Sequence[Column]) -> str:
+    """Return the names of columns as a text; of a matrix its name."""
+    variable = columns[0].variable
+    if variable is not None and isinstance(columns[0].name, int):
+        return f"{variable!r}"
+    if all(isinstance(item.name, int) for item in columns) and len(columns) > 1:
+        numbers = [int(item.name) for item in columns]
+        if numbers == list(range(numbers[0], numbers[0] + len(numbers))):
+            return f"{numbers[0]} to {numbers[-1]}"
+    return ", ".join(str(item.name) for item in columns)

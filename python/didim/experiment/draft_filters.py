@@ -42,6 +42,13 @@ AS_GOOD = 1.01
 LEAST_COMPARED_SAMPLES = 400
 """Samples below which nothing is compared."""
 
+REST_S = 0.5
+"""Shortest rest before or after the motion that is left out (s)."""
+SHORT = 0.1
+"""Share of the longest stretch of motion below which one before or after it is no part of the experiment: the way to its start."""
+AT_REST = 0.02
+"""Share of the largest speed below which the arm is at rest."""
+
 
 @dataclass(frozen=True)
 class Filters:
@@ -102,7 +109,7 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
     cutoff = min(good, key=lambda value: abs(np.log(value / middle)))
     tried = _row([f"{value:g}" for value, _ in errors])
     left = _row([f"{100.0 * error:.3g}" for _, error in errors])
-    return filters(cutoff, f"cut-offs of {tried} Hz leave {left} % of the torques of held-out blocks", errors)
+    return filters(cutoff, f"held-out torque error {left} % at {tried} Hz", errors)
 
 
 def _two_digits(value: float) -> float:
@@ -189,3 +196,44 @@ def sentence_of(filters: Filters) -> str:
     """Return what was chosen and why, as ``didim init`` prints it."""
     stages = f", decimation by {math.prod(filters.decimation)}" if filters.decimation else ""
     return f"cut-off {filters.cutoff_hz:g} Hz{stages}, {counted(filters.trim, 'sample')} trimmed: {filters.reason}"
+
+
+def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float] | None:
+    """Return begin and end (s) of the motion, to tenths of a second inside it; None where the arm does not rest before or after.
+
+    Parameters
+    ----------
+    q : (n_samples, n_dof) array
+        Positions, in any unit.
+    times : (n_samples,) array
+        Time of each sample from the first (s).
+    rate_hz : float
+        Samples per second.
+    """
+    span = max(1, round(0.1 * rate_hz))
+    if len(q) < 4 * span:
+        return None
+    speed = np.abs(q[span:] - q[:-span])
+    scale = speed.max(axis=0)
+    moving = np.any(speed > AT_REST * np.where(scale > 0.0, scale, np.inf), axis=1)
+    found = _stretches(np.flatnonzero(moving), round(REST_S * rate_hz))
+    if not found:
+        return None
+    start, stop = float(times[found[0]]), float(times[min(found[1] + span, len(times) - 1)])
+    before, after = start, float(times[-1]) - stop
+    if max(before, after) < REST_S:
+        return None
+    start = math.ceil(10.0 * start) / 10.0 if before >= REST_S else 0.0
+    stop = math.floor(10.0 * stop) / 10.0 if after >= REST_S else math.floor(1e3 * times[-1]) / 1e3
+    return start, stop
+
+
+def _stretches(places: NDArray[np.intp], rest: int) -> tuple[int, int] | None:
+    """First and last sample of the moving ones, without short stretches of motion that a rest parts from it at either end."""
+    if not places.size:
+        return None
+    breaks = np.flatnonzero(np.diff(places) > rest)
+    starts, stops = places[np.r_[0, breaks + 1]], places[np.r_[breaks, len(places) - 1]]
+    lengths = stops - starts
+    long = np.flatnonzero(lengths >= SHORT * lengths.max())
+    return int(starts[long[0]]), int(stops[long[-1]])

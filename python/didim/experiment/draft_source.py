@@ -32,6 +32,9 @@ from .draft_layout import layout
 LEAST_SIGNAL_SAMPLES = 16
 """Samples of an array that can be a signal: settings stand beside the signals in files of MATLAB."""
 
+PERCENT = (-1.0, 101.0)
+"""Range of the values of a gripper that are percent of its range, as LeRobot logs it; encoders may overshoot by one."""
+
 BAG_KINDS = {"position": "position", "velocity": "velocity", "effort": "torque", "reference": "reference"}
 """Kinds of the signals of a bag."""
 SNIFFED_LINES = 50
@@ -264,6 +267,10 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot, log: Path) -> LogSour
         if not shape or max(shape) < LEAST_SIGNAL_SAMPLES or len(shape) > 2:
             continue
         kind = column(re.split(r"[/.]", name)[-1], robot.joint_names)
+        labels = getattr(data, "labels", {}).get(name)
+        if labels is not None and len(shape) == 2 and shape[1] == len(labels):
+            columns += _labelled(data, name, labels, kind, robot)
+            continue
         if len(shape) == 1 or 1 in shape:
             columns.append(Column(name, kind.what, kind.number, kind.unit, kind.motor, name, kind.stem))
             continue
@@ -273,6 +280,22 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot, log: Path) -> LogSour
             for k in range(min(width, MANY_COLUMNS))
         ]
     return LogSource(data, columns, keys, log)
+
+
+def _labelled(data: ArrayFile, name: str, labels: Sequence[str], kind: Column, robot: Robot) -> list[Column]:
+    """Columns of a matrix whose columns have names: by the robot's joints where all are found, otherwise in their order."""
+    stems = [label.removesuffix(".pos").removesuffix("_joint") for label in labels]
+    joints = [joint.removesuffix("_joint") for joint in robot.joint_names]
+    named = set(joints) <= set(stems) and len(set(stems)) == len(stems)
+    values = np.asarray(data.array(name))
+    found = []
+    for k, stem in enumerate(stems):
+        number = (joints.index(stem) + 1 if stem in joints else None) if named else k + 1
+        low, high = float(values[:, k].min()), float(values[:, k].max())
+        share = "gripper" in stem and low >= PERCENT[0] and high <= PERCENT[1]
+        what = kind.what if number is not None else "other"
+        found.append(Column(k + 1, what, number, "percent" if share else kind.unit, kind.motor, name, name))
+    return found
 
 
 def _bag(data: RosBag, keys: list[str], robot: Robot, log: Path) -> LogSource:
@@ -335,7 +358,7 @@ def choose_columns(sources: Sequence[LogSource], kind: str, text: str) -> None:
 
 
 def _places(source: LogSource, text: str) -> list[int] | str:
-    """Places of the columns that a text names, or the first part of it that is none."""
+    """Places of the columns that a text names, or its first part that names none."""
     names: dict[str, list[int]] = {}
     for k, item in enumerate(source.columns):
         names.setdefault(str(item.name), []).append(k)

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._tools.arrays import Array
 from .._tools.toml import quoted
@@ -17,26 +16,23 @@ from ..log.resampling import LONGEST_GAP_STEPS, resampling, step_range
 from ..log.sampling import time_faults
 from ..log.units import ESTIMATE
 from ..robot.robot import Robot
-from .draft_columns import Column
+from .draft_columns import Column, listed
 from .draft_files import REPEATED, Log
+from .draft_filters import moving_window
 
 TWO_TURNS = 4.0 * math.pi
 """Positions through more than this are taken for degrees: few joints turn so far."""
 PREFERRED = ("actual", "act", "measured", "meas", "feedback", "--columns")
 """Words of the columns to take where several groups could be meant."""
-REST_S = 0.5
-"""Shortest rest before or after the motion that is left out (s)."""
-SHORT = 0.1
-"""Share of the longest stretch of motion below which one before or after it is no part of the experiment: the way to its start."""
 USUAL_SHARE = 0.98
 """Share of the values of a column that tells what is usual there; spikes are rarer."""
 ABSURD = 1e6
 """Largest deviation of a value from the median, in deviations of the usual ones: no sensor has a range so much larger than its
 signal, and two numbers that run together easily exceed it."""
+ROLLOUTS = ("episode_index", "episode", "rollout", "rollout_index")
+"""Names of columns that number rollouts."""
 OPEN_GAIN = "# gain = 1.0"
 """Commented line of a drive gain that nobody has said."""
-AT_REST = 0.02
-"""Share of the largest speed below which the arm is at rest."""
 
 
 @dataclass
@@ -63,11 +59,23 @@ class DraftOptions:
         Drive gains, or none.
     sides : mapping of str to str
         "motor" or "joint" by table.
+    servo : mapping of str to sequence of float
+        Gains ``kp`` and ``kv`` of position servos, one for all joints or one for each.
     """
 
     rate_hz: float | None = None
     gains: Sequence[float] | str = ()
     sides: Mapping[str, str] = field(default_factory=dict)
+    servo: Mapping[str, Sequence[float]] = field(default_factory=dict)
+
+
+def has_gains(robot: Robot, options: DraftOptions) -> bool:
+    """Whether the gains of position servos are known: those of the user, or of the robot's actuators."""
+    return all(
+        key in options.servo
+        or (bool(robot.actuators) and all(getattr(item, key, None) is not None for item in robot.actuators))
+        for key in ("kp", "kv")
+    )
 
 
 class RecordingWriter:
@@ -100,6 +108,7 @@ class RecordingWriter:
     ) -> None:
         self.robot, self.source, self.name, self.file = robot, source, name, file
         self.rate, self.gains, self.sides = options.rate_hz, options.gains, options.sides
+        self.servo = has_gains(robot, options)
         self.draft = draft
         self.position = self._group("position")
         self.torque = self._group("torque") or self._group("current") or self._group("voltage")
@@ -115,6 +124,11 @@ class RecordingWriter:
             if columns
         )
 
+    @property
+    def positions_only(self) -> bool:
+        """Whether commanded and measured positions are all that there is, and the gains of the servos are known."""
+        return bool(self.position and self.reference and not self.torque and self.servo)
+
     def lines(self) -> list[str]:
         """Lines of the table."""
         lines = ["", "[[recording]]", f"name = {quoted(self.name)}"]
@@ -129,7 +143,8 @@ class RecordingWriter:
         lines += self._motion("position", self.position)
         if self.velocity:
             lines += self._velocity()
-        lines += self._effort(self.torque)
+        if not self.positions_only:
+            lines += self._effort(self.torque)
         if self.reference:
             lines += self._motion("reference", self.reference)
         used = {self._key(item) for item in (*self.position, *self.velocity, *self.torque, *self.reference)}
@@ -166,7 +181,7 @@ class RecordingWriter:
             elif kind == "velocity":  # only offered, in commented lines
                 return []
             else:
-                names = "; ".join(_listed(group) for group in whole)
+                names = "; ".join(listed(group) for group in whole)
                 self._ask(
                     f"several groups of columns may be the {kind}s ({names}): choose one with --columns {kind}=..."
                 )
@@ -199,7 +214,7 @@ class RecordingWriter:
             )
             return ["# rate_hz = 1000 # at what rate was it recorded? No column of time stamps was found"]
         stamp = stamps[0]
-        t = self.source.values([stamp])[:, 0]
+        t = self._first_rollout(self.source.values([stamp])[:, 0])
         # Messages may repeat a stamp: resampling leaves those out.
         steps = np.diff(t)
         step = float(np.median(steps[steps != 0.0])) if steps.any() else math.nan
@@ -226,6 +241,19 @@ class RecordingWriter:
         self._tell(f"time stamps {stamp.name!r} in {unit}: {self.rate:.9g} Hz, {counted(len(t), 'sample')}")
         return [f"rate_hz = {self.rate:.9g} # confirm", *self._windows(t), *table]
 
+    @property
+    def _rollouts(self) -> list[Column]:
+        """The column that numbers rollouts, where it has several numbers."""
+        found = [item for item in self.source.columns if str(item.name) in ROLLOUTS]
+        return [item for item in found[:1] if np.ptp(self.source.values([item])) > 0.0]
+
+    def _first_rollout(self, t: Array) -> Array:
+        """Time stamps of the first rollout, for others begin anew."""
+        if not self._rollouts:
+            return t
+        number = self.source.values(self._rollouts)[:, 0]
+        return t[: int(np.argmax(number != number[0]))]
+
     def _resampled(self, stamp: Column, unit: str, t: Array, fault: str, table: list[str]) -> list[str]:
         """Lines of uneven time stamps: the log is made even, and what that costs is told."""
         plan = resampling(t, self.rate, self.file)
@@ -243,26 +271,16 @@ class RecordingWriter:
         ]
 
     def _windows(self, t: Array | None) -> list[str]:
-        """Line of the window in which the arm moves, where it rests before or after."""
+        """Line of the window in which the arm moves, where it rests before or after; or of the rollouts."""
+        if self._rollouts:
+            return [f"rollouts = {quoted(str(self._rollouts[0].name))} # each has a start of its own"]
         if not self.position or self.rate is None:
             return []
         q = self.source.values(self.position)
-        times = np.arange(len(q)) / self.rate if t is None else t - t[0]
-        span = max(1, round(0.1 * self.rate))
-        if len(q) < 4 * span:
+        found = moving_window(q, np.arange(len(q)) / self.rate if t is None else t - t[0], self.rate)
+        if found is None:
             return []
-        speed = np.abs(q[span:] - q[:-span])
-        scale = speed.max(axis=0)
-        moving = np.any(speed > AT_REST * np.where(scale > 0.0, scale, np.inf), axis=1)
-        found = _stretches(np.flatnonzero(moving), round(REST_S * self.rate))
-        if not found:
-            return []
-        start, stop = float(times[found[0]]), float(times[min(found[1] + span, len(times) - 1)])
-        before, after = start, float(times[-1]) - stop
-        if max(before, after) < REST_S:
-            return []
-        start = math.ceil(10.0 * start) / 10.0 if before >= REST_S else 0.0
-        stop = math.floor(10.0 * stop) / 10.0 if after >= REST_S else math.floor(1e3 * times[-1]) / 1e3
+        start, stop = found
         self._tell(
             f"the arm moves from {start:g} s to {stop:g} s; what is before and after is left out (windows_s)"
         )
@@ -284,9 +302,12 @@ class RecordingWriter:
             )
             names = quoted(list(self.source.joints))
         else:
+            servo = (
+                " (or --kp and --kv: gains of servos, for a fit on positions)" if self._offers(wanted) else ""
+            )
             self._ask(
                 f"which columns hold the {wanted}s of the {counted(n, 'joint')}{blocks}? Answer with {option}"
-                f"or fill in [recording.{table}]"
+                f"or fill in [recording.{table}]{servo}"
             )
         return [
             f"# [recording.{table}] # which {counted(n, 'column')} hold the {wanted}s? There are {names[1:-1]}",
@@ -296,13 +317,17 @@ class RecordingWriter:
             '# side = "joint"',
         ]
 
+    def _offers(self, wanted: str) -> bool:
+        """Whether a fit on positions could do without what is missing."""
+        return wanted == "torque" and bool(self.reference and self.position)
+
     def _other_count(self, wanted: str) -> str:
         """Return what the question says where the log has a signal for another number of joints."""
         kinds = ("torque", "current", "voltage") if wanted == "torque" else (wanted,)
         for kind in kinds:
             there = [item for item in self.source.columns if item.what == kind]
             if there and len(there) != self.robot.n_dof and self._one_each(there):
-                return f", where the log has {counted(len(there), kind)} ({_listed(there)}): is it of another robot"
+                return f", where the log has {counted(len(there), kind)} ({listed(there)}): is it of another robot"
         return ""
 
     def _open_blocks(self) -> str:
@@ -352,7 +377,7 @@ class RecordingWriter:
         units, sure = [], True
         for item, kind, value in zip(columns, self.robot.joint_kinds, values.T, strict=True):
             span = float(np.ptp(value))
-            told = item.unit if item.unit in ("rad", "deg", "m", "mm", "count") else None
+            told = item.unit if item.unit in ("rad", "deg", "m", "mm", "count", "percent") else None
             if told is None:
                 sure = False
                 if kind == "revolute" or motor:
@@ -365,7 +390,7 @@ class RecordingWriter:
             units = ["deg" if unit == "rad" else unit for unit in units]
         unit = quoted(units[0] if len(set(units)) == 1 else units)
         ranges = ", ".join(f"{value:.3g}" for value in np.ptp(values, axis=0))
-        self._tell(f"{table} {_listed(columns)} in {'/'.join(dict.fromkeys(units))}")
+        self._tell(f"{table} {listed(columns)} in {'/'.join(dict.fromkeys(units))}")
         lines = [f"[recording.{table}] # ranges: {ranges}", *self.source.lines(columns, self.robot)]
         lines.append(f"unit = {unit}" + ("" if sure else " # confirm"))
         if "count" in units:
@@ -393,7 +418,7 @@ class RecordingWriter:
         sure = all(item.unit in ("N.m", "N", "A") for item in columns)
         values = self._plausible(columns)
         largest = ", ".join(f"{value:.3g}" for value in np.abs(values).max(axis=0))
-        self._tell(f"torque {_listed(columns)} in {'/'.join(dict.fromkeys(units))}")
+        self._tell(f"torque {listed(columns)} in {'/'.join(dict.fromkeys(units))}")
         lines = [f"[recording.torque] # largest values: {largest}", *self.source.lines(columns, self.robot)]
         lines.append(
             f"unit = {quoted(units[0] if len(set(units)) == 1 else units)}" + ("" if sure else " # confirm")
@@ -416,29 +441,6 @@ class RecordingWriter:
             "--gain estimate if another log has a load of known mass)?"
         )
         return f"{OPEN_GAIN} # how many N.m are one {unit}? One number, or one for each joint"
-
-
-def _stretches(places: NDArray[np.intp], rest: int) -> tuple[int, int] | None:
-    """First and last sample of the moving ones, without short stretches of motion that a rest parts from it at either end."""
-    if not places.size:
-        return None
-    breaks = np.flatnonzero(np.diff(places) > rest)
-    starts, stops = places[np.r_[0, breaks + 1]], places[np.r_[breaks, len(places) - 1]]
-    lengths = stops - starts
-    long = np.flatnonzero(lengths >= SHORT * lengths.max())
-    return int(starts[long[0]]), int(stops[long[-1]])
-
-
-def _listed(columns: Sequence[Column]) -> str:
-    """Names of columns; of a matrix its name."""
-    variable = columns[0].variable
-    if variable is not None and isinstance(columns[0].name, int):
-        return f"{variable!r}"
-    if all(isinstance(item.name, int) for item in columns) and len(columns) > 1:
-        numbers = [int(item.name) for item in columns]
-        if numbers == list(range(numbers[0], numbers[0] + len(numbers))):
-            return f"{numbers[0]} to {numbers[-1]}"
-    return ", ".join(str(item.name) for item in columns)
 
 
 def names_of(robot: Robot) -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, Literal
+
+from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
 from .._tools.notebook import page
@@ -16,9 +19,11 @@ from ..regression.selection import dropped_names
 from ..regression.settings import LeastSquaresSettings
 from ..robot.payload import Payload, Pose
 from ..robot.robot import Robot
+from ..robot.robot_file import load_robot
 from ..signal.align import DelaySettings
 from ..signal.processing import SignalProcessing
 from .specs import ControllerSpec, Measurement, ReferenceSpec, SimulationSettings
+from .unknown import Unknown
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -54,6 +59,10 @@ class Experiment:
         Pose of the flange (3 x 4), as `didim.robot.payload.flange_in_last_frame` takes it; None for that of the last link.
     measurement
         What a simulated measurement adds to a simulation, or None.
+    links
+        "estimated", or "fixed": masses and inertias of the links are those of the robot file.
+    unknown
+        What is known beforehand of the unknowns of the drives, by kind (`didim.experiment.unknown`).
     remarks
         What reading the file found to say: defaults that have changed since it was written.
 
@@ -79,7 +88,93 @@ class Experiment:
     measurement: Measurement | None = None
     payloads: Mapping[str, Payload] = field(default_factory=dict)
     flange: Pose | None = None
+    links: Literal["estimated", "fixed"] = "estimated"
+    unknown: Mapping[str, Unknown] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+
+    @classmethod
+    def from_arrays(
+        cls,
+        robot: Robot | str | Path,
+        q: ArrayLike | None,
+        tau: ArrayLike | None = None,
+        *,
+        rate_hz: float,
+        reference: ArrayLike | Reference | Literal["measured"] | None = None,
+        controller: Controller | None = None,
+        **settings: Any,
+    ) -> Experiment:
+        """Make an experiment of arrays at hand, with the filters that ``didim init`` would choose.
+
+        Parameters
+        ----------
+        robot : Robot, str or Path
+            Robot, its file, or the name of a packaged one.
+        q, tau : array, shape (n_samples, n_dof)
+            Positions (rad or m) and torques (N.m or N), joint side; `tau` may be None for CLOE.
+        rate_hz : float
+            Samples per second.
+        reference : array, Reference or "measured", optional
+            What the robot was to follow: reference positions of every sample, a motion, or the measured motion.
+        controller : Controller, optional
+            What made it follow: DIDIM, IDIM-IV and CLOE need both.
+        **settings
+            Other attributes of the experiment, such as ``name`` or ``signal``, which takes the place of the chosen filters.
+
+        Returns
+        -------
+        Experiment
+            Its `notes` say which filters were chosen, and why.
+
+        Raises
+        ------
+        DidimError
+            One of its kinds, for arrays of the wrong shape, or a robot that cannot be read.
+
+        Notes
+        -----
+        ``test_from_arrays.py`` compares the result with that of the file that ``didim init`` writes for the same log.
+        """
+        sampled: ArrayLike | None = None
+        made: ReferenceSpec | Reference | None = None
+        if isinstance(reference, Reference):
+            made = reference
+        elif isinstance(reference, str):
+            made = ReferenceSpec("measured", None, {"kind": "measured"})
+            if reference != "measured":
+                raise ExperimentError(
+                    f'reference must be an array of positions, a didim.Reference or "measured", got {reference!r}'
+                )
+        else:
+            sampled = reference
+        recording = Recording.from_arrays(q, tau, rate_hz=rate_hz, q_ref=sampled)
+        return cls.from_recordings(robot, [recording], reference=made, controller=controller, **settings)
+
+    @classmethod
+    def from_recordings(
+        cls, robot: Robot | str | Path, recordings: Sequence[Recording], **settings: Any
+    ) -> Experiment:
+        """Make an experiment of recordings, with the filters that ``didim init`` would choose; see `from_arrays`."""
+        from .draft_filters import choose_filters, sentence_of
+
+        robot = robot if isinstance(robot, Robot) else load_robot(robot)
+        if settings.get("reference") is None and all(item.q_ref is not None for item in recordings):
+            settings["reference"] = ReferenceSpec("recorded", None, {"kind": "recorded"})
+        made = cls(
+            **{"name": recordings[0].name, **settings, "robot": robot, "recordings": tuple(recordings)}
+        )
+        if "signal" in settings or not all(item.has_positions for item in recordings):
+            return made
+        comparable = all(item.tau is not None and item.drives is None for item in recordings)
+        filters = choose_filters(robot, recordings, comparable=comparable)
+        signal = SignalProcessing(
+            cutoff_hz=filters.cutoff_hz,
+            trim_start=filters.trim,
+            trim_end=filters.trim,
+            decimation=filters.decimation,
+        )
+        note = f"filters were chosen, {sentence_of(filters)}; signal=didim.SignalProcessing(...) sets others"
+        return replace(made, signal=signal, remarks=(*made.remarks, note))
 
     def __repr__(self) -> str:
         named = ", ".join(f"{item.name!r} {item.t[-1] - item.t[0]:g} s" for item in self.recordings)
@@ -109,6 +204,11 @@ class Experiment:
         of_recordings = (note for recording in self.recordings for note in recording.notes)
         return (*self.remarks, *self.robot.notes, *of_recordings)
 
+    @property
+    def simulated_robot(self) -> Robot:
+        """Robot as it is simulated: with smooth friction, where the settings of the simulation say so."""
+        return self.simulation.robot(self.robot)
+
     def with_gains(self, gains: Array) -> Experiment:
         """Return the experiment with torques in place of currents, by drive gains (n_dof,)."""
         return replace(self, recordings=tuple(item.with_gains(gains) for item in self.recordings))
@@ -116,7 +216,7 @@ class Experiment:
     def __post_init__(self) -> None:
         object.__setattr__(self, "recordings", tuple(self.recordings))
         object.__setattr__(self, "dropped", dropped_names(self.dropped))
-        for key in ("fixed", "digests", "payloads"):
+        for key in ("fixed", "digests", "payloads", "unknown"):
             object.__setattr__(self, key, dict(getattr(self, key)))
         n_dof = self.robot.n_dof
         for recording in self.recordings:

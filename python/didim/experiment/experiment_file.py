@@ -9,10 +9,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from .._tools.inputs import read_small_file
-from .._tools.toml import Table, read_toml
+from .._tools.plugins import search_beside
+from .._tools.toml import Key, Table, read_toml
 from ..errors import DidimError, ExperimentError
 from ..log.data_file import is_log
 from ..log.data_folder import DataFolder, expanded
@@ -28,6 +29,7 @@ from ..signal.processing import SignalProcessing
 from .experiment import Experiment
 from .loop_tables import read_controller, read_measurement, read_reference, read_simulation
 from .specs import SimulationSettings
+from .unknown import Unknown, joint_kinds, read_unknown
 
 SCHEMA = 1
 """Version of the file format that this code reads."""
@@ -36,6 +38,53 @@ SINCE_0_1_0 = {"ends": '"first-order"', "edge_rows": "0"}
 """Keys of ``[signal]`` that 0.1.0 did not have, with the values that give its digits: the defaults are others."""
 
 _Settings = TypeVar("_Settings")
+
+
+SIGNAL_KEYS = (
+    Key("order", "integer", "Order of one of its two passes, 1 to 10.", 4, minimum=1),
+    Key("padding", "text", "Extension at the ends.", "scipy", choices=("scipy", "matlab")),
+    Key(
+        "ends",
+        "text",
+        "Differences at the ends of a window.",
+        "second-order",
+        choices=("second-order", "first-order"),
+    ),
+    Key("form", "text", "How the filter is run.", "sections", choices=("sections", "transfer-function")),
+    Key("trim_start", "integer", "Samples left out at the begin of a window.", 20, minimum=0),
+    Key("trim_end", "integer", "Samples left out at its end.", 20, minimum=0),
+    Key("edge_rows", "integer", "Decimated rows left out at each end.", 2, minimum=0),
+    Key(
+        "decimation_convention",
+        "text",
+        "Samples that decimation keeps.",
+        "scipy",
+        choices=("scipy", "matlab"),
+    ),
+    Key("spikes", "text", "Replace spikes of the torques.", "hampel", choices=("hampel",)),
+    Key(
+        "cutoff_hz",
+        "number",
+        "Cut-off of the zero-phase Butterworth filter of the positions; none without it.",
+        40,
+        above=0.0,
+    ),
+)
+"""Keys of ``[signal]``, but for ``decimation``, a number or a list."""
+LEAST_SQUARES_KEYS = (
+    Key("weights", "text", "One weight per joint, or none.", "per-joint", choices=("none", "per-joint")),
+    Key("reweightings", "integer", "Further solutions with new weights.", 1, minimum=0),
+    Key("variance", "text", "Divisor of the residual variance.", "r-b", choices=("r-b", "r-1")),
+    Key(
+        "uncertainty",
+        "text",
+        "Where standard deviations come from.",
+        "jackknife",
+        choices=("jackknife", "decimated", "white"),
+    ),
+    Key("blocks", "integer", "Blocks of time of the jackknife.", 20, minimum=2),
+)
+"""Keys of ``[least_squares]``."""
 
 
 def load_experiment(
@@ -72,12 +121,38 @@ def load_experiment(
     path = Path(path)
     _refuse_other(path)
     content = read_toml(path, ExperimentError)
+    search_beside(content.get("friction"), path)
     if "joint" in content and "robot" not in content:
         raise ExperimentError(
             f"{path}: this is a robot file, not an experiment; `didim init {path} LOG` writes an experiment for a log of it"
         )
     digests = {f"experiment {path.name}": hashlib.sha256(read_small_file(path, ExperimentError)).hexdigest()}
     return read_experiment(content, path, data=data, faults=faults, digests=digests)
+
+
+def experiment_of(log: object, robot: Robot | str | Path | None = None) -> Experiment:
+    """Return an experiment as it is, from its file, or from recordings of a robot.
+
+    Raises
+    ------
+    ExperimentError
+        For a recording without its robot, an experiment with one, and anything else (``test_from_arrays.py``).
+    """
+    recordings = [log] if isinstance(log, Recording) else log
+    if isinstance(recordings, list | tuple) and all(isinstance(item, Recording) for item in recordings):
+        if robot is None or not recordings:
+            raise ExperimentError(
+                "a recording does not name its robot: give robot=didim.load_robot(...) with it, or an Experiment"
+            )
+        return Experiment.from_recordings(robot, recordings)
+    if isinstance(log, Experiment | str | Path):
+        if robot is not None:
+            raise ExperimentError("an experiment has its robot already: leave out robot")
+        return log if isinstance(log, Experiment) else load_experiment(log)
+    raise ExperimentError(
+        f"a log is an Experiment, the path of its file or a Recording with robot=..., got {type(log).__name__}; "
+        "didim.Experiment.from_arrays(robot, q, tau, rate_hz=...) takes arrays"
+    )
 
 
 def _refuse_other(path: Path) -> None:
@@ -143,7 +218,10 @@ def read_experiment(
     signal = _settings(SignalProcessing, _signal_keys, table.table("signal", None))
     least_squares = _settings(LeastSquaresSettings, _least_squares_keys, table.table("least_squares", None))
     delay = _settings(DelaySettings, _delay_keys, table.table("delay", None))
-    fixed, dropped = _parameters(table.table("parameters", None))
+    fixed, dropped, links = _parameters(table.table("parameters", None))
+    unknown = _optional(table, "unknown", robot, _unknown) or {}
+    if unknown and links != "fixed":
+        table.fail('[unknown] is for known links: [parameters] links = "fixed"')
     reference = _optional(table, "reference", robot, read_reference)
     controller = _optional(table, "controller", robot, read_controller)
     simulation = _optional(table, "simulation", robot, read_simulation) or SimulationSettings()
@@ -189,6 +267,8 @@ def read_experiment(
         measurement=measurement,
         payloads=payloads,
         flange=flange,
+        links=links,
+        unknown=unknown,
         remarks=_changed_defaults(content),
     )
 
@@ -198,11 +278,10 @@ def _changed_defaults(content: Mapping[str, Any]) -> tuple[str, ...]:
 
     A file of its own filters has nothing to meet and is not told.
     """
-    signal, least_squares = content.get("signal", {}), content.get("least_squares", {})
+    signal = content.get("signal", {})
     recipe = [
         f'{key} = "matlab"' for key in ("padding", "decimation_convention") if signal.get(key) == "matlab"
     ]
-    recipe += ["decimation_corrected"] if "decimation_corrected" in least_squares else []
     lacking = [f"{key} = {value}" for key, value in SINCE_0_1_0.items() if key not in signal]
     if "decimation" not in signal:
         lacking = [text for text in lacking if not text.startswith("edge_rows")]
@@ -244,7 +323,9 @@ def _robot(table: Table, path: Path, given: Robot | None) -> Robot:
     name = table.text("robot")
     robot = load_robot(robot_place(name, path.parent)) if given is None else given
     friction = table.table("friction", None)
-    return robot if friction is None else robot.with_friction_table(friction)
+    robot = robot if friction is None else robot.with_friction_table(friction)
+    springs = table.table("springs", None)
+    return robot if springs is None else robot.with_spring_table(springs)
 
 
 def _settings(
@@ -265,11 +346,6 @@ def _told(table: Table, make: Callable[[], _Settings]) -> _Settings:
         raise type(error)(f"{table.prefix} {error}") from None
 
 
-def _given(table: Table, **options: Any) -> dict[str, Any]:
-    """Options that the table holds, so that the settings keep the one place of their defaults."""
-    return {key: value for key, value in options.items() if table.has(key)}
-
-
 def _signal_keys(table: Table) -> dict[str, Any]:
     if isinstance(table.raw("decimation", [], "integer, or list of integers"), list):
         factors = table.raw("decimation", [])
@@ -277,32 +353,12 @@ def _signal_keys(table: Table) -> dict[str, Any]:
             table.fail(f"decimation must be a list of integers, got {factors!r}")
     else:
         factors = [table.integer("decimation")]
-    found = _given(
-        table,
-        order=table.integer("order", None, minimum=1),
-        padding=table.text("padding", None, choices=["scipy", "matlab"]),
-        ends=table.text("ends", None, choices=["second-order", "first-order"]),
-        form=table.text("form", None, choices=["sections", "transfer-function"]),
-        trim_start=table.integer("trim_start", None, minimum=0),
-        trim_end=table.integer("trim_end", None, minimum=0),
-        decimation=tuple(factors),
-        edge_rows=table.integer("edge_rows", None, minimum=0),
-        decimation_convention=table.text("decimation_convention", None, choices=["scipy", "matlab"]),
-        spikes=table.text("spikes", None, choices=["hampel"]),
-    )
-    return {"cutoff_hz": table.number("cutoff_hz", None, above=0.0), **found}
+    found = {"cutoff_hz": None, **table.given(SIGNAL_KEYS)}
+    return {**found, "decimation": tuple(factors)} if table.has("decimation") else found
 
 
 def _least_squares_keys(table: Table) -> dict[str, Any]:
-    return _given(
-        table,
-        weights=table.text("weights", None, choices=["none", "per-joint"]),
-        reweightings=table.integer("reweightings", None, minimum=0),
-        variance=table.text("variance", None, choices=["r-b", "r-1"]),
-        uncertainty=table.text("uncertainty", None, choices=["jackknife", "decimated", "white"]),
-        blocks=table.integer("blocks", None, minimum=2),
-        decimation_corrected=table.boolean("decimation_corrected", None),
-    )
+    return table.given(LEAST_SQUARES_KEYS)
 
 
 def _delay_keys(table: Table) -> dict[str, Any]:
@@ -314,11 +370,18 @@ def _delay_keys(table: Table) -> dict[str, Any]:
     }
 
 
-def _parameters(table: Table | None) -> tuple[dict[str, float], tuple[str, ...]]:
+def _unknown(table: Table, robot: Robot) -> dict[str, Unknown]:
+    return read_unknown(table, joint_kinds(robot))
+
+
+def _parameters(
+    table: Table | None,
+) -> tuple[dict[str, float], tuple[str, ...], Literal["estimated", "fixed"]]:
     if table is None:
-        return {}, ()
+        return {}, (), "estimated"
     values = table.table("fixed", None)
     fixed = {key: values.number(key) for key in values.content} if values else {}
     dropped = tuple(table.texts("dropped", []))
+    fixed_links = table.text("links", "estimated", choices=("estimated", "fixed")) == "fixed"
     table.done()
-    return fixed, dropped
+    return fixed, dropped, "fixed" if fixed_links else "estimated"

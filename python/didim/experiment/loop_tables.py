@@ -35,6 +35,9 @@ def read_reference(table: Table, robot: Robot) -> ReferenceSpec:
     kind = table.text("kind", choices=("recorded", "measured", "fourier", "point-to-point"))
     settings = table.content_unread
     made: Reference | None = None
+    between = table.text("between_samples", "smooth", choices=("smooth", "held"))
+    if between == "held" and kind != "recorded":
+        table.fail("between_samples = 'held' is for kind 'recorded'")
     if kind == "fourier":
         made = _told(table, _fourier(table, robot))
     elif kind == "point-to-point":
@@ -127,8 +130,12 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
     settings = table.content_unread
     if kind == "made-up":
         return _made_up(table, settings)
+    own = _of_actuators(robot) if kind == "pd" else {}
+    damped = kind == "cascade" or (
+        "kp" in own and "kp" not in settings and "natural_frequency_hz" not in settings
+    )
     options: dict[str, Any] = {
-        "reference_velocity": table.spread("reference_velocity", n, [0.0 if kind == "cascade" else 1.0] * n),
+        "reference_velocity": table.spread("reference_velocity", n, [0.0 if damped else 1.0] * n),
         "acceleration": table.spread("acceleration", n, [0.0] * n),
         "gain": table.spread("gain", n, [1.0] * n),
     }
@@ -137,6 +144,8 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
         table.fail(f"give one of {' and '.join(given)}: the unit of the controller's output")
     if given:
         options["saturation"] = table.spread(given[0], n)
+    elif "saturation" in own and "gain" not in settings:  # the output is in N.m
+        options["saturation"] = own["saturation"]
     options["digital"] = _digital(table, robot)
     feedforward = _set_name(table, "feedforward_of", robot)
     gains: dict[str, Any]
@@ -155,7 +164,10 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
         gains["inertia"] = inertia or [1.0] * n
         kind = "tuned"
     else:
-        gains = {key: table.spread(key, n) for key in ("kp", "kv")}
+        gains = {
+            key: table.spread(key, n, own[key]) if key in own else table.spread(key, n)
+            for key in ("kp", "kv")
+        }
         if kind == "pid":
             gains["ki"] = table.spread("ki", n)
         if kind == "cascade" and table.has("integral_time_s"):
@@ -166,6 +178,21 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
     _told(table, recipe.plain)
     digital = options["digital"]
     return ControllerSpec(recipe, settings, 0.0 if digital is None else digital.sample_time_s)
+
+
+def _of_actuators(robot: Robot) -> dict[str, list[float]]:
+    """Gains and largest torques of the robot's position actuators, each where all joints have it; none is infinite."""
+    found: dict[str, list[float]] = {}
+    for key in ("kp", "kv"):
+        values = [
+            value for actuator in robot.actuators if (value := getattr(actuator, key, None)) is not None
+        ]
+        if len(values) == robot.n_dof:
+            found[key] = values
+    efforts = [getattr(actuator, "effort", None) for actuator in robot.actuators]
+    if any(effort is not None for effort in efforts):
+        found["saturation"] = [np.inf if effort is None else effort for effort in efforts]
+    return found
 
 
 @dataclass(frozen=True)

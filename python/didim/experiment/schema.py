@@ -1,8 +1,9 @@
 """The schema of robot and experiment files: every key that their readers ask for, with type, bounds, default and an example.
 
-The readers themselves are the source. They read the sample files of ``packaged/schema``, which have every table and every kind of
-it, while each key that they ask for is noted. ``packaged/schema/keys.toml`` adds a sentence to each key. ``docs/robot_keys.md``,
-``docs/experiment_keys.md`` and the JSON schemas for editors are printed from this. Tested in ``tests/test_reference_pages.py``.
+Keys are declared once, as rows of `didim._tools.toml.Key`, or are those that the readers ask for: these read the sample files of
+``packaged/schema``, which have every table, while each key is noted, and ``packaged/schema/keys.toml`` has their sentences.
+``docs/robot_keys.md``, ``docs/experiment_keys.md`` and the JSON schemas for editors are printed from this. A key is added as a row.
+Tested in ``tests/test_reference_pages.py``.
 """
 
 from __future__ import annotations
@@ -122,7 +123,8 @@ def entries(file: str) -> tuple[Entry, ...]:
             key,
             asked,
             examples,
-            meanings.get(path or "file", {}).get(key, ""),
+            meanings.get(path or "file", {}).get(key)
+            or next((item.meaning for item in asked if item.meaning), ""),
             key in always.get(path, ()),
         )
         for (path, key), asked in found.items()
@@ -156,13 +158,13 @@ def _tables(content: Mapping[str, Any], path: str) -> Iterator[tuple[str, set[st
 def _general(path: str) -> str:
     """Path without numbers of tables and without names that the user is free to choose."""
     path = re.sub(r" \d+", "", path)
-    return re.sub(r"^(parameters|payload)\.(?!fixed)[^.]+", r"\1.NAME", path)
+    return re.sub(r"^(parameters|payload|unknown)\.(?!fixed)[^.]+", r"\1.NAME", path)
 
 
 def _free(path: str, key: str) -> bool:
     """Whether a key is a name that the user is free to choose, or that of a parameter."""
     return (
-        (path in ("parameters", "payload") and key not in ("fixed", "dropped"))
+        (path in ("parameters", "payload", "unknown") and key not in ("fixed", "dropped", "links"))
         or path in ("parameters.fixed", "urdf.lock")
         or (path == "parameters.NAME" and key != "frames")
     )
@@ -184,7 +186,8 @@ def _entry(
         "at most": [item.maximum for item in asked if item.maximum is not None],
         "above": [item.above for item in asked if item.above is not None],
     }
-    place = (path, key)
+    declared = next((item.example for item in asked if item.example is not None), None)
+    shown = examples.get((path, key), declared)
     return Entry(
         path=path,
         key=key,
@@ -193,7 +196,7 @@ def _entry(
         default=_default(path, key, asked),
         choices=tuple(dict.fromkeys(choice for item in asked for choice in item.choices)),
         bounds=", ".join(f"{words} {values[0]:g}" for words, values in bounds.items() if values),
-        example=f"{key} = {_toml(examples[place])}" if place in examples else "",
+        example=f"{key} = {_toml(shown)}" if shown is not None else "",
         meaning=meaning,
         always=always,
         asked=tuple(asked),
@@ -267,7 +270,15 @@ def cells(entry: Entry) -> list[str]:
 
 
 def json_schema(file: str) -> dict[str, Any]:
-    """Return the JSON schema of one kind of file, for editors of TOML."""
+    """Return the JSON schema of one kind of file, or of "any" of them, for editors of TOML."""
+    if file == "any":
+        robot, experiment = json_schema("robot"), json_schema("experiment")
+        return {
+            "$schema": robot.pop("$schema"),
+            "if": {"required": ["joint"]},
+            "then": robot,
+            "else": experiment,
+        }
     root: dict[str, Any] = {
         "$schema": "http://json-schema.org/draft-07/schema#",
         "title": f"didim {file} file",
@@ -328,6 +339,7 @@ def _value(entry: Entry) -> dict[str, Any]:
         "text, or list of texts": [text, texts],
         "matrix, row by row": [{"type": "array", "items": numbers}],
         "list of [start, stop]": [{"type": "array", "items": numbers}],
+        "true, false, or text": [{"type": "boolean"}, text],
         "true, false, or list of joints": [{"type": "boolean"}, numbers],
         "integer, or list of integers": [{"type": "integer"}, numbers],
         'number, list of numbers, "hold" or "estimate"': [number, numbers, {"type": "string"}],

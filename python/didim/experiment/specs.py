@@ -145,7 +145,9 @@ class SimulationSettings:
     def robot(self, robot: Robot) -> Robot:
         """Return the robot as it is simulated: with smooth friction, where the settings say so."""
         if self.smoothing is None:
-            return robot
+            # A sign that is kept through rest has no state in a simulation.
+            terms = [term for term in robot.friction.terms if term.law != "hold"]
+            return robot.with_terms(terms) if len(terms) < len(robot.friction.terms) else robot
         return robot.with_smoothing(self.smoothing)
 
 

@@ -6,6 +6,7 @@ Standard parameters that no robot can have are refused here, link by link and jo
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..errors import FitError
 from ..model.dynamics import standard_vector
 from ..robot.rigid_body import INERTIAL, inverse, pseudo_inertia, why_no_body
 from ..robot.robot import JointLimits, Robot
+from ..robot.transmission import Follower
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,10 @@ class LinkBody:
         Friction of the joint: ``Fv`` (N.m.s/rad or N.s/m) and ``Fc`` (N.m or N), the mean of both directions where they differ.
     rotor : float
         ``Ia`` (kg.m^2 or kg), joint side.
+    stiffness, rest : float
+        Spring of the joint, ``Ks`` (N.m/rad or N/m), and the position (rad or m) at which it has no torque: the offset gives it.
+    follower : Follower or None
+        How the joint follows others, if it does.
     """
 
     link: str
@@ -53,6 +59,9 @@ class LinkBody:
     viscous: float
     coulomb: float
     rotor: float
+    stiffness: float = 0.0
+    rest: float = 0.0
+    follower: Follower | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +96,9 @@ class ExportModel:
     gravity : (3,) array
         Acceleration of gravity in the base (m/s^2).
     links : tuple of LinkBody
-        From the base outwards.
+        From the base outwards; those of joints that follow others last.
+    outwards : tuple of int
+        Links branch by branch, each behind the one that it stands on.
     motors : tuple of CoupledMotor
         Motors that turn with several joints.
     left_out : tuple of str
@@ -100,6 +111,7 @@ class ExportModel:
     links: tuple[LinkBody, ...]
     motors: tuple[CoupledMotor, ...]
     left_out: tuple[str, ...]
+    outwards: tuple[int, ...]
 
     def own_share(self, key: str) -> Array:
         """Return the ``rotor``, ``viscous`` or ``coulomb`` of each joint without the shares of coupled motors.
@@ -131,10 +143,15 @@ class ExportModel:
         return share
 
 
-PLACED = re.compile(r"(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M|Ia|Fv|Fc|Off|Fvm|Fcm)\d+[+-]?")
-"""Names of the standard parameters that an export knows; others are further friction terms."""
+PLACED = re.compile(r"(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M|Ia|Fv|Fc|Off|Fvm|Fcm|Ks)\d+[+-]?")
+"""Names of the standard parameters that an export knows; others are further terms."""
 
-_WORDS = {"rotor": "rotor inertia", "viscous": "viscous friction", "coulomb": "Coulomb friction"}
+_WORDS = {
+    "rotor": "rotor inertia",
+    "viscous": "viscous friction",
+    "coulomb": "Coulomb friction",
+    "stiffness": "stiffness of the spring",
+}
 
 
 def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
@@ -156,9 +173,9 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
     """
     values = dict(zip(robot.parameter_names, standard_vector(robot, x).tolist(), strict=True))
     places = robot.correspondence
-    n = robot.n_dof
+    n = robot.n_joints
     links = [place.link for place in places.links] if places else [f"link{j + 1}" for j in range(n)]
-    joints = robot.joint_names or tuple(f"joint{j + 1}" for j in range(n))
+    joints = robot.all_joint_names or tuple(f"joint{j + 1}" for j in range(n))
     offsets = [place.matrix for place in places.links] if places else [np.eye(4)] * n
     geometry = robot.geometry
     bodies = []
@@ -169,7 +186,8 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
         ten = np.array([values[f"{key}{j + 1}"] for key in INERTIAL])
         pseudo = inside @ pseudo_inertia(ten) @ inside.T
         _check_body(links[j], pseudo)
-        viscous, coulomb = _friction(values, j)
+        viscous, coulomb = joint_friction(values, j)
+        stiffness = values.get(f"Ks{j + 1}", 0.0)
         body = LinkBody(
             link=links[j],
             joint=joints[j],
@@ -178,10 +196,13 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
             parent=parent,
             axis=_clean(inside[:3, 2]),
             pseudo=0.5 * (pseudo + pseudo.T),
-            limits=robot.limits[j],
+            limits=robot.limits[j] if j < robot.n_dof else JointLimits(),
             viscous=viscous,
             coulomb=coulomb,
             rotor=values[f"Ia{j + 1}"],
+            stiffness=stiffness,
+            rest=-values.get(f"Off{j + 1}", 0.0) / stiffness if stiffness else 0.0,
+            follower=geometry.followers[j - robot.n_dof] if j >= robot.n_dof else None,
         )
         _check_drive(body)
         bodies.append(body)
@@ -193,6 +214,7 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
         links=tuple(bodies),
         motors=tuple(_motors(robot, values)),
         left_out=tuple(_left_out(robot, values, joints)),
+        outwards=geometry.outwards,
     )
 
 
@@ -216,8 +238,8 @@ def _check_drive(body: LinkBody) -> None:
             )
 
 
-def _friction(values: dict[str, float], j: int) -> tuple[float, float]:
-    """Viscous and Coulomb friction of a joint, the mean of both directions where they have their own."""
+def joint_friction(values: Mapping[str, float], j: int) -> tuple[float, float]:
+    """Return viscous and Coulomb friction of a joint, the mean of both directions where they have their own."""
     if f"Fv{j + 1}" in values:
         return values[f"Fv{j + 1}"], values[f"Fc{j + 1}"]
     viscous, coulomb = (0.5 * (values[f"{key}{j + 1}+"] + values[f"{key}{j + 1}-"]) for key in ("Fv", "Fc"))
@@ -242,14 +264,18 @@ def _motors(robot: Robot, values: dict[str, float]) -> list[CoupledMotor]:
 
 def _left_out(robot: Robot, values: dict[str, float], joints: tuple[str, ...]) -> list[str]:
     sentences = []
-    offsets = [joint for j, joint in enumerate(joints) if values.get(f"Off{j + 1}")]
+    offsets = [
+        joint for j, joint in enumerate(joints) if values.get(f"Off{j + 1}") and not values.get(f"Ks{j + 1}")
+    ]
     if offsets:
         sentences.append(
             f"the torque offsets of {', '.join(offsets)} are left out: no format has a place for them"
         )
     terms = [name for name, value in values.items() if value and not PLACED.fullmatch(name)]
     if terms:
-        sentences.append(f"{', '.join(terms)} are left out: no format has a place for such friction")
+        sentences.append(
+            f"{', '.join(terms)} are left out: no format has a place for such friction and springs"
+        )
     if robot.friction.model == "asymmetric":
         sentences.append("friction is the mean of both directions: no format has one per direction")
     return sentences

@@ -92,7 +92,7 @@ def parameters_from_prior(fit: Identification, robot: Robot) -> dict[int, tuple[
     record = fit.settings.get("consistent", {}).get("parameters", ())
     open_names = {item["name"] for item in record if item["source"] != "identified"}
     found = {}
-    for j in range(robot.n_dof):
+    for j in range(robot.n_joints):
         names = tuple(f"{key}{j + 1}" for key in INERTIAL)
         found[j] = tuple(name for name in names if name in open_names)
     return found

@@ -1,6 +1,7 @@
 """A robot as MJCF, the model format of MuJoCo, which has a place for all of the model but torque offsets.
 
-``armature``, ``damping`` and ``frictionloss`` of a joint are ``Ia``, ``Fv`` and ``Fc``. A motor that turns with several joints is a
+``armature``, ``damping``, ``frictionloss`` and ``stiffness`` of a joint are ``Ia``, ``Fv``, ``Fc`` and ``Ks``; where there is a
+spring, ``springref`` has the offset. A motor that turns with several joints is a
 fixed tendon over them, with its own armature, damping and friction loss; what it contributes to ``Ia_j``, ``Fv_j`` and ``Fc_j``,
 (24), is taken off the joints. Tested in ``tests/test_export_mjcf.py`` by ``mj_inverse``.
 """
@@ -11,6 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 from numpy.typing import ArrayLike
 
+from ..errors import FitError
 from ..robot.rigid_body import central, quaternion
 from ..robot.robot import Robot
 from .bodies import ExportModel, LinkBody, export_model
@@ -57,7 +59,8 @@ def mjcf_text(model: ExportModel) -> str:
         lines.append(f"{indent}<body name={quoteattr(model.base)}>")
         indent += "  "
     open_bodies: list[int] = []
-    for j, link in enumerate(model.links):
+    for j in model.outwards:
+        link = model.links[j]
         while open_bodies and open_bodies[-1] != link.parent:
             open_bodies.pop()
             lines.append(f"{indent}{'  ' * len(open_bodies)}</body>")
@@ -70,9 +73,10 @@ def mjcf_text(model: ExportModel) -> str:
     lines.append("  </worldbody>")
     if model.motors:
         lines += ["  <tendon>", *_tendons(model), "  </tendon>"]
+    lines += _equalities(model)
     lines += [
         "  <actuator>",
-        *(f"    {_actuator(link)}" for link in model.links),
+        *(f"    {_actuator(link)}" for link in model.links if link.follower is None),
         "  </actuator>",
         "</mujoco>",
     ]
@@ -89,7 +93,8 @@ def _body(link: LinkBody, rotor: float, viscous: float, coulomb: float) -> list[
     }
     if link.limits.position is not None:
         joint["range"] = f'"{numbers(link.limits.position)}"'
-    for key, value in (("armature", rotor), ("damping", viscous), ("frictionloss", coulomb)):
+    drive = {"armature": rotor, "damping": viscous, "frictionloss": coulomb}
+    for key, value in {**drive, "stiffness": link.stiffness, "springref": link.rest}.items():
         if value:
             joint[key] = f'"{number(value)}"'
     attributes = " ".join(f"{key}={value}" for key, value in joint.items())
@@ -121,6 +126,22 @@ def _tendons(model: ExportModel) -> list[str]:
         ]
         lines.append("    </fixed>")
     return lines
+
+
+def _equalities(model: ExportModel) -> list[str]:
+    """Lines on joints that follow another one; MuJoCo's equality has no place for several leaders."""
+    lines = []
+    for link in model.links:
+        if link.follower is None:
+            continue
+        if len(link.follower.leaders) > 1:
+            raise FitError(f"joint {link.joint!r} follows several others, and an equality of MJCF has one")
+        ((leader, factor),) = link.follower.leaders
+        lines.append(
+            f"    <joint joint1={quoteattr(link.joint)} joint2={quoteattr(model.links[leader].joint)} "
+            f'polycoef="{numbers([link.follower.offset, factor])} 0 0 0"/>'
+        )
+    return ["  <equality>", *lines, "  </equality>"] if lines else []
 
 
 def _actuator(link: LinkBody) -> str:

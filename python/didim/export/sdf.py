@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
+from ..errors import FitError
 from ..robot.rigid_body import central, roll_pitch_yaw
 from ..robot.robot import Robot
 from .bodies import ExportModel, LinkBody, export_model
@@ -61,17 +62,21 @@ def sdf_text(model: ExportModel) -> str:
             f"      <child>{escape(model.base)}</child>",
             "    </joint>",
         ]
-    frames: list[Array] = []
-    for link in model.links:
-        frames.append((np.eye(4) if link.parent is None else frames[link.parent]) @ link.pose)
+    frames: dict[int | None, Array] = {None: np.eye(4)}
+    for j in model.outwards:
+        link = model.links[j]
+        frames[j] = frames[link.parent] @ link.pose
         parent = model.base if link.parent is None else model.links[link.parent].link
-        lines += _link(link, frames[-1]) + _joint(link, parent)
+        lines += _link(link, frames[j]) + _joint(link, parent, model)
     return "\n".join([*lines, "  </model>", "</sdf>"]) + "\n"
 
 
 def no_drives(model: ExportModel, format_name: str) -> list[str]:
-    """Return sentences on rotor inertias and coupled motors, for a format without them."""
+    """Return sentences on rotor inertias, coupled motors and springs, for a format without them."""
     sentences = []
+    springs = [f"{link.joint} {link.stiffness:.4g}" for link in model.links if link.stiffness]
+    if springs and format_name != "SDF":
+        sentences.append(f"{format_name} has no place for springs (N.m/rad or N/m): {', '.join(springs)}")
     rotors = [f"{link.joint} {link.rotor:.4g}" for link in model.links if link.rotor]
     if rotors:
         sentences.append(f"{format_name} has no place for rotor inertias (kg.m^2 or kg): {', '.join(rotors)}")
@@ -101,7 +106,23 @@ def _link(link: LinkBody, frame: Array) -> list[str]:
     ]
 
 
-def _joint(link: LinkBody, parent: str) -> list[str]:
+def _mimic(link: LinkBody, model: ExportModel) -> list[str]:
+    """Lines on the joint that a joint follows."""
+    if link.follower is None:
+        return []
+    if len(link.follower.leaders) > 1:
+        raise FitError(f"joint {link.joint!r} follows several others, and a mimic joint of SDF has one")
+    ((leader, factor),) = link.follower.leaders
+    return [
+        f"        <mimic joint={quoteattr(model.links[leader].joint)}>",
+        f"          <multiplier>{number(factor)}</multiplier>",
+        f"          <offset>{number(link.follower.offset)}</offset>",
+        "          <reference>0</reference>",
+        "        </mimic>",
+    ]
+
+
+def _joint(link: LinkBody, parent: str, model: ExportModel) -> list[str]:
     limits = link.limits
     entries = [
         ("lower", limits.position and limits.position[0]),
@@ -109,6 +130,11 @@ def _joint(link: LinkBody, parent: str) -> list[str]:
         ("effort", limits.effort),
         ("velocity", limits.velocity),
     ]
+    spring = (
+        f"          <spring_{key}>{number(value)}</spring_{key}>"
+        for key, value in (("reference", link.rest), ("stiffness", link.stiffness))
+        if link.stiffness
+    )
     limit = [f"          <{key}>{number(value)}</{key}>" for key, value in entries if value is not None]
     return [
         f'    <joint name={quoteattr(link.joint)} type="{link.kind}">',
@@ -120,7 +146,9 @@ def _joint(link: LinkBody, parent: str) -> list[str]:
         "        <dynamics>",
         f"          <damping>{number(link.viscous)}</damping>",
         f"          <friction>{number(link.coulomb)}</friction>",
+        *spring,
         "        </dynamics>",
+        *_mimic(link, model),
         "      </axis>",
         "    </joint>",
     ]

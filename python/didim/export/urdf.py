@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
 from .._tools.inputs import read_small_file
+from .._tools.words import did_you_mean
 from ..errors import FitError
 from ..robot.rigid_body import central, why_no_body
 from ..robot.robot import Robot
@@ -25,6 +26,7 @@ from ..robot.urdf.chain import Chain, choose_chain
 from ..robot.urdf.description import Description, read_description
 from ..robot.urdf.xml_spans import Element, parse_xml
 from .bodies import ExportModel, LinkBody, export_model
+from .drives import Drives, JointDrive
 from .numbers import number, numbers
 
 ROTOR_NOTE = " didim: rotor inertia "
@@ -95,8 +97,9 @@ def described(robot: Robot, data: bytes, where: str) -> tuple[Description, Chain
     places = robot.correspondence
     assert places is not None
     description = read_description(data, where)
-    chain = choose_chain(description, base=places.base, tip=places.tip, lock=dict(places.lock))
-    return description, chain
+    lock = {joint: value for joint, value in places.lock if joint not in robot.all_joint_names}
+    chain = choose_chain(description, base=places.base, tip=places.tip, lock=lock)
+    return description, chain.numbered()
 
 
 def edits(
@@ -171,7 +174,31 @@ def _inertial(data: bytes, link: Element, pseudo: Array, newline: bytes) -> Edit
     return Edit(link.opened, link.opened, text)
 
 
-def _dynamics(data: bytes, joint: Element, body: LinkBody, newline: bytes) -> list[Edit]:
+def edit_dynamics(drives: Drives, path: Path) -> bytes:
+    """Return a URDF with the friction and rotor inertias of drives, its links as they are.
+
+    Raises
+    ------
+    FitError
+        When a joint is not in the file.
+    RobotError
+        When the file is not a URDF.
+    """
+    data = read_small_file(path, FitError)
+    read_description(data, path.name)
+    newline = b"\r\n" if b"\r\n" in data else b"\n"
+    joints = {str(item.attributes.get("name")): item for item in parse_xml(data, path.name).all("joint")}
+    found: list[Edit] = []
+    for drive in drives.joints:
+        if drive.joint not in joints:
+            raise FitError(
+                f"{path.name}: there is no joint {drive.joint!r}{did_you_mean(drive.joint, joints)}"
+            )
+        found += _dynamics(data, joints[drive.joint], drive, newline)
+    return edited(data, found)
+
+
+def _dynamics(data: bytes, joint: Element, body: LinkBody | JointDrive, newline: bytes) -> list[Edit]:
     """Friction of a joint, and its rotor inertia as a comment: URDF has no place for it."""
     found = []
     values = {"damping": body.viscous, "friction": body.coulomb}
@@ -181,7 +208,7 @@ def _dynamics(data: bytes, joint: Element, body: LinkBody, newline: bytes) -> li
         changed = {
             key: value for key, value in values.items() if float(old.attributes.get(key, "0")) != value
         }
-        found += [_attribute(data, old, key, number(value)) for key, value in changed.items()]
+        found += [attribute_edit(data, old, key, number(value)) for key, value in changed.items()]
     indent = _indent(data, joint.children[-1].start)
     if old is None and any(values.values()):
         words = " ".join(f'{key}="{number(value)}"' for key, value in values.items())
@@ -199,7 +226,7 @@ def _dynamics(data: bytes, joint: Element, body: LinkBody, newline: bytes) -> li
     return found
 
 
-def _attribute(data: bytes, element: Element, key: str, value: str) -> Edit:
+def attribute_edit(data: bytes, element: Element, key: str, value: str) -> Edit:
     """Return a new value of an attribute of an opening tag."""
     text = f'{key}="{value}"'.encode()
     old = re.compile(rb"(?<=\s)%s\s*=\s*(\"[^\"]*\"|'[^']*')" % key.encode())

@@ -33,10 +33,21 @@ READERS: dict[str, str | Reader] = {
 BAGS = (".mcap", ".db3", ".bag")
 """Suffixes of ROS bags; a folder is one too. They are not read as a whole, so that they have no reader of bytes."""
 
+PARQUET = ".parquet"
+"""Suffix of Parquet files; the folder of a LeRobot dataset has several, and their description beside them."""
+
 
 def is_log(path: Path) -> bool:
-    """Whether a path has the name of a data file, or is the folder of a bag."""
-    return path.suffix.lower() in (*TEXT, *READERS, *BAGS) or (path / "metadata.yaml").is_file()
+    """Whether a path has the name of a data file, or is the folder of a bag or of a dataset."""
+    return path.suffix.lower() in (*TEXT, *READERS, *BAGS, PARQUET) or _is_bag(path) or _is_dataset(path)
+
+
+def _is_bag(path: Path) -> bool:
+    return path.suffix.lower() in BAGS or (path / "metadata.yaml").is_file()
+
+
+def _is_dataset(path: Path) -> bool:
+    return (path / "meta" / "info.json").is_file()
 
 
 def open_data_file(
@@ -69,25 +80,33 @@ def open_data_file(
     RecordingError
         When the file is missing, empty, or of an unknown format.
     """
-    bag = path.suffix.lower() in BAGS or (path / "metadata.yaml").is_file()
+    bag = _is_bag(path)
     if topic is not None and not bag:
         raise RecordingError(f"{name}: topic is for ROS bags only")
+    text = any(option is not None for option in (delimiter, header, decimal))
+    if text and path.suffix.lower() not in TEXT and path.exists():
+        raise RecordingError(f"{name}: delimiter, header and decimal are for CSV files only")
+    if path.suffix.lower() == ".mcap" and path.is_file():
+        from .formats.mcap_file import has_json, open_mcap_json
+
+        if has_json(path):
+            return open_mcap_json(path, name, topic)
     if bag and path.exists():
-        if any(option is not None for option in (delimiter, header, decimal)):
-            raise RecordingError(f"{name}: delimiter, header and decimal are for CSV files only")
         from .ros_bag import RosBag
 
         return RosBag(path, name, topic)
+    if path.suffix.lower() == PARQUET or _is_dataset(path):
+        from .formats.parquet_file import open_parquet
+
+        return open_parquet(path, name)
     raw = read_file(path, RecordingError, "no such data file", copies=2)
     if not raw or raw.isspace():
         raise RecordingError(f"{name}: the file is empty")
     suffix = path.suffix.lower()
     if suffix in TEXT:
         return CsvFile(raw, name, "," if delimiter is None else delimiter, header, decimal or ".")
-    if any(option is not None for option in (delimiter, header, decimal)):
-        raise RecordingError(f"{name}: delimiter, header and decimal are for CSV files only")
     if suffix not in READERS:
-        known = " ".join((*TEXT, *READERS, *BAGS))
+        known = " ".join((*TEXT, *READERS, PARQUET, *BAGS))
         raise RecordingError(f"{name}: the format {suffix!r} is unknown; known are {known}")
     reader = READERS[suffix]
     if isinstance(reader, str):

@@ -7,7 +7,7 @@ differs is an error, unless `resample` asks for even samples. Tested in ``tests/
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, cast
 
@@ -21,8 +21,19 @@ from ..robot.transmission import reduction_matrix
 from .data_folder import SOURCES, DataFolder, Source
 from .recording import OWN, ROLES, Recording, Role, clock
 from .resampling import Resampling, resampling, step_range
-from .sampling import MINIMUM_SAMPLES, TimeFault, check_time, slices, stretches, time_faults
+from .sampling import (
+    MINIMUM_SAMPLES,
+    TimeFault,
+    check_time,
+    rollout_windows,
+    slices,
+    stretches,
+    time_faults,
+)
 from .units import ESTIMATE, TIME, current_factors, effort_factors, position_factors, velocity_factors
+
+GAPS = "gaps"
+"""Value of ``rollouts`` that makes a rollout of each stretch of even time stamps; any other is the name of a column."""
 
 
 class _Robot(Protocol):
@@ -91,6 +102,9 @@ def read_recording(
     role = cast("Role", table.text("role", "fit", choices=ROLES))
     rate = table.number("rate_hz", None, above=0.0)
     windows_s = table.raw("windows_s", [], "list of [start, stop]")
+    rollouts = table.text("rollouts", None)
+    if rollouts is not None and windows_s:
+        table.fail("give rollouts or windows_s, not both: each rollout is a window")
     payload = table.text("payload", "none")
     own = [key for key in OWN if table.text(key, "shared", choices=["shared", "own"]) == "own"]
     tables = {key: table.table(key, None) for key in SOURCES}
@@ -119,9 +133,12 @@ def read_recording(
     if rate is None and "time" not in sources:
         table.fail("either rate_hz or the table [recording.time] must be there")
 
-    values = {key: channel.read() for key, channel in channels.items()}
     # Without measured positions the reference has the samples that all else is compared with.
-    base = "position" if "position" in values else "reference"
+    base = "position" if "position" in sources else "reference"
+    by_column = rollouts is not None and rollouts != GAPS
+    if by_column:
+        sources[base].file.want([str(rollouts)], None, 1)
+    values = {key: channel.read() for key, channel in channels.items()}
     count = len(values[base])
     digests = {source.file.name: source.file.sha256 for source in sources.values()}
     t = sources["time"].values()[:, 0] * period if "time" in sources else None
@@ -137,7 +154,18 @@ def read_recording(
     between_gaps: tuple[tuple[int, int], ...] = ()
     notes: tuple[str, ...] = ()
     origin = _origin(sources, channels)
-    if t is not None and resample:
+    if rollouts is not None:
+        if resample:
+            table.fail("rollouts of uneven samples are not read: resample = true is for one run")
+        if t is None and not by_column:
+            table.fail("rollouts = 'gaps' needs the table [recording.time]")
+        number = sources[base].file.get([str(rollouts)], None, 1)[:, 0] if by_column else None
+        between_gaps = rollout_windows(count, number, t)
+        if t is not None:
+            for start, stop in between_gaps:
+                rate = check_time(t[start:stop], rate, f"{sources['time'].place}, from row {start + 1}")
+            t = None
+    elif t is not None and resample:
         plan = resampling(t, rate, sources["time"].place)
         notes = (f"recording '{name}': {plan.sentence(step_range(t))}",)
         values = {key: plan.apply(found) for key, found in values.items()}
@@ -220,6 +248,8 @@ def _origin(sources: Mapping[str, Source], channels: Mapping[str, _Channel]) -> 
     for key, channel in channels.items():
         # Of counts and drive gains too, wherever these were written down.
         found[key]["factors_to_si"] = channel.factors.tolist()
+        if np.any(channel.zeros):
+            found[key]["zeros_si"] = np.asarray(channel.zeros).tolist()
         if channel.reduction is not None:
             found["reduction"] = channel.reduction.tolist()
     return found
@@ -235,25 +265,23 @@ class _Channel:
     reduction: Array | None
     drives: tuple[tuple[float, ...], ...] | None = None
     """Reduction matrix of currents whose drive gains are to be estimated."""
+    zeros: Array | float = 0.0
+    """Position (rad or m) at which each column is zero: shares of a joint's range begin at its lower limit."""
 
     @classmethod
     def motion(cls, source: Source, robot: _Robot, reduction: Array | None) -> _Channel:
-        return cls._moving(source, robot, reduction, position_factors)
+        side, matrix = _side(source.table, reduction)
+        ranges = [limits.position for limits in getattr(robot, "limits", ())]
+        factors, zeros = position_factors(source.table, side, robot.joint_kinds, ranges)
+        source.table.done()
+        return cls(source, np.array(factors), _to_joint(matrix), matrix, zeros=np.array(zeros))
 
     @classmethod
     def velocity(cls, source: Source, robot: _Robot, reduction: Array | None) -> _Channel:
-        return cls._moving(source, robot, reduction, velocity_factors)
-
-    @classmethod
-    def _moving(
-        cls, source: Source, robot: _Robot, reduction: Array | None, factors_of: Callable[..., list[float]]
-    ) -> _Channel:
         side, matrix = _side(source.table, reduction)
-        factors = factors_of(source.table, side, robot.joint_kinds)
+        factors = velocity_factors(source.table, side, robot.joint_kinds)
         source.table.done()
-        # q_motor = R q for columns; samples are rows here.
-        to_joint = None if matrix is None else np.linalg.inv(matrix).T.astype(np.float64)
-        return cls(source, np.array(factors), to_joint, matrix)
+        return cls(source, np.array(factors), _to_joint(matrix), matrix)
 
     @classmethod
     def effort(cls, source: Source, robot: _Robot, reduction: Array | None) -> _Channel:
@@ -271,8 +299,13 @@ class _Channel:
 
     def read(self) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):  # reported by Recording
-            values = self.source.values() * self.factors
+            values = self.source.values() * self.factors + self.zeros
             return values if self.to_joint is None else values @ self.to_joint
+
+
+def _to_joint(matrix: Array | None) -> Array | None:
+    """Matrix that takes rows of motor positions to the joints: ``q_motor = R q`` for columns; samples are rows here."""
+    return None if matrix is None else np.linalg.inv(matrix).T.astype(np.float64)
 
 
 def _side(table: Table, reduction: Array | None) -> tuple[str, Array | None]:

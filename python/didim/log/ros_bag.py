@@ -86,7 +86,7 @@ class RosBag:
         for file in _files(path):
             check_input(file, RecordingError, "no such data file")
             if file.suffix == ".mcap":
-                check_expanded(EXPANDED * _inflated(file), file.stat().st_size, name, RecordingError)
+                check_expanded(EXPANDED * mcap_content(file), file.stat().st_size, name, RecordingError)
         self.sha256 = _digest(path)
         self._wanted: dict[str, None] = {}
         self._messages = self._read(path, topic)
@@ -263,8 +263,8 @@ def _digest(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _inflated(path: Path) -> int:
-    """Bytes of the messages of an .mcap file, as its chunks declare them."""
+def mcap_content(path: Path) -> int:
+    """Return the bytes of the messages of an .mcap file, as its chunks declare them."""
     size, end = 0, path.stat().st_size
     with path.open("rb") as stream:
         place = 8  # the magic bytes

@@ -24,6 +24,9 @@ STEP_TOLERANCE = 0.01
 RATE_TOLERANCE = 1e-3
 """Share by which a declared sampling rate may differ from the time stamps."""
 
+GAP = 0.5
+"""Share of a sampling period by which a time step must exceed the others to end a rollout; smaller ones are uneven sampling."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TimeFault:
@@ -128,6 +131,29 @@ def stretches(last: Sequence[int], n_samples: int) -> tuple[tuple[int, int], ...
         for start, stop in pairwise(edges)
         if stop - start >= max(MINIMUM_SAMPLES, 0.1 * longest)
     )
+
+
+def rollout_windows(n_samples: int, number: Array | None, t: Array | None) -> tuple[tuple[int, int], ...]:
+    """Return the half-open sample slices of the rollouts in a record, those too short for differences left out.
+
+    Parameters
+    ----------
+    n_samples
+        Samples of the record.
+    number
+        (n_samples,) number of the rollout at each sample, such as the index of an episode; or None.
+    t
+        (n_samples,) time stamps in s, at whose gaps and steps back a rollout ends where `number` is None.
+    """
+    if number is not None:
+        ends = np.flatnonzero(np.diff(number) != 0.0)
+    else:
+        assert t is not None
+        steps = np.diff(t)
+        period = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 1.0
+        ends = np.flatnonzero((steps <= 0.0) | (steps > (1.0 + GAP) * period))
+    edges = [0, *(ends + 1).tolist(), n_samples]
+    return tuple((start, stop) for start, stop in pairwise(edges) if stop - start >= MINIMUM_SAMPLES)
 
 
 def slices(table: Table, windows_s: object, rate_hz: float, n_samples: int) -> tuple[tuple[int, int], ...]:

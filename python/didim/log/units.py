@@ -17,6 +17,9 @@ TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 POSITION = {"rad": 1.0, "deg": math.pi / 180.0, "m": 1.0, "mm": 1e-3}
 """Radians or metres per unit of position; counts need the resolution of the encoder."""
 
+SHARES = {"percent": 50.0, "signed-percent": 0.0}
+"""Value of the middle of a joint's range, by unit: LeRobot logs grippers from 0 to 100, and other motors from -100 to 100."""
+
 VELOCITY = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "m/s": 1.0, "mm/s": 1e-3}
 """Radians or metres per second per unit of velocity."""
 
@@ -80,34 +83,47 @@ def velocity_factors(table: Table, side: str, joint_kinds: Sequence[str]) -> lis
     return _product([VELOCITY[unit] for unit in units], _scales(table, len(joint_kinds)))
 
 
-def position_factors(table: Table, side: str, joint_kinds: Sequence[str]) -> list[float]:
-    """Factor of each position column to rad or m.
+def position_factors(
+    table: Table,
+    side: str,
+    joint_kinds: Sequence[str],
+    ranges: Sequence[tuple[float, float] | None] = (),
+) -> tuple[list[float], list[float]]:
+    """Factor of each position column to rad or m, and the position (rad or m) at which each column is zero.
 
     Parameters
     ----------
     table
         ``[recording.position]``: `unit` is rad, deg, m, mm or count, the last with `counts_per_rev` (a number
-        or one for each column); `scale` and `sign`, a number or one for each column, multiply any unit.
+        or one for each column), or percent (0 to 100) and signed-percent (-100 to 100) of the joint's range; `scale` and
+        `sign`, a number or one for each column, multiply any unit.
     side
         "motor" or "joint"; on the joint side the units must suit the joints.
     joint_kinds
         "revolute" or "prismatic" for each joint.
+    ranges
+        Lowest and highest position of each joint (rad or m), None where the robot has none.
     """
     n = len(joint_kinds)
-    units = _units(table, [*POSITION, "count"], n)
+    units = _units(table, [*POSITION, *SHARES, "count"], n)
     if side == "joint":
         _check_joints(table, units, joint_kinds)
     scales = _scales(table, n)
-    if "count" not in units:
-        return _product([POSITION[unit] for unit in units], scales)
-    counts = table.spread("counts_per_rev", n)
+    counts = table.spread("counts_per_rev", n) if "count" in units else [1.0] * n
     if not all(counts):
         table.fail("counts_per_rev must not be zero")
-    factors = [
-        2.0 * math.pi / count if unit == "count" else POSITION[unit]
-        for unit, count in zip(units, counts, strict=True)
-    ]
-    return _product(factors, scales)
+    factors, zeros = [], [0.0] * n
+    for j, (unit, count, scale) in enumerate(zip(units, counts, scales, strict=True)):
+        if unit not in SHARES:
+            factors.append(scale * (2.0 * math.pi / count if unit == "count" else POSITION[unit]))
+            continue
+        limits = ranges[j] if j < len(ranges) else None
+        if limits is None or side != "joint":
+            table.fail(f"unit {unit!r} needs the limits of joint {j + 1} in the robot file, and side 'joint'")
+        low, high = limits
+        factors.append(scale * (high - low) / (100.0 if unit == "percent" else 200.0))
+        zeros[j] = 0.5 * (low + high) - factors[j] * SHARES[unit]
+    return factors, zeros
 
 
 def current_factors(table: Table, n: int) -> list[float]:

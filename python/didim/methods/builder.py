@@ -23,7 +23,7 @@ from ..regression.fit import Fit
 from ..regression.friction.alarm import FrictionAlarm, friction_alarm
 from ..regression.linear_system import LinearSystem
 from ..regression.logs.drift import Difference, differences, drifts
-from ..regression.logs.load import load_between
+from ..regression.logs.load import Load, load_between
 from ..regression.solver import solver_record
 from ..result.finding import Finding
 from ..result.further import Further
@@ -31,6 +31,7 @@ from ..result.identification import Identification
 from ..result.iteration import Iteration
 from ..result.status import Status
 from ..result.uncertainty import Uncertainty
+from ..robot.robot import Robot
 from ..signal.noise import encoder_step
 from ..signal.segments import Segment
 from .job import Delay, Job, ratio, ratios
@@ -269,7 +270,7 @@ def fitted(
             *evidence,
             *lasting,
             *_drift_findings(job, moved),
-            *(_loads(job, system, fit) if status.converged else ()),
+            *(load_findings(job, system, fit) if status.converged else ()),
         ),
         standard=fit.standard,
     )
@@ -321,47 +322,64 @@ def _drift_findings(job: Job, moved: Sequence[Difference]) -> list[Finding]:
     ]
 
 
-def _loads(job: Job, system: LinearSystem, fit: Fit) -> list[Finding]:
+def load_findings(job: Job, system: LinearSystem, fit: Fit) -> list[Finding]:
     """Return a finding for each recording that carries a load which another does not."""
     if not job.parameters.simple or not {block.recording for block in system.blocks} - {
         system.blocks[0].recording
     }:
         return []
+    names = [item.name for item in job.experiment.recordings]
     return [
-        Finding(
-            code="payload",
-            grade="note" if abs(load.mass) < CLEAR_MASS * load.std else "doubtful",
-            recordings=(job.experiment.recordings[number].name,),
-            value=load.mass_or_none,
-            deviation=None if load.mass_or_none is None else load.std,
-            facts={
-                "text": f"beside the first recording '{job.experiment.recordings[number].name}' {load}",
-                "advice": 'Declare it: [payload.NAME] and payload = "NAME" under [[recording]]',
-            },
-        )
+        load_finding(load, f"beside the first recording '{names[number]}' {load}", names[number])
         for number, load in load_between(system, fit, job.robot, job.settings.blocks)
     ]
 
 
+def load_finding(load: Load, text: str, recording: str = "") -> Finding:
+    """Return the finding of a load."""
+    return Finding(
+        code="payload",
+        grade="note" if abs(load.mass) < CLEAR_MASS * load.std else "doubtful",
+        recordings=(recording,) if recording else (),
+        value=load.mass_or_none,
+        deviation=None if load.mass_or_none is None else load.std,
+        facts={
+            "text": text,
+            "advice": 'Declare it: [payload.NAME] and payload = "NAME" under [[recording]]',
+        },
+    )
+
+
 def record(job: Job, **more: Any) -> dict[str, Any]:
     """Return settings and recordings of a run, as JSON has them (lists, no tuples)."""
+    return experiment_record(
+        job.experiment,
+        job.robot,
+        signal=asdict(job.signal),
+        least_squares=asdict(job.settings),
+        delay={"compensate_samples": delay_asked(job)},
+        fixed=dict(job.fixed),
+        dropped=job.dropped,
+        **more,
+    )
+
+
+def experiment_record(experiment: Experiment, robot: Robot, **more: Any) -> dict[str, Any]:
+    """Return what a result records of its experiment and of the robot with the friction of the run, as JSON has it."""
     import scipy  # loads subprocess and more
 
     asked = {
         "versions": {"didim": __version__, "numpy": np.__version__, "scipy": scipy.__version__},
-        "experiment": job.experiment.name,
+        "experiment": experiment.name,
         # With the friction of the experiment, which the digest of the robot file does not include.
         "robot": {
-            "name": job.robot.name,
-            "joint_names": job.robot.joint_names,
-            "geometry": asdict(job.robot.geometry),
-            "friction": asdict(job.robot.friction),
+            "name": robot.name,
+            "joint_names": robot.joint_names,
+            "geometry": asdict(robot.geometry),
+            "friction": asdict(robot.friction),
         },
-        "signal": asdict(job.signal),
-        "least_squares": asdict(job.settings),
-        "delay": {"compensate_samples": delay_asked(job)},
-        "fixed": dict(job.fixed),
-        "dropped": job.dropped,
+        "fixed": dict(experiment.fixed),
+        "dropped": experiment.dropped,
         "recordings": [
             {
                 "name": item.name,
@@ -370,7 +388,7 @@ def record(job: Job, **more: Any) -> dict[str, Any]:
                 "windows": item.windows,
                 **item.origin,
             }
-            for item in job.experiment.recordings
+            for item in experiment.recordings
         ],
         **more,
     }

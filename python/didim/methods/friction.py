@@ -10,12 +10,15 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from .._tools.arrays import Array
 from ..experiment.experiment import Experiment
-from ..regression.friction.choice import FrictionChoice, choose_terms
+from ..regression.friction.choice import LARGEST_MISFIT, FrictionChoice, choose_terms
 from ..regression.friction.velocity import VelocityEstimate, settled
 from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem
+from ..signal.noise import encoder_step
 from .method import Method, MethodSettings
 
 
@@ -52,28 +55,33 @@ class FoundFriction:
         sentences = []
         if self.choice is not None:
             before, after = 100.0 * self.choice.held_out_before, 100.0 * self.choice.held_out_after
-            terms = [
-                f"{gain.parameter} ({100.0 * gain.gain:.1f} % of the squared error)"
-                for gain in self.choice.gains
-            ]
+            terms = [f"{gain.parameter} {100.0 * gain.gain:.1f}" for gain in self.choice.gains]
             sentences.append(
-                f"friction terms that held-out blocks support: {', '.join(terms)}; they lower the error of these blocks from "
-                f"{before:.2f} to {after:.2f} %"
+                f"friction terms that held-out blocks support: {', '.join(terms)} (% of the squared error without each); "
+                f"they lower the error of these blocks from {before:.2f} to {after:.2f} %"
                 if terms
+                else f"no friction term was chosen: held-out blocks miss {before:.0f} % of the torques, which is more than friction"
+                if self.choice.held_out_before > LARGEST_MISFIT
                 else f"held-out blocks support no further friction term; their error is {before:.2f} %"
             )
-        known = [
-            f"{item.velocity:.3g} +- {item.std:.1g} for {item.parameter}"
-            for item in self.velocities
-            if item.identified
-        ]
-        if known:
-            sentences.append(f"velocities of friction laws (rad/s or m/s): {', '.join(known)}")
-        unknown = [item.parameter for item in self.velocities if not item.identified]
+        for what, laws in (
+            ("velocities of friction laws (rad/s or m/s)", ("atan", "stribeck")),
+            ("displacements of friction that remembers (rad or m)", ("dahl",)),
+        ):
+            known = [
+                f"{item.velocity:.3g} +- {item.std:.1g} for {item.parameter}"
+                for item in self.velocities
+                if item.identified and item.law in laws
+            ]
+            if known:
+                sentences.append(f"{what}: {', '.join(known)}")
+        unknown = [item for item in self.velocities if not item.identified]
         if unknown:
-            sentences.append(
-                f"the log does not identify the velocity of {', '.join(unknown)}: the square root of the speed replaces it"
-            )
+            names = ", ".join(item.parameter for item in unknown)
+            roots = self.choice is None and any(item.law == "atan" for item in unknown)
+            cure = "the square root of the speed replaces atan" if roots else "its deviation is not known"
+            what = "displacement" if all(item.law == "dahl" for item in unknown) else "velocity"
+            sentences.append(f"the log does not identify the {what} of {names}: {cure}")
         return sentences
 
 
@@ -106,13 +114,15 @@ def with_known_friction(
     chosen = (dict(job.fixed), job.dropped)
 
     def solved(system: LinearSystem) -> tuple[Array, Array]:
-        fit = solve(system, job.settings)
+        fit = solve(system, replace(job.settings, uncertainty="white"))  # only the estimate counts
         return fit.solution, fit.weights
 
     robot = experiment.robot
     if auto:
         say("choosing friction terms by their error on held-out blocks")
-        choice = choose_terms(robot, parts, job.signal, chosen, solved)
+        recorded = {part.recording for part in parts}
+        steps = [encoder_step(experiment.recordings[k].measured_positions()) for k in sorted(recorded)]
+        choice = choose_terms(robot, parts, job.signal, chosen, solved, np.max(steps, axis=0))
         return replace(experiment, robot=robot.with_terms(choice.friction.terms)), FoundFriction(
             choice.velocities, choice
         )

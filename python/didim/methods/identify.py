@@ -4,58 +4,32 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from importlib import import_module
+from pathlib import Path
 
 from .._tools.progress import ProgressLine
-from .._tools.words import did_you_mean
 from ..errors import FitError
 from ..evidence.judge import judged
 from ..experiment.experiment import Experiment
+from ..experiment.experiment_file import experiment_of
+from ..log.recording import Recording
 from ..regression.settings import UncertaintyKind
 from ..result.identification import Identification
 from ..result.iteration import Iteration
+from ..result.positions.record import PositionRecord
+from ..robot.robot import Robot
 from .friction import with_known_friction
-from .idim_ls import IDIMLS
 from .measured import measured_along
 from .method import FitSettings, Method, MethodSettings
-
-METHODS: dict[str, str | Callable[..., Method]] = {
-    "idim-ls": "didim.methods.idim_ls:IDIMLS",
-    "idim-iv": "didim.methods.idim_iv:IDIMIV",
-    "didim": "didim.methods.didim.didim:DIDIM",
-    "ekf": "didim.methods.ekf:EKF",
-    "ml": "didim.methods.maximum_likelihood:MaximumLikelihood",
-    "cloe": "didim.methods.cloe.cloe:CLOE",
-}
-"""Settings class of each method by name, or where it is, as "module:class": loaded when the method is asked for."""
-
-
-def method_class(name: str) -> Callable[..., Method]:
-    """Return the settings class of a method.
-
-    Raises
-    ------
-    FitError
-        For an unknown name; the sentence lists those that are known (``test_cli.py``).
-    """
-    if name not in METHODS:
-        raise FitError(
-            f"there is no method '{name}'{did_you_mean(name, METHODS)} (there are: {', '.join(METHODS)})"
-        )
-    place = METHODS[name]
-    if not isinstance(place, str):
-        return place
-    module, _, class_name = place.partition(":")
-    found: Callable[..., Method] = getattr(import_module(module), class_name)
-    return found
+from .table import method_of
 
 
 def identify(
-    experiment: Experiment,
-    method: Method | None = None,
+    experiment: Experiment | str | Path | Recording | Sequence[Recording],
+    method: Method | type[Method] | str | None = None,
     *,
+    robot: Robot | str | Path | None = None,
     uncertainty: UncertaintyKind | None = None,
     callback: Callable[[Iteration], bool | None] | None = None,
     verbose: bool | None = None,
@@ -64,10 +38,14 @@ def identify(
 
     Parameters
     ----------
-    experiment : Experiment
-        From `didim.load_experiment`.
-    method : method, optional
-        Settings such as ``didim.IDIMLS()``, which is also the default.
+    experiment : Experiment, path, Recording or sequence of Recording
+        Log with its robot and settings, the path of its file, or recordings of `robot`, whose filters are then chosen as by
+        ``didim init`` and said in a note of the result.
+    method : method, class or str, optional
+        IDIM-LS by default: settings such as ``didim.DIDIM(start="unit")``, their class, or a name of `didim methods`;
+        "module:Class" for a method of one's own.
+    robot : Robot, str or Path, optional
+        Robot of recordings, its file, or the name of a packaged one.
     uncertainty : {"jackknife", "decimated", "white"}, optional
         Where standard deviations come from, in place of the method's setting (`LeastSquaresSettings`).
     callback : callable, optional
@@ -90,8 +68,8 @@ def identify(
     -----
     ``test_identify.py`` recovers the parameters of simulated logs.
     """
-    if method is None:
-        method = IDIMLS()
+    experiment = experiment_of(experiment, robot)
+    method = method_of(default_method(experiment) if method is None else method)
     if uncertainty is not None:
         if not isinstance(method, MethodSettings):
             raise FitError(f"method '{method.name}' has no setting for uncertainty")
@@ -125,6 +103,11 @@ def identify(
             line.close()
 
 
+def default_method(experiment: Experiment) -> str:
+    """Return the name of the method that an experiment is identified by: CLOE where its links are known, otherwise IDIM-LS."""
+    return "cloe" if experiment.links == "fixed" else "idim-ls"
+
+
 def _identified(
     experiment: Experiment,
     method: Method,
@@ -135,21 +118,22 @@ def _identified(
     """Choose the friction that is open, run the method, and judge the result."""
     experiment, friction = with_known_friction(method, experiment, say)
     fit = method.run(experiment, progress, say)
+    fit = replace(fit, remarks=(*fit.remarks, *experiment.remarks))
     if friction is not None:
         fit = replace(
             fit,
             settings={**fit.settings, "friction": friction.record()},
             remarks=(*fit.remarks, *friction.remarks()),
         )
-    measured = measured_along(fit, experiment, method)
-    fit = judged(
-        fit,
-        experiment,
-        measured,
-        system_tested=isinstance(method, FitSettings),
-        uses_torques=getattr(method, "output", None) != "position",
-        say=say,
-    )
+    if PositionRecord.of(fit.settings) is None:
+        fit = judged(
+            fit,
+            experiment,
+            measured_along(fit, experiment, method),
+            system_tested=isinstance(method, FitSettings),
+            uses_torques=getattr(method, "output", None) != "position",
+            say=say,
+        )
     fit = replace(fit, elapsed=time.perf_counter() - start)
     say(f"{fit.elapsed:.3f} s; {fit.conclusion}")
     return fit

@@ -56,9 +56,6 @@ class IDIMIV(DIDIMSettings):
     """
 
     name: ClassVar[str] = "idim-iv"
-    summary: ClassVar[str] = (
-        "instrumental variables: rows of the measured motion, instruments of the simulated one; needs [controller]"
-    )
     motion: ClassVar[Motion] = "measured"
 
     tolerance: float = 0.0
@@ -83,7 +80,7 @@ class IDIMIV(DIDIMSettings):
             One of its kinds: without a reference or a controller, for a start with which the robot cannot be simulated,
             for a log that allows no estimate.
         """
-        job = self.job(experiment, experiment.simulation.robot(experiment.robot))
+        job = self.job(experiment, experiment.simulated_robot)
         if not isinstance(job.solver, ConsistentSolver):
             job = replace(job, solver=solve_with_instruments, solver_choice=solve_with_instruments)
         iterations = Iterations.of(self, job, progress, say)

@@ -45,10 +45,6 @@ class IDIMLS(FitSettings):
         super().__post_init__()
         one_of("gains", self.gains, get_args(GainEstimate), FitError)
 
-    summary: ClassVar[str] = (
-        "least squares along the measured motion: needs positions and torques alone; the one to begin with"
-    )
-
     def run(
         self,
         experiment: Experiment,

@@ -40,7 +40,7 @@ class Described(Protocol):
 
 
 class Method(Described, Protocol):
-    """Settings of a method, and how it runs; a new one needs no more than this and a place in `identify.METHODS`."""
+    """Settings of a method, and how it runs; a new one needs no more than this and a row in `table.METHODS`, or "module:Class"."""
 
     def run(
         self,
@@ -63,8 +63,6 @@ class MethodSettings:
         Where standard deviations come from, as in `LeastSquaresSettings`.
     blocks : int, optional
         Blocks of time of the jackknife.
-    decimation_corrected : bool, optional
-        Older name: False for ``uncertainty="white"``.
     signal : SignalProcessing, optional
         Filters, trimming and decimation.
     compensate_samples : float, sequence of float, "hold", "estimate" or Delay, optional
@@ -84,7 +82,6 @@ class MethodSettings:
     variance: Variance | None = None
     uncertainty: UncertaintyKind | None = None
     blocks: int | None = None
-    decimation_corrected: bool | None = None
     signal: SignalProcessing | None = None
     compensate_samples: float | Sequence[float] | Literal["hold", "estimate"] | Delay | None = None
     fixed: Mapping[str, float] | None = None

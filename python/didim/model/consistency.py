@@ -92,7 +92,7 @@ def link_cones(robot: Robot) -> list[Cone]:
     places, basis = places_of(robot), link_basis()
     return [
         Cone(f"link {j}", tuple(places[f"{name}{j}"] for name in INERTIAL), basis, np.zeros((4, 4)))
-        for j in range(1, robot.n_dof + 1)
+        for j in range(1, robot.n_joints + 1)
     ]
 
 
@@ -101,7 +101,7 @@ def pseudo_inertias(robot: Robot, x: Array) -> list[Array]:
     places = places_of(robot)
     return [
         pseudo_inertia(np.array([x[places[f"{name}{j}"]] for name in INERTIAL]))
-        for j in range(1, robot.n_dof + 1)
+        for j in range(1, robot.n_joints + 1)
     ]
 
 

@@ -17,15 +17,21 @@ import numpy as np
 
 from .._tools.arrays import Array
 from ..errors import RobotError
+from ..robot.friction import OF_POSITION, STIFF
 from ..robot.robot import Robot
 from .consistency import Cone, cone, places_of
 
 EXACT = 1e-12
 """Speeds and coefficients below this are zero but for rounding."""
+FREE = frozenset(("rest", "table", "hold")) | (OF_POSITION - STIFF)
+"""Terms of either sign: they have no power, are a law of one's own, or push as a weight or a cylinder does."""
 BESIDE = {"atan": "Fv", "stribeck": "Fc", "forward": "Fv"}
 """The friction that may take what a negative term of a law gives."""
 LARGEST_GROUP = 6
 """Joints that may share motors: rows of the largest matrix of the core."""
+
+SHARE = 1e-3
+"""Size that rotors, friction and offsets of joints that follow others are drawn to (kg.m^2, N.m and so on)."""
 
 Terms = dict[str, Array]
 
@@ -40,6 +46,7 @@ class Drives:
     """
 
     def __init__(self, robot: Robot) -> None:
+        self.robot = robot
         coupling = np.array(robot.geometry.coupling, dtype=np.float64)
         self.coupling = coupling / np.diag(coupling)[:, None]
         self.shaft_friction = robot.friction.coupling == "shaft"
@@ -116,6 +123,24 @@ def drive_cones(robot: Robot) -> list[Cone]:
     return [*rotor_cones(drives), *friction_cones(drives)]
 
 
+def _of_followers(robot: Robot) -> list[Cone]:
+    """Return that rotors and friction of joints that follow others are not negative, and small: their leaders have the rest.
+
+    Each in units of `SHARE`, to which a log-det term draws it: nothing else tells it from that of its leader.
+    """
+    places = places_of(robot)
+    found = []
+    for number in range(robot.n_dof + 1, robot.n_joints + 1):
+        names = [f"{key}{number}{side}" for key in ("Fv", "Fc") for side in ("", "+", "-")]
+        found += [
+            cone(places, name, {name: 1.0 / SHARE}) for name in (f"Ia{number}", *names) if name in places
+        ]
+        offset = f"Off{number}"
+        if offset in places:
+            found += [cone(places, offset, {offset: way / SHARE}, 1.0) for way in (1.0, -1.0)]
+    return found
+
+
 def rotor_cones(drives: Drives) -> list[Cone]:
     """Return ``Ja >= 0``: what remains of each ``Ia`` without the coupled motors that it contains."""
     found = []
@@ -184,7 +209,7 @@ def friction_cones(drives: Drives) -> list[Cone]:
             continue
         found += [drives.cone("Fv", group, drives.viscous(group, sides)) for sides in drives.choices(group)]
         found += _coulomb_cones(drives, group)
-    return [*found, *further_cones(drives)]
+    return [*found, *further_cones(drives), *_of_followers(drives.robot)]
 
 
 def further_cones(drives: Drives) -> list[Cone]:
@@ -193,10 +218,11 @@ def further_cones(drives: Drives) -> list[Cone]:
     At a joint with a motor of its own, negative atan terms and forward friction share what ``Fv`` takes:
     ``Fv + sum Fa/v + Ff >= 0`` for every choice of them, since ``atan(x) <= x``; Stribeck terms share ``Fc``:
     ``Fc + sum Fs >= 0``. With ``Fv, Fc >= 0`` that is sufficient. Load friction, roots, and all terms of joints that share
-    motors must not be negative themselves. A torque at standstill has no power, and a law of one's own no condition.
+    motors must not be negative themselves, nor must the stiffness of a spring. A torque at standstill has no power; a law of one's
+    own and forces that depend on the position have no condition.
     """
     shared = {j for group in drives.groups if drives.motors(group) for j in group}
-    laws = [term for term in drives.terms if term.law not in ("rest", "table")]
+    laws = [term for term in drives.terms if term.law not in FREE]
     found: dict[tuple[tuple[str, float], ...], Cone] = {}
 
     def add(shares: dict[str, float], label: str) -> None:

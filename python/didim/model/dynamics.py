@@ -10,6 +10,7 @@ import didim._core as _core
 from .._tools.arrays import LARGEST_POSITION, LARGEST_SQUARED, Array, real_array, surely_within
 from ..errors import IndefiniteError, ShapeError
 from ..robot.robot import Robot
+from .memory import memory_columns
 
 
 def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, x: ArrayLike) -> Array:
@@ -23,7 +24,8 @@ def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, 
     robot : Robot
         The robot.
     q, dq, ddq : (n_samples, n_dof) arrays
-        Positions (rad or m), velocities and accelerations, joint side.
+        Positions (rad or m), velocities and accelerations, joint side; of consecutive samples, where friction remembers
+        (``hold``, ``dahl``).
     x : (n_parameters,) array
         Standard parameters in the order of ``robot.parameter_names``.
 
@@ -40,9 +42,14 @@ def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, 
     q, dq, ddq = _motion(robot, q, dq, ddq)
     vector = standard_vector(robot, x)
     try:
-        return _core.inverse_dynamics(robot.core, q, dq, ddq, vector)
+        tau = _core.inverse_dynamics(robot.core, q, dq, ddq, vector)
     except ValueError as reason:
         raise ShapeError(str(reason)) from None
+    if robot.friction.has_memory:
+        load = rigid_torque(robot, q, dq, ddq, vector) if robot.friction.has_load else None
+        for name, joint, column in memory_columns(robot, q, dq, load):
+            tau[:, joint] += vector[robot.parameter_names.index(name)] * column
+    return tau
 
 
 def regressor(
@@ -86,9 +93,12 @@ def regressor(
             raise ShapeError(f"robot {robot.name!r} has load friction: its regressor needs the parameters x")
         load = rigid_torque(robot, q, dq, ddq, standard_vector(robot, x))
     try:
-        return _core.regressor(robot.core, q, dq, ddq, out, load)
+        w = _core.regressor(robot.core, q, dq, ddq, out, load)
     except ValueError as reason:
         raise ShapeError(str(reason)) from None
+    for name, joint, column in memory_columns(robot, q, dq, load):
+        w[:, joint, robot.parameter_names.index(name)] += column
+    return w
 
 
 def rigid_torque(robot: Robot, q: Array, dq: Array, ddq: Array, x: Array) -> Array:
@@ -105,10 +115,10 @@ def rigid_torque(robot: Robot, q: Array, dq: Array, ddq: Array, x: Array) -> Arr
 
 
 def gravity(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
-    """Torques that hold the robot still against gravity, without friction and offsets: gravity compensation.
+    """Torques that hold the robot still against gravity and springs, without friction and offsets: gravity compensation.
 
-    They are those of `inverse_dynamics` at rest with links and rotors alone, and of ``NAME_gravity`` of `didim.to_c`; both are
-    compared in ``tests/test_identities.py`` and ``tests/test_export_c.py``.
+    They are those of `inverse_dynamics` at rest with links and rotors alone, and of ``NAME_gravity`` of `didim.export.to_c`; both
+    are compared in ``tests/test_identities.py`` and ``tests/test_export_c.py``.
 
     Parameters
     ----------
@@ -130,8 +140,14 @@ def gravity(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
         For a wrong shape, or a NaN, with its place.
     """
     positions = _matrix(robot, "q", q)
-    rest = np.zeros_like(positions)
-    return rigid_torque(robot, positions, rest, rest, standard_vector(robot, x))
+    rest, vector = np.zeros_like(positions), standard_vector(robot, x)
+    torque = rigid_torque(robot, positions, rest, rest, vector)
+    if not robot.friction.springs:
+        return torque
+    places = [robot.parameter_names.index(term.parameter) for term in robot.friction.springs]
+    springs = np.zeros_like(vector)
+    springs[places] = vector[places]
+    return np.asarray(torque + _core.inverse_dynamics(robot.core, positions, rest, rest, springs))
 
 
 def friction_places(robot: Robot) -> tuple[int, ...]:

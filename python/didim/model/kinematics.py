@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from .._tools.arrays import Array, real_array
 from ..errors import ShapeError
 from ..robot.robot import Robot
+from ..robot.transmission import joint_motion
 
 
 def frames(robot: Robot, q: ArrayLike) -> Array:
@@ -27,7 +28,7 @@ def frames(robot: Robot, q: ArrayLike) -> Array:
 
     Returns
     -------
-    (n_samples, n_dof + 1, 4, 4) array
+    (n_samples, n_joints + 1, 4, 4) array
         Homogeneous matrices: axes in the first three columns, origin (m) in the fourth. Frame 0 is the identity.
 
     Raises
@@ -46,10 +47,11 @@ def frames(robot: Robot, q: ArrayLike) -> Array:
         raise ShapeError(f"q of joint {joint + 1} is {positions[sample, joint]} at sample {sample}")
     geometry = robot.geometry
     parents = geometry.parents
-    found = np.empty((len(positions), n + 1, 4, 4))
+    all_positions = joint_motion(geometry.followers, positions, position=True)
+    found = np.empty((len(positions), robot.n_joints + 1, 4, 4))
     found[:, 0] = np.eye(4)
-    for joint, kind in enumerate(geometry.kinds):
-        moved = positions[:, joint]
+    for joint in geometry.outwards:
+        kind, moved = geometry.kinds[joint], all_positions[:, joint]
         turn = geometry.theta[joint] + (moved if kind == "revolute" else np.zeros_like(moved))
         slide = geometry.r[joint] + (moved if kind == "prismatic" else np.zeros_like(moved))
         row = _row(geometry.alpha[joint], geometry.d[joint], turn, slide)

@@ -159,7 +159,7 @@ def model_of(shared: Mapping[str, Any], keys: Keys, own: Keys, truth: Truth) -> 
     mine = parts_of({f"model.{key}": value for key, value in own.items()})
     robot = _robot(shared, {**parts.model_robot, **mine.model_robot})
     experiment = _experiment(shared, {**parts.model, **mine.model}, robot)
-    experiment = replace(experiment, robot=experiment.simulation.robot(experiment.robot))
+    experiment = replace(experiment, robot=experiment.simulated_robot)
     base = experiment.robot.base_parameters
     return Model(
         experiment=experiment,
@@ -203,7 +203,7 @@ def _other_motion(
     if not isinstance(spec, ReferenceSpec) or spec.made is None:
         raise StudyError("[other_motion] needs a reference of its own, and not that of a recording")
     q, dq, ddq = spec.made.at(np.linspace(0.0, spec.made.duration, OTHER_SAMPLES))
-    simulated = experiment.simulation.robot(experiment.robot)
+    simulated = experiment.simulated_robot
     return q, dq, ddq, inverse_dynamics(simulated, q, dq, ddq, x)
 
 

@@ -10,8 +10,8 @@ from .._tools.arrays import Array
 from .._tools.settings import share
 from .._tools.words import did_you_mean
 from ..errors import StudyError
-from ..methods.identify import method_class
 from ..methods.method import Method
+from ..methods.table import method_class
 
 OBJECTS = ("signal", "checkpoint", "progress")
 """Settings that plain data cannot hold, or that a study has other keys for."""
@@ -53,4 +53,5 @@ def method_of(
         spread = share("start.spread", wanted["spread"], StudyError)
         # Without a seed there is nothing to draw from: the settings are only checked.
         options["start"] = "unit" if start is None else start(spread)
-    return made(**options)
+    method: Method = made(**options)
+    return method

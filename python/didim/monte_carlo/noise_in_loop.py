@@ -74,5 +74,5 @@ def measured_in_loop(experiment: Experiment, x: Array, seed: int, rate_hz: float
     if measurement.torque_noise:
         tau = tau + rng.standard_normal(tau.shape) * np.asarray(measurement.torque_noise)
     recording = Recording.from_arrays(q, tau, rate_hz=loop.rate_hz, name="simulated log")
-    robot = experiment.simulation.robot(experiment.robot)
+    robot = experiment.simulated_robot
     return replace(experiment, robot=robot, recordings=(recording,))

@@ -6,10 +6,11 @@ import hashlib
 import itertools
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from .._tools.plugins import places, search, source_digest
 from .._tools.settings import whole
 from .._tools.toml import Table, read_toml
 from .._tools.words import listing
@@ -92,6 +93,10 @@ class StudySpec:
         Every method is run on every scenario.
     seeds, root : int
         Logs of each scenario, and the root of their random numbers.
+    folders : tuple of str
+        Where the modules of methods and friction laws of one's own are looked for, after those that are installed.
+    sources : mapping
+        SHA-256 of the source of each such "module:name".
     """
 
     name: str
@@ -106,6 +111,8 @@ class StudySpec:
     methods: tuple[MethodSpec, ...]
     seeds: int
     root: int
+    folders: tuple[str, ...] = ()
+    sources: Mapping[str, str] = field(default_factory=dict)
 
     def shared(self) -> dict[str, Any]:
         """Return what all tasks of the study have in common, as plain data."""
@@ -118,6 +125,8 @@ class StudySpec:
             "noise_in_loop_hz": self.noise_in_loop_hz,
             "other_motion": dict(self.other_motion),
             "root": self.root,
+            # Only where there are some: the rows of other studies keep their ids.
+            **({"sources": dict(self.sources)} if self.sources else {}),
         }
 
 
@@ -180,6 +189,8 @@ def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudyS
     scenarios = _scenarios(table)
     methods = _methods(table)
     other = table.table("other_motion", None)
+    folders = tuple(dict.fromkeys(str(folder.resolve()) for folder in (path.parent, Path.cwd())))
+    search(map(Path, folders))
     made = StudySpec(
         name=table.text("name", path.stem),
         experiment=experiment,
@@ -193,6 +204,12 @@ def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudyS
         methods=methods,
         seeds=seeds,
         root=root,
+        folders=folders,
+        sources={
+            place: source
+            for place in sorted(set(places([experiment, robot, content])))
+            if (source := source_digest(place))
+        },
     )
     table.done()
     return made

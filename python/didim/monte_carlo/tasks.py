@@ -16,7 +16,8 @@ from .keys import Keys, parts_of
 from .spec import MethodSpec, Scenario, StudySpec, canonical, digest
 
 Task = dict[str, Any]
-"""Keys: ``id``, ``version``, ``scenario``, ``method``, ``seed``; ``shared`` is common to all tasks and has a ``digest``."""
+"""Keys: ``id``, ``version``, ``scenario``, ``method``, ``seed``; ``shared`` is common to all tasks and has a ``digest``; modules of
+one's own are looked for in ``folders``."""
 
 
 CHUNK = 10
@@ -30,7 +31,12 @@ def tasks(spec: StudySpec) -> Iterator[Task]:
     methods of one seed follow each other, because they share its log.
     """
     text = canonical(spec.shared())
-    common = {"version": __version__, "digest": digest(text), "shared": zlib.compress(text.encode(), 9)}
+    common = {
+        "version": __version__,
+        "digest": digest(text),
+        "folders": list(spec.folders),
+        "shared": zlib.compress(text.encode(), 9),
+    }
     for scenario in spec.scenarios:
         yield _task(common, scenario, None, None)
     for first in range(0, spec.seeds, CHUNK):

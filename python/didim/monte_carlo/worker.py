@@ -14,11 +14,13 @@ import zlib
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.plugins import loaded, search, source_digest
 from .._tools.threads import VARIABLE
 from .._tools.version import __version__
 from ..errors import DidimError, StudyError
@@ -87,6 +89,7 @@ def run_task(task: Task) -> dict[str, Any]:
             f"the study was made by didim {task['version']}, and the worker on {platform.node()} has didim {__version__}: "
             "install the same version everywhere"
         )
+    _shared(task)  # a worker without the modules of the study fails the study, not its rows
     # Workers share the cores already. A limit that was set on purpose stays.
     os.environ.setdefault(VARIABLE, "1")
     start, spent = time.perf_counter(), time.thread_time()
@@ -145,7 +148,18 @@ def seal_of(row: dict[str, Any]) -> str:
 
 
 def _shared(task: Task) -> dict[str, Any]:
-    return _STUDIES.get(task["digest"], lambda: json.loads(zlib.decompress(task["shared"])))
+    def read() -> dict[str, Any]:
+        shared: dict[str, Any] = json.loads(zlib.decompress(task["shared"]))
+        search(map(Path, task["folders"]))
+        for place, source in shared.get("sources", {}).items():
+            loaded(place, "method or law", StudyError)
+            if source_digest(place) != source:
+                raise StudyError(
+                    f"{place} is another one on the worker {platform.node()}: put the same file on all workers"
+                )
+        return shared
+
+    return _STUDIES.get(task["digest"], read)
 
 
 def _truth(task: Task, shared: dict[str, Any]) -> Truth:

@@ -14,6 +14,7 @@ from .external import external
 from .friction import friction
 from .logs import overlay, residuals, torques
 from .motion import motion, spectra
+from .positions import positions
 from .skeleton import robot
 from .style import require, svg
 
@@ -25,6 +26,7 @@ __all__ = [
     "motion",
     "overlay",
     "parameters",
+    "positions",
     "require",
     "residuals",
     "robot",

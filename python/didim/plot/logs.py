@@ -32,6 +32,8 @@ MOST_BAND_POINTS = 300
 MOST_LAGS = 40
 PANELS_PER_ROW = 2
 SMALL_PANELS_PER_ROW = 3
+SMALLEST_CORRELATION_AXIS = 0.3
+"""Least extent of an axis of autocorrelation to either side: white noise of a few hundred rows fills a third of it."""
 
 
 @styled
@@ -174,7 +176,7 @@ def _compared(
     """Two lines per joint, and below them the difference on an axis of its own, in bands of so much to either side."""
     n = len(names)
     rows, columns = per_row(n, PANELS_PER_ROW)
-    figure = new_figure(0.4 + (3.6 if n == 1 else 2.5) * rows, gap_in=0.04)
+    figure = new_figure(0.4 + (3.6 if n == 1 else 2.5) * rows, gap_in=0.09)
     # One grid for all panels, whose time axes stand exactly above each other.
     grid = figure.add_gridspec(2 * rows, columns, height_ratios=(2.4, 1.0) * rows)
     handles: list[Any] = []
@@ -280,7 +282,14 @@ def residuals(
                 label="white noise, decimated",
             )
         upper.axhline(0.0, color="#5b6470", linewidth=0.6)
-        upper.set(ylim=(min(-0.3, float(np.nanmin(correlation, initial=0.0)) - 0.05), 1.02))
+        # The scale follows the bars: those of a good fit are a tenth high, and would be lost below an axis that ends at 1.
+        low, high = (
+            float(np.nanmin(correlation[1:], initial=0.0)),
+            float(np.nanmax(correlation[1:], initial=0.0)),
+        )
+        upper.set(
+            ylim=(min(1.2 * low, -SMALLEST_CORRELATION_AXIS), max(1.2 * high, SMALLEST_CORRELATION_AXIS))
+        )
         upper.set(xlabel="lag (rows)", ylabel="autocorrelation")
         upper.set_title(f"joint {joint + 1}")
         unit = units(kinds[joint])[1]

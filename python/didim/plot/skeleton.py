@@ -108,7 +108,7 @@ def _draw(robot: Robot, points: Array, axes_z: Array, origins: Array, way: Array
     axes: Any = figure.add_subplot(projection="3d")
     assert isinstance(axes, Axes3D)
     if way is not None:
-        axes.plot(*way.T, color=RESIDUAL, linewidth=0.7, alpha=0.7, label="way of the last frame")
+        axes.plot(*way.T, color=RESIDUAL, linewidth=0.7, alpha=0.7, label="path of the last frame")
     axes.plot(*points.T, color="#3a424d", linewidth=5.0, solid_capstyle="round", solid_joinstyle="round")
     axes.plot(*points[:1].T, marker="s", markersize=11, color="#3a424d", linestyle="none", label="base")
     length = AXIS_SHARE * size

@@ -50,8 +50,18 @@ def covariance(
     weighted = residual * weights
     if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
         # In the orthonormal columns Q = W R^-1: in those of a nearly dependent W rounding would make variances negative.
-        return decimated(system, settings, (system.w * weights[:, None]) @ inverse_r, weighted, inverse_r)
-    return white(float(np.sum(weighted**2)) / settings.divisor(*system.w.shape), inverse_r)
+        q = np.zeros_like(system.w)
+        for rows, columns in system.parts:
+            # What lies outside is zero, and costs nothing.
+            part = system.w[np.ix_(rows, columns)] * weights[rows, None]
+            q[np.ix_(rows, columns)] = part @ inverse_r[np.ix_(columns, columns)]
+        return decimated(system, settings, q, weighted, inverse_r)
+    variance = float(np.sum(weighted**2)) / settings.divisor(*system.w.shape)
+    spread = np.zeros_like(inverse_r)
+    for _, columns in system.parts:
+        place = np.ix_(columns, columns)
+        spread[place] = white(variance, inverse_r[place])
+    return spread
 
 
 def white(variance: float, inverse_r: Array) -> Array:
@@ -76,11 +86,12 @@ def decimated(
         Inverse of R, or with instruments of ``Q^T W``.
     """
     b, n = inverse_r.shape[0], len(system.joints)
-    coloured, plain = np.empty((n, b, b)), np.empty((n, b, b))
+    coloured, plain = np.zeros((n, b, b)), np.zeros((n, b, b))
     for joint, (rows, blocks) in enumerate(zip(system.joints, system.joint_blocks, strict=True)):
-        part = q[rows]
-        plain[joint] = part.T @ part
-        coloured[joint] = part.T @ _correlated(part, blocks, rows.start)
+        columns = np.flatnonzero(q[rows].any(axis=0))
+        part, place = np.ascontiguousarray(q[rows][:, columns]), np.ix_(columns, columns)
+        plain[joint][place] = part.T @ part
+        coloured[joint][place] = part.T @ _correlated(part, blocks, rows.start)
     squares = np.array([residual[rows] @ residual[rows] for rows in system.joints])
     sizes = np.array([rows.stop - rows.start for rows in system.joints], dtype=np.float64)
     # Expected squares of the residual of unit noise: the trace of (1 - H) T (1 - H) within the rows of the joint, H = Q Q^T.

@@ -23,7 +23,7 @@ from .._tools.arrays import Array
 from .._tools.words import counted
 from ..errors import FitError
 from ..signal.align import Shift, align, hold_samples
-from ..signal.decimation import decimate, decimation_stages
+from ..signal.decimation import row_values
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment
 from .jackknife import Factors, intervals, jackknife
@@ -242,17 +242,13 @@ class _Search:
             n = part.q.shape[0]
             (index,), moved = align([np.arange(n, dtype=np.float64)], part.tau, tuple(shift.tolist()))
             first = self.margin - int(index[0])
-            tau = np.ascontiguousarray(moved[first : first + n - 2 * self.margin])
-            found.append(decimate(tau, decimation_stages(len(tau), self.signal))[self.signal.kept_rows].T)
+            found.append(row_values(moved[first : first + n - 2 * self.margin], self.signal).T)
         return np.asarray(self.weights * (np.concatenate(found, axis=1).reshape(-1) - self.known))
 
     def _derivative(self, solution: Array, torque: Callable[[Segment, Array], Array]) -> Array:
         """Weighted columns ``-m_j'`` of the delays, per sample, shape (r, n_dof)."""
-        rows = []
-        for part in self.inner:
-            slope = np.ascontiguousarray(np.gradient(torque(part, solution), axis=0))
-            rows.append(decimate(slope, decimation_stages(len(slope), self.signal))[self.signal.kept_rows].T)
-        slopes = np.concatenate(rows, axis=1)
+        changes = (np.gradient(torque(part, solution), axis=0) for part in self.inner)
+        slopes = np.concatenate([row_values(change, self.signal).T for change in changes], axis=1)
         columns = np.zeros((self.system.y.size, len(slopes)))
         for joint, kept in enumerate(self.system.joints):
             columns[kept, joint] = -slopes[joint]

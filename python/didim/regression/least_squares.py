@@ -15,7 +15,7 @@ r independent ones. Unless ``uncertainty`` is "white" the covariance counts this
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,23 +76,21 @@ def solve(
         if number > 1:
             scale = per_row(system, 1.0 / joint_sigma(system, residual))
         try:
-            scaled = _core.least_squares(
-                np.ascontiguousarray(system.w * scale[:, None]), np.ascontiguousarray(system.y * scale)
-            )
+            scaled = factored(system, scale)
         except ValueError as reason:
             raise FitError(str(reason)) from None
         if scaled.dependent:
             columns = tuple(index for index, _ in scaled.dependent)
             raise RankError(dependence_sentence(system.names, scaled.dependent), columns)
         if number == 1:
-            condition_number = _condition_number(np.asarray(scaled.singular_values))
-        beta = np.asarray(scaled.solution)
+            condition_number = _condition_number(scaled.singular_values)
+        beta = scaled.solution
         residual = system.y - system.w @ beta
         # Asked to stop after the last solution, there is nothing left to stop.
         stopped = progress is not None and progress(number, beta, residual) and number < settings.solutions
         if stopped:
             break
-    inverse_r = np.asarray(scaled.inverse_r)
+    inverse_r = scaled.inverse_r
     with np.errstate(over="ignore", invalid="ignore"):  # reported below
         spread = covariance(system, settings, scale, residual, inverse_r)
     bad = np.flatnonzero(~(np.isfinite(beta) & np.isfinite(np.diag(spread))))
@@ -109,6 +107,66 @@ def solve(
         condition_number=condition_number,
         stopped=stopped,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Factored:
+    """Least squares by QR, all parts of a system together.
+
+    Attributes
+    ----------
+    solution : (b,) array
+        Estimate; without meaning where columns depend on others.
+    inverse_r : (b, b) array
+        Inverse of the triangle R.
+    singular_values : (b,) array
+        Of the weighted W.
+    dependent : list of (int, list of (int, float))
+        Columns that depend on earlier ones, with their coefficients.
+    """
+
+    solution: Array
+    inverse_r: Array
+    singular_values: Array
+    dependent: list[tuple[int, list[tuple[int, float]]]]
+
+
+def factored(system: LinearSystem, scale: Array) -> Factored:
+    """Solve (7) with weighted rows, part by part where branches share nothing: a quadruped costs four legs.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        Rows joint by joint.
+    scale : (r,) array
+        Factor of each row.
+
+    Raises
+    ------
+    ValueError
+        When there are not more rows than columns, or numbers that are too large.
+    """
+    b = len(system.names)
+    found = Factored(np.zeros(b), np.zeros((b, b)), np.zeros(0), [])
+    singular_values = []
+    for rows, columns in system.parts:
+        if not columns.size and b:
+            continue  # joints whose columns were all dropped or fixed: nothing is unknown there
+        whole = len(columns) == b and len(rows) == len(scale)
+        w = system.w if whole else system.w[np.ix_(rows, columns)]
+        weight = scale[rows]
+        part = _core.least_squares(
+            np.ascontiguousarray(w * weight[:, None]), np.ascontiguousarray(system.y[rows] * weight)
+        )
+        found.dependent.extend(
+            (int(columns[index]), [(int(columns[other]), value) for other, value in coefficients])
+            for index, coefficients in part.dependent
+        )
+        singular_values.append(np.asarray(part.singular_values))
+        if not part.dependent:
+            found.solution[columns] = part.solution
+            found.inverse_r[np.ix_(columns, columns)] = part.inverse_r
+    return replace(found, singular_values=np.concatenate(singular_values))
 
 
 def solve_partly(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 import didim._core as _core
 
@@ -20,8 +21,9 @@ from .._tools.threads import core_threads
 from .._tools.words import counted
 from ..errors import FitError
 from ..model.dynamics import rigid_torque
+from ..model.memory import memory_columns
 from ..robot.robot import Robot
-from ..signal.decimation import Stage, decimate, decimation_stages
+from ..signal.decimation import Stage, decimate, decimation_stages, row_values
 from ..signal.noise import noise_correlation
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, at_place
@@ -126,7 +128,7 @@ def torque_rows(parts: Sequence[Segment], signal: SignalProcessing) -> Array:
 def _torques(part: Segment, signal: SignalProcessing) -> Array:
     """Return the decimated torques of a segment, (n_dof, n_kept)."""
     with at_place(part.place):
-        y = decimate(part.tau, decimation_stages(part.tau.shape[0], signal))[signal.kept_rows].T
+        y = row_values(part.tau, signal).T
     if y.shape[1] == 0:
         raise FitError(f"{part.place}: decimation leaves nothing of {counted(part.q.shape[0], 'sample')}")
     return y
@@ -147,17 +149,25 @@ def observation(
         When the core refuses the segment, or a number is too large for floating point.
     """
     load = None
+    columns = list(columns)
     if robot.friction.has_load:
         x = robot.base_parameters.lift(np.zeros(len(robot.base_parameters.names)) if beta is None else beta)
         load = rigid_torque(robot, part.q, part.dq, part.ddq, x)
     try:
         w = np.asarray(
             _core.observation(
-                robot.core, part.q, part.dq, part.ddq, list(columns), list(stages), core_threads(), load=load
+                robot.core, part.q, part.dq, part.ddq, columns, list(stages), core_threads(), load=load
             )
         )
     except ValueError as reason:
         raise FitError(str(reason)) from None
+    for name, joint, column in memory_columns(robot, part.q, part.dq, load):
+        place = robot.parameter_names.index(name)
+        if place in columns:
+            rows = len(w) // robot.n_dof
+            w[joint * rows : (joint + 1) * rows, columns.index(place)] += decimate(column[:, None], stages)[
+                :, 0
+            ]
     if not np.isfinite(w).all():
         raise FitError(
             "positions, velocities or accelerations are too large for floating point; check their unit"
@@ -205,6 +215,32 @@ class LinearSystem:
         """Rows of each joint."""
         return tuple(slice(blocks[0].rows.start, blocks[-1].rows.stop) for blocks in self.joint_blocks)
 
+    @cached_property
+    def joint_columns(self) -> tuple[NDArray[np.intp], ...]:
+        """Columns that are not zero in the rows of each joint: those of its subtree, drives and logs."""
+        return tuple(np.flatnonzero(self.w[rows].any(axis=0)) for rows in self.joints)
+
+    @cached_property
+    def parts(self) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], ...]:
+        """Rows and columns that share nothing with the others, such as those of the legs of one trunk: (7) is solved part by part.
+
+        A column without any entry belongs to the first part, whose solution names it.
+        """
+        groups: list[tuple[set[int], set[int]]] = []
+        for joint, columns in enumerate(self.joint_columns):
+            joints, own = {joint}, set(columns.tolist())
+            for group in [group for group in groups if group[1] & own]:
+                groups.remove(group)
+                joints, own = joints | group[0], own | group[1]
+            groups.append((joints, own))
+        groups.sort(key=lambda group: min(group[0]))
+        groups[0][1].update(set(range(len(self.names))).difference(*(own for _, own in groups)))
+        rows = [np.arange(part.start, part.stop) for part in self.joints]
+        return tuple(
+            (np.concatenate([rows[joint] for joint in sorted(joints)]), np.array(sorted(own), dtype=np.intp))
+            for joints, own in groups
+        )
+
     @property
     def measured(self) -> Array:
         """Measured torques, shape (r,): those of fixed parameters included."""
@@ -244,15 +280,26 @@ def check_size(system: LinearSystem) -> None:
     with np.errstate(over="ignore", invalid="ignore"):
         torques, columns = system.norms(system.measured), np.linalg.norm(system.w, axis=0)
         rest = system.norms(system.y)
-    cure = "check their unit, the drive gain and the values of fixed parameters"
     for joint, rows in enumerate(system.joints):
-        if not np.isfinite(torques[joint] + rest[joint]):
-            raise FitError(f"the torques of joint {joint + 1} are too large to be squared; {cure}")
-        if torques[joint] == 0.0 and system.measured[rows].any():
-            raise FitError(f"the torques of joint {joint + 1} are too small to be squared; {cure}")
+        check_squares(joint, torques[joint] + rest[joint], torques[joint], measured=system.measured[rows])
     for column in np.flatnonzero(~np.isfinite(columns)):
         name = system.names[column]
         raise FitError(f"the column of {name} is too large to be squared; check the unit of the positions")
+
+
+def check_squares(joint: int, largest: float, size: float, *, measured: Array) -> None:
+    """Refuse torques of a joint (from 0) whose norms `largest` or `size` left floating point.
+
+    Raises
+    ------
+    FitError
+        Naming the joint (``test_least_squares.py``, ``test_cli.py``).
+    """
+    cure = "check their unit, the drive gain and the values of fixed parameters"
+    if not np.isfinite(largest):
+        raise FitError(f"the torques of joint {joint + 1} are too large to be squared; {cure}")
+    if size == 0.0 and measured.any():
+        raise FitError(f"the torques of joint {joint + 1} are too small to be squared; {cure}")
 
 
 def check_solvable(system: LinearSystem) -> None:

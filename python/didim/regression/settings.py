@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import InitVar, dataclass
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 from .._tools.settings import one_of, whole
@@ -37,8 +37,6 @@ class LeastSquaresSettings:
         published figures have it.
     blocks : int
         Blocks of time of the jackknife, at least 2; fewer where there are few rows.
-    decimation_corrected : bool, optional
-        Older name: False for ``uncertainty="white"``, True for anything else.
 
     Raises
     ------
@@ -51,21 +49,13 @@ class LeastSquaresSettings:
     variance: Variance = "r-b"
     uncertainty: UncertaintyKind = "jackknife"
     blocks: int = BLOCKS
-    decimation_corrected: InitVar[bool | None] = None
 
-    def __post_init__(self, decimation_corrected: bool | None) -> None:
+    def __post_init__(self) -> None:
         one_of("weights", self.weights, get_args(Weights), FitError)
         one_of("variance", self.variance, get_args(Variance), FitError)
         one_of("uncertainty", self.uncertainty, get_args(UncertaintyKind), FitError)
         whole("reweightings", self.reweightings, FitError, least=0, most=MOST_REWEIGHTINGS)
         whole("blocks", self.blocks, FitError, least=2, most=MOST_BLOCKS)
-        if decimation_corrected is None:
-            return
-        one_of("decimation_corrected", decimation_corrected, (True, False), FitError)
-        if not decimation_corrected:
-            object.__setattr__(self, "uncertainty", "white")
-        elif self.uncertainty == "white":
-            object.__setattr__(self, "uncertainty", "decimated")
 
     def divisor(self, rows: int, columns: int) -> int:
         """Divisor of (9) for a system of so many rows and columns."""

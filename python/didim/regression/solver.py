@@ -1,17 +1,16 @@
 """The seam of the regressions: a solver takes a linear system (7) and gives a `Fit`. Tested in ``tests/test_solver.py``.
 
 A solver is a function or an object that can be called: ``solve(system, settings, progress=None) -> Fit``. A method
-takes its name in `SOLVERS`, or the solver itself: ``IDIMLS(solver=...)``, ``DIDIM(solver=...)``. A solver with settings
-of its own is a frozen dataclass with ``__call__``: it can be pickled and compared.
+takes its name in `SOLVERS`, "module:object", or the solver itself: ``IDIMLS(solver=...)``, ``DIDIM(solver=...)``. A solver
+with settings of its own is a frozen dataclass with ``__call__``: it can be pickled and compared.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib import import_module
 from typing import Protocol, runtime_checkable
 
-from .._tools.words import did_you_mean
+from .._tools.plugins import named
 from ..errors import FitError
 from ..robot.robot import Robot
 from .fit import Fit, Progress
@@ -52,28 +51,23 @@ SOLVERS: dict[str, str | Solver | RobotSolver] = {
     "least-squares": "didim.regression.least_squares:solve",
     "huber": "didim.regression.classical.solvers:Huber",
     "bisquare": "didim.regression.classical.solvers:Bisquare",
-    "total": "didim.regression.classical.solvers:Total",
     "ridge": "didim.regression.classical.solvers:Ridge",
     "consistent": "didim.regression.consistent.solver:CONSISTENT",
 }
 """Solvers by name, or where they are, as "module:object": loaded when the solver is asked for. A class has its default settings."""
+MOVED = {"total": "didim.contrib.total:Total"}
+"""Solvers of 0.2.0 that are not in the table any more, and where they are."""
 
 
 def check_solver(choice: object) -> None:
-    """Refuse what is neither a known name nor a solver.
+    """Refuse what is neither a known name, "module:object" nor a solver.
 
     Raises
     ------
     FitError
         The sentence lists the names that are known.
     """
-    if isinstance(choice, str):
-        if choice not in SOLVERS:
-            raise FitError(
-                f"there is no solver {choice!r}{did_you_mean(choice, SOLVERS)} (there are: {', '.join(SOLVERS)})"
-            )
-    elif isinstance(choice, type) or not (callable(choice) or isinstance(choice, RobotSolver)):
-        raise FitError(f"solver must be a name or a function of a system and settings, got {choice!r}")
+    _loaded(choice)
 
 
 def solver_of(
@@ -98,18 +92,16 @@ def knows_logs(choice: SolverChoice) -> bool:
     return isinstance(found, LogsSolver) or not isinstance(found, RobotSolver)
 
 
-def _loaded(choice: SolverChoice) -> Solver | RobotSolver:
-    check_solver(choice)
-    if not isinstance(choice, str):
-        return choice
-    place = SOLVERS[choice]
-    if isinstance(place, str):
-        module, _, name = place.partition(":")
-        place = getattr(import_module(module), name)
-    # A class of solvers stands for the one with its default settings.
-    found = place() if isinstance(place, type) else place
-    assert not isinstance(found, str)
-    return found
+def _loaded(choice: object) -> Solver | RobotSolver:
+    solver = choice
+    if isinstance(choice, str):
+        solver = named(choice, SOLVERS, "solver", FitError, MOVED)
+        # A class of solvers stands for the one with its default settings.
+        solver = solver() if isinstance(solver, type) else solver
+    if isinstance(solver, type) or not (callable(solver) or isinstance(solver, RobotSolver)):
+        raise FitError(f"solver must be a name or a function of a system and settings, got {choice!r}")
+    made: Solver | RobotSolver = solver
+    return made
 
 
 def solver_name(choice: SolverChoice) -> str:

@@ -16,6 +16,7 @@ from ..experiment.experiment import Experiment
 from ..monte_carlo.results import StudyResults
 from ..plot.style import require
 from ..result.identification import Identification
+from ..result.positions.record import PositionRecord
 from ..studies.comparison import Comparison
 from ..studies.validation import Validation
 
@@ -69,6 +70,11 @@ def render(
         from .validation import validation_page
 
         return validation_page(result, experiment)
+    record = PositionRecord.of(result.settings)
+    if record is not None:
+        from .positions import positions_page
+
+        return positions_page(result, experiment, record)
     from .fit import fit_page
 
     return fit_page(result, experiment)

@@ -7,12 +7,13 @@ import numpy as np
 import didim.plot as plot
 
 from .._tools.words import counted
+from ..methods.table import title_of
 from ..plot.style import percent
 from ..result.identification import Identification
 from ..result.table import WELL_IDENTIFIED_PERCENT
-from ..studies.comparison import Comparison, duration, sentence
+from ..studies.comparison import Comparison, duration, off_rms, sentence
 from ..studies.prediction import predict
-from .fit import aligned_rows, method_title, provenance_section, robot_section, well_identified
+from .fit import aligned_rows, provenance_section, robot_section, well_identified
 from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
 
 FAR_OFF = 3.0
@@ -30,7 +31,7 @@ def comparison_page(comparison: Comparison) -> str:
     sections = [
         verdict(
             level,
-            f"{method_title(subject.method)}: {badge}",
+            f"{title_of(subject.method)}: {badge}",
             sentence(comparison),
             _tiles(comparison),
             (*comparison.notes, *comparison.remarks),
@@ -50,17 +51,11 @@ def comparison_page(comparison: Comparison) -> str:
     return page(f"{log.name}: methods beside the truth", subtitle, [part for part in sections if part.text])
 
 
-def off_rms(comparison: Comparison, method: str) -> float:
-    """Root mean square of the deviations from the truth, in standard deviations; NaN without a covariance."""
-    off = comparison.deviations(method)
-    return float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else float("nan")
-
-
 def _tiles(comparison: Comparison) -> list[tuple[str, str]]:
     return [
         (
             duration(fit.elapsed),
-            f"{method_title(method)}: {counted(fit.n_simulations, 'simulation')}",
+            f"{title_of(method)}: {counted(fit.n_simulations, 'simulation')}",
         )
         for method, fit in comparison.fits.items()
     ]
@@ -76,7 +71,7 @@ def _cost_section(comparison: Comparison) -> Html:
         norm = comparison.norms.get(method, float("nan"))
         rows.append(
             [
-                method_title(method),
+                title_of(method),
                 str(fit.n_iterations),
                 str(fit.n_simulations),
                 f"{fit.elapsed:.2f}",
@@ -89,7 +84,7 @@ def _cost_section(comparison: Comparison) -> Html:
     head = ["", "iterations", "simulations", "seconds", "off, rms", "norm (19)", "well identified", "status"]
     errors: list[list[Text]] = [
         [
-            method_title(method),
+            title_of(method),
             *(f"{100.0 * error:.3f}" for error in (*fit.relative_error, fit.overall_relative_error)),
         ]
         for method, fit in fits.items()
@@ -116,7 +111,7 @@ def _cost_section(comparison: Comparison) -> Html:
 
 
 def _deviation_section(comparison: Comparison) -> Html:
-    known = {method_title(name): fit for name, fit in comparison.fits.items() if fit.std.any()}
+    known = {title_of(name): fit for name, fit in comparison.fits.items() if fit.std.any()}
     if not known:
         return Html("")
     lines = [
@@ -124,7 +119,7 @@ def _deviation_section(comparison: Comparison) -> Html:
         "grey band."
     ]
     lines += [
-        f"{method_title(name)} gives no standard deviations and is not drawn."
+        f"{title_of(name)} gives no standard deviations and is not drawn."
         for name, fit in comparison.fits.items()
         if not fit.std.any()
     ]
@@ -170,7 +165,7 @@ def _table_section(comparison: Comparison) -> Html:
             head,
             aligned_rows(rows, 2),
             numbers=range(2, len(head)),
-            groups=[("", 3), *((method_title(method), 3) for method in fits)],
+            groups=[("", 3), *((title_of(method), 3) for method in fits)],
             classes=classes,
         ),
     )
@@ -181,7 +176,7 @@ def _share(value: float) -> str:
 
 
 def _convergence_section(fits: dict[str, Identification]) -> Html:
-    known = {method_title(name): fit for name, fit in fits.items() if fit.history}
+    known = {title_of(name): fit for name, fit in fits.items() if fit.history}
     if not known:
         return Html("")
     return section(
@@ -200,7 +195,7 @@ def _torque_section(comparison: Comparison, subject: Identification) -> Html:
     found = predict(subject, comparison.experiment)
     worst = percent(float(np.nanmax(subject.relative_error)))
     return section(
-        f"Torques by {method_title(subject.method)}",
+        f"Torques by {title_of(subject.method)}",
         paragraph(f"On the rows that the fit is made of; noise included the worst joint is off by {worst}."),
         picture(
             plot.torques(subject, comparison.experiment, predictions=found),

@@ -14,6 +14,7 @@ import didim.plot as plot
 from .._tools.words import counted
 from ..errors import FitError
 from ..experiment.experiment import Experiment
+from ..methods.table import title_of
 from ..plot.estimates import estimate_correlation
 from ..plot.motion import FEWEST_SPECTRUM_ROWS
 from ..plot.style import percent
@@ -21,7 +22,7 @@ from ..result.delay_lines import delay_lines
 from ..result.identification import Identification
 from ..result.table import WELL_IDENTIFIED_PERCENT, aligned
 from ..result.verdict import State
-from ..studies.comparison import TITLES, duration
+from ..studies.comparison import duration
 from ..studies.prediction import Prediction, predict, relative_errors
 from .page import Html, Level, Text, beside, code, details, page, paragraph, picture, section, table, verdict
 
@@ -51,21 +52,16 @@ def fit_page(fit: Identification, experiment: Experiment) -> str:
         robot_section(experiment),
         provenance_section(fit),
     ]
-    title = f"{fit.name}: robot {fit.robot} by {method_title(fit.method)}"
+    title = f"{fit.name}: robot {fit.robot} by {title_of(fit.method)}"
     rows = f"{counted(fit.n_rows, 'row')} of torque, {counted(len(fit.names), 'base parameter')}"
     return page(
         title, f"Identification of dynamic parameters: {rows}", [part for part in sections if part.text]
     )
 
 
-def method_title(method: str) -> str:
-    """Name of a method for people."""
-    return TITLES.get(method, method.upper())
-
-
 def judged(fit: Identification) -> tuple[Level, str, str]:
     """Say how good a result is: a level, a word, and a sentence on what was found and how well."""
-    text = f"{method_title(fit.method)} found {counted(len(fit.names), 'base parameter')}"
+    text = f"{title_of(fit.method)} found {counted(len(fit.names), 'base parameter')}"
     if fit.std.any():
         well = int(well_identified(fit).sum())
         estimated = sum(role == "estimated" for role in fit.roles)
@@ -98,17 +94,17 @@ def well_identified(fit: Identification) -> NDArray[np.bool_]:
 
 
 def tiles(fit: Identification) -> list[tuple[str, str]]:
-    """Return the numbers that stand on top: value and label."""
+    """Return the numbers that a reader decides on: value and label."""
     found = [(percent(fit.overall_relative_error), "torque error, all joints")]
+    for use in fit.verdict.uses:
+        if use.error is None:
+            found.append(("no", f"good for {use.name}"))
+        else:
+            value = f"{use.error:.2g} kg" if use.name == "payload" else percent(use.error)
+            found.append((value, f"{use.name}: error to expect"))
     if fit.std.any():
         estimated = sum(role == "estimated" for role in fit.roles)
         found.append((f"{int(well_identified(fit).sum())} of {estimated}", "parameters well identified"))
-    if fit.n_iterations:
-        found.append((str(fit.n_iterations), "iterations" if fit.n_simulations else "weighted solutions"))
-    if fit.n_simulations:
-        found.append((str(fit.n_simulations), "simulations"))
-    if np.isfinite(fit.condition_number):
-        found.append((f"{fit.condition_number:.3g}", "condition number"))
     if fit.elapsed > 0.0:
         found.append((duration(fit.elapsed), "computing time"))
     return found
@@ -348,11 +344,14 @@ def _correlation_section(fit: Identification) -> Html:
     return section(
         "Correlation of the estimates",
         paragraph(
-            f"{counted(len(strong), 'pair')} of parameters {verb} correlated by more than {STRONG_CORRELATION:g}: the log tells "
-            f"their sum or difference better than each of them.{more}"
+            f"{counted(len(strong), 'pair')} of parameters {verb} correlated by more than {STRONG_CORRELATION:g}: only "
+            f"their sum or difference is well determined.{more}"
         ),
         table(["parameter", "and", "correlation"], pairs, numbers=(2,)),
-        picture(plot.correlation(fit), "Map of the correlation of each pair of estimates"),
+        details(
+            "Map of all pairs",
+            picture(plot.correlation(fit), "Map of the correlation of each pair of estimates"),
+        ),
     )
 
 
@@ -405,7 +404,7 @@ def robot_section(experiment: Experiment) -> Html:
     return section(
         f"Robot {robot.name}",
         paragraph(
-            f"Its skeleton, by the rows of the robot file, where the log takes it farthest out.{described}"
+            f"Its skeleton, by the rows of the robot file, in the pose with the longest reach.{described}"
         ),
         beside(
             picture(
@@ -429,7 +428,7 @@ def provenance_section(fit: Identification) -> Html:
         content.append(table(["file", "SHA-256"], files, classes=classes))
     if fit.delay:
         measured = fit.settings.get("prediction", {}).get("motion") == "measured"
-        lines = delay_lines(fit.delay, measured=measured) or ["torque not moved against the motion"]
+        lines = delay_lines(fit.delay, measured=measured) or ["none applied"]
         content.append(paragraph("Delay: " + "; ".join(lines) + "."))
     content.append(
         details(

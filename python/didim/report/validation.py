@@ -10,10 +10,11 @@ import didim.plot as plot
 
 from ..experiment.experiment import Experiment
 from ..log.recording import Recording
+from ..methods.table import title_of
 from ..plot.style import percent
 from ..studies.prediction import predict, simulate_window
 from ..studies.validation import RecordingValidation, Validation
-from .fit import method_title, provenance_section, robot_section
+from .fit import provenance_section, robot_section
 from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
 
 
@@ -38,9 +39,7 @@ def validation_page(validation: Validation, experiment: Experiment) -> str:
     sections += [robot_section(experiment), provenance_section(validation.fit)]
     fit = validation.fit
     title = f"{validation.experiment}: validation of {fit.name}"
-    return page(
-        title, f"Robot {fit.robot}, identified by {method_title(fit.method)} from {fit.name}", sections
-    )
+    return page(title, f"Robot {fit.robot}, identified by {title_of(fit.method)} from {fit.name}", sections)
 
 
 def _sentence(item: RecordingValidation) -> str:

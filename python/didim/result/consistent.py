@@ -19,7 +19,9 @@ from ..regression.consistent.nearest import GAMMA, NEAREST_DRAWS, NearestRobot, 
 from ..regression.consistent.prior import Prior
 from ..regression.selection import Role, Selection
 from ..robot.friction import Friction
+from ..robot.placement import Mount
 from ..robot.robot import Geometry, JointLimits, Robot
+from ..robot.transmission import Follower
 from .finding import Finding
 from .uncertainty import Uncertainty
 from .verdict import Use
@@ -38,7 +40,7 @@ def recorded_robot(name: str, settings: Mapping[str, Any]) -> Robot:
     """
     try:
         record = settings["robot"]
-        geometry = Geometry(**{key: _frozen(value) for key, value in record["geometry"].items()})
+        geometry = _geometry(record["geometry"])
         friction = Friction(**{key: _frozen(value) for key, value in record["friction"].items()})
     except (KeyError, TypeError) as reason:
         raise FitError(f"the result does not hold its robot ({reason}): give robot=") from None
@@ -49,10 +51,19 @@ def recorded_robot(name: str, settings: Mapping[str, Any]) -> Robot:
         digest="",
         geometry=geometry,
         friction=friction,
-        limits=(JointLimits(),) * len(geometry.kinds),
+        limits=(JointLimits(),) * geometry.n_driven,
         reduction=None,
         gains=None,
     )
+
+
+def _geometry(record: Mapping[str, Any]) -> Geometry:
+    """Return the geometry that a result keeps; results of 0.2.0 are of chains and have no mounts."""
+    parts = {key: _frozen(value) for key, value in record.items()}
+    for key, kind in (("mounts", Mount), ("followers", Follower)):
+        items = record.get(key, ())
+        parts[key] = tuple(kind(**{name: _frozen(value) for name, value in item.items()}) for item in items)
+    return Geometry(**parts)
 
 
 def _frozen(value: Any) -> Any:

@@ -94,6 +94,36 @@ class Finding(Pickled):
         """What to do about it; empty where nothing is to be done."""
         return advice_of(self)
 
+    @property
+    def kind(self) -> str:
+        """Name of `code` in 0.2.0."""
+        return self.code
+
+    @property
+    def recording(self) -> str | None:
+        """The recording concerned; None for all or several."""
+        return self.recordings[0] if len(self.recordings) == 1 else None
+
+    @property
+    def file(self) -> str | None:
+        """The data file concerned, where one is."""
+        return self.facts.get("file")
+
+    @property
+    def column(self) -> str | None:
+        """Name or number of the column of that file."""
+        return self.facts.get("column")
+
+    @property
+    def sample(self) -> int | None:
+        """First sample concerned, from 0."""
+        return self.facts.get("sample")
+
+    @property
+    def last_sample(self) -> int | None:
+        """Last sample concerned."""
+        return self.facts.get("last_sample")
+
     def __str__(self) -> str:
         advice = self.advice
         return f"{self.sentence}. {advice}." if advice else self.sentence
@@ -144,3 +174,28 @@ class Finding(Pickled):
             facts=dict(facts),
             **{key: None if value is None else float(value) for key, value in numbers.items()},
         )
+
+
+def said(
+    *,
+    kind: str,
+    sentence: str,
+    advice: str,
+    grade: Grade = "doubtful",
+    recording: str | None = None,
+    joints: tuple[int, ...] = (),
+    parameters: tuple[str, ...] = (),
+    value: float | None = None,
+    **facts: Any,
+) -> Finding:
+    """Return a finding whose words come with it, and where it was seen: file, column, samples."""
+    recordings = () if recording is None else (recording,)
+    return Finding(
+        code=kind,
+        grade=grade,
+        joints=joints,
+        parameters=parameters,
+        recordings=recordings,
+        value=value,
+        facts={"text": sentence, "advice": advice, **facts},
+    )

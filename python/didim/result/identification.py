@@ -1,4 +1,4 @@
-"""The result of an identification: immutable, printed as a table, saved as JSON and restored whole."""
+"""The result of an identification: immutable, printed, saved as JSON and restored whole (``tests/test_identification.py``)."""
 
 from __future__ import annotations
 
@@ -27,9 +27,11 @@ from .finding import Finding
 from .further import Further
 from .iteration import HeldOut, Iteration
 from .notebook import InNotebook
+from .positions.record import PositionRecord
+from .positions.table import position_lines
 from .saved_fields import fields_of
 from .status import Status
-from .table import error_lines, error_rows, parameter_lines, parameter_rows, percent_text
+from .table import error_lines, error_rows, limb_headings, parameter_lines, parameter_rows, percent_text
 from .uncertainty import Uncertainty, student_factor
 from .verdict import Use, Verdict, derived
 
@@ -100,10 +102,6 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         What was found for or against the result, beside status, warnings and remarks: see `verdict`.
     uses : tuple of Use
         What it is good for: see `verdict`.
-
-    Notes
-    -----
-    ``test_identification.py`` saves, loads and compares everything.
     """
 
     name: str
@@ -267,9 +265,12 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         return error_rows([("fit", tuple(self.relative_error), self.overall_relative_error), *held_out])
 
     def __str__(self) -> str:
+        if (record := PositionRecord.of(self.settings)) is not None:
+            ending = (*self.verdict.lines(), "", self.conclusion, self.verdict.sentence)
+            return "\n".join((*position_lines(record, self.name, self.robot), *ending))
         count = counted(len(self.names), "base parameter")
         lines = [f"{self.name}: {count} of robot {self.robot} by {self.method}", ""]
-        lines += parameter_lines(self.parameter_rows())
+        lines += parameter_lines(self.parameter_rows(), limb_headings(self.settings.get("robot", {})))
         lines += [] if self.further is None else self.further.lines(self.interval_factor())
         lines += ["", *error_lines(self.error_rows())]
         names = self.joint_names

@@ -1,4 +1,4 @@
-"""The words of findings: the one module that makes sentences of them, and what to do about each.
+"""The words of findings: what makes sentences of them, and what to do about each; those of causes stand in ``words/causes.py``.
 
 A finding whose words come with it (a status, a remark, a flag on physics) has them as ``facts["text"]`` and ``facts["advice"]``.
 Tested in ``tests/test_verdict.py``.
@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from .._tools.words import joints_text
+from .words.causes import CAUSES
 
 Told = Any
 """A `Finding`, whose module imports this one."""
@@ -54,103 +55,6 @@ def _joints(finding: Told) -> str:
     return joints_text(joint - 1 for joint in finding.joints)
 
 
-# Causes: what looks wrong, and the edit.
-
-
-def _gain(joints: tuple[int, ...], value: float, facts: Any) -> str:
-    name = joints_text(joint - 1 for joint in joints)
-    return (
-        f"the torque of {name} looks {value:.3g} times too large"
-        if value > 1.0
-        else f"the torque of {name} looks too small: {value:.3g} times what it is"
-    )
-
-
-def _convention(facts: Any, *, file: bool) -> str:
-    one, other = ("dh", "mdh") if facts.get("standard") else ("mdh", "dh")
-    if file:
-        return f'Write convention = "{other}" in the robot file'
-    names = {"dh": "standard (Denavit-Hartenberg)", "mdh": "modified (Khalil-Kleinfinger)"}
-    return f"the rows of the robot file look as if they were of the {names[other]} convention, not the {names[one]} one"
-
-
-def _vector(values: Sequence[float]) -> str:
-    return f"[{', '.join(f'{value:.3g}' for value in values)}]"
-
-
-Cause = tuple[
-    Callable[[tuple[int, ...], Any, Any], str],
-    Callable[[tuple[int, ...], Any, Any], str],
-    str,
-]
-"""What looks wrong and what to do, of joints, value and facts; and the experiment that would decide."""
-CAUSES: dict[str, Cause] = {
-    "torque-sign": (
-        lambda j, v, f: (
-            f"the torque of joint {j[0]} looks as if its sign were wrong"
-            if len(j) == 1
-            else f"the torques of {joints_text(k - 1 for k in j)} look as if their signs were wrong"
-        ),
-        lambda j, v, f: "Turn the sign of the gain or of the column under [recording.torque]",
-        "push the joint by hand: torque and motion must have the same sign",
-    ),
-    "position-sign": (
-        lambda j, v, f: f"the position of joint {j[0]} looks as if its sign were wrong",
-        lambda j, v, f: "Turn the sign of its column, or of its axis in the robot file",
-        "move that joint alone and compare its axis with the robot file",
-    ),
-    "joint-sign": (
-        lambda j, v, f: f"joint {j[0]} looks as if it turned the other way",
-        lambda j, v, f: "Turn the sign of its row under [transmission], or of its axis in the robot file",
-        "move that joint alone and compare its axis with the robot file",
-    ),
-    "swapped-torques": (
-        lambda j, v, f: f"the torques of joints {j[0]} and {j[1]} look as if they were exchanged",
-        lambda j, v, f: "Exchange their columns under [recording.torque]",
-        "load one of the joints by hand and see which column answers",
-    ),
-    "drive-gain": (
-        _gain,
-        lambda j, v, f: (
-            f"Divide gain under [recording.torque] by {v:.3g} for this joint, or look at its gear ratio"
-        ),
-        "weigh it: log a payload of known mass",
-    ),
-    "gravity": (
-        lambda j, v, f: (
-            f"gravity looks as if it were {_vector(f['vector'])} m/s^2 in frame 0, not {_vector(f['declared'])}"
-        ),
-        lambda j, v, f: (
-            f"Write gravity_m_s2 = {_vector(f['vector'])} in the robot file, or look at how the robot is mounted"
-        ),
-        "look at how the robot is mounted",
-    ),
-    "dh-convention": (
-        lambda j, v, f: _convention(f, file=False),
-        lambda j, v, f: _convention(f, file=True),
-        "compare the frames that didim robot prints with the arm",
-    ),
-    "a-and-d": (
-        lambda j, v, f: "the lengths a and d of the robot file look exchanged",
-        lambda j, v, f: "Exchange them, row by row",
-        "compare the frames that didim robot prints with the arm",
-    ),
-    "twist-sign": (
-        lambda j, v, f: f"the twist alpha of row {f['row']} looks as if its sign were wrong",
-        lambda j, v, f: "Turn its sign in the robot file",
-        "move the joint and compare its axis with the robot file",
-    ),
-    "link-length": (
-        lambda j, v, f: (
-            f"the length {f['symbol']} of row {f['row']} looks as if it were {v:.4g} m, not {f['declared']:.4g} m"
-        ),
-        lambda j, v, f: "Measure it, or look at the data sheet",
-        "measure it",
-    ),
-}
-"""Words of the hypotheses that name a cause."""
-
-
 def _cause(finding: Told) -> str:
     facts = finding.facts
     first = CAUSES[finding.code][0](finding.joints, finding.value, facts)
@@ -181,11 +85,13 @@ def _cause_advice(finding: Told) -> str:
 def _not_white(f: Told) -> str:
     facts = f.facts
     text = (
-        f"the residual of {_joints(f)} is not white noise but lasts: {percents(facts['shares'])} % of the torque, for "
-        f"which standard deviations of white noise are {between(facts['growth'])} times too small"
+        f"the residual of {_joints(f)}, {percents(facts['shares'])} % of the torque, is correlated in time; white-noise sigmas "
+        f"would be {between(facts['growth'])} times too small"
     )
     if facts.get("jackknife") is not None:
-        text += f"; those of the jackknife, printed here, are {facts['jackknife']:.2g} times larger already (median)"
+        text += (
+            f", and the jackknife sigmas shown already include a factor of {facts['jackknife']:.2g} (median)"
+        )
     return text
 
 
@@ -244,10 +150,12 @@ def _held_out(f: Told) -> str:
 
 
 def _delay(f: Told) -> str:
+    which = f"torque of {_joints(f)} looks" if f.joints else "torques look"
     return (
-        f"the torques look {abs(_value(f)):.2g} samples ({1e3 * f.facts['seconds']:.2g} ms) "
+        f"the {which} {abs(_value(f)):.2g} samples ({1e3 * f.facts['seconds']:.2g} ms) "
         f"{'behind' if _value(f) > 0.0 else 'ahead of'} the motion; with that the parameters move by {f.effect:.2g} of their "
         "standard deviations (root mean square)"
+        + ("; a digital controller that holds its output leaves half a sample" if f.facts.get("held") else "")
     )
 
 
@@ -404,7 +312,13 @@ WORDS: dict[str, Words] = {
         ),
         _always("Declare it under [controller], or log it"),
     ),
-    "delay": (_delay, _always('Write compensate_samples = "estimate" under [delay]')),
+    "delay": (
+        _delay,
+        lambda f: (
+            ("Write sample_time_s under [controller], or " if f.facts.get("held") else "Write ")
+            + 'compensate_samples = "estimate" under [delay]'
+        ),
+    ),
     "friction": (_friction, _friction_advice),
     "size": (
         _size,

@@ -8,7 +8,7 @@ from enum import Enum
 class Status(Enum):
     """Ending of an identification; ``status.value`` says what happened and what to do about it."""
 
-    SOLVED = "Solved: the least-squares estimate is unique, and no iteration is left to make."
+    SOLVED = "Solved: the least-squares estimate is unique."
     ILL_CONDITIONED = (
         "Not solved well: the observation matrix is so badly conditioned that few digits of the estimate are "
         "right; use a more exciting motion, or drop or fix parameters."

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from .._tools.arrays import Array
 from .._tools.words import counted
+from ..robot.placement import limbs
 
 # The paper calls a parameter well identified below this relative standard deviation.
 WELL_IDENTIFIED_PERCENT = 20.0
@@ -83,8 +85,38 @@ def parameter_rows(
     return rows
 
 
-def parameter_lines(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Lines of a table of `parameter_rows`, with a footnote where parameters are not well identified."""
+def limb_headings(robot: Mapping[str, Any]) -> list[tuple[frozenset[int], str]]:
+    """Return numbers of the joints of each limb of a tree, and the line that opens its parameters; nothing for joints in a line.
+
+    Parameters
+    ----------
+    robot : mapping
+        The record of a robot in a result: ``geometry`` and ``joint_names``.
+    """
+    mounts = robot.get("geometry", {}).get("mounts", ())
+    found, names = limbs([mount["parent"] for mount in mounts]), robot.get("joint_names", ())
+    if len(found) < 2:
+        return []
+    label = dict(enumerate(names))
+    ends = [[label.get(joint, f"joint {joint + 1}") for joint in (limb[0], limb[-1])] for limb in found]
+    titles = [f"{first}:" if first == last else f"{first} to {last}:" for first, last in ends]
+    return [
+        (frozenset(joint + 1 for joint in limb), title) for limb, title in zip(found, titles, strict=True)
+    ]
+
+
+def parameter_lines(
+    rows: Sequence[tuple[str, ...]], headings: Sequence[tuple[frozenset[int], str]] = ()
+) -> list[str]:
+    """Lines of a table of `parameter_rows`, with a footnote where parameters are not well identified.
+
+    Parameters
+    ----------
+    rows : sequence of tuple of str
+        As `parameter_rows` returns them.
+    headings : sequence of (set of int, str)
+        Numbers of the joints of each limb of a tree, and the line that opens its parameters.
+    """
     marked = sum(row[-1].startswith("*") for row in rows)
     columns = list(zip(*rows, strict=True))
     cells = [
@@ -94,7 +126,14 @@ def parameter_lines(rows: Sequence[tuple[str, ...]]) -> list[str]:
         _left(columns[-1]),
     ]
     lines = ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
-    lines.insert(1, "-" * max(map(len, lines)))
+    rule = "-" * max(map(len, lines))
+    limb_of = {number: heading for numbers, heading in headings for number in numbers}
+    titles = [limb_of.get(int("".join(filter(str.isdigit, row[0])) or 0), "") for row in rows]
+    opened = [
+        [title, line] if title and title != before else [line]
+        for line, title, before in zip(lines, titles, ["", *titles], strict=False)
+    ]
+    lines = [lines[0], rule, *(line for group in opened[1:] for line in group)]
     if marked:
         lines += [
             f"* not well identified, sigma above {WELL_IDENTIFIED_PERCENT:.0f} %: "

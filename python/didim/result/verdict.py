@@ -22,6 +22,10 @@ class State(StrEnum):
     WRONG = "wrong"
 
 
+Reason = Finding
+"""A finding, as a reason of a verdict."""
+
+
 @dataclass(frozen=True)
 class Use:
     """What a result is good for.
@@ -118,7 +122,7 @@ class Verdict:
         for grade, title in (
             ("wrong", "Wrong:"),
             ("doubtful", "Doubtful:"),
-            ("note", "To know:"),
+            ("note", "Notes:"),
         ):
             texts = [str(reason) for reason in self.reasons if reason.grade == grade]
             if texts:

@@ -1,1 +1,4 @@
 """What a robot is."""
+
+from .base_parameters import BaseParameters as BaseParameters
+from .friction import Friction as Friction

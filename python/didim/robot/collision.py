@@ -59,12 +59,26 @@ def _point(table: Table, key: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def checked_pairs(capsules: Sequence[Capsule]) -> NDArray[np.intp]:
-    """Pairs of capsules that must not touch, ``(n_pairs, 2)``: those of links that are no neighbours."""
+def checked_pairs(capsules: Sequence[Capsule], parents: Sequence[int | None]) -> NDArray[np.intp]:
+    """Pairs of capsules that must not touch, ``(n_pairs, 2)``: those of links that are no neighbours.
+
+    Links are neighbours by the joints between them: the thighs of two legs on one trunk have two.
+    """
+    ways = [_carriers(parents, capsule.link) for capsule in capsules]
     pairs = [
         (i, j)
         for i, one in enumerate(capsules)
         for j, other in enumerate(capsules[i + 1 :], i + 1)
-        if abs(one.link - other.link) > NEIGHBOURS
+        if one.link != other.link and len(ways[i] ^ ways[j]) > NEIGHBOURS
     ]
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
+
+
+def _carriers(parents: Sequence[int | None], link: int) -> set[int]:
+    """Links that carry a link, itself among them, from 1; 0, the base, stands for nothing."""
+    found: set[int] = set()
+    while link:
+        found.add(link)
+        parent = parents[link - 1]
+        link = 0 if parent is None else parent + 1
+    return found

@@ -1,17 +1,22 @@
-"""Friction of a robot: the model, its further terms joint by joint, and their options."""
+"""Friction of a robot: the model, its further terms joint by joint, springs among them, and their options."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
 
+from .._tools.plugins import loaded
 from .._tools.toml import Table
 from ..errors import RobotError
 
-Law = Literal["rest", "atan", "stribeck", "root", "forward", "load", "table"]
+Law = Literal[
+    "rest", "atan", "stribeck", "root", "forward", "load", "hold", "dahl", "table",
+    "spring", "sine", "cosine", "cylinder", "cylinder_rate",
+]  # fmt: skip
 
 NAMES: dict[str, str] = {
     "rest": "Rest",
@@ -20,8 +25,17 @@ NAMES: dict[str, str] = {
     "root": "Fr",
     "forward": "Fvp",
     "load": "Fl",
+    "hold": "Hold",
+    "dahl": "Fz",
+    "spring": "Ks",
+    "sine": "Gs",
+    "cosine": "Gc",
+    "cylinder": "Cf",
+    "cylinder_rate": "Ck",
 }
 """Name of the parameter of each law, before the joint's number."""
+STANDARD_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "Ia", "Fv", "Fc", "Off")
+"""Names of the other parameters of a joint."""
 KEYS: dict[str, str] = {
     "rest": "standstill",
     "atan": "atan",
@@ -29,10 +43,28 @@ KEYS: dict[str, str] = {
     "root": "root",
     "forward": "forward_viscous",
     "load": "load",
+    "hold": "hold",
+    "dahl": "dahl",
 }
 """Key of each law in ``[friction]``."""
+SPRINGS: dict[str, tuple[Law, ...]] = {"linear": ("spring",), "gravity": ("sine", "cosine")}
+"""Laws of each key of ``[springs]`` that names joints."""
+CYLINDER: tuple[Law, Law] = ("cylinder", "cylinder_rate")
+"""Laws of a cylinder: its constant force and its stiffness."""
+OF_POSITION: frozenset[str] = frozenset((*SPRINGS["linear"], *SPRINGS["gravity"], *CYLINDER))
+"""Laws whose column is a function of the position alone."""
+STIFF: frozenset[str] = frozenset(("spring", "cylinder_rate"))
+"""Springs whose parameter is a stiffness, which is not negative."""
 START_VELOCITY = {"revolute": 0.1, "prismatic": 0.01}
 """Velocity (rad/s, m/s) that a law has until its own is estimated."""
+START_WIDTH = {"revolute": 1e-3, "prismatic": 1e-4}
+"""Displacement (rad, m) that Dahl's memory has until its own is estimated."""
+SCALED: dict[str, tuple[str, Mapping[str, float]]] = {
+    "atan": ("velocity", START_VELOCITY),
+    "stribeck": ("velocity", START_VELOCITY),
+    "dahl": ("width", START_WIDTH),
+}
+"""Laws with a number that is not linear: its name in files, and where its search starts."""
 FEWEST_SPEEDS = 4
 """Fewest speeds of a law that is given by its values."""
 
@@ -43,14 +75,18 @@ class FrictionTerm:
 
     Attributes
     ----------
-    law : {"rest", "atan", "stribeck", "root", "forward", "load", "table"}
+    law : Law
         ``rest``: a constant torque at standstill; ``atan``: ``atan(dq / velocity)``; ``stribeck``:
         ``s(dq) exp(-(dq / velocity)^2)``; ``root``: ``sqrt(|dq|) s(dq)``; ``forward``: ``max(dq, 0)``; ``load``:
-        ``|tau_r| s(dq)`` with the torque ``tau_r`` of links and rotors; ``table``: values over speed.
+        ``|tau_r| s(dq)`` with the torque ``tau_r`` of links and rotors; ``hold``: no torque of its own, the sign ``s`` of all
+        other laws at the joint is that of the last motion; ``dahl``: Dahl's memory; ``table``: values over speed. Springs:
+        ``spring``: ``q``, its rest position is in the offset; ``sine``, ``cosine``: ``sin(q)`` and ``cos(q)``;
+        ``cylinder``: ``dl/dq``, a force (N) along a cylinder of length ``l(q)^2 = a^2 + b^2 - 2 a b cos(q + phi)``;
+        ``cylinder_rate``: ``(l - rest) dl/dq``.
     joint : int
         Joint, from 0.
     velocity : float
-        Of ``atan`` and ``stribeck`` (rad/s or m/s).
+        Velocity of ``atan`` and ``stribeck`` (rad/s or m/s); displacement over which ``dahl`` forgets (rad or m).
     estimated : bool
         The velocity is estimated from the log, and `velocity` is where the search starts.
     fitted : bool
@@ -60,7 +96,7 @@ class FrictionTerm:
     first, step : float
         First speed of a table and the step between its speeds (rad/s or m/s).
     values : tuple of float
-        Values of a table, torque per unit of the parameter.
+        Values of a table, torque per unit of the parameter; of a cylinder ``a``, ``b`` (m), ``phi`` (rad) and ``rest`` (m).
 
     Raises
     ------
@@ -91,6 +127,10 @@ class FrictionTerm:
             object.__setattr__(self, "name", NAMES[self.law])
         if self.law == "table" and not self.name.isidentifier():
             raise RobotError(f"the name of a friction term must be letters and digits, got {self.name!r}")
+        if self.law == "table" and self.name in (*NAMES.values(), *STANDARD_NAMES):
+            raise RobotError(
+                f"a law of your own needs a name of its own: {self.name!r} is the name of another parameter"
+            )
 
     @property
     def parameter(self) -> str:
@@ -139,8 +179,13 @@ class FrictionTerm:
                 f"friction term {name}: at least {FEWEST_SPEEDS} speeds are needed, got {speeds}"
             )
         at = np.linspace(-fastest, fastest, speeds)
-        with np.errstate(all="ignore"):  # refused below
-            values = np.asarray(torque(at), dtype=np.float64)
+        try:
+            with np.errstate(all="ignore"):  # refused below
+                values = np.asarray(torque(at), dtype=np.float64)
+        except Exception as reason:
+            raise RobotError(
+                f"friction term {name}: torque ended with {type(reason).__name__}: {reason}"
+            ) from reason
         if values.shape != at.shape or not np.isfinite(values).all():
             raise RobotError(
                 f"friction term {name}: torque must return one finite number per speed, got an array of shape {values.shape}"
@@ -182,6 +227,11 @@ class Friction:
     auto: bool = False
 
     @property
+    def has_memory(self) -> bool:
+        """Whether friction depends on the path, not on the state alone."""
+        return any(term.law in ("hold", "dahl") for term in self.terms)
+
+    @property
     def has_load(self) -> bool:
         """Whether a torque of friction depends on the load."""
         return any(term.law == "load" for term in self.terms)
@@ -190,6 +240,11 @@ class Friction:
     def estimated(self) -> tuple[FrictionTerm, ...]:
         """Terms whose velocity is estimated from the log."""
         return tuple(term for term in self.terms if term.estimated)
+
+    @property
+    def springs(self) -> tuple[FrictionTerm, ...]:
+        """Terms whose torque is a function of the position alone."""
+        return tuple(term for term in self.terms if term.law in OF_POSITION)
 
     @property
     def open(self) -> bool:
@@ -217,7 +272,7 @@ def read_friction(table: Table, kinds: Sequence[str], default: Friction | None) 
         coupling=table.text("coupling", default.coupling, choices=("shaft", "printed")),
         smoothing=_per_joint(table, "smoothing", kinds, default.smoothing),
         dead_zone=_per_joint(table, "dead_zone", kinds, default.dead_zone),
-        terms=_terms(table, kinds, default.terms),
+        terms=_own_laws(table, kinds, _terms(table, kinds, default.terms)),
         auto=default.auto if table.text("terms", None, choices=("auto",)) is None else True,
     )
     table.done()
@@ -228,24 +283,103 @@ def read_friction(table: Table, kinds: Sequence[str], default: Friction | None) 
     return friction
 
 
+def read_springs(table: Table, kinds: Sequence[str], friction: Friction) -> Friction:
+    """Read ``[springs]`` into the terms of a robot's friction: a key that is there replaces the springs of its kind."""
+    terms = list(friction.terms)
+    for key, laws in SPRINGS.items():
+        joints = _joints(table, key, len(kinds))
+        if joints is not None:
+            terms = [term for term in terms if term.law not in laws]
+            terms += [FrictionTerm(law=law, joint=joint) for joint in joints for law in laws]
+    if table.has("cylinder"):
+        terms = [term for term in terms if term.law not in CYLINDER]
+        for part in table.tables("cylinder"):
+            joint = part.integer("joint", minimum=1, maximum=len(kinds)) - 1
+            a, b = (part.number(key, above=0.0) for key in ("a_m", "b_m"))
+            if a == b:
+                part.fail("a_m and b_m must differ: at length zero a cylinder has no direction")
+            geometry = (
+                a,
+                b,
+                math.radians(part.number("phi_deg", 0.0)),
+                part.number("rest_m", 0.0, minimum=0.0),
+            )
+            terms += [FrictionTerm(law=law, joint=joint, values=geometry) for law in CYLINDER]
+            part.done()
+    table.done()
+    for term in terms:
+        if term.law in OF_POSITION - STIFF and kinds[term.joint] != "revolute":
+            table.fail(f"joint {term.joint + 1} slides: it can have a linear spring only")
+    return replace(friction, terms=tuple(terms))
+
+
 def _terms(table: Table, kinds: Sequence[str], default: tuple[FrictionTerm, ...]) -> tuple[FrictionTerm, ...]:
     """Further terms, law by law: a key that is there replaces the terms of its law."""
     terms = list(default)
     for law, key in KEYS.items():
-        velocities = _velocities(table, key, kinds) if law in ("atan", "stribeck") else None
+        name, starts = SCALED.get(law, ("", {}))
+        given = _scales(table, f"{key}_{name}", kinds, starts) if starts else None
         joints = _joints(table, key, len(kinds))
         if joints is None:
-            if velocities is not None:
-                table.fail(f"{key}_velocity needs the key {key}, true or a list of joints")
+            if given is not None:
+                table.fail(f"{key}_{name} needs the key {key}, true or a list of joints")
             continue
         terms = [term for term in terms if term.law != law]
         for joint in joints:
             velocity, estimated = 0.0, False
-            if law in ("atan", "stribeck"):
-                velocity = START_VELOCITY[kinds[joint]] if velocities is None else velocities[joint]
-                estimated = velocities is None
+            if starts:
+                velocity = starts[kinds[joint]] if given is None else given[joint]
+                estimated = given is None
             terms.append(FrictionTerm(law=law, joint=joint, velocity=velocity, estimated=estimated))  # type: ignore[arg-type]
     return tuple(terms)
+
+
+def _own_laws(
+    table: Table, kinds: Sequence[str], terms: tuple[FrictionTerm, ...]
+) -> tuple[FrictionTerm, ...]:
+    """Laws of one's own, ``[[friction.law]]``, by a function or by values: a law replaces the terms of its name."""
+    parts = table.tables("law", [])
+    given_names = {part.text("name") for part in parts}
+    found = [term for term in terms if term.name not in given_names]
+    for part in parts:
+        name, place, values = (
+            part.text("name"),
+            part.text("function", None),
+            part.numbers("values", default=None),
+        )
+        if (place is None) == (values is None):
+            part.fail('a law needs either function = "module:name" or values')
+        law = None if place is None else loaded(place, "friction law", RobotError)
+        joints = _joints(part, "joints", len(kinds))
+        keys = ("first", "step") if law is None else ("fastest",)
+        numbers = {
+            (key, kind): part.number(f"{key}_{unit}", None, above=None if key == "first" else 0.0)
+            for key in ("fastest", "first", "step")
+            for unit, kind in (("rad_s", "revolute"), ("m_s", "prismatic"))
+        }
+        for joint in range(len(kinds)) if joints is None else joints:
+            speeds = [numbers[key, kinds[joint]] for key in keys]
+            given = [speed for speed in speeds if speed is not None]
+            if len(given) < len(keys):
+                part.fail(
+                    f"joint {joint + 1} needs {' and '.join(keys)}, in rad_s or m_s as it turns or slides"
+                )
+            if law is not None:
+                found.append(FrictionTerm.from_function(name, joint, law, fastest=given[0]))
+            else:
+                first, step = given
+                found.append(
+                    FrictionTerm(
+                        law="table",
+                        joint=joint,
+                        name=name,
+                        first=first,
+                        step=step,
+                        values=tuple(values or ()),
+                    )
+                )
+        part.done()
+    return tuple(found)
 
 
 def _joints(table: Table, key: str, n: int) -> list[int] | None:
@@ -262,20 +396,27 @@ def _joints(table: Table, key: str, n: int) -> list[int] | None:
     return [joint - 1 for joint in value]
 
 
-def _velocities(table: Table, key: str, kinds: Sequence[str]) -> tuple[float, ...] | None:
-    """Velocities of a law per joint, or None where they are estimated from the log."""
-    given = any(table.has(f"{key}_velocity_{unit}") for unit in ("rad_s", "m_s"))
-    start = [START_VELOCITY[kind] for kind in kinds]
-    velocities = _per_joint(table, f"{key}_velocity", kinds, start)
-    if given and not all(velocities):
-        table.fail(f"{key}_velocity of joint {velocities.index(0.0) + 1} must be above 0")
-    return velocities if given else None
+def scale_units(key: str) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Return the endings of a key for each kind of joint: those of a displacement or of a velocity."""
+    per = "" if key.endswith("width") else "_s"
+    return (f"rad{per}", "revolute"), (f"m{per}", "prismatic")
+
+
+def _scales(
+    table: Table, key: str, kinds: Sequence[str], starts: Mapping[str, float]
+) -> tuple[float, ...] | None:
+    """Velocities or widths of a law per joint, or None where they are estimated from the log."""
+    given = any(table.has(f"{key}_{unit}") for unit, _ in scale_units(key))
+    values = _per_joint(table, key, kinds, [starts[kind] for kind in kinds])
+    if given and not all(values):
+        table.fail(f"{key} of joint {values.index(0.0) + 1} must be above 0")
+    return values if given else None
 
 
 def _per_joint(table: Table, key: str, kinds: Sequence[str], default: Sequence[float]) -> tuple[float, ...]:
-    """Velocities per joint: a number for all joints of a kind, or a list with one entry per joint."""
+    """Velocities or widths per joint: a number for all joints of a kind, or a list with one entry per joint."""
     values = list(default)
-    for unit, kind in (("rad_s", "revolute"), ("m_s", "prismatic")):
+    for unit, kind in scale_units(key):
         name = f"{key}_{unit}"
         numbers = table.spread(name, len(kinds), None)
         if numbers is None:

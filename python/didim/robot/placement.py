@@ -55,6 +55,18 @@ def in_line(n_dof: int) -> tuple[int | None, ...]:
     return tuple(j - 1 if j else None for j in range(n_dof))
 
 
+def limbs(parents: Sequence[int | None]) -> tuple[tuple[int, ...], ...]:
+    """Return the joints of each limb, such as a torso, an arm, a leg: they stand on each other, and no other branch among them."""
+    children = [sum(other == joint for other in parents) for joint in range(len(parents))]
+    found: list[list[int]] = []
+    for joint, parent in enumerate(parents):
+        if parent is not None and children[parent] == 1 and found and found[-1][-1] == parent:
+            found[-1].append(joint)
+        else:
+            found.append([joint])
+    return tuple(tuple(limb) for limb in found)
+
+
 def chain(n_dof: int) -> tuple[Mount, ...]:
     """Return the mounts of joints in a line."""
     return tuple(Mount(parent=parent) for parent in in_line(n_dof))

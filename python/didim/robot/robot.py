@@ -23,9 +23,10 @@ from ..errors import RobotError
 from .base_parameters import BaseParameters, base_parameters
 from .collision import Capsule
 from .correspondence import Correspondence
-from .friction import Friction, FrictionTerm, read_friction
+from .friction import Friction, FrictionTerm, read_friction, read_springs
 from .placement import Mount, in_line, placed
 from .standard_dh import StandardTable, from_frame, in_other_frames, to_frame
+from .transmission import Actuator, Follower
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +64,8 @@ class Geometry:
         ``C``: rotor speeds in joint-side units are ``C dq`` (rows are motors), (22).
     mounts : tuple of Mount
         What each joint of a tree stands on; empty for joints in a line.
+    followers : tuple of Follower
+        The last joints, where they follow driven ones.
     """
 
     kinds: tuple[str, ...]
@@ -73,6 +76,24 @@ class Geometry:
     gravity: tuple[float, ...]
     coupling: tuple[tuple[float, ...], ...]
     mounts: tuple[Mount, ...] = ()
+    followers: tuple[Follower, ...] = ()
+
+    @property
+    def n_driven(self) -> int:
+        """Number of joints that follow no others."""
+        return len(self.kinds) - len(self.followers)
+
+    @property
+    def outwards(self) -> tuple[int, ...]:
+        """All joints, each behind the one that it stands on."""
+        found: list[int] = []
+        waiting = [joint for joint in reversed(range(len(self.kinds))) if self.parents[joint] is None]
+        while waiting:
+            found.append(waiting.pop())
+            waiting += [
+                joint for joint in reversed(range(len(self.kinds))) if self.parents[joint] == found[-1]
+            ]
+        return tuple(found)
 
     @property
     def parents(self) -> tuple[int | None, ...]:
@@ -86,8 +107,8 @@ class Geometry:
 
     @property
     def in_line(self) -> bool:
-        """Whether each joint stands on the one before it."""
-        return self.parents == in_line(len(self.kinds))
+        """Whether each joint stands on the one before it, and none follows others."""
+        return self.parents == in_line(len(self.kinds)) and not self.followers
 
     def placement(self, joint: int) -> Array:
         """Return the pose (4, 4) of a frame in that of its antecedent at position zero (m)."""
@@ -127,6 +148,8 @@ class Robot(Pickled):
         Capsules that stand for the links, where the file has any.
     notes : tuple of str
         Sentences on what reading the file changed, such as angles that were snapped to right ones.
+    actuators : tuple of Actuator or None
+        Gains and limits of the joints' actuators, which an MJCF declares; empty where the file declares none.
     """
 
     name: str
@@ -143,6 +166,7 @@ class Robot(Pickled):
     collision: tuple[Capsule, ...] = ()
     standard: StandardTable | None = None
     notes: tuple[str, ...] = ()
+    actuators: tuple[Actuator | None, ...] = ()
     _named: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
     _own: frozenset[str] = field(default_factory=frozenset, repr=False)
 
@@ -153,7 +177,7 @@ class Robot(Pickled):
     def _repr_html_(self) -> str:
         geometry = self.geometry
         rows = zip(
-            (self.joint_label(j).removeprefix("joint ") for j in range(self.n_dof)),
+            (self.joint_label(j).removeprefix("joint ") for j in range(self.n_joints)),
             geometry.kinds,
             *(
                 [f"{scale * value:.6g}" for value in column]
@@ -201,25 +225,37 @@ class Robot(Pickled):
                         list(term.values),
                     )
                     for term in friction.terms
+                    if term.law != "hold"
                 ],
                 mounts=geometry.core_mounts,
+                followers=[(list(follower.leaders), follower.offset) for follower in geometry.followers],
             )
         except ValueError as reason:
             raise RobotError(f"{self.path.name}: {reason}") from None
 
     @property
     def n_dof(self) -> int:
-        """Number of joints."""
+        """Number of driven joints: columns of motions and torques."""
+        return self.geometry.n_driven
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints and links, those that follow others among them; these have the last numbers."""
         return len(self.geometry.kinds)
 
     @property
     def joint_kinds(self) -> tuple[str, ...]:
-        """``revolute`` or ``prismatic`` per joint."""
-        return self.geometry.kinds
+        """``revolute`` or ``prismatic`` per driven joint."""
+        return self.geometry.kinds[: self.n_dof]
+
+    @property
+    def all_joint_names(self) -> tuple[str, ...]:
+        """Names of all joints, those that follow others last; empty where the file has none."""
+        return self.joint_names and (*self.joint_names, *(item.name for item in self.geometry.followers))
 
     def joint_label(self, joint: int) -> str:
         """Return how messages and reports call a joint, from 0: ``joint 3``, or ``joint 3 (elbow_joint)``."""
-        name = f" ({self.joint_names[joint]})" if self.joint_names else ""
+        name = f" ({self.all_joint_names[joint]})" if self.joint_names else ""
         return f"joint {joint + 1}{name}"
 
     @property
@@ -230,7 +266,7 @@ class Robot(Pickled):
         """
         if self.correspondence is not None:
             return tuple(link.matrix for link in self.correspondence.links)
-        return (np.eye(4),) * self.n_dof if self.standard is None else self.standard.poses
+        return (np.eye(4),) * self.n_joints if self.standard is None else self.standard.poses
 
     def to_own_frames(self, x: ArrayLike) -> Array:
         """Return standard parameters with those of each link in its own frame (`own_frames`), ``(n_parameters,)``.
@@ -384,12 +420,22 @@ class Robot(Pickled):
     def with_smoothing(self, smoothing: Sequence[float]) -> Robot:
         """Return the same robot with ``tanh(dq / smoothing)`` friction without dead zone; one velocity per joint (rad/s, m/s)."""
         friction = replace(
-            self.friction, coulomb="tanh", smoothing=tuple(smoothing), dead_zone=(0.0,) * self.n_dof
+            self.friction,
+            coulomb="tanh",
+            smoothing=tuple(smoothing),
+            dead_zone=(0.0,) * self.n_dof,
+            # A smooth sign holds a joint at rest by itself.
+            terms=tuple(term for term in self.friction.terms if term.law != "hold"),
         )
         return replace(self, friction=friction)
 
     def with_friction_table(self, table: Table) -> Robot:
         """Return the same robot with the friction options of a table, whose errors name its file."""
-        friction = read_friction(table, self.geometry.kinds, self.friction)
+        friction = read_friction(table, self.joint_kinds, self.friction)
         # What is known of this robot by now, such as its base parameters, need not be found again.
+        return self if friction == self.friction else replace(self, friction=friction)
+
+    def with_spring_table(self, table: Table) -> Robot:
+        """Return the same robot with the springs of a table ``[springs]``, whose errors name its file."""
+        friction = read_springs(table, self.joint_kinds, self.friction)
         return self if friction == self.friction else replace(self, friction=friction)

@@ -12,18 +12,19 @@ from typing import Any
 import numpy as np
 
 from .._tools.inputs import read_small_file
+from .._tools.plugins import search_beside
 from .._tools.toml import Table, read_toml
 from .._tools.words import did_you_mean
 from ..errors import RobotError, RobotWarning
 from .collision import read_capsules
 from .correspondence import read_correspondence
-from .friction import read_friction
+from .friction import read_friction, read_springs
 from .payload import LARGEST
 from .placement import Mount, chain
 from .right_angles import NEARLY_PARALLEL, SNAP, RightAngles
 from .robot import Geometry, JointLimits, Robot
 from .standard_dh import StandardTable, read_lengths
-from .transmission import reduction_matrix
+from .transmission import read_followers, reduction_matrix
 
 MOST_JOINTS = 40
 """Most joints of a robot, as in the core."""
@@ -92,6 +93,7 @@ def load_robot(
             raise RobotError(_no_robot(path, packaged))
         path = packaged[str(name)]
     content = read_toml(path, RobotError)
+    search_beside(content.get("friction"), path)
     digest = hashlib.sha256(read_small_file(path, RobotError)).hexdigest()
     angles = RightAngles(snap)
     robot = read_robot(content, path, digest=digest, angles=angles)
@@ -159,27 +161,33 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     kinds = tuple(joint.text("kind", choices=("revolute", "prismatic")) for joint in joints)
     read_row = _distal_row if convention == "dh" else _row
     rows = [read_row(joint, kind, angles) for joint, kind in zip(joints, kinds, strict=True)]
-    mounts = _mounts(joints, angles, convention)
+    couplings = table.tables("coupling") if table.has("coupling") else []
+    mounts = _mounts(joints, angles, convention, bool(couplings))
     joint_names = _joint_names(table, joints)
     limits = tuple(_limits(joint, kind) for joint, kind in zip(joints, kinds, strict=True))
+    followers = read_followers(couplings, kinds, joint_names)
+    if followers and convention == "dh":
+        couplings[0].fail("joints that follow others are for modified rows, and this table is a standard one")
     for joint in joints:
         joint.done()
     alpha, d, theta, r = (tuple(column) for column in zip(*rows, strict=True))
     standard = StandardTable(a=d, alpha=alpha) if convention == "dh" else None
     if standard is not None:
         alpha, d = standard.rows
-    n = len(kinds)
+    n = len(kinds) - len(followers)
     transmission = _sub_table(table, "transmission")
     coupling = transmission.matrix("coupling", n, n) if transmission.has("coupling") else np.eye(n).tolist()
     reduction = reduction_matrix(transmission, n) if transmission.has("reduction") else None
     gains = tuple(transmission.numbers("drive_gains", length=n)) if transmission.has("drive_gains") else None
     transmission.done()
-    friction = read_friction(_sub_table(table, "friction"), kinds, None)
+    friction = read_friction(_sub_table(table, "friction"), kinds[:n], None)
+    if table.has("springs"):
+        friction = read_springs(table.table("springs"), kinds[:n], friction)
     sets = _sub_table(table, "parameters")
     parts = {key: sets.table(key) for key in sets.content}
     own = frozenset(key for key, part in parts.items() if _in_own_frames(part, standard))
     named = {key: _parameter_set(part) for key, part in parts.items()}
-    collision = read_capsules(table.tables("collision") if table.has("collision") else [], n)
+    collision = read_capsules(table.tables("collision") if table.has("collision") else [], len(kinds))
     correspondence = read_correspondence(table.table("urdf"), len(kinds)) if table.has("urdf") else None
     table.done()
     if reduction is not None:
@@ -198,12 +206,13 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
             gravity=tuple(gravity),
             coupling=tuple(tuple(row) for row in coupling),
             mounts=mounts,
+            followers=followers,
         ),
         friction=friction,
-        limits=limits,
+        limits=limits[:n],
         reduction=reduction,
         gains=gains,
-        joint_names=joint_names,
+        joint_names=joint_names[:n],
         correspondence=correspondence,
         collision=collision,
         standard=standard,
@@ -229,8 +238,13 @@ def _row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, fl
     return angles.snapped(alpha), d, theta if kind == "revolute" else angles.snapped(theta), r
 
 
-def _mounts(joints: Sequence[Table], angles: RightAngles, convention: str) -> tuple[Mount, ...]:
-    """Return what each joint stands on; nothing where all stand on the joint before, as in a chain."""
+def _mounts(
+    joints: Sequence[Table], angles: RightAngles, convention: str, coupled: bool
+) -> tuple[Mount, ...]:
+    """Return what each joint stands on; nothing where all stand on the joint before, as in a chain.
+
+    Where the last joints follow others, a joint may stand on one of those.
+    """
     found = []
     for number, joint in enumerate(joints, start=1):
         keys = ("antecedent", "gamma_deg", "gamma_rad", "b_m", "shift_m")
@@ -238,7 +252,7 @@ def _mounts(joints: Sequence[Table], angles: RightAngles, convention: str) -> tu
             given = next(key for key in keys if joint.has(key))
             joint.fail(f"{given} is for modified rows, and this table is a standard one (convention = 'dh')")
         antecedent = joint.integer("antecedent", number - 1, minimum=0)
-        if antecedent >= number:
+        if antecedent > len(joints) or antecedent == number or (antecedent > number and not coupled):
             joint.fail(f"antecedent must be a joint before this one, 0 for the base, got {antecedent}")
         b = joint.number("b_m", 0.0)
         x, y, z = joint.numbers("shift_m", length=3, default=[0.0, 0.0, 0.0])

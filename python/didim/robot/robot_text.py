@@ -10,12 +10,12 @@ import re
 from collections.abc import Iterable, Sequence
 
 from .._tools.toml import quoted
-from ..errors import RobotError
 from .correspondence import Correspondence, Pose
-from .friction import KEYS, START_VELOCITY
+from .friction import CYLINDER, KEYS, SCALED, SPRINGS, FrictionTerm, scale_units
 from .placement import Mount
 from .right_angles import RIGHT_ANGLE_ROUNDING, SNAP, nearest_right_angle
 from .robot import JointLimits, Robot
+from .transmission import followers_text
 
 
 def robot_text(robot: Robot) -> str:
@@ -25,11 +25,6 @@ def robot_text(robot: Robot) -> str:
     ----------
     robot : Robot
         Any robot.
-
-    Raises
-    ------
-    RobotError
-        For a friction law that is given by values.
     """
     lines = [f"# {_comment(note)}" for note in robot.notes]
     lines += [
@@ -45,7 +40,7 @@ def robot_text(robot: Robot) -> str:
     for j, kind in enumerate(geometry.kinds):
         lines += ["", "[[joint]]"]
         if robot.joint_names:
-            lines.append(f"name = {quoted(robot.joint_names[j])}")
+            lines.append(f"name = {quoted(robot.all_joint_names[j])}")
         lines += [
             f"kind = {quoted(kind)}",
         ]
@@ -66,10 +61,10 @@ def robot_text(robot: Robot) -> str:
                 f"d_m = {_number(geometry.r[j])}",
                 _angle("theta", geometry.theta[j]),
             ]
-        limits = _limits(robot.limits[j], kind)
+        limits = _limits(robot.limits[j], kind) if j < robot.n_dof else []
         if limits:
             lines.append(f"limits = {{ {', '.join(limits)} }}")
-    lines += _transmission(robot) + _friction(robot)
+    lines += followers_text(geometry.followers, geometry.kinds) + _transmission(robot) + _friction(robot)
     for capsule in robot.collision:
         lines += [
             "",
@@ -142,29 +137,59 @@ def _friction(robot: Robot) -> list[str]:
             if any(value for value, joint in zip(values, robot.joint_kinds, strict=True) if joint == kind):
                 lines.append(f"{key}_{unit} = {_numbers(values)}")
     lines += _further_friction(robot)
-    return ["", "[friction]", *lines] if lines else []
+    own = [line for term in robot.friction.terms if term.law == "table" for line in _own_law(robot, term)]
+    return [*(["", "[friction]", *lines] if lines else []), *own, *_springs(robot)]
+
+
+def _springs(robot: Robot) -> list[str]:
+    terms = robot.friction.springs
+    lines = []
+    for key, laws in SPRINGS.items():
+        joints = [term.joint + 1 for term in terms if term.law == laws[0]]
+        lines += [f"{key} = {joints}"] if joints else []
+    cylinders = [term for term in terms if term.law == CYLINDER[0]]
+    for term in cylinders:
+        a, b, phi, rest = term.values
+        lines += ["", "[[springs.cylinder]]", f"joint = {term.joint + 1}", f"a_m = {_number(a)}"]
+        lines += [
+            f"b_m = {_number(b)}",
+            f"phi_deg = {_number(math.degrees(phi))}",
+            f"rest_m = {_number(rest)}",
+        ]
+    return ["", "[springs]", *lines] if lines else []
+
+
+def _own_law(robot: Robot, term: FrictionTerm) -> list[str]:
+    """Law of one's own, by its values."""
+    unit = "rad_s" if robot.joint_kinds[term.joint] == "revolute" else "m_s"
+    return [
+        "",
+        "[[friction.law]]",
+        f"name = {quoted(term.name)}",
+        f"joints = [{term.joint + 1}]",
+        f"first_{unit} = {term.first!r}",
+        f"step_{unit} = {term.step!r}",
+        f"values = {_numbers(term.values)}",
+    ]
 
 
 def _further_friction(robot: Robot) -> list[str]:
     """Further terms, law by law, with the joints that have them."""
     friction = robot.friction
-    if any(term.law == "table" for term in friction.terms):
-        raise RobotError(
-            f"robot {robot.name!r}: a robot file has no place for a friction law that is given by values"
-        )
     lines = ['terms = "auto"'] if friction.auto else []
     for law, key in KEYS.items():
         terms = [term for term in friction.terms if term.law == law]
         if not terms:
             continue
         lines.append(f"{key} = {[term.joint + 1 for term in terms]}")
-        if law in ("atan", "stribeck") and not any(term.estimated for term in terms):
-            for unit, kind in (("rad_s", "revolute"), ("m_s", "prismatic")):
+        if law in SCALED and not any(term.estimated for term in terms):
+            name, starts = SCALED[law]
+            for unit, kind in scale_units(name):
                 if any(robot.joint_kinds[term.joint] == kind for term in terms):
-                    values = [START_VELOCITY[joint] for joint in robot.joint_kinds]
+                    values = [starts[joint] for joint in robot.joint_kinds]
                     for term in terms:
                         values[term.joint] = term.velocity
-                    lines.append(f"{key}_velocity_{unit} = {_numbers(values)}")
+                    lines.append(f"{key}_{name}_{unit} = {_numbers(values)}")
     return lines
 
 

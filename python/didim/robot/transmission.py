@@ -1,11 +1,43 @@
-"""The reduction matrix between motors and joints. Tested in ``tests/test_recording.py``."""
+"""What lies between commands and joints: actuators of a description, reductions of motors, joints that follow others.
+
+Of joints ``q = G q_a + q_0`` with constant G, such as fingers, telescopes and parallelograms, only the driven ones have a torque, a
+controller and a column in a log; they have the first numbers. The torques are ``G^T tau(q, dq, ddq)``, the regressor is ``G^T W``
+and the inertia matrix ``G^T M G``, by the core. Tested in ``tests/test_mjcf.py``, ``tests/test_recording.py`` and
+``tests/test_couplings.py``, there against Pinocchio.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._tools.arrays import Array
 from .._tools.toml import Table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Actuator:
+    """What drives a joint: ``tau = kp (command - q) - kv dq``, limited; joint side, after the gear.
+
+    Attributes
+    ----------
+    kp : float or None
+        Gain on the position error (N.m/rad or N/m); None where the actuator takes torques.
+    kv : float or None
+        Gain on the velocity (N.m.s/rad or N.s/m); None where the actuator takes torques, or where the file has a damping ratio.
+    effort : float or None
+        Largest torque or force (N.m or N); None without a limit.
+    lag_s : float
+        Time constant of the filter of the command (s); 0 without a filter.
+    """
+
+    kp: float | None = None
+    kv: float | None = None
+    effort: float | None = None
+    lag_s: float = 0.0
 
 
 def reduction_matrix(table: Table, n_dof: int) -> NDArray[np.float64]:
@@ -29,3 +61,105 @@ def reduction_matrix(table: Table, n_dof: int) -> NDArray[np.float64]:
             what = "zero" if not reduction[row].any() else "a combination of the rows before it"
             table.fail(f"reduction is singular: the row of motor {row + 1} is {what}")
     return reduction
+
+
+@dataclass(frozen=True, kw_only=True)
+class Follower:
+    """A joint that follows driven ones: ``q = sum of factor times q_leader, + offset``.
+
+    Attributes
+    ----------
+    leaders : tuple of (int, float)
+        Driven joints, from 0, with their factors (rad/rad, m/rad, ...).
+    offset : float
+        Position where all leaders are at zero (rad or m).
+    name : str
+        Name of the joint; empty where the file has none.
+    """
+
+    leaders: tuple[tuple[int, float], ...]
+    offset: float = 0.0
+    name: str = ""
+
+
+def joint_motion(followers: Sequence[Follower], driven: Array, position: bool = False) -> Array:
+    """Return the motion of all joints, ``(n_samples, n_joints)``, of that of the driven ones; with the offsets of positions."""
+    if not followers:
+        return driven
+    columns = [
+        sum((factor * driven[:, leader] for leader, factor in follower.leaders), np.zeros(len(driven)))
+        + (follower.offset if position else 0.0)
+        for follower in followers
+    ]
+    return np.column_stack([driven, *columns])
+
+
+def driven_part(followers: Sequence[Follower], joints: Array) -> Array:
+    """Return what the driven joints have of a torque or a derivative of each joint, ``G^T v``, along the last axis."""
+    n = joints.shape[-1] - len(followers)
+    found = joints[..., :n].copy()
+    for k, follower in enumerate(followers):
+        for leader, factor in follower.leaders:
+            found[..., leader] += factor * joints[..., n + k]
+    return found
+
+
+def read_followers(
+    tables: Sequence[Table], kinds: Sequence[str], names: Sequence[str]
+) -> tuple[Follower, ...]:
+    """Read the tables ``[[coupling]]`` of a robot file.
+
+    Parameters
+    ----------
+    tables : sequence of Table
+        One for each joint that follows others.
+    kinds, names : sequence of str
+        Of all joints; `names` may be empty.
+
+    Raises
+    ------
+    RobotError
+        When the joints that follow are not the last of the file, or their leaders are not before them.
+    """
+    n = len(kinds)
+    driven = n - len(tables)
+    found: dict[int, Follower] = {}
+    for table in tables:
+        joint = table.integer("joint", minimum=1)
+        if not driven < joint <= n or joint in found:
+            which = f"joint {driven + 1}" if driven + 1 == n else f"joints {driven + 1} to {n}"
+            table.fail(
+                f"joints that follow others are the last ones of the file, each once: {which}, got {joint}"
+            )
+        turns = kinds[joint - 1] == "revolute"
+        leaders = table.numbers("follows", length=None)
+        factors = table.numbers("factors", length=len(leaders))
+        offset = table.number("offset_rad" if turns else "offset_m", 0.0)
+        table.done()
+        for leader in leaders:
+            if leader not in range(1, driven + 1):
+                table.fail(f"follows has driven joints, 1 to {driven}, got {leader:g}")
+        if not leaders or 0.0 in factors or len(set(leaders)) < len(leaders):
+            table.fail(
+                "follows needs one or more different joints, and factors one number other than 0 for each"
+            )
+        rows = tuple((int(leader) - 1, factor) for leader, factor in zip(leaders, factors, strict=True))
+        found[joint] = Follower(leaders=rows, offset=offset, name=names[joint - 1] if names else "")
+    return tuple(found[joint] for joint in sorted(found))
+
+
+def followers_text(followers: Sequence[Follower], kinds: Sequence[str]) -> list[str]:
+    """Return the lines of the tables ``[[coupling]]``."""
+    lines: list[str] = []
+    driven = len(kinds) - len(followers)
+    for k, follower in enumerate(followers):
+        unit = "rad" if kinds[driven + k] == "revolute" else "m"
+        lines += [
+            "",
+            "[[coupling]]",
+            f"joint = {driven + k + 1}",
+            f"follows = {[leader + 1 for leader, _ in follower.leaders]}",
+            f"factors = {[float(factor) for _, factor in follower.leaders]}",
+            f"offset_{unit} = {float(follower.offset)!r}",
+        ]
+    return lines

@@ -132,3 +132,9 @@ def decimate(x: Array, stages: Sequence[Stage]) -> Array:
     """
     x = checked_columns(x)
     return core_errors(lambda: _core.decimate(x, list(stages), core_threads())) if stages else x.copy()
+
+
+def row_values(values: Array, signal: SignalProcessing) -> Array:
+    """Return signals at the rows of (7), (n_rows, n): decimated, without the rows at the ends; `values` are (n_samples, n)."""
+    values = np.ascontiguousarray(values)
+    return np.asarray(decimate(values, decimation_stages(len(values), signal))[signal.kept_rows])

@@ -15,6 +15,7 @@ from ..experiment.experiment import Experiment
 from ..methods.cloe.settings import Variant
 from ..methods.identify import identify
 from ..methods.method import Method
+from ..methods.table import method_of
 from ..regression.settings import UncertaintyKind
 from ..regression.solver import SolverChoice
 from ..result.identification import Identification
@@ -22,6 +23,8 @@ from ..result.iteration import Iteration
 from .comparison import Comparison
 from .simulated_log import LOG_REFINEMENT, packaged_experiment, simulated_log
 
+PHYSICAL = "didim_physical"
+"""Name of the parameter set that is nearest to the paper's among those of robots that can be built."""
 SHORT_SIMPLEX = 1000
 """Iterations of the simplex in a comparison that is to be over within minutes."""
 
@@ -77,8 +80,8 @@ def all_methods(
 def compare(
     experiment: Experiment | str = "tx40",
     *,
-    parameters: str = "didim",
-    methods: Sequence[Method] | None = None,
+    parameters: str | None = None,
+    methods: Sequence[Method | type[Method] | str] | None = None,
     noise: bool = True,
     seed: int | None = None,
     callback: Callable[[str, Iteration], None] | None = None,
@@ -90,10 +93,11 @@ def compare(
     ----------
     experiment : Experiment or str
         What is simulated, or the name of a robot whose experiment comes with the package.
-    parameters : str
-        Parameter set of the robot: the truth.
-    methods : sequence of methods, optional
-        All by default, with their default settings.
+    parameters : str, optional
+        Parameter set of the robot that is the truth. By default `PHYSICAL` where the robot has it, since a robot that no one could
+        build speaks against methods that demand physical parameters; otherwise "didim", the paper's.
+    methods : sequence, optional
+        Settings, classes or names of methods, as for `identify`; by default all of `all_methods`.
     noise : bool
         False for a log without noise; it is then simulated with the steps of the identification, so that the truth is met.
     seed : int, optional
@@ -118,13 +122,12 @@ def compare(
 
     if isinstance(experiment, str):
         experiment = packaged_experiment(experiment)
-    x = experiment.robot.parameter_set(parameters)
+    x = truth_of(experiment, parameters)
     log = simulated_log(experiment, x, noise=noise, seed=seed, refinement=LOG_REFINEMENT if noise else 1)
     fits: dict[str, Identification] = {}
     notes: list[str] = []
-    if methods is None:
-        methods = all_methods(experiment)
-    for method in methods:
+    chosen = all_methods(experiment) if methods is None else [method_of(method) for method in methods]
+    for method in chosen:
         key = _key(method, fits)
 
         def told(iteration: Iteration, name: str = key) -> None:
@@ -151,7 +154,7 @@ def compare(
                 "parameter; --nelder-mead full lets it."
             )
     sets = {"truth": x, **{name: fit.parameters for name, fit in fits.items()}}
-    for method in methods:
+    for method in chosen:
         if isinstance(method, CLOE) and isinstance(method.chosen_start, str):
             start = method.chosen_start
             if start not in ("idim-ls", *FROM_LOG):
@@ -164,6 +167,12 @@ def compare(
         position_norms(log, sets),
         torque_errors(log, sets),
     )
+
+
+def truth_of(experiment: Experiment, name: str | None = None) -> Array:
+    """Return the parameter set that a simulated log is made with, (c,): the named one, else `PHYSICAL`, else "didim"."""
+    robot = experiment.robot
+    return robot.parameter_set(name or (PHYSICAL if PHYSICAL in robot.sets else "didim"))
 
 
 def _key(method: Method, taken: Collection[str]) -> str:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,21 +20,22 @@ from .._tools.files import write_atomically
 from .._tools.notebook import page, pandas
 from .._tools.words import counted
 from ..experiment.experiment import Experiment
+from ..methods.table import title_of
 from ..result.identification import Identification
 from ..result.table import WELL_IDENTIFIED_PERCENT
 
-TITLES = {
-    "idim-ls": "IDIM-LS",
-    "didim": "DIDIM",
-    "idim-ls-consistent": "IDIM-LS, consistent",
-    "didim-consistent": "DIDIM, consistent",
-    "didim-plain": "DIDIM, plain",
-    "cloe-nelder-mead": "CLOE, Nelder-Mead",
-    "cloe-nelder-mead-literal": "CLOE, literal",
-    "cloe-nelder-mead-scaled": "CLOE, scaled",
-    "cloe-nelder-mead-adaptive": "CLOE, adaptive",
-    "cloe-levenberg-marquardt": "CLOE, Levenberg-Marquardt",
+SHORT_TITLES = {
+    "didim-consistent": "consistent",
+    "idim-ls-consistent": "consistent LS",
+    "didim-plain": "plain DIDIM",
+    "cloe-nelder-mead": "CLOE simplex",
+    "cloe-levenberg-marquardt": "CLOE",
 }
+"""Titles of at most 12 characters, as heads of the columns of the table of parameters."""
+FEW = 10
+"""Number of base parameters in the short table, spread over the robot's list: enough to see what a row is."""
+COLUMNS = 100
+"""Largest number of characters of a line, so that the table fits a terminal and a page."""
 FAR = 3.0
 """Distance of an estimate from the truth, in standard deviations, that few right estimates exceed: the table says how many."""
 
@@ -70,9 +72,7 @@ class Comparison:
     def remarks(self) -> tuple[str, ...]:
         """Reasons of the verdicts of all methods, each with the name of its method."""
         return tuple(
-            f"{TITLES.get(name, name)}: {reason}"
-            for name, fit in self.fits.items()
-            for reason in fit.verdict.reasons
+            f"{title_of(name)}: {reason}" for name, fit in self.fits.items() for reason in fit.verdict.reasons
         )
 
     def deviations(self, method: str) -> Array:
@@ -102,7 +102,7 @@ class Comparison:
         write_atomically(path, text + "\n", self.experiment.digests.values())
 
     def __str__(self) -> str:
-        return _render(self)
+        return text_of(self)
 
     def __repr__(self) -> str:
         return f"<Comparison {self.experiment.name!r}: {', '.join(self.fits)}>"
@@ -132,42 +132,99 @@ class Comparison:
         return pandas().DataFrame(columns, index=pandas().Index(names, name="parameter"))
 
 
-def _render(comparison: Comparison) -> str:
-    """Table of parameters, errors per joint, effort, and a sentence to quote."""
+def text_of(comparison: Comparison, *, every: bool = False) -> str:
+    """Return the answer, then rows of parameters, within 100 columns.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Results of methods on one simulated log.
+    every : bool
+        All base parameters, the torque errors of each joint and the reasons of each verdict; otherwise `FEW` parameters.
+    """
     base = comparison.experiment.robot.base_parameters
     recording = comparison.experiment.recordings[0]
     lines = [
         f"{comparison.experiment.name}: {recording.t[-1]:g} s at {recording.rate_hz:g} Hz, "
         f"{counted(len(base.names), 'base parameter')}",
-        off_explained(comparison),
+        "",
+        *_answer(comparison),
         "",
     ]
-    methods = list(comparison.fits)
-    groups = [TITLES.get(method, method) for method in methods]
-    width_name, width_unit = max(map(len, base.names)), max(map(len, base.units))
-    head = f"{'':{width_name}}  {'':{width_unit}}  {'truth':>9}"
-    sub = " " * len(head)
-    for group in groups:
-        head += f"   {group:^24}"
-        sub += f"   {'estimate':>9} {'sigma %':>8} {'off':>5}"
-    lines += [head.rstrip(), sub.rstrip(), "-" * len(sub)]
-    for index, (name, unit) in enumerate(zip(base.names, base.units, strict=True)):
-        line = f"{name:{width_name}}  {unit:{width_unit}}  {comparison.truth[index]:9.4g}"
-        for method in methods:
-            fit = comparison.fits[method]
-            percent, off = fit.relative_std_percent[index], comparison.deviations(method)[index]
-            shown = (
-                "-"
-                if not (np.isfinite(percent) and fit.std.any())
-                else (">999" if percent > 999 else f"{percent:.3g}")
-            )
-            line += f"   {fit.beta[index]:9.4g} {shown:>8} {_off(off):>5}"
-        lines.append(line)
-    lines += ["", *_effort(comparison, methods, groups), ""]
-    if comparison.remarks:
-        lines += ["To know:", *(f"  {text}" for text in comparison.remarks), ""]
-    lines += [sentence(comparison), *comparison.notes]
+    if every and comparison.torque_errors:
+        lines += [*_joint_errors(comparison), ""]
+    few = not every and len(base.names) > FEW
+    rows = (
+        np.unique(np.linspace(0, len(base.names) - 1, FEW).round().astype(int))
+        if few
+        else range(len(base.names))
+    )
+    lines += [*_parameter_rows(comparison, rows), ""]
+    if few:
+        lines += [f"{FEW} of {counted(len(base.names), 'base parameter')}; --all prints all of them.", ""]
+    if every and comparison.remarks:
+        lines += ["Notes:", *(f"  {text}" for text in comparison.remarks), ""]
+    lines += [
+        line for text in (sentence(comparison), *comparison.notes) for line in textwrap.wrap(text, COLUMNS)
+    ]
     return "\n".join(lines)
+
+
+def _answer(comparison: Comparison) -> list[str]:
+    """Methods side by side: cost, error in sigma, error of torques and positions, status and verdict."""
+    titles = {name: title_of(name) for name in comparison.fits}
+    width = max(len("(truth)"), *map(len, titles.values()))
+    lines = [
+        f"{'':{width}}{'seconds':>9}{'simulations':>13}{'off':>6}{'torque %':>10}{'norm (19)':>11}  status, verdict"
+    ]
+    for name in ("truth", *comparison.fits):
+        shares = comparison.torque_errors.get(name, np.array([np.nan]))
+        norm = comparison.norms.get(name, float("nan"))
+        cost = f"{'':22}{'':6}"
+        ending = ""
+        if name in comparison.fits:
+            fit = comparison.fits[name]
+            cost = f"{fit.elapsed:>9.2f}{fit.n_simulations:>13}{_off(off_rms(comparison, name)):>6}"
+            ending = f"  {fit.status.value.partition(':')[0].rstrip('.')}, {fit.verdict.state}"
+        error = float(np.sqrt(np.mean(shares**2)))
+        lines.append(
+            f"{titles.get(name, '(truth)'):{width}}{cost}{f'{100.0 * error:.3g}' if np.isfinite(error) else '-':>10}"
+            f"{f'{norm:.3g}' if np.isfinite(norm) else '-':>11}{ending}"
+        )
+    start = comparison.norms.get("start")
+    lines += [
+        "",
+        *textwrap.wrap(off_explained(comparison), COLUMNS),
+        "torque %: simulated less measured torque over the measured one, rms of the joints, with the noise",
+        "norm (19): of the position errors (rad)"
+        + (f"; {start:.3g} at the start of CLOE" if start is not None else ""),
+    ]
+    return lines
+
+
+def _parameter_rows(comparison: Comparison, rows: Iterable[int]) -> list[str]:
+    """Table of estimates beside the truth, each with its distance from it in standard deviations."""
+    base = comparison.experiment.robot.base_parameters
+    width_name, width_unit = max(map(len, base.names)), max(map(len, base.units))
+    margin = f"{'':{width_name}} {'':{width_unit}}"
+    upper = f"{margin} {'':>9}" + "".join(
+        f"  {SHORT_TITLES.get(name, title_of(name))[:12]:>12}" for name in comparison.fits
+    )
+    lower = f"{margin} {'truth':>9}" + "  estimate  off" * len(comparison.fits)
+    lines = [upper.rstrip(), lower, "-" * len(lower)]
+    off = {name: comparison.deviations(name) for name in comparison.fits}
+    for index in rows:
+        line = f"{base.names[index]:{width_name}} {base.units[index]:{width_unit}} {comparison.truth[index]:9.3g}"
+        for name, fit in comparison.fits.items():
+            line += f" {fit.beta[index]:9.3g}{_off(off[name][index]):>5}"
+        lines.append(line)
+    return lines
+
+
+def off_rms(comparison: Comparison, method: str) -> float:
+    """Return the root mean square of the deviations from the truth, in standard deviations; NaN without a covariance."""
+    off = comparison.deviations(method)
+    return float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else float("nan")
 
 
 def off_explained(comparison: Comparison) -> str:
@@ -198,35 +255,16 @@ def _off(value: float) -> str:
     return "-" if not np.isfinite(value) else f"{value:.1f}"
 
 
-def _effort(comparison: Comparison, methods: list[str], groups: list[str]) -> list[str]:
-    n = comparison.experiment.robot.n_dof
-    named = {"truth": "(truth)", **dict(zip(methods, groups, strict=True))}
-    title = "torque error %"
+def _joint_errors(comparison: Comparison) -> list[str]:
+    """Torque errors of each joint; of all methods alike: neither filtered nor decimated."""
+    named = {"truth": "(truth)", **{name: title_of(name) for name in comparison.fits}}
+    title = "torque %"
     width = max(len(title), *map(len, named.values()))
+    n = comparison.experiment.robot.n_dof
     lines = [f"{title:{width}}" + "".join(f"{f'joint {joint + 1}':>9}" for joint in range(n))]
-    for method, group in named.items():
-        # Of all methods alike: simulated less measured torque, neither filtered nor decimated.
-        errors = comparison.torque_errors.get(method, np.full(n, np.nan))
-        lines.append(f"{group:{width}}" + "".join(_percent(error) for error in errors))
-    reference = comparison.fits.get("didim")
-    ratios = reference is not None and reference.elapsed > 0.0
-    head = f"{'':{width}}{'iterations':>11}{'simulations':>12}{'seconds':>9}"
-    lines += ["", head + f"{'x DIDIM':>9}" * ratios + f"{'off, rms':>9}{'norm (19)':>11}  status"]
-    for method, group in zip(methods, groups, strict=True):
-        fit = comparison.fits[method]
-        off = comparison.deviations(method)
-        rms = float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else float("nan")
-        longer = f"{fit.elapsed / reference.elapsed:>9.3g}" if reference is not None and ratios else ""
-        norm = comparison.norms.get(method, float("nan"))
-        lines.append(
-            f"{group:{width}}{fit.n_iterations:>11}{fit.n_simulations:>12}{fit.elapsed:>9.2f}{longer}{_off(rms):>9}"
-            f"{f'{norm:.3g}' if np.isfinite(norm) else '-':>11}  {fit.status.value.partition(':')[0].rstrip('.')}"
-        )
-    at = {name: comparison.norms[name] for name in ("start", "truth") if name in comparison.norms}
-    if len(at) == 2:
-        lines.append(
-            f"norm (19): of the position errors (rad); {at['start']:.3g} at the start of CLOE, {at['truth']:.3g} at the truth"
-        )
+    for name, label in named.items():
+        errors = comparison.torque_errors.get(name, np.full(n, np.nan))
+        lines.append(f"{label:{width}}" + "".join(_percent(error) for error in errors))
     return lines
 
 
@@ -249,7 +287,7 @@ def sentence(comparison: Comparison) -> str:
             continue
         times = other.elapsed / max(fit.elapsed, 1e-9)
         text += (
-            f"; {TITLES.get(method, method)} {_where(comparison, method)} after {counted(other.n_simulations, 'simulation')} and "
+            f"; {title_of(method)} {_where(comparison, method)} after {counted(other.n_simulations, 'simulation')} and "
             f"{duration(other.elapsed)}, {times:.0f} times as long"
         )
     return text + "."

@@ -13,9 +13,10 @@ from .._tools.arrays import Array
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..model.dynamics import friction_places, inverse_dynamics, rigid_torque
+from ..model.memory import sliding
 from ..result.identification import Identification
 from ..robot.robot import Robot
-from ..signal.decimation import decimate, decimation_stages
+from ..signal.decimation import row_values
 from ..signal.segments import segments
 from .loaded import same_parameters, standard_in, with_gains_of
 from .prediction import fitted_experiment, with_friction_of
@@ -99,10 +100,8 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
             for joint in range(robot.n_dof):
                 own, share = _alone(robot, joint, part.dq[:, joint], friction_only)
                 rest[:, joint] += own + share * np.abs(rigid[:, joint])
-            stages = decimation_stages(len(part.q), experiment.signal)
-            rows = [decimate(values, stages) for values in (part.dq, rest, rigid)]
-            for found, values in zip((speeds, rests, loads), rows, strict=True):
-                found.append(values[experiment.signal.kept_rows])
+            for found, values in zip((speeds, rests, loads), (part.dq, rest, rigid), strict=True):
+                found.append(row_values(values, experiment.signal))
     speed, rest, load = (np.concatenate(found) for found in (speeds, rests, loads))
     curves = []
     for joint in range(robot.n_dof):
@@ -126,6 +125,7 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
 
 def _alone(robot: Robot, joint: int, speed: Array, friction_only: Array) -> tuple[Array, Array]:
     """Return the friction of a joint that moves alone, without load, and its load friction per unit of ``|tau_r|``."""
+    robot, friction_only = sliding(robot, friction_only)  # a curve over speed has no path
     dq = np.zeros((len(speed), robot.n_dof))
     dq[:, joint] = speed
     still = np.zeros_like(dq)

@@ -169,7 +169,7 @@ def predict(
     motion one step before its parameters; here the motion is that of the parameters, and the errors agree as far as it converged.
     """
     experiment = with_gains_of(fit, with_friction_of(fit, experiment))
-    robot = experiment.simulation.robot(experiment.robot)
+    robot = experiment.simulated_robot
     same_parameters(fit, robot)
     recordings = [(k, item) for k, item in enumerate(experiment.recordings) if role in ("all", item.role)]
     if not recordings:

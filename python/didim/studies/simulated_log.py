@@ -99,7 +99,7 @@ def simulated_log(
         loop = loop.along(motion)
     assert recording is not None
     # The friction of the simulation is that of the log; the regressors of all methods are built with it.
-    robot = experiment.simulation.robot(experiment.robot)
+    robot = experiment.simulated_robot
     log = replace(experiment, robot=robot, recordings=(recording,))
     return measured(log, seed) if noise else log
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from .._tools.arrays import Array
 from .._tools.notebook import Printed
 from ..errors import FitError
 from ..experiment.experiment import Experiment
+from ..experiment.experiment_file import experiment_of
 from ..experiment.specs import ControllerSpec
 from ..loop.outcome import Outcome
 from ..result.identification import Identification
@@ -133,15 +135,15 @@ def same_robot(fit: Identification, experiment: Experiment) -> None:
         )
 
 
-def validate(fit: Identification, experiment: Experiment) -> Validation:
+def validate(fit: Identification, experiment: Experiment | str | Path) -> Validation:
     """Errors of a result on the recordings of an experiment: direct (torques) and simulated (closed loop).
 
     Parameters
     ----------
     fit : Identification
         Any result.
-    experiment : Experiment
-        Another log of the same robot.
+    experiment : Experiment or path
+        Another log of the same robot, or its file.
 
     Returns
     -------
@@ -162,8 +164,8 @@ def validate(fit: Identification, experiment: Experiment) -> Validation:
     from .prediction import with_friction_of
     from .run import recording_errors
 
-    experiment = with_gains_of(fit, with_friction_of(fit, experiment))
-    robot = experiment.simulation.robot(experiment.robot)
+    experiment = with_gains_of(fit, with_friction_of(fit, experiment_of(experiment)))
+    robot = experiment.simulated_robot
     same_parameters(fit, robot)
     same_robot(fit, experiment)
     if not experiment.recordings:

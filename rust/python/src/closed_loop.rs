@@ -10,6 +10,7 @@ use didim::closed_loop::observers::{Cost, Measured, Observer, Trajectories, Traj
 use didim::closed_loop::point_to_point::PointToPoint;
 use didim::closed_loop::reference::{Fourier, Reference as CoreReference, Target};
 use didim::closed_loop::schedule::{Plan, Schedule as CoreSchedule};
+use didim::closed_loop::servo::Servos;
 use didim::closed_loop::simulation::SimulationError;
 use didim::closed_loop::simulation::{Candidate, Integrator, Outcome, Simulation};
 use didim::ground::cancel::Cancel;
@@ -72,6 +73,10 @@ impl Reference {
         let points = flat("points", &points)?;
         let moves = PointToPoint { points: &points, velocity: &velocity, acceleration: &acceleration, dwell };
         CoreReference::point_to_point(n, moves).map(Self).map_err(wrong)
+    }
+
+    fn with_breaks(&self, breaks: Vec<f64>) -> Self {
+        Self(self.0.clone().with_breaks(breaks))
     }
 
     #[getter]
@@ -164,7 +169,7 @@ impl Controller {
 
 /// When a simulation steps, records and controls.
 #[pyclass(frozen, module = "didim._core")]
-pub(super) struct Schedule(CoreSchedule);
+pub(super) struct Schedule(pub(super) CoreSchedule);
 
 #[pymethods]
 impl Schedule {
@@ -197,6 +202,11 @@ impl Schedule {
         self.0.records()
     }
 
+    #[getter]
+    fn edges<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.0.edges())
+    }
+
     fn divided(&self, parts: usize) -> PyResult<Self> {
         if parts == 0 {
             return Err(PyValueError::new_err("a step cannot be divided into 0 parts"));
@@ -208,10 +218,10 @@ impl Schedule {
 /// Everything but the candidates.
 #[derive(FromPyObject)]
 pub(super) struct Setting<'py> {
-    robot: Py<Robot>,
+    pub(super) robot: Py<Robot>,
     reference: Py<Reference>,
     controller: Py<Controller>,
-    schedule: Py<Schedule>,
+    pub(super) schedule: Py<Schedule>,
     start: Option<(Vec<f64>, Vec<f64>)>,
     memory: MemoryInput,
     external: Option<SignalInput<'py>>,
@@ -234,9 +244,9 @@ fn memory((kind, values, outputs, positions): &MemoryInput) -> PyResult<Memory<'
 }
 
 /// `(0, end, 0)` completed, `(1, time, joint)` diverged, `(2, time, joint)` indefinite.
-type Ending = (u8, f64, usize);
+pub(super) type Ending = (u8, f64, usize);
 
-fn ending(outcome: Outcome) -> Ending {
+pub(super) fn ending(outcome: Outcome) -> Ending {
     match outcome {
         Outcome::Completed => (0, f64::NAN, 0),
         Outcome::Diverged { time, joint } => (1, time, joint),
@@ -260,7 +270,7 @@ pub(super) fn simulate<'py>(
 ) -> PyResult<Runs<'py>> {
     let n = setting.robot.get().0.n_dof();
     let records = setting.schedule.get().0.records();
-    let groups = run(py, setting, &x, &scale, threads, |lanes| Trajectories::new(lanes, records, n))?;
+    let groups = run(py, setting, &x, &scale, None, threads, |lanes| Trajectories::new(lanes, records, n))?;
     let m = x.as_array().nrows();
     let mut out: [Vec<f64>; 4] = std::array::from_fn(|_| Vec::with_capacity(m * records * n));
     let mut endings = Vec::with_capacity(m);
@@ -302,7 +312,7 @@ pub(super) fn simulate_cost<'py>(
         return Err(PyValueError::new_err(format!("the weights need {n} entries, one per joint")));
     }
     let measured = Measured { q: &q, tau: &tau, weight_q: &weight_q, weight_tau: &weight_tau };
-    let groups = run(py, setting, &x, &scale, threads, |_| Cost::new(measured, n))?;
+    let groups = run(py, setting, &x, &scale, None, threads, |_| Cost::new(measured, n))?;
     let (mut costs, mut endings) = (Vec::new(), Vec::new());
     for (outcomes, cost) in groups {
         for (outcome, sum) in outcomes.into_iter().zip(cost.sums) {
@@ -349,11 +359,12 @@ pub(super) fn simulate_sensitivities<'py>(
 
 // A closure is needed: `Python::check_signals` is tied to the lifetime of one token and cannot be passed as a function.
 #[allow(clippy::redundant_closure_for_method_calls)]
-fn run<O: Observer>(
+pub(super) fn run<O: Observer>(
     py: Python<'_>,
     setting: Setting<'_>,
     x: &Input<'_>,
     scale: &Input<'_>,
+    servos: Option<&Servos<'_>>,
     threads: Option<usize>,
     observer: impl Fn(usize) -> O + Sync + Send,
 ) -> PyResult<Vec<(Vec<Outcome>, O)>> {
@@ -367,14 +378,15 @@ fn run<O: Observer>(
         return Err(PyValueError::new_err(format!("x must have shape (m, {p})")));
     }
     let (x, scale) = (flat("x", x)?, flat("scale", scale)?);
-    if scale.len() != m * n {
-        return Err(PyValueError::new_err(format!("scale must have shape ({m}, {n})")));
+    let width = servos.map_or(n, Servos::width);
+    if scale.len() != m * width {
+        return Err(PyValueError::new_err(format!("scale must have shape ({m}, {width})")));
     }
     let candidates: Vec<Candidate<'_>> =
-        x.chunks_exact(p).zip(scale.chunks_exact(n)).map(|(x, scale)| Candidate { x, scale }).collect();
+        x.chunks_exact(p).zip(scale.chunks_exact(width)).map(|(x, scale)| Candidate { x, scale }).collect();
     let threads = threads.unwrap_or_else(parallel::available_threads);
     with_simulation(py, setting, |simulation, cancel| {
-        core::simulate(simulation, &candidates, threads, cancel, observer)
+        core::simulate(Simulation { servos, ..simulation }, &candidates, threads, cancel, observer)
     })
 }
 
@@ -396,6 +408,7 @@ fn with_simulation<T: Send>(
         memory: memory(&setting.memory)?,
         divergence: setting.divergence,
         integrator: if setting.implicit_friction { Integrator::Additive } else { Integrator::RungeKutta },
+        servos: None,
     };
     // Only the thread that came from Python hears Ctrl-C; what it raises is kept for the way back.
     let caller = std::thread::current().id();

@@ -10,6 +10,7 @@ mod consistent;
 mod model;
 mod regression;
 mod robot;
+mod servos;
 mod signal;
 mod tangent;
 
@@ -73,6 +74,8 @@ mod _core {
     use super::regression::{LeastSquares, base_parameters, least_squares};
     #[pymodule_export]
     use super::robot::Robot;
+    #[pymodule_export]
+    use super::servos::simulate_servos;
     #[pymodule_export]
     use super::signal::{decimate, filtfilt, observation, parse_table};
     #[pymodule_export]

@@ -69,6 +69,21 @@ impl Observer for Trajectories {
     }
 }
 
+/// Positions of each lane, `(records, n)` row-major.
+#[derive(Debug, Clone)]
+pub struct Positions {
+    /// One list per lane.
+    pub lanes: Vec<Vec<f64>>,
+}
+
+impl Observer for Positions {
+    fn record(&mut self, _k: usize, record: &Record<'_>) {
+        for (l, lane) in self.lanes.iter_mut().skip(record.first).take(record.lanes).enumerate() {
+            lane.extend(record.q.iter().skip(l).step_by(record.lanes));
+        }
+    }
+}
+
 /// Measured motion and torques that a cost compares with, `(records, n)` row-major each.
 #[derive(Debug, Clone, Copy)]
 pub struct Measured<'a> {

@@ -240,6 +240,12 @@ impl Reference {
         Ok(reference)
     }
 
+    /// The same with jumps at these times, in order: steps of a simulation end there.
+    #[must_use]
+    pub fn with_breaks(self, breaks: Vec<f64>) -> Self {
+        Self { breaks, ..self }
+    }
+
     /// Joints.
     pub fn n_dof(&self) -> usize {
         self.n
@@ -275,10 +281,10 @@ impl Reference {
         let c = &self.coefficients[*piece * size..(*piece + 1) * size];
         let s = Lanes::<V::Wide>::splat(t - self.times[*piece]);
         for block in (0..self.stride).step_by(BLOCK) {
-            let [c0, c1, c2, c3, c4, c5] = std::array::from_fn(|degree| {
-                let start = degree * self.stride + block;
-                Lanes::<V::Wide>::from_slice(&c[start..start + BLOCK])
-            });
+            // Not `from_fn` of an array: a call, compiled for the oldest processor.
+            let of =
+                |degree: usize| Lanes::<V::Wide>::from_slice(&c[degree * self.stride + block..][..BLOCK]);
+            let [c0, c1, c2, c3, c4, c5] = [of(0), of(1), of(2), of(3), of(4), of(5)];
             let q = s.mul_add(s.horner([c5, c4, c3, c2, c1]), c0);
             let dq = s.horner([c5.scale(5.0), c4.scale(4.0), c3.scale(3.0), c2.scale(2.0), c1]);
             let ddq = s.horner([c5.scale(20.0), c4.scale(12.0), c3.scale(6.0), c2.scale(2.0)]);

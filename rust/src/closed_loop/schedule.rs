@@ -182,6 +182,15 @@ impl Schedule {
         self.last_control
     }
 
+    /// Times at which the steps begin, and the end.
+    pub fn edges(&self) -> Vec<f64> {
+        let of = |s: &Segment| {
+            let Segment { start, step, steps, .. } = *s;
+            (0..steps).map(move |k| (k as f64).mul_add(step, start))
+        };
+        self.segments.iter().flat_map(of).chain(std::iter::once(self.end)).collect()
+    }
+
     /// Steps in all.
     pub fn steps(&self) -> usize {
         self.segments.iter().map(|segment| segment.steps).sum()

@@ -10,9 +10,11 @@ use crate::closed_loop::law::{Instant, PlainLaws, law};
 use crate::closed_loop::memory::{Initial, aimed_at, first_torque, integrator_for};
 use crate::closed_loop::observers::{Observer, Record};
 use crate::closed_loop::reference::Target;
+use crate::closed_loop::remembered::Remembered;
 use crate::closed_loop::runge_kutta::{PerJoint, Point, Stages};
 use crate::closed_loop::sampled::Sampled;
 use crate::closed_loop::schedule::Segment;
+use crate::closed_loop::servo::ServoLanes;
 use crate::closed_loop::simulation::{Candidate, Outcome, Simulation};
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::cancel::Cancel;
@@ -38,11 +40,17 @@ const FARTHEST: f64 = 1e5;
 pub(super) struct Loop<'a, V: Set, S> {
     simulation: Simulation<'a>,
     geometry: Geometry<S>,
+    /// Joints with a motor.
+    driven: usize,
     drives: Drives<'a>,
     links: Links<V>,
+    /// States of friction that remembers, where there is any.
+    remembered: Option<Remembered<V>>,
     scale: PerJoint<V>,
     /// The laws, where they are plain; a digital controller asks for its own.
     plain: Option<PlainLaws>,
+    /// Servos in the place of the controller.
+    servos: Option<Box<ServoLanes<'a, V>>>,
     /// Lane of the group that this one is, where it is one of several.
     first: usize,
     outcomes: V::Of<Outcome>,
@@ -68,7 +76,7 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
     pub(super) fn new(
         simulation: Simulation<'a>,
         geometry: &Geometry<S>,
-        candidates: &[Candidate<'_>],
+        candidates: &[Candidate<'a>],
         first: usize,
     ) -> Self {
         const { assert!(V::L <= WIDEST, "buffers and costs have room for so many lanes") };
@@ -85,10 +93,13 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
         let mut this = Self {
             simulation,
             geometry: *geometry,
+            driven: n,
             drives: Drives::of(simulation.robot),
             links: Links::of(simulation.robot, geometry, &x),
+            remembered: None,
             scale: nothing,
-            plain: PlainLaws::of(simulation.controller),
+            plain: PlainLaws::of(simulation.controller).filter(|_| simulation.servos.is_none()),
+            servos: None,
             first,
             outcomes: V::of(|_| Outcome::Completed),
             running: V::L,
@@ -111,14 +122,25 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
             this.stages.here.dq[j] = Lanes::splat(dq);
             this.scale[j] = lane(|candidate, j| candidate.scale[j], j);
         }
+        if let Some(servos) = simulation.servos {
+            let Point { q, dq, .. } = &mut this.stages.here;
+            this.servos = Some(Box::new(ServoLanes::new(servos, candidates, q, dq)));
+        }
+        this.remembered = Remembered::of(simulation.robot, &this.stages.here.q);
         this.remember(candidates);
         this
+    }
+
+    /// Number of driven joints. The compiler sees that it is within the arrays.
+    #[inline(always)]
+    fn n(&self) -> usize {
+        if S::KNOWN { self.geometry.n() } else { self.driven.min(MAX_DOF) }
     }
 
     /// Sets the integrators, and the torques that the memory of a digital controller follows from.
     #[cold]
     fn remember(&mut self, candidates: &[Candidate<'_>]) {
-        let n = self.geometry.n();
+        let n = self.n();
         let simulation = self.simulation;
         let Point { q, dq, .. } = self.stages.here;
         // All lanes begin in one state.
@@ -223,7 +245,8 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
                     if IMPLICIT {
                         self.advance_additive(additive.as_mut(), stage, segment.step, &direct);
                     } else {
-                        self.stages.advance(self.geometry.n(), stage, segment.step, &direct.ddq, &self.dz);
+                        let n = self.n();
+                        self.stages.advance(n, stage, segment.step, &direct.ddq, &self.dz);
                     }
                 }
             }
@@ -240,14 +263,14 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
         direct: &Direct<V>,
     ) {
         if let Some(additive) = additive {
-            additive.advance(self.geometry.n(), stage, h, direct, &self.dz, &mut self.stages.here);
+            additive.advance(self.n(), stage, h, direct, &self.dz, &mut self.stages.here);
         }
     }
 
     /// Gives the observer where the run stands, with the torques and accelerations evaluated there.
     #[inline(always)]
     fn hand_over(&mut self, k: usize, ddq: &PerJoint<V>, observer: &mut dyn Observer) {
-        let n = self.geometry.n();
+        let n = self.n();
         let Point { q, dq, .. } = &self.stages.here;
         outwards!(S, n, place => {
             let j = place.index();
@@ -264,12 +287,14 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
     #[inline(always)]
     fn evaluate(&mut self, direct: &mut Direct<V>, t: f64, near: bool) {
         let Simulation { controller, external, .. } = self.simulation;
-        let n = self.geometry.n();
+        let n = self.n();
         if let Timing::Continuous = controller.timing() {
             self.aim(t);
             let Point { q, dq, z } = &self.stages.here;
             if let Some(laws) = &self.plain {
                 laws.torques(&self.geometry, &self.target, &self.scale, q, dq, &mut self.tau);
+            } else if let Some(servos) = &mut self.servos {
+                servos.torques(t, q, dq, &mut self.tau);
             } else {
                 let instant = Instant {
                     target: &self.target,
@@ -284,7 +309,15 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
         if let Some(external) = external {
             external.at(t, &mut self.external);
         }
-        let Self { geometry, drives, links, stages, tau, .. } = self;
+        let Self { geometry, drives, links, stages, tau, remembered, .. } = self;
+        let felt;
+        let tau = match remembered {
+            Some(remembered) => {
+                felt = remembered.felt(links, &stages.here.q, tau, !near);
+                &felt
+            }
+            None => &*tau,
+        };
         direct.solve(geometry, drives, links, &stages.here.q, &stages.here.dq, tau, &self.external, near);
         let mut smallest = direct.pivots[0];
         outwards!(S, n, place => smallest = direct.pivots[place.index()].min(smallest));
@@ -321,7 +354,7 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
 
     #[cold]
     fn find_indefinite(&mut self, time: f64, pivots: &PerJoint<V>) {
-        let n = self.geometry.n();
+        let n = self.n();
         for l in 0..V::L {
             // Within one step a run can diverge so far that sines mean nothing, nor do the pivots made of them.
             let lost = (0..n).find(|&j| {
@@ -344,7 +377,7 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
         let bound = Lanes::splat(self.simulation.divergence);
         // Sum of the excesses over the bound; an error that is not a number makes the sum one.
         let mut beyond = Lanes::zero();
-        for j in 0..self.geometry.n() {
+        for j in 0..self.n() {
             let error = (self.stages.here.q[j] - Lanes::splat(self.target.q[j])).abs();
             beyond += Lanes::zero().max(error - bound);
         }
@@ -355,7 +388,7 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
 
     #[cold]
     fn find_diverged(&mut self, time: f64) {
-        for j in 0..self.geometry.n() {
+        for j in 0..self.n() {
             for l in 0..V::L {
                 let error = (self.stages.here.q[j].lane(l) - self.target.q[j]).abs();
                 if error.is_nan() || error > self.simulation.divergence {

@@ -4,6 +4,7 @@ use super::control::{ControlError, Controller, Signal, Timing, check_signal};
 use super::memory::{Initial, Memory};
 use super::reference::Reference;
 use super::schedule::Schedule;
+use super::servo::Servos;
 use crate::model::steep::unfit;
 use crate::robot::Robot;
 use crate::robot::parameters::Layout;
@@ -25,9 +26,12 @@ pub enum SimulationError {
     /// Friction that the integrator does not take.
     #[error("integrator \"imex\" is not for this robot: {0}")]
     Integrator(&'static str),
-    /// Derivatives of another integrator.
-    #[error("exact derivatives are those of integrator \"rk4\"")]
+    /// Derivatives of another integrator, or of states that they do not follow.
+    #[error("exact derivatives are those of integrator \"rk4\", without friction that remembers")]
     Derivatives,
+    /// A candidate that follows nothing.
+    #[error("a servo follows a reference that is not there")]
+    Reference,
     /// A schedule made for another controller.
     #[error("the schedule was made for another controller: only one of them is digital")]
     Schedule,
@@ -67,6 +71,8 @@ pub struct Simulation<'a> {
     pub divergence: f64,
     /// How it is integrated.
     pub integrator: Integrator,
+    /// Position servos in the place of the controller, whose numbers differ between candidates.
+    pub servos: Option<&'a Servos<'a>>,
 }
 
 /// One candidate.
@@ -74,7 +80,7 @@ pub struct Simulation<'a> {
 pub struct Candidate<'a> {
     /// Standard parameters.
     pub x: &'a [f64],
-    /// Scale of the gains, one per joint.
+    /// Scale of the gains, one per joint; the row of [`Servos::width`] numbers where servos take the controller's place.
     pub scale: &'a [f64],
 }
 
@@ -142,7 +148,10 @@ pub(crate) fn check(
     }
     for candidate in candidates {
         length("x", count, candidate.x.len())?;
-        length("the scale of the gains", n, candidate.scale.len())?;
+        length("the scale of the gains", simulation.servos.map_or(n, Servos::width), candidate.scale.len())?;
+        if simulation.servos.is_some_and(|servos| servos.reference(candidate.scale).is_none()) {
+            return Err(SimulationError::Reference);
+        }
     }
     Ok(())
 }

@@ -103,7 +103,13 @@ impl<V: Set> Body<V> {
     /// The same body about the origin of the frame before, in that frame, together with the link there.
     #[inline(always)]
     #[must_use]
-    pub fn moved_in<P: Place>(&self, _place: P, step: &Step, (s, c, t): Pose<'_, V>, link: &Self) -> Self {
+    pub fn moved_in<P: Place>(
+        &self,
+        _place: P,
+        step: &Step<'_>,
+        (s, c, t): Pose<'_, V>,
+        link: &Self,
+    ) -> Self {
         let moved = by_twist!(P, step, T => self.unstepped::<T>(step, s, c, t, step.form.heavy));
         if step.form.follows_turning { link.regrouped_with(&moved) } else { link.with(&moved) }
     }
@@ -113,7 +119,7 @@ impl<V: Set> Body<V> {
     #[must_use]
     pub fn unstepped<const T: u8>(
         &self,
-        step: &Step,
+        step: &Step<'_>,
         sine: Lanes<V>,
         cosine: Lanes<V>,
         shift: &Vector<V>,
@@ -137,7 +143,7 @@ impl<V: Set> Body<V> {
     }
 
     #[inline(always)]
-    fn untwisted<const T: u8>(&self, step: &Step) -> Self {
+    fn untwisted<const T: u8>(&self, step: &Step<'_>) -> Self {
         let Self { xy, yy, xz, yz, zz, .. } = *self;
         if T == GENERAL {
             let twisted = self.out_of_twisted(step);
@@ -154,7 +160,7 @@ impl<V: Set> Body<V> {
 
     /// Seen from a frame that has not been turned by alpha about x.
     #[inline(always)]
-    fn out_of_twisted(&self, step: &Step) -> Self {
+    fn out_of_twisted(&self, step: &Step<'_>) -> Self {
         let Self { xy, yy, xz, yz, zz, h, .. } = *self;
         let (c, s) = (Lanes::splat(step.cosine), Lanes::splat(step.sine));
         let (p, q) = (c.mul_sub(yy, s * yz), c.mul_sub(yz, s * zz));
@@ -172,7 +178,7 @@ impl<V: Set> Body<V> {
 
     /// About an origin at `-t`.
     #[inline(always)]
-    fn shifted(mut self, step: &Step, t: &Vector<V>, heavy: bool) -> Self {
+    fn shifted(mut self, step: &Step<'_>, t: &Vector<V>, heavy: bool) -> Self {
         let before = self.h;
         if heavy {
             let m = self.m;
@@ -292,7 +298,7 @@ impl<V: Set> Wrench<V> {
     /// The same wrench at the origin of the frame before, in that frame, where only that is done which matters further in.
     #[inline(always)]
     #[must_use]
-    pub fn moved_in<P: Place>(&self, _place: P, step: &Step, (s, c, t): Pose<'_, V>) -> Self {
+    pub fn moved_in<P: Place>(&self, _place: P, step: &Step<'_>, (s, c, t): Pose<'_, V>) -> Self {
         by_twist!(P, step, T => match const { carries_of::<P>() } {
             MOMENTS => self.inwards::<T, MOMENTS>(step, s, c, t),
             TURNED => self.inwards::<T, TURNED>(step, s, c, t),
@@ -309,7 +315,7 @@ impl<V: Set> Wrench<V> {
     #[inline(always)]
     fn inwards<const T: u8, const C: u8>(
         &self,
-        step: &Step,
+        step: &Step<'_>,
         sine: Lanes<V>,
         cosine: Lanes<V>,
         t: &Vector<V>,

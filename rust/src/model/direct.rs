@@ -12,15 +12,16 @@ use crate::ground::arrays::check_length;
 use crate::ground::dispatch::{Kernel, dispatch};
 use crate::ground::lanes::{Lanes, Set};
 use crate::model::bodies::{Body, Wrench};
-use crate::model::friction::Drives;
-use crate::model::inverse::link_wrenches;
+use crate::model::friction::{Drives, Signs};
+use crate::model::inertia::inertia_matrix_lanes;
+use crate::model::inverse::{carry, link_wrenches};
 use crate::model::links::{Links, Lower};
 use crate::model::motion::State;
-use crate::robot::Robot;
-use crate::robot::arm::{Arm, Place, inwards, outwards};
+use crate::robot::arm::{Arm, At, Place, inwards, outwards};
 use crate::robot::arm::{for_joints, unrolled};
 use crate::robot::geometry::{Frames, Geometry, Pose, Step};
 use crate::robot::parameters::Layout;
+use crate::robot::{Followers, Robot};
 
 /// Memory of the direct model, and its result: nothing is cleared or copied per call.
 #[derive(Debug, Clone, Copy)]
@@ -33,8 +34,11 @@ pub struct Direct<V: Set> {
     columns: [Wrench<V>; MAX_DOF],
     /// `L`, unit diagonal not stored.
     factor: Lower<V>,
-    /// All that each joint carries, its own link included, once the joints that stand on that have been added.
+    /// All that the joint at hand carries, its own link included, unless that is all.
+    carried: Body<V>,
+    /// The same of a joint that carries several branches, as far as they have been added.
     composites: [Body<V>; MAX_DOF],
+    signs: Signs<V>,
     /// Column of `D L` at hand.
     scaled: [Lanes<V>; MAX_DOF],
     inverse_pivots: [Lanes<V>; MAX_DOF],
@@ -54,7 +58,9 @@ impl<V: Set> Direct<V> {
             wrenches: [Wrench::none(); MAX_DOF],
             columns: [Wrench::none(); MAX_DOF],
             factor: [zero; MAX_DOF],
+            carried: Body::none(),
             composites: [Body::none(); MAX_DOF],
+            signs: Signs::none(),
             scaled: zero,
             inverse_pivots: zero,
             ddq: zero,
@@ -77,13 +83,18 @@ impl<V: Set> Direct<V> {
         external: &[f64; MAX_DOF],
         near: bool,
     ) {
+        if const { !S::KNOWN }
+            && let Some(followers) = drives.followers()
+        {
+            return self.solve_driven(geometry, drives, links, followers, [q, dq, tau], external, near);
+        }
         let n = geometry.n();
         if near {
             self.frames.follow(geometry, q);
         } else {
             self.frames.anchor(geometry, q);
         }
-        drives.friction(geometry, links, dq, &mut self.ddq);
+        drives.friction(geometry, links, q, dq, &mut self.signs, &mut self.ddq);
         outwards!(S, n, place => {
             let j = place.index();
             self.ddq[j] = (tau[j] + Lanes::splat(external[j])) - self.ddq[j];
@@ -95,23 +106,82 @@ impl<V: Set> Direct<V> {
         inwards!(S, n, place => {
             let (step, j) = (geometry.step(place), place.index());
             self.columns[j] = self.carried(links, &step, j).unit_wrench(step.form.turns);
-            self.eliminate(place, geometry, &step, &links.rotors);
+            self.eliminate(place, geometry, step.form.turns, &links.rotors);
             if !step.form.root {
                 let (at, parent) = (self.frames.pose(j), step.before(place));
-                columns_inwards(place, &step, at, &mut self.columns[..step.end.min(MAX_DOF)]);
+                columns_inwards(place, &step, at, &mut self.columns[..geometry.end(place)]);
                 self.wrenches[parent] =
                     self.wrenches[parent].with(&self.wrenches[j].moved_in(place, &step, at));
                 let link = if step.form.joins { &self.composites[parent] } else { &links.bodies[parent] };
-                self.composites[parent] = self.carried(links, &step, j).moved_in(place, &step, at, link);
+                self.carried = self.carried(links, &step, j).moved_in(place, &step, at, link);
+                if step.form.branches {
+                    self.composites[parent] = self.carried;
+                }
             }
         });
-        outwards!(S, n, place => self.substitute(place, geometry.step(place).first));
+        outwards!(S, n, place => self.substitute(place, geometry.first(place)));
     }
 
-    /// All that joint `j` carries.
+    /// The same where joints follow others: `G' M G` by composite bodies, and its factor; velocities and torques of driven joints.
     #[inline(always)]
-    fn carried<'a>(&'a self, links: &'a Links<V>, step: &Step, j: usize) -> &'a Body<V> {
-        if step.form.leaf { &links.bodies[j] } else { &self.composites[j] }
+    #[allow(clippy::too_many_arguments)] // as above
+    fn solve_driven<S: Arm>(
+        &mut self,
+        geometry: &Geometry<S>,
+        drives: &Drives<'_>,
+        links: &Links<V>,
+        followers: &Followers,
+        [q, dq, tau]: [&[Lanes<V>; MAX_DOF]; 3],
+        external: &[f64; MAX_DOF],
+        near: bool,
+    ) {
+        let (n, driven) = (geometry.n(), followers.n_driven().min(MAX_DOF));
+        let (q, dq) = (followers.joints(q, true), followers.joints(dq, false));
+        if near {
+            self.frames.follow(geometry, &q);
+        } else {
+            self.frames.anchor(geometry, &q);
+        }
+        drives.friction(geometry, links, &q, &dq, &mut self.signs, &mut self.ddq);
+        link_wrenches::<V, false, S>(geometry, &links.bodies, &self.frames, &dq, &dq, &mut self.wrenches);
+        carry::<V, S, false>(geometry, &self.frames, &mut self.wrenches, &mut self.ddq);
+        let mut right = [Lanes::zero(); MAX_DOF];
+        for a in 0..driven {
+            right[a] = tau[a] + Lanes::splat(external[a]);
+        }
+        let mut whole = links.rotors;
+        inertia_matrix_lanes(geometry, links, &self.frames, &mut self.composites, &mut whole);
+        let mut matrix: Lower<V> = [[Lanes::zero(); MAX_DOF]; MAX_DOF];
+        for j in 0..n {
+            for &(a, factor) in followers.leaders(j) {
+                right[a] = self.ddq[j].neg_mul_add(Lanes::splat(factor), right[a]);
+                for i in (0..=j).filter(|&i| geometry.carries(i, j)) {
+                    for &(b, other) in followers.leaders(i) {
+                        // Off the diagonal of `M` an entry stands for its mirror image too.
+                        let share = factor * other * if i == j { 0.5 } else { 1.0 };
+                        let both = if a == b { 2.0 * share } else { share };
+                        matrix[a.max(b)][a.min(b)] += whole[j][i].scale(both);
+                    }
+                }
+            }
+        }
+        self.ddq = right;
+        for j in (0..driven).rev() {
+            for k in (j..driven).rev() {
+                self.reduce(k, j, matrix[k][j], driven);
+            }
+            self.pivots[j] = self.scaled[j];
+            self.inverse_pivots[j] = Lanes::splat(1.0) / self.scaled[j];
+        }
+        for j in 0..driven {
+            self.substitute(At(j), 0);
+        }
+    }
+
+    /// All that joint `j`, the one at hand, carries.
+    #[inline(always)]
+    fn carried<'a>(&'a self, links: &'a Links<V>, step: &Step<'_>, j: usize) -> &'a Body<V> {
+        if step.form.leaf { &links.bodies[j] } else { &self.carried }
     }
 
     /// Column `j` of `L' D L` and of `L' y = right`, from the wrenches in frame `j`.
@@ -121,10 +191,10 @@ impl<V: Set> Direct<V> {
         &mut self,
         place: P,
         geometry: &Geometry<S>,
-        step: &Step,
+        turns: bool,
         rotors: &Lower<V>,
     ) {
-        let (j, turns) = (place.index(), step.form.turns);
+        let j = place.index();
         self.ddq[j] -= self.wrenches[j].felt(turns);
         if const { P::FORM.is_some() } {
             unrolled!(K in 5 4 3 2 1 0 => if const { K >= P::INDEX } {
@@ -135,7 +205,7 @@ impl<V: Set> Direct<V> {
                 self.scale_entry(K, j, entry);
             });
         } else {
-            let end = step.end.min(MAX_DOF);
+            let end = geometry.end(place);
             // Other branches, where a motor turns with joints of several.
             for k in (end..geometry.fill(j)).rev() {
                 self.reduce(k, j, rotors[k][j], geometry.fill(k));
@@ -232,7 +302,7 @@ fn unload<V: Set>(n: usize, coefficients: &[Lanes<V>; MAX_DOF], tau: &mut [Lanes
 /// The columns of `M` from a joint to the last that it carries, one frame inwards.
 #[inline(always)]
 #[allow(clippy::absurd_extreme_comparisons)] // one of the constants is zero
-fn columns_inwards<P: Place, V: Set>(place: P, step: &Step, at: Pose<'_, V>, columns: &mut [Wrench<V>]) {
+fn columns_inwards<P: Place, V: Set>(place: P, step: &Step<'_>, at: Pose<'_, V>, columns: &mut [Wrench<V>]) {
     if const { P::FORM.is_some() } {
         unrolled!(K in 0 1 2 3 4 5 => if const { K >= P::INDEX } {
             columns[K] = columns[K].moved_in(place, step, at);
@@ -267,7 +337,7 @@ impl Kernel for Batch<'_> {
     #[inline(always)]
     fn run<V: Set>(self) -> Option<Indefinite> {
         let geometry = Geometry::of(self.robot);
-        let n = geometry.n();
+        let n = self.robot.n_dof();
         let drives = Drives::of(self.robot);
         let links = Links::<V>::of_one(self.robot, &geometry, self.x);
         let (mut result, mut state) = (Direct::new(&geometry), State::zero());

@@ -18,7 +18,7 @@ use crate::model::motion::State;
 use crate::robot::arm::{Arm, Place, outwards};
 use crate::robot::friction_terms::Law;
 use crate::robot::geometry::Geometry;
-use crate::robot::{CoupledMotor, Coupling, Robot};
+use crate::robot::{CoupledMotor, Coupling, Followers, Robot};
 
 /// `sign`, `sign` with a dead zone, or `tanh(dq / v)`, as joint `j` has it. Between -1 and 1.
 #[inline(always)]
@@ -111,6 +111,23 @@ impl<V: Set> Shaft<V> {
     }
 }
 
+/// Memory of [`Drives::friction`]: nothing is cleared per call.
+#[derive(Debug, Clone, Copy)]
+pub struct Signs<V: Set> {
+    /// Signs of the joints' speeds.
+    joints: [Lanes<V>; MAX_DOF],
+    /// Of a single lane: speeds of the joints and of the coupled motors, then their signs.
+    together: [f64; 2 * MAX_DOF],
+}
+
+impl<V: Set> Signs<V> {
+    /// Nothing computed yet.
+    #[inline(always)]
+    pub fn none() -> Self {
+        Self { joints: [Lanes::zero(); MAX_DOF], together: [0.0; 2 * MAX_DOF] }
+    }
+}
+
 /// The drives as the kernels use them: divisions done, once per run.
 #[derive(Debug, Clone)]
 pub struct Drives<'a> {
@@ -138,7 +155,7 @@ impl<'a> Drives<'a> {
         {
             *sign = (if velocity > 0.0 { 1.0 / velocity } else { 0.0 }, dead_zone);
         }
-        let (coupling, asymmetric, n) = (friction.coupling, friction.asymmetric, robot.n_dof());
+        let (coupling, asymmetric, n) = (friction.coupling, friction.asymmetric, robot.n_joints());
         let smooth = signs[..n].iter().all(|&(steepness, dead_zone)| steepness > 0.0 && dead_zone == 0.0);
         let mut steepness = [0.0; 2 * MAX_DOF];
         for j in 0..n {
@@ -152,24 +169,31 @@ impl<'a> Drives<'a> {
         Self { robot, has_load, coupled: robot.coupled(), coupling, asymmetric, n, signs, steepness }
     }
 
+    /// Joints that follow others, where there are any.
+    #[inline(always)]
+    pub fn followers(&self) -> Option<&'a Followers> {
+        self.robot.followers()
+    }
+
     /// Does a term depend on the load?
     #[inline(always)]
     pub fn has_load(&self) -> bool {
         self.has_load
     }
 
-    /// Adds the further terms that depend on speed alone.
+    /// Adds the further terms that depend on position and speed alone.
     #[inline(always)]
     fn further_terms<V: Set>(
         &self,
         links: &Links<V>,
+        q: &[Lanes<V>; MAX_DOF],
         dq: &[Lanes<V>; MAX_DOF],
         tau: &mut [Lanes<V>; MAX_DOF],
     ) {
         for (term, &parameter) in self.robot.friction().terms.iter().zip(&links.terms) {
             if term.law != Law::Load {
                 let j = term.joint;
-                tau[j] = column(self.robot, term, dq[j]).mul_add(parameter, tau[j]);
+                tau[j] = column(self.robot, term, q[j], dq[j]).mul_add(parameter, tau[j]);
             }
         }
     }
@@ -198,26 +222,32 @@ impl<'a> Drives<'a> {
         smooth_sign(steepness, dead_zone, dq)
     }
 
-    /// Friction torques at speeds `dq`, into `tau`.
+    /// Torques of friction and springs at positions `q` and speeds `dq`, into `tau`.
     #[inline(always)]
+    #[allow(clippy::too_many_arguments)] // as `Direct::solve`
     pub fn friction<V: Set, S: Arm>(
         &self,
         geometry: &Geometry<S>,
         links: &Links<V>,
+        q: &[Lanes<V>; MAX_DOF],
         dq: &[Lanes<V>; MAX_DOF],
+        memory: &mut Signs<V>,
         tau: &mut [Lanes<V>; MAX_DOF],
     ) {
         let zero = Lanes::zero();
         let n = geometry.n();
+        let Signs { joints: signs, together: memory } = memory;
         // A single lane takes its joints and coupled motors side by side, to the same bits.
         let together = match &self.steepness {
-            Some(steepness) if V::L == 1 && V::FUSED => Some(self.signs_together(n, steepness, dq)),
+            Some(steepness) if V::L == 1 && V::FUSED => {
+                self.signs_together(n, steepness, dq, memory);
+                Some(&*memory)
+            }
             _ => None,
         };
-        let mut signs = [zero; MAX_DOF];
-        if let Some(together) = &together {
-            for (sign, &value) in signs.iter_mut().zip(together) {
-                *sign = Lanes::splat(value);
+        if let Some(together) = together {
+            for j in 0..n {
+                signs[j] = Lanes::splat(together[j]);
             }
         } else {
             outwards!(S, n, place => {
@@ -237,7 +267,7 @@ impl<'a> Drives<'a> {
         } else if V::L == 1 && V::FUSED {
             for first in (0..n).step_by(WIDTH) {
                 let [a, b, c] = [side_by_side(a, first), side_by_side(b, first), side_by_side(c, first)];
-                let (dq, s) = (side_by_side(dq, first), side_by_side(&signs, first));
+                let (dq, s) = (side_by_side(dq, first), side_by_side(signs, first));
                 spread(dq.mul_add(a, s.mul_add(b, c)), tau, first);
             }
         } else {
@@ -249,7 +279,7 @@ impl<'a> Drives<'a> {
         for (index, (coupled, &[fvm, fcm])) in self.coupled.iter().zip(&links.coupled).enumerate() {
             let m = coupled.motor;
             let speed = shaft_speed(coupled, dq);
-            let turning = match &together {
+            let turning = match together {
                 Some(signs) => Lanes::splat(signs[n + index]),
                 None => self.sign(m, speed),
             };
@@ -263,7 +293,7 @@ impl<'a> Drives<'a> {
                 tau[i] = torque.mul_add(Lanes::splat(c), tau[i]);
             }
         }
-        self.further_terms(links, dq, tau);
+        self.further_terms(links, q, dq, tau);
     }
 
     /// Signs of the speeds of the joints, then of the coupled motors.
@@ -273,9 +303,9 @@ impl<'a> Drives<'a> {
         n: usize,
         steepness: &[f64; 2 * MAX_DOF],
         dq: &[Lanes<V>; MAX_DOF],
-    ) -> [f64; 2 * MAX_DOF] {
+        signs: &mut [f64; 2 * MAX_DOF],
+    ) {
         let count = (n + self.coupled.len()).min(2 * MAX_DOF);
-        let mut signs = [0.0; 2 * MAX_DOF];
         for j in 0..n {
             signs[j] = dq[j].lane(0);
         }
@@ -287,7 +317,6 @@ impl<'a> Drives<'a> {
             let steepness = Lanes::<V::Wide>::from_slice(&steepness[first..]);
             (speed * steepness).tanh().store(&mut signs[first..]);
         }
-        signs
     }
 
     /// Adds what the rotors need for accelerations `ddq`.

@@ -15,15 +15,15 @@ use crate::ground::lanes::{Lanes, Set};
 use crate::model::bodies::Body;
 use crate::model::links::{Links, Lower};
 use crate::robot::Robot;
-use crate::robot::arm::At;
+use crate::robot::arm::{Arm, At};
 use crate::robot::geometry::{Frames, Geometry};
 use crate::robot::parameters::Layout;
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// `M(q)` of `L` positions or candidates into `matrix`, whose entries between branches are those of the rotors already.
 #[inline(always)]
-fn inertia_matrix_lanes<V: Set>(
-    geometry: &Geometry,
+pub(super) fn inertia_matrix_lanes<V: Set, S: Arm>(
+    geometry: &Geometry<S>,
     links: &Links<V>,
     frames: &Frames<V>,
     composites: &mut [Body<V>; MAX_DOF],
@@ -86,7 +86,18 @@ impl Kernel for Batch<'_> {
 pub fn inertia_matrix(robot: &Robot, q: &[f64], x: &[f64], matrices: &mut [f64]) -> Result<(), ShapeError> {
     check_length("x", x, Layout::of(robot).count())?;
     check_length("matrices", matrices, q.len() * robot.n_dof())?;
-    if !q.is_empty() {
+    if q.is_empty() {
+        return Ok(());
+    }
+    if let Some(followers) = robot.followers() {
+        let (n, joints) = (robot.n_dof(), robot.n_joints());
+        let q = followers.spread(q, true);
+        let mut all = vec![0.0; q.len() * joints];
+        dispatch(Batch { robot, q: &q, x, matrices: &mut all });
+        for (all, out) in all.chunks_exact(joints * joints).zip(matrices.chunks_exact_mut(n * n)) {
+            out.copy_from_slice(&followers.square(all));
+        }
+    } else {
         dispatch(Batch { robot, q, x, matrices });
     }
     Ok(())

@@ -8,7 +8,7 @@ use crate::ground::arrays::{MAX_DOF, ShapeError, check_length};
 use crate::ground::dispatch::{Kernel, dispatch};
 use crate::ground::lanes::{Lanes, Set};
 use crate::model::bodies::{Body, Wrench};
-use crate::model::friction::Drives;
+use crate::model::friction::{Drives, Signs};
 use crate::model::links::Links;
 use crate::model::motion::{Link, State};
 use crate::robot::Robot;
@@ -30,7 +30,7 @@ pub fn link_wrenches<V: Set, const MOVING: bool, S: Arm>(
     wrenches: &mut [Wrench<V>; MAX_DOF],
 ) {
     let mut link = Link::base(geometry.gravity);
-    if const { S::KNOWN } {
+    if geometry.is_chain() {
         outwards!(S, geometry.n(), place => {
             let (step, j) = (geometry.step(place), place.index());
             link.move_on::<_, MOVING>(place, &step, frames.pose(j), dq[j], ddq[j]);
@@ -62,7 +62,7 @@ pub fn link_wrenches<V: Set, const MOVING: bool, S: Arm>(
 #[inline(always)]
 fn load<V: Set, const MOVING: bool>(
     link: &Link<V>,
-    step: &Step,
+    step: &Step<'_>,
     body: &Body<V>,
     ddq: Lanes<V>,
     wrench: &mut Wrench<V>,
@@ -80,7 +80,7 @@ fn load<V: Set, const MOVING: bool>(
 
 /// Adds up the wrenches from the last to the first, and what each joint feels of them to `tau`.
 #[inline(always)]
-fn carry<V: Set, S: Arm>(
+pub(super) fn carry<V: Set, S: Arm, const CHAIN: bool>(
     geometry: &Geometry<S>,
     frames: &Frames<V>,
     wrenches: &mut [Wrench<V>; MAX_DOF],
@@ -90,7 +90,7 @@ fn carry<V: Set, S: Arm>(
         let (step, j) = (geometry.step(place), place.index());
         tau[j] += wrenches[j].felt(step.form.turns);
         if !step.form.root {
-            let parent = step.before(place);
+            let parent = if CHAIN { j.saturating_sub(1) } else { step.before(place) };
             wrenches[parent] = wrenches[parent].with(&wrenches[j].moved_in(place, &step, frames.pose(j)));
         }
     });
@@ -101,6 +101,7 @@ fn carry<V: Set, S: Arm>(
 pub struct Inverse<V: Set> {
     frames: Frames<V>,
     wrenches: [Wrench<V>; MAX_DOF],
+    signs: Signs<V>,
     /// Joint torques (N.m or N).
     pub tau: [Lanes<V>; MAX_DOF],
 }
@@ -112,6 +113,7 @@ impl<V: Set> Inverse<V> {
         Self {
             frames: Frames::new(geometry),
             wrenches: [Wrench::none(); MAX_DOF],
+            signs: Signs::none(),
             tau: [Lanes::zero(); MAX_DOF],
         }
     }
@@ -125,14 +127,18 @@ impl<V: Set> Inverse<V> {
         links: &Links<V>,
         state: &State<V>,
     ) {
-        let Self { frames, wrenches, tau } = self;
+        let Self { frames, wrenches, signs, tau } = self;
         frames.place(geometry, &state.q);
-        drives.friction(geometry, links, &state.dq, tau);
+        drives.friction(geometry, links, &state.q, &state.dq, signs, tau);
         // Load friction needs the torque of links and rotors by itself.
         let friction = drives.has_load().then(|| std::mem::replace(tau, [Lanes::zero(); MAX_DOF]));
         drives.rotors(links, &state.ddq, tau);
         link_wrenches::<V, true, S>(geometry, &links.bodies, frames, &state.dq, &state.ddq, wrenches);
-        carry(geometry, frames, wrenches, tau);
+        if geometry.is_chain() {
+            carry::<V, S, true>(geometry, frames, wrenches, tau);
+        } else {
+            carry::<V, S, false>(geometry, frames, wrenches, tau);
+        }
         if let Some(friction) = friction {
             let load = drives.load_coefficients(links, &state.dq);
             for j in 0..geometry.n() {
@@ -181,7 +187,15 @@ pub fn inverse_dynamics(
         check_length(what, array, tau.len())?;
     }
     check_length("x", x, Layout::of(robot).count())?;
-    if !tau.is_empty() {
+    if tau.is_empty() {
+        return Ok(());
+    }
+    if let Some(followers) = robot.followers() {
+        let [q, dq, ddq] = [(q, true), (dq, false), (ddq, false)].map(|(v, at)| followers.spread(v, at));
+        let mut all = vec![0.0; q.len()];
+        dispatch(Batch { robot, q: &q, dq: &dq, ddq: &ddq, x, tau: &mut all });
+        followers.gather(&all, 1, tau);
+    } else {
         dispatch(Batch { robot, q, dq, ddq, x, tau });
     }
     Ok(())

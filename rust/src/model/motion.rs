@@ -8,6 +8,9 @@ use crate::ground::spatial::Vector;
 use crate::robot::arm::{Place, by_twist};
 use crate::robot::geometry::{Pose, Step};
 
+/// Joints of a robot whose rows are read in one piece: most arms have no more, and longer pieces cost more than they save.
+const FEW: usize = 12;
+
 /// Positions, velocities and accelerations of the joints on lanes.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(32))] // as `Vector`
@@ -34,9 +37,9 @@ impl<V: Set> State<V> {
         let (n, last) = (n.min(MAX_DOF), q.len() / n - 1);
         for (values, rows) in [(&mut self.q, q), (&mut self.dq, dq), (&mut self.ddq, ddq)] {
             // With what follows a row, its length is known, and no entry has to be checked.
-            let wide = V::of(|l| rows[(row + l).min(last) * n..].first_chunk::<MAX_DOF>());
-            if wide.as_ref().iter().all(Option::is_some) {
-                let wide = V::of(|l| wide[l].unwrap_or(&[0.0; MAX_DOF]));
+            let wide = V::of(|l| rows[(row + l).min(last) * n..].first_chunk::<FEW>());
+            if n <= FEW && wide.as_ref().iter().all(Option::is_some) {
+                let wide = V::of(|l| wide[l].unwrap_or(&[0.0; FEW]));
                 for j in 0..n {
                     values[j] = Lanes::each(|l| wide[l][j]);
                 }
@@ -70,12 +73,19 @@ impl<V: Set> Link<V> {
         Self { omega: Vector::zero(), domega: Vector::zero(), a, u: Angular::none() }
     }
 
+    /// Back to the base. `U` stays: the first step from there writes it without reading.
+    #[inline(always)]
+    pub fn begin(&mut self, [x, y, z]: [f64; 3]) {
+        (self.omega, self.domega) = (Vector::zero(), Vector::zero());
+        self.a = Vector::splat([-x, -y, -z]);
+    }
+
     /// From one link to the next. Without `MOVING`, joint accelerations are zero.
     #[inline(always)]
     pub fn move_on<P: Place, const MOVING: bool>(
         &mut self,
         _place: P,
-        step: &Step,
+        step: &Step<'_>,
         (s, c, t): Pose<'_, V>,
         dq: Lanes<V>,
         ddq: Lanes<V>,

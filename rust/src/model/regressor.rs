@@ -15,6 +15,9 @@ use crate::robot::friction_terms::Law;
 use crate::robot::geometry::Geometry;
 use crate::robot::parameters::{FRICTION, IA, INERTIAL, Layout};
 
+/// Samples at a time of a robot whose joints follow others: the rows of all joints are larger than those of the driven ones.
+const TOGETHER: usize = 64;
+
 /// Hands over every entry of the regressor that is not zero by structure. `load`: torques of links and rotors (N.m or N), which
 /// only the columns of load friction need.
 #[inline(always)]
@@ -28,9 +31,16 @@ fn regressor_lanes<V: Set>(
 ) {
     let layout = Layout::of(robot);
     walk.start(geometry, &state.q);
-    for j in 0..geometry.n() {
-        walk.step(geometry, j, state);
-        walk.link_rows(geometry, j, layout.joint(j), entries);
+    if geometry.is_chain() {
+        for j in 0..geometry.n() {
+            walk.step::<true>(geometry, j, state);
+            walk.link_rows::<true>(geometry, j, layout.joint(j), entries);
+        }
+    } else {
+        for j in 0..geometry.n() {
+            walk.step::<false>(geometry, j, state);
+            walk.link_rows::<false>(geometry, j, layout.joint(j), entries);
+        }
     }
     drive_lanes(robot, state, load, entries);
 }
@@ -45,11 +55,11 @@ pub(crate) fn drive_lanes<V: Set>(
 ) {
     let layout = Layout::of(robot);
     for (index, term) in robot.friction().terms.iter().enumerate() {
-        let value = column(robot, term, state.dq[term.joint]);
+        let value = column(robot, term, state.q[term.joint], state.dq[term.joint]);
         let value = if term.law == Law::Load { value * load[term.joint].abs() } else { value };
         entries.put(term.joint, layout.term(index), value);
     }
-    for j in 0..robot.n_dof() {
+    for j in 0..robot.n_joints() {
         let first = layout.joint(j);
         let [a, b, c, d] = own_columns(robot, j, state.dq[j]);
         entries.put_drive(j, first + IA, [state.ddq[j], a, b, c]);
@@ -132,12 +142,13 @@ impl Kernel for Batch<'_> {
         // Samples that do not fill the last block go through a block of their own.
         let mut spare = vec![0.0; if self.w.len().is_multiple_of(sample * V::L) { 0 } else { sample * V::L }];
         let (mut walk, mut state) = (Walk::<V>::new(&geometry), State::zero());
+        let mut load = [Lanes::zero(); MAX_DOF];
         for (block, out) in self.w.chunks_mut(sample * V::L).enumerate() {
             state.load(n, block * V::L, self.q, self.dq, self.ddq);
             let whole = out.len() == sample * V::L;
             let rows = if whole { &mut *out } else { &mut spare[..] };
             rows.fill(0.0);
-            let load = gather_load(self.load, n, block * V::L);
+            gather_load(self.load, n, block * V::L, &mut load);
             let mut rest = rows;
             let samples = V::of(|_| {
                 let (one, others) = std::mem::take(&mut rest).split_at_mut(sample);
@@ -152,16 +163,14 @@ impl Kernel for Batch<'_> {
     }
 }
 
-/// Torques of links and rotors of `L` samples; zero where none are given, which only load friction would need.
+/// Takes torques of links and rotors of `L` samples; none where none are given, which only load friction would need.
 #[inline(always)]
-pub(crate) fn gather_load<V: Set>(load: &[f64], n: usize, row: usize) -> [Lanes<V>; MAX_DOF] {
-    let mut lanes = [Lanes::zero(); MAX_DOF];
+pub(crate) fn gather_load<V: Set>(load: &[f64], n: usize, row: usize, lanes: &mut [Lanes<V>; MAX_DOF]) {
     if !load.is_empty() {
         for (j, lane) in lanes.iter_mut().enumerate().take(n) {
             *lane = Lanes::gather(load, n, row, j);
         }
     }
-    lanes
 }
 
 /// The torques of links and rotors that a robot's columns need, checked: one per entry of `q`, or none without load friction.
@@ -192,8 +201,22 @@ pub fn regressor_under_load(
     }
     check_load(robot, load, q.len())?;
     check_length("w", w, q.len() * Layout::of(robot).count())?;
-    if !q.is_empty() {
+    if q.is_empty() {
+        return Ok(());
+    }
+    let Some(followers) = robot.followers() else {
         dispatch(Batch { robot, q, dq, ddq, load, w });
+        return Ok(());
+    };
+    let (n, p) = (robot.n_dof(), Layout::of(robot).count());
+    let mut all = vec![0.0; TOGETHER * robot.n_joints() * p];
+    for (k, w) in w.chunks_mut(TOGETHER * n * p).enumerate() {
+        let rows = k * TOGETHER * n..(k * TOGETHER * n + w.len() / p);
+        let [q, dq, ddq] = [(q, true), (dq, false), (ddq, false)]
+            .map(|(values, at)| followers.spread(&values[rows.clone()], at));
+        let all = &mut all[..q.len() * p];
+        dispatch(Batch { robot, q: &q, dq: &dq, ddq: &ddq, load: &[], w: all });
+        followers.gather(all, p, w);
     }
     Ok(())
 }

@@ -9,6 +9,7 @@ use crate::ground::arrays::MAX_DOF;
 use crate::ground::lanes::{Lanes, Set};
 use crate::robot::arm::for_joints;
 use crate::robot::friction_terms::Law;
+use crate::robot::parameters::Layout;
 use crate::robot::{CoupledMotor, Coupling, Robot};
 
 /// One number per joint, on lanes.
@@ -73,6 +74,23 @@ impl<'a, V: Set> Steep<'a, V> {
         for (j, velocity) in friction.smoothing.iter().enumerate() {
             steepness[j] = 1.0 / velocity;
             (forward[j], backward[j]) = (forward[j].max(nothing), backward[j].max(nothing));
+        }
+        if let Some(followers) = robot.followers() {
+            // Where a joint has one leader, its friction is that of the leader; of several the rest of the step takes it.
+            let (mut along, mut against, mut steep) =
+                ([nothing; MAX_DOF], [nothing; MAX_DOF], [0.0; MAX_DOF]);
+            for j in 0..robot.n_joints() {
+                if let [(a, factor)] = *followers.leaders(j) {
+                    let turned =
+                        if factor > 0.0 { [forward[j], backward[j]] } else { [backward[j], forward[j]] };
+                    along[a] += turned[0].scale(factor.abs());
+                    against[a] += turned[1].scale(factor.abs());
+                    if Layout::of(robot).number(j) == a {
+                        steep[a] = steepness[j];
+                    }
+                }
+            }
+            (forward, backward, steepness) = (along, against, steep);
         }
         Self { forward, backward, steepness, coupled: robot.coupled(), shafts }
     }

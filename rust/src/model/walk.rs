@@ -34,7 +34,7 @@ impl<V: Set> Axis<V> {
 
     /// The same axis seen from the next frame.
     #[inline(always)]
-    fn stepped<const T: u8>(&self, step: &Step, (s, c, t): Pose<'_, V>) -> Self {
+    fn stepped<const T: u8>(&self, step: &Step<'_>, (s, c, t): Pose<'_, V>) -> Self {
         let Self { u, mut w } = *self;
         // w + u x t
         if step.form.shifted[0] {
@@ -88,12 +88,18 @@ impl<V: Set> Walk<V> {
 
     #[inline(always)]
     fn begin(&mut self, geometry: &Geometry) {
-        (self.link, self.depth) = (Link::base(geometry.gravity), 0);
+        self.link.begin(geometry.gravity);
+        self.depth = 0;
     }
 
-    /// Goes on to link `j` from the link numbered before it; where that is in another branch, from the base.
+    /// Goes on to link `j` from the link numbered before it; where that is in another branch, from the base. In a `CHAIN` there is
+    /// none.
     #[inline(always)]
-    pub fn step(&mut self, geometry: &Geometry, j: usize, state: &State<V>) {
+    pub fn step<const CHAIN: bool>(&mut self, geometry: &Geometry, j: usize, state: &State<V>) {
+        if CHAIN {
+            self.depth = j;
+            return self.move_on(geometry, j, state);
+        }
         let mut first = j;
         if geometry.step(At(j)).form.branches {
             self.begin(geometry);
@@ -140,7 +146,7 @@ impl<V: Set> Walk<V> {
 
     /// Hands over the ten inertial columns of link `j`, on which the walk stands, as columns `first` and following.
     #[inline(always)]
-    pub(crate) fn link_rows(
+    pub(crate) fn link_rows<const CHAIN: bool>(
         &self,
         geometry: &Geometry,
         j: usize,
@@ -148,8 +154,9 @@ impl<V: Set> Walk<V> {
         entries: &mut impl Entries<V>,
     ) {
         let unit = UnitWrenches::of(&self.link);
-        for i in 0..self.depth.min(MAX_DOF) - 1 {
-            entries.put_link(self.path[i], first, &self.row(i, &unit));
+        let before = if CHAIN { j } else { self.depth.min(MAX_DOF) - 1 };
+        for i in 0..before {
+            entries.put_link(if CHAIN { i } else { self.path[i] }, first, &self.row(i, &unit));
         }
         entries.put_link(j, first, &Self::own_row(geometry.step(At(j)).form.turns, &unit));
     }

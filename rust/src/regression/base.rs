@@ -46,12 +46,17 @@ pub struct Base {
 /// Finds the base parameters of a robot.
 pub fn base_parameters(robot: &Robot) -> Result<Base, LeastSquaresError> {
     let layout = Layout::of(robot);
-    // A further term of friction has a column of its own: random states need not show it, as that of standstill.
-    let further: Vec<usize> = (layout.term(0)..layout.count()).collect();
-    let robot = &robot.without_terms();
+    // A further term of friction has a column of its own: random states need not show it, as that of standstill. A spring's can
+    // depend on those of gravity, and is tested like those of links.
+    let (springs, further): (Vec<usize>, Vec<usize>) = (layout.term(0)..layout.count())
+        .partition(|&column| robot.friction().terms[column - layout.term(0)].law.of_position());
+    let first = layout.term(0);
+    let original = |column: usize| if column < first { column } else { springs[column - first] };
+    let robot = &robot.with_springs_alone();
+    let layout = Layout::of(robot);
     let own = dependences(robot)?;
     let twin = twin(robot).and_then(|twin| Some((dependences(&twin).ok()?, Dictionary::new(robot, &twin))));
-    let count = layout.term(0);
+    let count = layout.count();
     let joint = |column| match layout.owner(column) {
         Owner::Joint { joint, .. } => joint,
         Owner::Coupled { index, .. } => robot.coupled()[index].motor,
@@ -59,7 +64,7 @@ pub fn base_parameters(robot: &Robot) -> Result<Base, LeastSquaresError> {
     };
     let mut terms: Vec<Vec<Term>> = vec![Vec::new(); count];
     let mut unidentifiable = Vec::new();
-    let mut kept: Vec<bool> = vec![true; count];
+    let mut kept = vec![true; count];
     for dependence in &own {
         kept[dependence.column] = false;
         let mut regroups = false;
@@ -77,16 +82,18 @@ pub fn base_parameters(robot: &Robot) -> Result<Base, LeastSquaresError> {
                     dictionary.find((a.min(b), a.max(b)), target, value)
                 })
                 .unwrap_or_else(|| (value, number(value)));
-            terms[column].push(Term { column: dependence.column, coefficient, symbol });
+            terms[column].push(Term { column: original(dependence.column), coefficient, symbol });
         }
         if !regroups {
-            unidentifiable.push(dependence.column);
+            unidentifiable.push(original(dependence.column));
         }
     }
-    let mut kept: Vec<usize> = (0..count).filter(|&column| kept[column]).collect();
-    let mut terms: Vec<Vec<Term>> = kept.iter().map(|&column| std::mem::take(&mut terms[column])).collect();
-    terms.resize(kept.len() + further.len(), Vec::new());
-    kept.extend(further);
+    let found = (0..count).filter(|&column| kept[column]);
+    let mut all: Vec<(usize, Vec<Term>)> =
+        found.map(|column| (original(column), std::mem::take(&mut terms[column]))).collect();
+    all.extend(further.into_iter().map(|column| (column, Vec::new())));
+    all.sort_by_key(|(column, _)| *column);
+    let (kept, terms) = all.into_iter().unzip();
     Ok(Base { kept, terms, unidentifiable })
 }
 
@@ -94,7 +101,9 @@ pub fn base_parameters(robot: &Robot) -> Result<Base, LeastSquaresError> {
 fn dependences(robot: &Robot) -> Result<Vec<Dependence>, LeastSquaresError> {
     let n = robot.n_dof();
     let p = Layout::of(robot).count();
-    let samples = p * STATES_PER_PARAMETER / n + 8;
+    // All that follows a joint is seen in its row alone.
+    let rows = if robot.followers().is_some() { 1 } else { n };
+    let samples = p * STATES_PER_PARAMETER / rows + 8;
     let (q, dq, ddq) = random_states(n, samples);
     let mut flat = vec![0.0; samples * n * p];
     regressor(robot, &q, &dq, &ddq, &mut flat).expect("the arrays were made for this robot");

@@ -3,6 +3,7 @@
 //! They are recognised on a twin robot with the same zeros and right angles but lengths and angles that no two joints
 //! share, and then evaluated on the robot itself: exact numbers. Tested in `base.rs`.
 
+use crate::robot::parameters::Layout;
 use crate::robot::{Joint, JointKind, Mount, Robot, Twist};
 
 /// A coefficient below this is zero; a symbol within this of a coefficient is it.
@@ -66,7 +67,7 @@ pub(super) struct Dictionary {
 
 impl Dictionary {
     pub(super) fn new(robot: &Robot, twin: &Robot) -> Self {
-        let n = robot.n_dof();
+        let n = robot.n_joints();
         let symbols: Vec<(Vec<Symbol>, Vec<Symbol>)> = (0..n).map(|j| symbols(robot, twin, j)).collect();
         let joints = (0..n).map(|j| monomials(&symbols[j..=j])).collect();
         let mut spans = Vec::new();
@@ -135,16 +136,17 @@ fn or_one(text: &str) -> &str {
 fn symbols(robot: &Robot, twin: &Robot, j: usize) -> (Vec<Symbol>, Vec<Symbol>) {
     let (own, other) = (&robot.joints()[j], &twin.joints()[j]);
     let (mount, moved) = (&robot.mounts()[j], &twin.mounts()[j]);
+    let number = Layout::of(robot).number(j) + 1;
     let lengths = [("d", own.d, other.d), ("r", own.r, other.r), ("b", mount.b, moved.b)]
         .into_iter()
         .filter(|(_, value, _)| *value != 0.0)
-        .map(|(name, value, twin)| Symbol { text: format!("{name}{}", j + 1), value, twin })
+        .map(|(name, value, twin)| Symbol { text: format!("{name}{number}"), value, twin })
         .collect();
     let mut angles = Vec::new();
     if let Twist::General(c, s) = robot.placements()[j].twist {
         let (ct, st) = twin.placements()[j].twist.cos_sin();
-        angles.push(Symbol { text: format!("cos(alpha{})", j + 1), value: c, twin: ct });
-        angles.push(Symbol { text: format!("sin(alpha{})", j + 1), value: s, twin: st });
+        angles.push(Symbol { text: format!("cos(alpha{number})"), value: c, twin: ct });
+        angles.push(Symbol { text: format!("sin(alpha{number})"), value: s, twin: st });
     }
     let theta = (own.kind == JointKind::Prismatic).then_some(("theta", own.theta, other.theta));
     for (angle, value, twin) in theta.into_iter().chain([("gamma", mount.gamma, moved.gamma)]) {
@@ -152,7 +154,7 @@ fn symbols(robot: &Robot, twin: &Robot, j: usize) -> (Vec<Symbol>, Vec<Symbol>) 
             continue;
         }
         for (name, f) in [("cos", f64::cos as fn(f64) -> f64), ("sin", f64::sin)] {
-            let text = format!("{name}({angle}{})", j + 1);
+            let text = format!("{name}({angle}{number})");
             angles.push(Symbol { text, value: f(value), twin: f(twin) });
         }
     }

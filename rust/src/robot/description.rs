@@ -5,6 +5,7 @@
 //! its antecedent, where a [`Mount`] stands before these. A revolute joint (`sigma = 0`) turns by `theta + q`, a prismatic one
 //! (`sigma = 1`) slides by `r + q`.
 
+use super::followers::Followers;
 use super::friction_terms::{Law, MAX_TERMS, Term};
 use crate::ground::arrays::MAX_DOF;
 use crate::robot::placement::{Mount, Placement, ends};
@@ -69,6 +70,14 @@ pub enum RobotError {
         joint: usize,
         /// Its antecedent, counted from 1.
         parent: usize,
+    },
+    /// A joint that cannot follow others as it should.
+    #[error("joint {joint} follows others: {reason}")]
+    Follower {
+        /// Joint, counted from 1.
+        joint: usize,
+        /// Reason.
+        reason: &'static str,
     },
     /// A gravity vector with a NaN or an infinity.
     #[error("gravity must be three finite numbers")]
@@ -170,6 +179,11 @@ impl Friction {
     pub fn has_load(&self) -> bool {
         self.terms.iter().any(|term| term.law == Law::Load)
     }
+
+    /// Does a term depend on the path?
+    pub fn remembers(&self) -> bool {
+        self.terms.iter().any(|term| matches!(term.law, Law::Dahl { .. }))
+    }
 }
 
 /// A checked robot.
@@ -183,6 +197,7 @@ pub struct Robot {
     coupled: Vec<CoupledMotor>,
     transmission: Vec<Vec<f64>>,
     friction: Friction,
+    followers: Option<Followers>,
 }
 
 /// A motor that turns with more than its own joint: its speed is `dq_m + sum c_i dq_i`.
@@ -240,17 +255,33 @@ impl Robot {
         if gravity.iter().any(|g| !g.is_finite()) {
             return Err(RobotError::Gravity);
         }
-        check_friction(n, &friction)?;
+        check_friction(&joints, &friction)?;
         let transmission = normalised(n, transmission)?;
         let placements =
             joints.iter().zip(&mounts).map(|(joint, mount)| Placement::of(joint, mount)).collect();
         let coupled = coupled_motors(&transmission);
-        Ok(Self { joints, mounts, placements, ends, gravity, coupled, transmission, friction })
+        let followers = None;
+        Ok(Self { joints, mounts, placements, ends, gravity, coupled, transmission, friction, followers })
     }
 
-    /// Number of joints.
+    /// Number of driven joints: columns of motions and torques.
     pub fn n_dof(&self) -> usize {
+        self.followers.as_ref().map_or(self.joints.len(), Followers::n_driven)
+    }
+
+    /// Number of joints, those that follow others among them.
+    pub fn n_joints(&self) -> usize {
         self.joints.len()
+    }
+
+    /// Joints that follow others, where there are any.
+    pub fn followers(&self) -> Option<&Followers> {
+        self.followers.as_ref()
+    }
+
+    /// The same robot, of which some joints follow others.
+    pub(super) fn following(self, followers: Followers) -> Self {
+        Self { followers: Some(followers), ..self }
     }
 
     /// The rows of the geometry.
@@ -307,17 +338,21 @@ impl Robot {
     }
 
     /// The same robot without the further terms of its friction.
-    pub(crate) fn without_terms(&self) -> Self {
-        Self { friction: Friction { terms: Vec::new(), ..self.friction.clone() }, ..self.clone() }
+    pub(crate) fn with_springs_alone(&self) -> Self {
+        let terms = self.friction.terms.iter().filter(|term| term.law.of_position()).cloned().collect();
+        Self { friction: Friction { terms, ..self.friction.clone() }, ..self.clone() }
     }
 
     /// The same robot with other lengths and angles; used to tell symbols of equal value apart.
     pub(crate) fn with_rows(&self, joints: Vec<Joint>, mounts: Vec<Mount>) -> Result<Self, RobotError> {
-        Self::tree(joints, mounts, self.gravity, &self.transmission, self.friction.clone())
+        let friction = self.friction.clone();
+        let robot = Self::tree(joints, mounts, self.gravity, &self.transmission, friction)?;
+        Ok(Self { followers: self.followers.clone(), ..robot })
     }
 }
 
-fn check_friction(n: usize, friction: &Friction) -> Result<(), RobotError> {
+fn check_friction(joints: &[Joint], friction: &Friction) -> Result<(), RobotError> {
+    let n = joints.len();
     for (what, values) in [("smoothing", &friction.smoothing), ("dead zone", &friction.dead_zone)] {
         if values.len() != n {
             return Err(RobotError::Length { what, want: n, got: values.len() });
@@ -331,10 +366,10 @@ fn check_friction(n: usize, friction: &Friction) -> Result<(), RobotError> {
             }
         }
     }
-    check_terms(n, friction)
+    check_terms(joints, friction)
 }
 
-fn check_terms(n: usize, friction: &Friction) -> Result<(), RobotError> {
+fn check_terms(joints: &[Joint], friction: &Friction) -> Result<(), RobotError> {
     if friction.terms.len() > MAX_TERMS {
         return Err(RobotError::TermCount { got: friction.terms.len(), max: MAX_TERMS });
     }
@@ -342,7 +377,7 @@ fn check_terms(n: usize, friction: &Friction) -> Result<(), RobotError> {
         let wrong = |reason: &'static str| {
             Err(RobotError::Term { name: term.name.clone(), joint: term.joint + 1, reason })
         };
-        if term.joint >= n {
+        if term.joint >= joints.len() {
             return wrong("the robot does not have this joint");
         }
         if friction.terms[..k].iter().any(|other| other.joint == term.joint && other.name == term.name) {
@@ -354,8 +389,16 @@ fn check_terms(n: usize, friction: &Friction) -> Result<(), RobotError> {
             {
                 return wrong("its velocity must be a finite number above 0");
             }
+            Law::Dahl { width } if !(width.is_finite() && width > 0.0) => {
+                return wrong("its width must be a finite number above 0");
+            }
             Law::Rest if friction.dead_zone[term.joint] + friction.smoothing[term.joint] <= 0.0 => {
                 return wrong("torque at standstill needs a dead zone above 0");
+            }
+            Law::Sine | Law::Cosine | Law::Cylinder(_) | Law::CylinderRate(_)
+                if joints[term.joint].kind != JointKind::Revolute =>
+            {
+                return wrong("only a joint that turns has such a spring");
             }
             Law::Forward if friction.asymmetric => {
                 return wrong("asymmetric friction has a viscous term for each direction already");

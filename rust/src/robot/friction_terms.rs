@@ -8,7 +8,15 @@
 //! | `Root` | `sqrt(abs(dq)) s(dq)` | concave in speed, without a velocity to choose |
 //! | `Forward` | `max(dq, 0)` | viscous friction that differs by direction |
 //! | `Load` | `abs(tau_r) s(dq)`, `tau_r = M(q) ddq + N` without friction | Hamon, Gautier, Garrec 2010 |
+//! | `Dahl` | its state z, `dz/dq = (s - z) s / h` with `s` the sign of the motion; zero where no state is known | Dahl 1968 |
 //! | `Table` | cubic interpolation of values over speed | the user's own law |
+//! | `Spring` | `q` | spring on the joint; its rest position is in the offset |
+//! | `Sine`, `Cosine` | `sin(q)`, `cos(q)` | a weight that balances gravity |
+//! | `Cylinder` | `dl/dq` | force of a cylinder or gas spring between two points |
+//! | `CylinderRate` | `(l - l_0) dl/dq` | its stiffness |
+//!
+//! The length `l` of a cylinder is `l^2 = a^2 + b^2 - 2 a b cos(q + phi)`, with one end at `a` from the axis on the link before and the
+//! other at `b` on the joint's own link. Springs are functions of the position; they stand here because they are terms like all others.
 //!
 //! `s(dq)` is the sign of the Coulomb friction, with its smoothing and dead zone. Each column has one parameter. Identity that
 //! tests them: `W x` equals the inverse model, and the direct model undoes it (`model/friction_terms.rs`).
@@ -38,8 +46,51 @@ pub enum Law {
     Forward,
     /// `abs(tau_r) s(dq)`, where `tau_r` is the torque of links and rotors.
     Load,
+    /// State of a joint that remembers its reversals; a function of the path, not of the speed.
+    Dahl {
+        /// Displacement over which it fades by a factor of e (rad or m).
+        width: f64,
+    },
     /// A law given by its values.
     Table(Table),
+    /// `q`: a spring on the joint.
+    Spring,
+    /// `sin(q)`.
+    Sine,
+    /// `cos(q)`.
+    Cosine,
+    /// `dl/dq`: a constant force along a cylinder.
+    Cylinder(Cylinder),
+    /// `(l - l_0) dl/dq`: the stiffness of the same.
+    CylinderRate(Cylinder),
+}
+
+impl Law {
+    /// Is its column a function of the position alone?
+    pub fn of_position(&self) -> bool {
+        matches!(self, Self::Spring | Self::Sine | Self::Cosine | Self::Cylinder(_) | Self::CylinderRate(_))
+    }
+}
+
+/// Where the two ends of a cylinder are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cylinder {
+    /// Distance of the end on the link before from the joint's axis (m).
+    pub a: f64,
+    /// Distance of the end on the joint's own link (m), other than `a`.
+    pub b: f64,
+    /// Angle between the two at `q = 0` (rad).
+    pub phi: f64,
+    /// Length without force of the spring (m).
+    pub rest: f64,
+}
+
+impl Cylinder {
+    /// None unless the numbers are finite, the distances above 0 and not the same.
+    pub fn new(a: f64, b: f64, phi: f64, rest: f64) -> Option<Self> {
+        let sound = [a, b, phi, rest].iter().all(|value| value.is_finite());
+        (sound && a > 0.0 && b > 0.0 && a != b).then_some(Self { a, b, phi, rest })
+    }
 }
 
 /// One term: a law at a joint.

@@ -14,12 +14,30 @@ use crate::robot::arm::{
 };
 use crate::robot::{JointKind, Robot, Twist};
 use std::marker::PhantomData;
+use std::ops::Deref;
 
-/// The step to one frame from the one before.
+/// The step to one frame from the one before: its form, constant where the kernel knows it, and its numbers, which stay where they
+/// are.
 #[derive(Debug, Clone, Copy)]
-pub struct Step {
+pub struct Step<'a> {
     /// Its form.
     pub form: StepForm,
+    numbers: &'a Numbers,
+}
+
+impl Deref for Step<'_> {
+    type Target = Numbers;
+    #[inline(always)]
+    fn deref(&self) -> &Numbers {
+        self.numbers
+    }
+}
+
+/// Numbers of a step.
+#[derive(Debug, Clone, Copy)]
+pub struct Numbers {
+    /// Its form.
+    form: StepForm,
     /// Cosine of alpha.
     pub cosine: f64,
     /// Its sine.
@@ -35,15 +53,15 @@ pub struct Step {
     /// The joint that this one stands on.
     parent: usize,
     /// One past the last joint that it carries.
-    pub end: usize,
+    end: usize,
     /// One past the last joint whose row of `L` can have an entry in this joint's column.
-    pub fill: usize,
+    fill: usize,
     /// The first joint whose column can have an entry in this joint's row of `L`.
-    pub first: usize,
+    first: usize,
 }
 
-impl Step {
-    /// None at all.
+impl Numbers {
+    /// Those of no step at all.
     const STILL: Self = Self {
         form: StepForm::STILL,
         cosine: 1.0,
@@ -85,7 +103,7 @@ impl Step {
             axis,
             parent: parent.unwrap_or(BASE),
             end: robot.end(j),
-            fill: if coupled { robot.n_dof() } else { robot.end(j) },
+            fill: if coupled { robot.n_joints() } else { robot.end(j) },
             first,
         }
     }
@@ -111,7 +129,9 @@ impl Step {
 #[derive(Debug, Clone, Copy)]
 pub struct Geometry<S = Any> {
     n: usize,
-    steps: [Step; MAX_DOF],
+    /// Does each joint stand on the one numbered before it?
+    chain: bool,
+    steps: [Numbers; MAX_DOF],
     /// Acceleration of gravity in frame 0 (m/s^2).
     pub gravity: [f64; 3],
     shape: PhantomData<S>,
@@ -120,23 +140,24 @@ pub struct Geometry<S = Any> {
 impl Geometry {
     /// Geometry of a robot.
     pub fn of(robot: &Robot) -> Self {
-        let n = robot.n_dof();
-        let mut steps = [Step::STILL; MAX_DOF];
+        let n = robot.n_joints();
+        let mut steps = [Numbers::STILL; MAX_DOF];
         for (j, step) in steps.iter_mut().enumerate().take(n) {
-            *step = Step::of(robot, j);
+            *step = Numbers::of(robot, j);
         }
         let forms = complete(steps.map(|step| step.form), &steps.map(|step| step.parent), n);
         for (step, form) in steps.iter_mut().zip(forms) {
             step.form = form;
         }
-        Self { n, steps, gravity: robot.gravity(), shape: PhantomData }
+        let chain = !steps[..n].iter().any(|step| step.form.branches);
+        Self { n, chain, steps, gravity: robot.gravity(), shape: PhantomData }
     }
 
     /// The same for kernels that know its shape, if it has that shape.
     pub fn known<S: Arm>(&self) -> Option<Geometry<S>> {
         let same = self.n == SIX && S::FORMS?.iter().zip(&self.steps).all(|(form, step)| *form == step.form);
-        let Self { n, steps, gravity, .. } = *self;
-        same.then_some(Geometry { n, steps, gravity, shape: PhantomData })
+        let Self { n, chain, steps, gravity, .. } = *self;
+        same.then_some(Geometry { n, chain, steps, gravity, shape: PhantomData })
     }
 }
 
@@ -145,6 +166,12 @@ impl<S: Arm> Geometry<S> {
     #[inline(always)]
     pub fn n(&self) -> usize {
         if S::KNOWN { SIX } else { self.n.min(MAX_DOF) }
+    }
+
+    /// Does each joint stand on the one numbered before it? Kernels ask once, outside their loops.
+    #[inline(always)]
+    pub fn is_chain(&self) -> bool {
+        S::KNOWN || self.chain
     }
 
     /// Does joint `i` carry link `j`?
@@ -159,11 +186,23 @@ impl<S: Arm> Geometry<S> {
         if S::KNOWN { SIX } else { self.steps[k].fill.min(MAX_DOF) }
     }
 
+    /// One past the last joint that a joint carries, at most `n`.
+    #[inline(always)]
+    pub fn end<P: Place>(&self, place: P) -> usize {
+        if S::KNOWN { SIX } else { self.steps[place.index()].end.min(MAX_DOF) }
+    }
+
+    /// The first joint whose column can have an entry in a joint's row of `L`.
+    #[inline(always)]
+    pub fn first<P: Place>(&self, place: P) -> usize {
+        if S::KNOWN { 0 } else { self.steps[place.index()].first }
+    }
+
     /// The step to a joint's frame.
     #[inline(always)]
-    pub fn step<P: Place>(&self, place: P) -> Step {
-        let step = self.steps[place.index()];
-        Step { form: P::FORM.unwrap_or(step.form), ..step }
+    pub fn step<P: Place>(&self, place: P) -> Step<'_> {
+        let numbers = &self.steps[place.index()];
+        Step { form: P::FORM.unwrap_or(numbers.form), numbers }
     }
 }
 
@@ -290,7 +329,7 @@ impl<V: Set> Frames<V> {
     }
 
     #[inline(always)]
-    fn slide(&mut self, step: &Step, j: usize, q: Lanes<V>) {
+    fn slide(&mut self, step: &Step<'_>, j: usize, q: Lanes<V>) {
         let [x, y, z] = step.shift;
         let x = if step.form.bent {
             q.mul_add(Lanes::splat(step.axis[0]), Lanes::splat(x))
@@ -322,7 +361,7 @@ fn near<V: Set>([from, s, c]: [Lanes<V>; 3], q: Lanes<V>, theta: Lanes<V>) -> (L
 impl<V: Set> Vector<V> {
     /// Components after the step's twist: `Rot(x, alpha)^T v`.
     #[inline(always)]
-    fn twisted<const T: u8>(self, step: &Step) -> Self {
+    fn twisted<const T: u8>(self, step: &Step<'_>) -> Self {
         match T {
             ZERO => self,
             PLUS => Self::new(self.x, self.z, -self.y),
@@ -337,7 +376,7 @@ impl<V: Set> Vector<V> {
 
     /// Back: `Rot(x, alpha) v`.
     #[inline(always)]
-    pub fn untwisted<const T: u8>(self, step: &Step) -> Self {
+    pub fn untwisted<const T: u8>(self, step: &Step<'_>) -> Self {
         match T {
             ZERO => self,
             PLUS => Self::new(self.x, -self.z, self.y),
@@ -352,13 +391,13 @@ impl<V: Set> Vector<V> {
 
     /// A direction of frame `j-1` in frame `j`.
     #[inline(always)]
-    pub fn stepped<const T: u8>(self, step: &Step, sine: Lanes<V>, cosine: Lanes<V>) -> Self {
+    pub fn stepped<const T: u8>(self, step: &Step<'_>, sine: Lanes<V>, cosine: Lanes<V>) -> Self {
         self.twisted::<T>(step).into_turned(sine, cosine)
     }
 
     /// A direction of frame `j` in frame `j-1`.
     #[inline(always)]
-    pub fn unstepped<const T: u8>(self, step: &Step, sine: Lanes<V>, cosine: Lanes<V>) -> Self {
+    pub fn unstepped<const T: u8>(self, step: &Step<'_>, sine: Lanes<V>, cosine: Lanes<V>) -> Self {
         self.out_of_turned(sine, cosine).untwisted::<T>(step)
     }
 }
@@ -384,7 +423,8 @@ mod tests {
             for (twist, cosine, sine) in [
                 (ZERO, 1.0, 0.0), (PLUS, 0.0, 1.0), (MINUS, 0.0, -1.0), (GENERAL, alpha.cos(), alpha.sin()),
             ] {
-                let step = Step { form: StepForm::of(true, twist, [false; 3]), cosine, sine, ..Step::STILL };
+                let numbers = Numbers { cosine, sine, ..Numbers::STILL };
+                let step = Step { form: StepForm::of(true, twist, [false; 3]), numbers: &numbers };
                 let vector = Vector::splat(v);
                 let (into, back) = by_twist!(step, T => {
                     let into = vector.stepped::<T>(&step, s, c);

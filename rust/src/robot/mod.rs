@@ -2,6 +2,7 @@
 
 pub mod arm;
 mod description;
+mod followers;
 pub mod friction_terms;
 pub mod geometry;
 pub mod parameters;
@@ -9,5 +10,6 @@ mod placement;
 mod twist;
 
 pub use description::{CoupledMotor, Coupling, Friction, Joint, JointKind, Robot, RobotError};
+pub use followers::{Follower, Followers};
 pub use placement::{Mount, Placement};
 pub use twist::Twist;

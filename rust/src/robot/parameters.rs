@@ -4,6 +4,7 @@
 //! stand where `Fv Fc Off` stood. After the last joint, `Fvm Fcm` of each coupled motor: the 86 of the TX40. Further terms of
 //! friction come last, in the order in which the robot has them.
 
+use super::followers::Followers;
 use super::friction_terms::Law;
 use crate::robot::{JointKind, Robot};
 
@@ -24,8 +25,10 @@ const INERTIAL_NAMES: [&str; 11] = ["XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "M
 
 /// Index of each parameter of a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Layout {
-    n_dof: usize,
+pub struct Layout<'a> {
+    n_joints: usize,
+    /// Number of each joint of the kernels where some follow others; empty otherwise.
+    numbers: &'a [usize],
     per_joint: usize,
     n_coupled: usize,
     n_terms: usize,
@@ -55,12 +58,14 @@ pub enum Owner {
     },
 }
 
-impl Layout {
+impl<'a> Layout<'a> {
     /// The layout of a robot.
-    pub fn of(robot: &Robot) -> Self {
+    #[inline(always)]
+    pub fn of(robot: &'a Robot) -> Self {
         let per_joint = if robot.friction().asymmetric { FRICTION + 4 } else { FRICTION + 3 };
         let n_terms = robot.friction().terms.len();
-        Self { n_dof: robot.n_dof(), per_joint, n_coupled: robot.coupled().len(), n_terms }
+        let numbers = robot.followers().map_or(&[][..], Followers::numbers);
+        Self { n_joints: robot.n_joints(), numbers, per_joint, n_coupled: robot.coupled().len(), n_terms }
     }
 
     /// Number of standard parameters.
@@ -79,20 +84,29 @@ impl Layout {
     }
 
     /// First index of a joint's block.
+    #[inline(always)]
     pub fn joint(self, joint: usize) -> usize {
-        joint * self.per_joint
+        self.number(joint) * self.per_joint
+    }
+
+    /// Number of a joint of the kernels, from 0: its own, unless some joints follow others.
+    #[inline(always)]
+    pub fn number(self, joint: usize) -> usize {
+        if self.numbers.is_empty() { joint } else { self.numbers[joint] }
     }
 
     /// Index of `Fvm` of a coupled motor; `Fcm` follows.
     pub fn coupled(self, index: usize) -> usize {
-        self.n_dof * self.per_joint + 2 * index
+        self.n_joints * self.per_joint + 2 * index
     }
 
     /// Owner of a column.
     pub fn owner(self, column: usize) -> Owner {
-        let joints = self.n_dof * self.per_joint;
+        let joints = self.n_joints * self.per_joint;
         if column < joints {
-            Owner::Joint { joint: column / self.per_joint, local: column % self.per_joint }
+            let number = column / self.per_joint;
+            let joint = self.numbers.iter().position(|&other| other == number).unwrap_or(number);
+            Owner::Joint { joint, local: column % self.per_joint }
         } else if column < self.term(0) {
             Owner::Coupled { index: (column - joints) / 2, local: (column - joints) % 2 }
         } else {
@@ -104,7 +118,8 @@ impl Layout {
 /// Names in order, such as `ZZ1`, `Fv1`, `Fvm6`.
 pub fn names(robot: &Robot) -> Vec<String> {
     let mut names = Vec::with_capacity(Layout::of(robot).count());
-    for j in 1..=robot.n_dof() {
+    let layout = Layout::of(robot);
+    for j in 1..=robot.n_joints() {
         names.extend(INERTIAL_NAMES.iter().map(|name| format!("{name}{j}")));
         if robot.friction().asymmetric {
             names.extend([format!("Fv{j}+"), format!("Fc{j}+"), format!("Fv{j}-"), format!("Fc{j}-")]);
@@ -116,14 +131,19 @@ pub fn names(robot: &Robot) -> Vec<String> {
         let j = coupled.motor + 1;
         names.extend([format!("Fvm{j}"), format!("Fcm{j}")]);
     }
-    names.extend(robot.friction().terms.iter().map(|term| format!("{}{}", term.name, term.joint + 1)));
+    names.extend(
+        robot.friction().terms.iter().map(|term| format!("{}{}", term.name, layout.number(term.joint) + 1)),
+    );
     names
 }
 
 /// Units in order, joint side.
 pub fn units(robot: &Robot) -> Vec<&'static str> {
     let mut units = Vec::with_capacity(Layout::of(robot).count());
-    for joint in robot.joints() {
+    let layout = Layout::of(robot);
+    let mut joints: Vec<usize> = (0..robot.n_joints()).collect();
+    joints.sort_by_key(|&joint| layout.number(joint));
+    for joint in joints.into_iter().map(|joint| &robot.joints()[joint]) {
         units.extend(["kg.m^2"; MX]);
         units.extend(["kg.m"; 3]);
         units.push("kg");
@@ -145,6 +165,9 @@ pub fn units(robot: &Robot) -> Vec<&'static str> {
         match (&term.law, kind) {
             (Law::Load, _) => "1",
             (Law::Forward, _) => viscous,
+            (Law::Spring, JointKind::Revolute) => "N.m/rad",
+            (Law::Spring, JointKind::Prismatic) | (Law::CylinderRate(_), _) => "N/m",
+            (Law::Cylinder(_), _) => "N",
             (Law::Root, JointKind::Revolute) => "N.m.(s/rad)^0.5",
             (Law::Root, JointKind::Prismatic) => "N.(s/m)^0.5",
             _ => force,

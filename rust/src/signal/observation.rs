@@ -72,7 +72,29 @@ pub fn observation(
     stages: &[Stage],
     threads: usize,
 ) -> Result<Vec<f64>, ObservationError> {
-    let n = robot.n_dof();
+    if let Some(followers) = robot.followers() {
+        let [q, dq, ddq] = [(log.q, true), (log.dq, false), (log.ddq, false)]
+            .map(|(values, position)| followers.spread(values, position));
+        let log = Log { q: &q, dq: &dq, ddq: &ddq, load: &[] };
+        // Filters are linear: the rows of the joints are filtered, and then added up.
+        let all = observation_of_joints(robot, log, columns, stages, threads)?;
+        let kept = output_length(q.len() / robot.n_joints(), stages);
+        let mut w = vec![0.0; robot.n_dof() * kept * columns.len()];
+        followers.gather(&all, kept, &mut w);
+        return Ok(w);
+    }
+    observation_of_joints(robot, log, columns, stages, threads)
+}
+
+/// The same with the rows of all joints.
+fn observation_of_joints(
+    robot: &Robot,
+    log: Log<'_>,
+    columns: &[usize],
+    stages: &[Stage],
+    threads: usize,
+) -> Result<Vec<f64>, ObservationError> {
+    let n = robot.n_joints();
     let samples = log.q.len() / n;
     for (what, array) in [("q", log.q), ("dq", log.dq), ("ddq", log.ddq)] {
         crate::ground::arrays::check_length(what, array, samples * n)?;
@@ -110,7 +132,7 @@ pub fn observation(
 fn blocks(robot: &Robot, columns: &[usize]) -> Vec<Block> {
     let layout = Layout::of(robot);
     let mut drive = Vec::new();
-    let mut links: Vec<Vec<Series>> = vec![Vec::new(); robot.n_dof()];
+    let mut links: Vec<Vec<Series>> = vec![Vec::new(); robot.n_joints()];
     for (place, &column) in columns.iter().enumerate() {
         match layout.owner(column) {
             Owner::Joint { joint, local } if local < INERTIAL => {
@@ -189,7 +211,7 @@ impl Kernel for FormAndFilter<'_> {
     #[inline(always)]
     fn run<V: Set>(self) -> Self::Output {
         let Self { robot, log, samples, block, stages, memory: Memory { groups, filter } } = self;
-        let n = robot.n_dof();
+        let n = robot.n_joints();
         let count = block.series.len().div_ceil(COLUMNS);
         if groups.len() < count {
             groups.resize_with(count, || vec![Row::ZERO; samples]);
@@ -203,6 +225,7 @@ impl Kernel for FormAndFilter<'_> {
         }
         let geometry = Geometry::of(robot);
         let (mut walk, mut state) = (Walk::<V>::new(&geometry), State::zero());
+        let mut load = [Lanes::zero(); MAX_DOF];
         for first in (0..samples).step_by(V::L) {
             state.load(n, first, log.q, log.dq, log.ddq);
             let valid = V::L.min(samples - first);
@@ -210,9 +233,9 @@ impl Kernel for FormAndFilter<'_> {
             if let Some(j) = block.link {
                 walk.start(&geometry, &state.q);
                 walk.reach(&geometry, j.min(MAX_DOF - 1), &state);
-                walk.link_rows(&geometry, j, 0, &mut entries);
+                walk.link_rows::<false>(&geometry, j, 0, &mut entries);
             } else {
-                let load = gather_load(log.load, n, first);
+                gather_load(log.load, n, first, &mut load);
                 drive_lanes(robot, &state, &load, &mut entries);
             }
         }

@@ -47,7 +47,27 @@ pub fn contraction_gradient(
         check_length(what, array, q.len())?;
     }
     if !q.is_empty() {
-        dispatch(Batch { robot, q, dq, ddq, g, out });
+        let Some(followers) = robot.followers() else {
+            dispatch(Batch { robot, q, dq, ddq, g, out });
+            return Ok(());
+        };
+        let [q, dq, ddq] = [(q, true), (dq, false), (ddq, false)].map(|(v, at)| followers.spread(v, at));
+        let p = Layout::of(robot).count();
+        let mut rows = Vec::with_capacity(q.len() * p);
+        for sample in g.chunks_exact(robot.n_dof() * p) {
+            for j in 0..robot.n_joints() {
+                rows.extend((0..p).map(|c| {
+                    followers.leaders(j).iter().map(|&(a, factor)| factor * sample[a * p + c]).sum::<f64>()
+                }));
+            }
+        }
+        let mut all = [(); 3].map(|()| vec![0.0; q.len()]);
+        let [q_bar, dq_bar, ddq_bar] = &mut all;
+        let found = Gradient { q: q_bar, dq: dq_bar, ddq: ddq_bar };
+        dispatch(Batch { robot, q: &q, dq: &dq, ddq: &ddq, g: &rows, out: found });
+        for (all, out) in all.iter().zip([out.q, out.dq, out.ddq]) {
+            followers.gather(all, 1, out);
+        }
     }
     Ok(())
 }
@@ -65,7 +85,7 @@ impl Kernel for Batch<'_> {
     type Output = ();
     #[inline(always)]
     fn run<V: Set>(self) {
-        let n = self.robot.n_dof();
+        let n = self.robot.n_joints();
         let layout = Layout::of(self.robot);
         let width = n * layout.count();
         let (mut chain, mut found) = (Chain::<V>::new(self.robot), State::zero());
@@ -90,7 +110,7 @@ pub(super) struct Weights<'a> {
     /// Entries of a sample.
     width: usize,
     /// Places of the parameters.
-    pub(super) layout: Layout,
+    pub(super) layout: Layout<'a>,
 }
 
 impl Weights<'_> {
@@ -152,9 +172,9 @@ impl<V: Set> Chain<V> {
             cosine: zero,
             arm: [Vector::zero(); MAX_DOF],
             carried: [Motion::none(); MAX_DOF],
-            axes: vec![[axis; MAX_DOF]; robot.n_dof()],
+            axes: vec![[axis; MAX_DOF]; robot.n_joints()],
             bars: [Motion::none(); MAX_DOF],
-            axes_bar: vec![[axis; MAX_DOF]; robot.n_dof()],
+            axes_bar: vec![[axis; MAX_DOF]; robot.n_joints()],
         }
     }
 
@@ -182,7 +202,7 @@ impl<V: Set> Chain<V> {
 
     #[inline(always)]
     fn outwards(&mut self, robot: &Robot, state: &State<V>) {
-        for j in 0..robot.n_dof().min(MAX_DOF) {
+        for j in 0..robot.n_joints().min(MAX_DOF) {
             let (joint, placement) = (&robot.joints()[j], &robot.placements()[j]);
             let parent = robot.mounts()[j].parent;
             let before = parent.map_or(self.base, |parent| self.motion(robot, parent, state));
@@ -218,7 +238,7 @@ impl<V: Set> Chain<V> {
     /// Derivatives of the links' part of the sum, into `found`.
     #[inline(always)]
     fn inwards(&mut self, robot: &Robot, state: &State<V>, weights: &Weights<'_>, found: &mut State<V>) {
-        let n = robot.n_dof().min(MAX_DOF);
+        let n = robot.n_joints().min(MAX_DOF);
         self.bars = [Motion::none(); MAX_DOF];
         for bars in &mut self.axes_bar {
             bars[..n].fill(Axis { u: Vector::zero(), w: Vector::zero() });

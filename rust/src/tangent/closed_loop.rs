@@ -49,7 +49,7 @@ pub fn sensitivities(
     cancel: &Cancel<'_>,
 ) -> Result<(Outcome, Vec<Trajectory>), SimulationError> {
     check(&simulation, &[candidate])?;
-    if simulation.integrator != Integrator::RungeKutta {
+    if simulation.integrator != Integrator::RungeKutta || simulation.robot.friction().remembers() {
         return Err(SimulationError::Derivatives);
     }
     let count = Layout::of(simulation.robot).count();

@@ -6,6 +6,7 @@ use super::adjoint::Weights;
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::lanes::{Lanes, Set};
 use crate::model::friction::sign;
+use crate::model::friction_terms::position_slope;
 use crate::model::motion::State;
 use crate::robot::friction_terms::{Law, Term};
 use crate::robot::parameters::{FRICTION, IA};
@@ -30,7 +31,13 @@ fn term_slope<V: Set>(robot: &Robot, term: &Term, dq: Lanes<V>) -> Lanes<V> {
     let one = Lanes::splat(1.0);
     let (s, steep) = (sign(robot, term.joint, dq), slope(robot, term.joint, dq));
     match &term.law {
-        Law::Rest => Lanes::zero(),
+        Law::Rest
+        | Law::Dahl { .. }
+        | Law::Spring
+        | Law::Sine
+        | Law::Cosine
+        | Law::Cylinder(_)
+        | Law::CylinderRate(_) => Lanes::zero(),
         Law::Atan { velocity } => {
             let u = dq.scale(1.0 / velocity);
             Lanes::splat(1.0 / velocity) / u.mul_add(u, one)
@@ -60,7 +67,7 @@ fn term_slope<V: Set>(robot: &Robot, term: &Term, dq: Lanes<V>) -> Lanes<V> {
 #[inline(always)]
 pub(super) fn drives<V: Set>(robot: &Robot, state: &State<V>, weights: &Weights<'_>, found: &mut State<V>) {
     let layout = weights.layout;
-    for j in 0..robot.n_dof().min(MAX_DOF) {
+    for j in 0..robot.n_joints().min(MAX_DOF) {
         let first = layout.joint(j);
         let own = |k: usize| weights.at(j, first + k);
         found.ddq[j] += own(IA);
@@ -79,6 +86,10 @@ pub(super) fn drives<V: Set>(robot: &Robot, state: &State<V>, weights: &Weights<
         let weight: Lanes<V> = weights.at(term.joint, layout.term(index));
         let slope = term_slope(robot, term, state.dq[term.joint]);
         found.dq[term.joint] = weight.mul_add(slope, found.dq[term.joint]);
+        if term.law.of_position() {
+            let slope = position_slope(term, state.q[term.joint]);
+            found.q[term.joint] = weight.mul_add(slope, found.q[term.joint]);
+        }
     }
     for (index, coupled) in robot.coupled().iter().enumerate() {
         let m = coupled.motor;

@@ -83,7 +83,23 @@ fn side(a: Number, positive: bool) -> Number {
 
 /// Partial derivatives of the inverse model at one state, with all standard parameters.
 pub fn partials(robot: &Robot, x: &[f64], q: &[f64], dq: &[f64], ddq: &[f64]) -> Partials {
-    let n = robot.n_dof();
+    let Some(followers) = robot.followers() else { return partials_of_joints(robot, x, q, dq, ddq) };
+    let [q, dq, ddq] = [(q, true), (dq, false), (ddq, false)].map(|(v, at)| followers.spread(v, at));
+    let all = partials_of_joints(robot, x, &q, &dq, &ddq);
+    let (n, joints) = (robot.n_dof(), robot.n_joints());
+    let mut found = Partials { tau: [0.0; MAX_DOF], ..all };
+    followers.gather(&all.tau[..joints], 1, &mut found.tau[..n]);
+    for matrix in [&mut found.position, &mut found.velocity] {
+        let whole: Vec<f64> = matrix[..joints].iter().flat_map(|row| row[..joints].iter().copied()).collect();
+        for (row, values) in matrix.iter_mut().zip(followers.square(&whole).chunks_exact(n)) {
+            row[..n].copy_from_slice(values);
+        }
+    }
+    found
+}
+
+fn partials_of_joints(robot: &Robot, x: &[f64], q: &[f64], dq: &[f64], ddq: &[f64]) -> Partials {
+    let n = robot.n_joints();
     let layout = Layout::of(robot);
     let zero = Number::constant(0.0);
     let none = [zero; 3];

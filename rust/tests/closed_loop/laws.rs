@@ -33,6 +33,7 @@ fn slide(controller: &Controller, reference: &Reference, records: usize, start: 
         memory: Memory::default(),
         divergence: 1e3,
         integrator: Integrator::RungeKutta,
+        servos: None,
     };
     run(simulation, &[x], 1).1.remove(0)
 }

@@ -107,6 +107,7 @@ pub fn whole<'a>(
         memory: Memory::default(),
         divergence: 100.0,
         integrator: Integrator::RungeKutta,
+        servos: None,
     }
 }
 

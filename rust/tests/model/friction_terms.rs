@@ -7,7 +7,7 @@ use didim::model::regressor::{regressor, regressor_under_load};
 use didim::regression::base::base_parameters;
 use didim::robot::Friction;
 use didim::robot::Robot;
-use didim::robot::friction_terms::{Law, MAX_TERMS, Table, Term};
+use didim::robot::friction_terms::{Cylinder, Law, MAX_TERMS, Table, Term};
 use didim::robot::parameters::{Layout, names, units};
 use didim::signal::observation::{Log, observation};
 
@@ -31,11 +31,18 @@ fn with_terms(smoothing: f64) -> Robot {
             term(3, "Fvp", Law::Forward),
             term(4, "Fu", Law::Table(table)),
             term(5, "Fl", Law::Load),
+            term(0, "Ks", Law::Spring),
+            term(2, "Gs", Law::Sine),
+            term(3, "Gc", Law::Cosine),
+            term(4, "Cf", Law::Cylinder(CYLINDER)),
+            term(5, "Ck", Law::CylinderRate(CYLINDER)),
         ],
         ..plain.friction().clone()
     };
     with_friction(&plain, friction)
 }
+
+const CYLINDER: Cylinder = Cylinder { a: 0.6, b: 0.25, phi: 0.4, rest: 0.5 };
 
 fn without_terms(robot: &Robot) -> Robot {
     with_friction(robot, Friction { terms: Vec::new(), ..robot.friction().clone() })
@@ -48,7 +55,7 @@ fn motion(samples: usize) -> [Vec<f64>; 3] {
 /// Parameters of a robot that can be simulated, with load friction below 1 in size.
 fn values(robot: &Robot) -> Vec<f64> {
     let mut x = parameters(&without_terms(robot));
-    x.extend([0.4, 1.3, -0.6, 0.2, 0.8, -0.3, 0.5, -0.15]);
+    x.extend([0.4, 1.3, -0.6, 0.2, 0.8, -0.3, 0.5, -0.15, 0.7, -0.4, 0.9, 1.2, -0.8]);
     assert_eq!(x.len(), Layout::of(robot).count());
     x
 }
@@ -57,7 +64,7 @@ fn values(robot: &Robot) -> Vec<f64> {
 fn load(robot: &Robot, [q, dq, ddq]: &[Vec<f64>; 3], x: &[f64]) -> Vec<f64> {
     let mut x = x.to_vec();
     for (value, name) in x.iter_mut().zip(names(robot)) {
-        if name.starts_with('F') || name.starts_with("Off") || name.starts_with("Rest") {
+        if ["F", "Off", "Rest", "Ks", "G", "C"].iter().any(|first| name.starts_with(first)) {
             *value = 0.0;
         }
     }
@@ -97,7 +104,7 @@ fn the_observation_matrix_has_the_columns_of_the_regressor() {
     let [q, dq, ddq] = &log;
     let mut w = vec![0.0; 54 * p];
     regressor_under_load(&robot, q, dq, ddq, &load, &mut w).unwrap();
-    let columns: Vec<usize> = (p - 8..p).collect();
+    let columns: Vec<usize> = (p - 13..p).collect();
     let observed = observation(&robot, Log { q, dq, ddq, load: &load }, &columns, &[], 1).unwrap();
     for (c, &column) in columns.iter().enumerate() {
         for j in 0..6 {
@@ -117,8 +124,15 @@ fn each_term_is_a_base_parameter_with_a_name_and_a_unit() {
     let plain = base_parameters(&without_terms(&robot)).unwrap();
     let base = base_parameters(&robot).unwrap();
     assert_eq!(base.kept[..plain.kept.len()], plain.kept);
-    assert_eq!(base.kept.len(), plain.kept.len() + 8);
-    assert_eq!(base.terms[..plain.kept.len()], plain.terms);
+    assert_eq!(base.kept.len(), plain.kept.len() + 13);
+    for (terms, expected) in base.terms.iter().zip(&plain.terms) {
+        assert_eq!(terms.len(), expected.len());
+        for (term, other) in terms.iter().zip(expected) {
+            assert_eq!((term.column, &term.symbol), (other.column, &other.symbol));
+            // The rank is found with the columns of the terms beside the others, so the last digits differ.
+            assert!((term.coefficient - other.coefficient).abs() < 1e-12);
+        }
+    }
     let named: Vec<String> =
         names(&robot).iter().zip(units(&robot)).map(|(name, unit)| format!("{name} {unit}")).collect();
     assert_eq!(
@@ -131,9 +145,51 @@ fn each_term_is_a_base_parameter_with_a_name_and_a_unit() {
             "Fr3 N.m.(s/rad)^0.5",
             "Fvp4 N.m.s/rad",
             "Fu5 N.m",
-            "Fl6 1"
+            "Fl6 1",
+            "Ks1 N.m/rad",
+            "Gs3 N.m",
+            "Gc4 N.m",
+            "Cf5 N",
+            "Ck6 N/m"
         ]
     );
+}
+
+#[test]
+fn a_cylinder_pushes_along_the_change_of_its_length() {
+    let plain = robot(&[false]);
+    let terms = vec![term(0, "Cf", Law::Cylinder(CYLINDER)), term(0, "Ck", Law::CylinderRate(CYLINDER))];
+    let robot = with_friction(&plain, Friction { terms, ..plain.friction().clone() });
+    let p = Layout::of(&robot).count();
+    let length = |q: f64| {
+        let Cylinder { a, b, phi, .. } = CYLINDER;
+        (a * a + b * b - 2.0 * a * b * (q + phi).cos()).sqrt()
+    };
+    let q: Vec<f64> = (-30..=30).map(|k| 0.1 * f64::from(k)).collect();
+    let (still, mut w) = (vec![0.0; q.len()], vec![0.0; q.len() * p]);
+    regressor(&robot, &q, &still, &still, &mut w).unwrap();
+    for (row, q) in w.chunks_exact(p).zip(q) {
+        let h = 1e-5;
+        let slope = (length(q + h) - length(q - h)) / (2.0 * h);
+        assert!((row[p - 2] - slope).abs() < 1e-9, "{q}");
+        assert!((row[p - 1] - (length(q) - CYLINDER.rest) * slope).abs() < 1e-9, "{q}");
+    }
+}
+
+#[test]
+fn a_spring_that_gravity_has_the_columns_of_regroups() {
+    let plain = robot(&[false]);
+    for (gravity, grown) in [(plain.gravity(), 0), ([0.0; 3], 2)] {
+        let made = |friction| Robot::new(plain.joints().to_vec(), gravity, &[vec![1.0]], friction).unwrap();
+        let terms = vec![term(0, "Gs", Law::Sine), term(0, "Gc", Law::Cosine)];
+        let friction = Friction { terms, ..Friction::sign(1) };
+        let before = base_parameters(&made(Friction { terms: Vec::new(), ..friction.clone() })).unwrap();
+        let robot = made(friction);
+        let base = base_parameters(&robot).unwrap();
+        assert_eq!(base.kept.len(), before.kept.len() + grown);
+        let regrouped = base.terms.iter().flatten().filter(|term| term.column >= Layout::of(&robot).term(0));
+        assert_eq!(regrouped.count() > 0, grown == 0);
+    }
 }
 
 #[test]
@@ -149,6 +205,10 @@ fn terms_that_cannot_be_are_named() {
         "friction term Fa of joint 3: the robot does not have this joint"
     );
     assert!(message(vec![term(0, "Fa", Law::Atan { velocity: 0.0 })], false).contains("above 0"));
+    let sliding = robot(&[true]);
+    let friction = Friction { terms: vec![term(0, "Gs", Law::Sine)], ..Friction::sign(1) };
+    let made = Robot::new(sliding.joints().to_vec(), sliding.gravity(), sliding.transmission(), friction);
+    assert!(made.unwrap_err().to_string().contains("only a joint that turns"));
     assert!(message(vec![term(0, "Rest", Law::Rest)], false).contains("needs a dead zone"));
     assert!(message(vec![term(0, "Fvp", Law::Forward)], true).contains("each direction already"));
     assert!(message(vec![term(1, "Fl", Law::Load), term(1, "Fl", Law::Load)], false).contains("twice"));

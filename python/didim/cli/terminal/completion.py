@@ -82,7 +82,7 @@ def _commands(commands: Commands) -> Iterator[Command]:
 
 def _words(action: argparse.Action) -> tuple[str, ...]:
     """Return the words that an argument may be, as far as they are known."""
-    from ...methods.identify import METHODS
+    from ...methods.table import METHODS
     from ...robot.robot_file import PACKAGED
 
     if action.choices:

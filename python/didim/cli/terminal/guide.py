@@ -48,7 +48,7 @@ class Parser(argparse.ArgumentParser):
         self._positionals.title = "arguments"
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse; an option that is none is refused first, with the nearest of this command."""
+        """Parse; an unknown option is refused first, with the nearest of this command."""
         words = list(sys.argv[1:] if args is None else args)
         commands = any(isinstance(action, argparse._SubParsersAction) for action in self._actions)
         for word in words:

@@ -10,18 +10,12 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...robot.robot import Robot
 from ..rows import LogRows
-from .hypothesis import Hypothesis
+from .hypothesis import Hypothesis, best_factor
 
-FACTORS = (0.8, 1.25)
-"""Factors of a length that are tried; a parabola through their errors tells where the best one is."""
-LARGEST = 0.7
-"""Logarithm of the factor of a length beyond which it is an end of the search, and no estimate."""
 SMALLEST_LENGTH_M = 5e-3
 """Length (m) below which a row changes no torque that a log shows."""
 GRAVITY = 9.81
 """Size of gravity where the robot file declares none (m/s^2)."""
-HINT = 0.98
-"""Mean squared error by the rougher look, over that of the declared model, below which the factor of a length is refined."""
 
 
 def with_geometry(robot: Robot, **changes: object) -> Robot:
@@ -100,49 +94,36 @@ def lengths(rows: LogRows) -> Iterator[Hypothesis]:
             if abs(value) < SMALLEST_LENGTH_M or prismatic:
                 continue
 
-            def missed(
-                factor: float, key: str = key, values: tuple[float, ...] = values, j: int = joint
-            ) -> float:
-                robot = with_geometry(rows.robot, **{key: _changed(values, j, factor * values[j])})
-                return float(np.mean(rows.rough_ratios(robot)))
-
-            tried = {1.0: 1.0, **{factor: missed(factor) for factor in FACTORS}}
-            factors = [-1.0]
-            if min(tried.values()) < HINT:
-                near = _bottom(tried)
-                tried[near] = missed(near)
-                factors.append(_bottom(tried))
-            for factor in factors:
-                yield Hypothesis(
+            def made(
+                factor: float,
+                key: str = key,
+                symbol: str = symbol,
+                values: tuple[float, ...] = values,
+                j: int = joint,
+            ) -> Hypothesis:
+                return Hypothesis(
                     code="link-length",
-                    joints=(joint + 1,),
-                    robot=with_geometry(rows.robot, **{key: _changed(values, joint, factor * value)}),
-                    value=factor * value,
-                    at_end=factor > 0.0 and abs(np.log(factor)) >= 0.999 * LARGEST,
+                    joints=(j + 1,),
+                    robot=with_geometry(rows.robot, **{key: _changed(values, j, factor * values[j])}),
+                    value=factor * values[j],
                     facts={
                         "symbol": f"{symbol}_m",
-                        "declared": value,
-                        "row": row_of(rows.robot, key, joint),
+                        "declared": values[j],
+                        "row": row_of(rows.robot, key, j),
                     },
                 )
+
+            yield made(-1.0)
+            best, at_end = best_factor(
+                lambda factor, made=made: rows.rough_ratios(made(factor))  # type: ignore[misc]
+            )
+            if best != 1.0:
+                yield replace(made(best), at_end=at_end)
 
 
 def row_of(robot: Robot, key: str, joint: int) -> int:
     """Return the row of the file that a twist or length is in: a standard table has those before a joint in the row before."""
     return joint if robot.standard is not None and key != "r" else joint + 1
-
-
-def _bottom(tried: dict[float, float]) -> float:
-    """Return the bottom of the parabola through the least of some errors and its neighbours, within a factor of two."""
-    order = sorted(tried)
-    k = min(max(order.index(min(tried, key=lambda factor: tried[factor])), 1), len(order) - 2)
-    near = order[k - 1 : k + 2]
-    if not np.isfinite([tried[factor] for factor in near]).all():
-        return 1.0
-    a, b, _ = np.polyfit(np.log(near), [tried[factor] for factor in near], 2)
-    if not a > 0.0:
-        return min(tried, key=lambda factor: tried[factor])
-    return float(np.exp(np.clip(-b / (2.0 * a), -LARGEST, LARGEST)))
 
 
 def _changed(values: tuple[float, ...], place: int, value: float) -> tuple[float, ...]:

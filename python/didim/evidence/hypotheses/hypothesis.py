@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from ..._tools.arrays import Array
 from ...robot.robot import Robot
+
+FACTORS = (0.3, 0.5, 0.7, 0.85, 0.96, 1.0, 1.04, 1.18, 1.4, 2.0, 3.3)
+"""Factors of a length, a gear or an encoder that are tried; the best one is refined between its neighbours, and an end is no
+estimate."""
+PROMISING = 0.98
+"""Squared error of a factor over that of none, mean of the channels, below which it is refined."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,10 +31,14 @@ class Hypothesis:
         Another robot.
     position : (n, n) array, optional
         A of the positions ``A q``.
+    rate : float
+        Factor of the rate: ``r dq`` and ``r^2 ddq``.
     order : tuple of int, optional
         Joint, from 0, whose rows predict each torque channel.
     factors : (n,) array, optional
         Factor of the logged torques over those of the joints.
+    torque : (n, n) array, optional
+        M of the logged torques ``M tau``, in place of the two before, where they are mixed.
     value : float, optional
         The number of the remedy: a gain, a length (m).
     at_end : bool
@@ -39,8 +51,10 @@ class Hypothesis:
     joints: tuple[int, ...] = ()
     robot: Robot | None = None
     position: Array | None = None
+    rate: float = 1.0
     order: tuple[int, ...] | None = None
     factors: Array | None = None
+    torque: Array | None = None
     value: float | None = None
     at_end: bool = False
     facts: Mapping[str, object] = field(default_factory=dict)
@@ -48,9 +62,66 @@ class Hypothesis:
     @property
     def needs_columns(self) -> bool:
         """Whether it changes the columns, and not only how torques are read."""
-        return self.robot is not None or self.position is not None
+        return any(item is not None for item in (self.robot, self.position, self.torque)) or self.rate != 1.0
 
     @property
     def turns(self) -> bool:
         """Whether it turns the sign of one joint's torque or position, which friction knows."""
         return self.code in ("torque-sign", "position-sign", "joint-sign")
+
+    def mixing(self, n: int) -> Array:
+        """Return M of the logged torques ``M tau``, (n, n)."""
+        if self.torque is not None:
+            return self.torque
+        m = np.zeros((n, n))
+        m[np.arange(n), range(n) if self.order is None else self.order] = (
+            1.0 if self.factors is None else self.factors
+        )
+        return m
+
+
+def diagonal(n: int, joint: int, value: float) -> Array:
+    """Return ones, (n,), but for a joint, from 0."""
+    factors = np.ones(n)
+    factors[joint] = value
+    return factors
+
+
+def best_factor(
+    squares: Callable[[float], Array], factors: tuple[float, ...] = FACTORS, promising: float = PROMISING
+) -> tuple[float, bool]:
+    """Return the factor of the least squared errors, (n,), and whether it is an end of the list; 1 where none is clearly better.
+
+    The factors beside 1, or the middle one, tell by a parabola whether any is: only then the others are tried.
+    """
+    from scipy.optimize import minimize_scalar
+
+    known: dict[float, float] = {}
+
+    def cost(value: float) -> float:
+        if value not in known:
+            known[value] = float(np.exp(np.mean(np.log(squares(value)))))
+        return known[value]
+
+    def bottom(k: int) -> float:
+        x = np.log(factors[k - 1 : k + 2]) - np.log(factors[k])
+        y = [cost(factor) for factor in factors[k - 1 : k + 2]]
+        if not np.isfinite(y).all():
+            return y[1]
+        a, b, c = np.polyfit(x, y, 2)
+        return float(c - b * b / (4.0 * a)) if a > 0.0 else min(y)
+
+    one = factors.index(1.0) if 1.0 in factors else len(factors) // 2
+    wanted = promising * cost(factors[one])
+    if not min(bottom(one), cost(factors[one - 1]), cost(factors[one + 1])) < wanted:
+        return factors[one], False
+    k = int(np.argmin([cost(factor) for factor in factors]))
+    if k in (0, len(factors) - 1):
+        return factors[k], True
+    found = minimize_scalar(
+        lambda value: cost(float(np.exp(value))),
+        bounds=(np.log(factors[k - 1]), np.log(factors[k + 1])),
+        method="bounded",
+        options={"xatol": 5e-3, "maxiter": 10},
+    )
+    return float(np.exp(found.x)), False

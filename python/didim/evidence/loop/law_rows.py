@@ -20,7 +20,7 @@ from ...experiment.experiment import Experiment
 from ...experiment.loop import closed_loop
 from ...log.recording import Recording
 from ...loop.closed_loop import ClosedLoop
-from ...signal.decimation import decimate, decimation_stages
+from ...signal.decimation import row_values
 from ...signal.filters import differentiate
 from ...signal.noise import row_noise, white_noise
 from ...signal.processing import SignalProcessing
@@ -211,8 +211,7 @@ class LawRows:
 def _decimated(signals: Sequence[Array], signal: SignalProcessing) -> Iterator[Array]:
     for values in signals:
         start, end = max(signal.trim_start, LARGEST_LAG), max(signal.trim_end, LARGEST_LAG)
-        inner = np.ascontiguousarray(values[start : len(values) - end])
-        yield decimate(inner, decimation_stages(len(inner), signal))[signal.kept_rows]
+        yield row_values(values[start : len(values) - end], signal)
 
 
 def _shifted(terms: Array, t: Array, late_s: float) -> Array:

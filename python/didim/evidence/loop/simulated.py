@@ -19,7 +19,7 @@ from ..._tools.arrays import Array
 from ...errors import DidimError
 from ...experiment.experiment import Experiment
 from ...result.finding import Finding, Grade
-from ...signal.decimation import decimate, decimation_stages
+from ...signal.decimation import row_values
 from ...signal.noise import white_noise
 from ...signal.processing import SignalProcessing
 from .law import declared_loop, made_up
@@ -85,8 +85,8 @@ def beside(signal: SignalProcessing, pieces: Sequence[Piece]) -> Beside:
     pieces : sequence of Piece
         Of each window, on the samples that are kept.
     """
-    tau = np.concatenate([_decimated(signal, torque) for _, _, torque, _ in pieces])
-    tau_s = np.concatenate([_decimated(signal, torque) for _, _, _, torque in pieces])
+    tau = np.concatenate([row_values(torque, signal) for _, _, torque, _ in pieces])
+    tau_s = np.concatenate([row_values(torque, signal) for _, _, _, torque in pieces])
     n = tau.shape[1]
     missed, moved = np.zeros(n), np.zeros(n)
     for q, q_s, _, _ in pieces:
@@ -98,11 +98,6 @@ def beside(signal: SignalProcessing, pieces: Sequence[Piece]) -> Beside:
     position = np.sqrt(missed / np.maximum(moved, np.finfo(float).tiny))
     slope, sigma = _slope(tau_s, tau)
     return Beside(position, slope, sigma, _rms(tau - tau_s), _rms(tau))
-
-
-def _decimated(signal: SignalProcessing, values: Array) -> Array:
-    values = np.ascontiguousarray(values)
-    return np.asarray(decimate(values, decimation_stages(len(values), signal))[signal.kept_rows])
 
 
 def _rms(values: Array) -> Array:

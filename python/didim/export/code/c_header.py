@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import FitError
 from ...model.dynamics import standard_vector
+from ...model.memory import HOLD_WIDTH
 from ...robot.friction import FrictionTerm
 from ...robot.robot import Robot
 from .equations import Equations
@@ -60,11 +61,17 @@ class _Written:
             )
         return self.graph.apply("sign", speed, zone)
 
+    def memory(self, term: FrictionTerm) -> Expression:
+        return self.graph.leaf(f"z[{_remembering(self.robot).index(term)}]")
+
     def positive(self, value: Expression) -> Expression:
         return self.graph.apply("positive", value)
 
     def magnitude(self, value: Expression) -> Expression:
         return self.graph.apply("abs", value)
+
+    def inverse_root(self, value: Expression) -> Expression:
+        return self.graph.apply("inverse_root", value)
 
     def term(self, term: FrictionTerm, speed: Expression, sign: Expression) -> Expression:
         one = self.number(1.0)
@@ -102,7 +109,8 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
     -------
     str
         The header: ``PREFIX_tau(q, dq, ddq, tau)``, ``PREFIX_inertia(q, M)`` (row by row) and ``PREFIX_gravity(q, tau)``, joint
-        side, SI units. They allocate nothing and need ``math.h`` alone.
+        side, SI units. They allocate nothing and need ``math.h`` alone. Where friction remembers (``hold``, ``dahl``),
+        ``PREFIX_tau(q, dq, ddq, z, tau)`` takes its states, which ``PREFIX_remember(dx, z)`` carries along a step of the positions.
 
     Raises
     ------
@@ -128,6 +136,9 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
         _inertia(robot, values, prefix),
         _gravity(robot, values, prefix),
     ]
+    memory = _remembering(robot)
+    if memory:
+        functions.append(_remember(robot, memory, prefix))
     body = "\n".join(functions)
     guard = f"{prefix.upper()}_DYNAMICS_H"
     kinds = ", ".join(f"{j + 1} {kind}" for j, kind in enumerate(robot.geometry.kinds))
@@ -137,7 +148,9 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
         " * SI units, joint side: rad, N.m for revolute joints, m, N for prismatic ones. Joints: "
         + kinds
         + ".",
-        " * Nothing is allocated, nothing is kept between calls.",
+        " * Nothing is allocated, nothing is kept between calls."
+        if not memory
+        else f" * Nothing is allocated. Friction that remembers has its states z in your hands: {prefix}_remember.",
         " *",
         " * Base parameters:",
         *(
@@ -151,6 +164,7 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
         "#include <math.h>",
         "",
         f"#define {prefix.upper()}_DOF {n}",
+        *([f"#define {prefix.upper()}_STATES {len(memory)}"] if memory else []),
         "",
         *_helpers(robot, prefix, body),
         body,
@@ -173,13 +187,48 @@ def _tau(robot: Robot, values: dict[str, float], prefix: str) -> str:
     graph, model = _equations(robot, values)
     n = robot.n_dof
     results = model.torque(_inputs(graph, "dq", n), _inputs(graph, "ddq", n))
+    states = len(_remembering(robot))
+    extra, said = (f", const double z[{states}]", ", states z of friction") if states else ("", "")
     return _function(
-        f"{prefix}_tau(const double q[{n}], const double dq[{n}], const double ddq[{n}], double tau[{n}])",
-        "Torques of the inverse model at positions q, velocities dq and accelerations ddq, friction included.",
+        f"{prefix}_tau(const double q[{n}], const double dq[{n}], const double ddq[{n}]{extra}, double tau[{n}])",
+        f"Torques of the inverse model at positions q, velocities dq, accelerations ddq{said}, friction included.",
         graph,
         [(f"tau[{j}]", one) for j, one in enumerate(results)],
-        ("q", "dq", "ddq"),
+        ("q", "dq", "ddq", *(("z",) if states else ())),
         prefix,
+    )
+
+
+def _remembering(robot: Robot) -> list[FrictionTerm]:
+    """Terms with a state, in the order of the states."""
+    return [term for term in robot.friction.terms if term.law in ("hold", "dahl")]
+
+
+def _remember(robot: Robot, memory: Sequence[FrictionTerm], prefix: str) -> str:
+    """Write the function that takes the states of friction along a step of the positions, exact whatever its length."""
+    widths = [
+        HOLD_WIDTH[robot.joint_kinds[term.joint]] if term.law == "hold" else term.velocity for term in memory
+    ]
+    count = len(memory)
+    return "\n".join(
+        [
+            "/* Take the states z of friction along a step dx = q - q_before of the positions. They begin at zero,",
+            " * that of a sign that is kept at the sign of the velocity. */",
+            f"static inline void {prefix}_remember(const double dx[{robot.n_dof}], double z[{count}])",
+            "{",
+            f"    static const int joint[{count}] = {{{', '.join(str(term.joint) for term in memory)}}};",
+            f"    static const double width[{count}] = {{{', '.join(map(repr, widths))}}};",
+            "    int k;",
+            f"    for (k = 0; k < {count}; ++k) {{",
+            "        const double way = dx[joint[k]];",
+            "        if (way > 0.0 || way < 0.0) {",
+            "            const double s = way > 0.0 ? 1.0 : -1.0;",
+            "            z[k] = s - (s - z[k]) * exp(-fabs(way) / width[k]);",
+            "        }",
+            "    }",
+            "}",
+            "",
+        ]
     )
 
 
@@ -307,6 +356,7 @@ def _helpers(robot: Robot, prefix: str, body: str) -> list[str]:
         ("sign", "double speed, double zone", "speed > zone ? 1.0 : (speed < -zone ? -1.0 : 0.0)"),
         ("outside", "double speed, double zone, double value", "fabs(speed) > zone ? value : 0.0"),
         ("positive", "double value", "value > 0.0 ? value : 0.0"),
+        ("inverse_root", "double value", "1.0 / sqrt(value)"),
     ):
         if f"{prefix}_{name}(" in body:
             lines += [f"static inline double {prefix}_{name}({head})", "{", f"    return {value};", "}", ""]

@@ -14,7 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...errors import FitError
-from ...robot.friction import FrictionTerm
+from ...robot.friction import OF_POSITION, FrictionTerm
+from ...robot.placement import carriers
 from ...robot.robot import Robot
 
 
@@ -33,11 +34,17 @@ class Algebra(Protocol):
     def sign(self, joint: int, speed: Any) -> Any:
         """Return the sign of the Coulomb friction of a joint, with its smoothing and dead zone."""
 
+    def memory(self, term: FrictionTerm) -> Any:
+        """Return the state of a term that remembers."""
+
     def positive(self, value: Any) -> Any:
         """Return the value where it is above zero, else zero."""
 
     def magnitude(self, value: Any) -> Any:
         """Return the absolute value."""
+
+    def inverse_root(self, value: Any) -> Any:
+        """Return one over the square root."""
 
     def term(self, term: FrictionTerm, speed: Any, sign: Any) -> Any:
         """Return the column of a further friction term that depends on speed alone."""
@@ -135,11 +142,12 @@ class Equations:
     """
 
     def __init__(self, robot: Robot, values: Mapping[str, Any], algebra: Algebra, q: Sequence[Any]) -> None:
-        if robot.geometry.mounts:
+        if robot.geometry.followers:
             raise FitError(
-                f"robot {robot.name!r} is a tree: C code and LaTeX are written for joints in a line only"
+                f"robot {robot.name!r} has joints that follow others: C code and LaTeX are written for driven joints only"
             )
-        self.robot, self.algebra, self.n = robot, algebra, robot.n_dof
+        self.parents = robot.geometry.parents
+        self.robot, self.algebra, self.n, self.q = robot, algebra, robot.n_dof, q
         self.zero = algebra.number(0.0)
         self.value: Callable[[str], Any] = lambda name: values.get(name, self.zero)
         self.turns = [kind == "revolute" for kind in robot.geometry.kinds]
@@ -148,7 +156,7 @@ class Equations:
         self.bodies = [self._body(j + 1) for j in range(self.n)]
 
     def _places(self, q: Sequence[Any]) -> tuple[list[Matrix], list[Vector]]:
-        """Rotation and origin of each frame in the one before."""
+        """Rotation and origin of each frame in that of its antecedent."""
         number, geometry = self.algebra.number, self.robot.geometry
         rotations: list[Matrix] = []
         shifts = []
@@ -160,14 +168,25 @@ class Equations:
             else:
                 length = q[j] + length
             c, s = self.algebra.cos(angle), self.algebra.sin(angle)
-            rotations.append(
-                (
-                    Vector(c, -s, self.zero),
-                    Vector(s * number(ca), c * number(ca), number(-sa)),
-                    Vector(s * number(sa), c * number(sa), number(ca)),
-                )
+            rotation = (
+                Vector(c, -s, self.zero),
+                Vector(s * number(ca), c * number(ca), number(-sa)),
+                Vector(s * number(sa), c * number(sa), number(ca)),
             )
-            shifts.append(Vector(number(geometry.d[j]), length * number(-sa), length * number(ca)))
+            shift = Vector(number(geometry.d[j]), length * number(-sa), length * number(ca))
+            if geometry.mounts:
+                mount = geometry.mounts[j]
+                cg, sg = (number(_clean(f(mount.gamma))) for f in (math.cos, math.sin))
+                turn = (
+                    Vector(cg, -sg, self.zero),
+                    Vector(sg, cg, self.zero),
+                    Vector(self.zero, self.zero, number(1.0)),
+                )
+                x, y, z = mount.shift
+                rotation = _product(turn, rotation)
+                shift = _of(turn, shift).plus(Vector(number(x), number(y), number(z + mount.b)))
+            rotations.append(rotation)
+            shifts.append(shift)
         return rotations, shifts
 
     def _body(self, link: int) -> Body:
@@ -178,9 +197,30 @@ class Equations:
         return Body(inertia, Vector(mx, my, mz), m)
 
     def gravity(self) -> list[Any]:
-        """Return the torques that hold the robot at rest, without friction (N.m or N)."""
+        """Return the torques that hold the robot at rest, springs included, without friction (N.m or N)."""
         still = [self.zero] * self.n
-        return self._links(still, still)
+        return self._sprung(self._links(still, still))
+
+    def _sprung(self, tau: list[Any]) -> list[Any]:
+        """Add the torques of the springs."""
+        for term in self.robot.friction.springs:
+            tau[term.joint] = tau[term.joint] + self.value(term.parameter) * self._spring(term)
+        return tau
+
+    def _spring(self, term: FrictionTerm) -> Any:
+        """Column of a spring."""
+        q, algebra = self.q[term.joint], self.algebra
+        if term.law == "spring":
+            return q
+        if term.law in ("sine", "cosine"):
+            return algebra.sin(q) if term.law == "sine" else algebra.cos(q)
+        a, b, phi, rest = term.values
+        angle, moment = q + algebra.number(phi), algebra.number(a * b)
+        lever = moment * algebra.sin(angle)
+        slope = lever * algebra.inverse_root(
+            algebra.number(a * a + b * b) - moment * algebra.cos(angle) * algebra.number(2.0)
+        )
+        return slope if term.law == "cylinder" else lever - algebra.number(rest) * slope
 
     def torque(self, dq: Sequence[Any], ddq: Sequence[Any]) -> list[Any]:
         """Return the torques of the inverse model (1), friction and offsets included (N.m or N)."""
@@ -188,33 +228,44 @@ class Equations:
         for row, entries in enumerate(self.rotors()):
             for k, inertia in enumerate(entries):
                 tau[row] = tau[row] + inertia * ddq[k]
-        signs = [self.algebra.sign(j, speed) for j, speed in enumerate(dq)]
-        friction = self._friction(dq, signs)
+        now = [self.algebra.sign(j, speed) for j, speed in enumerate(dq)]
+        signs = list(now)
         for term in self.robot.friction.terms:
+            if term.law == "hold":
+                signs[term.joint] = self.algebra.memory(term)
+        friction = self._friction(dq, signs, now)
+        for term in self.robot.friction.terms:
+            if term.law == "hold":
+                continue
             j, parameter = term.joint, self.value(term.parameter)
-            if term.law == "load":
+            if term.law in OF_POSITION:
+                continue  # torques of the links' positions, like gravity
+            if term.law == "dahl":
+                friction[j] = friction[j] + parameter * self.algebra.memory(term)
+            elif term.law == "load":
                 friction[j] = friction[j] + parameter * signs[j] * self.algebra.magnitude(tau[j])
             else:
                 friction[j] = friction[j] + parameter * self.algebra.term(term, dq[j], signs[j])
-        return [a + b for a, b in zip(tau, friction, strict=True)]
+        return self._sprung([a + b for a, b in zip(tau, friction, strict=True)])
 
     def inertia(self) -> list[list[Any]]:
         """Return the inertia matrix M(q) with rotors, by composite bodies; its lower triangle is computed and mirrored."""
         matrix = [list(row) for row in self.rotors()]
-        composite: Body | None = None
+        composites = list(self.bodies)
         for j in range(self.n - 1, -1, -1):
-            if composite is None:
-                composite = self.bodies[j]
-            else:
-                moved = composite.moved(self.rotations[j + 1], self.shifts[j + 1])
-                composite = self.bodies[j].plus(moved)
+            composite, before = composites[j], self.parents[j]
+            if before is not None:
+                moved = composite.moved(self.rotations[j], self.shifts[j])
+                composites[before] = composites[before].plus(moved)
             if self.turns[j]:  # what a unit acceleration of joint j needs
                 force, moment = self.axis.cross(composite.first), _of(composite.inertia, self.axis)
             else:
                 force, moment = self.axis.times(composite.mass), composite.first.cross(self.axis)
-            for i in range(j, -1, -1):
+            outer = j
+            for i in reversed(carriers(self.parents, j)):
                 if i < j:
-                    force, moment = self._inwards(i + 1, force, moment)
+                    force, moment = self._inwards(outer, force, moment)
+                outer = i
                 entry = matrix[j][i] + (moment if self.turns[i] else force)[2]
                 matrix[j][i] = matrix[i][j] = entry
         return matrix
@@ -247,8 +298,11 @@ class Equations:
         omega = domega = Vector(self.zero, self.zero, self.zero)
         x, y, z = self.robot.geometry.gravity
         a = Vector(number(-x), number(-y), number(-z))
+        base = (omega, domega, a)
+        motions: list[tuple[Vector, Vector, Vector]] = []
         wrenches = []
-        for j in range(self.n):
+        for j, parent in enumerate(self.parents):
+            omega, domega, a = base if parent is None else motions[parent]
             back, t = _transposed(self.rotations[j]), self.shifts[j]
             a = _of(back, a.plus(domega.cross(t)).plus(omega.cross(omega.cross(t))))
             omega, domega = _of(back, omega), _of(back, domega)
@@ -258,6 +312,7 @@ class Equations:
                 omega = omega.plus(speed)
             else:
                 a = a.plus(omega.cross(speed).times(number(2.0))).plus(gain)
+            motions.append((omega, domega, a))
             body = self.bodies[j]
             force = (
                 a.times(body.mass).plus(domega.cross(body.first)).plus(omega.cross(omega.cross(body.first)))
@@ -269,18 +324,19 @@ class Equations:
         for j in range(self.n - 1, -1, -1):
             force, moment = wrenches[j]
             tau[j] = (moment if self.turns[j] else force)[2]
-            if j:
+            parent = self.parents[j]
+            if parent is not None:
                 force, moment = self._inwards(j, force, moment)
-                wrenches[j - 1] = (wrenches[j - 1][0].plus(force), wrenches[j - 1][1].plus(moment))
+                wrenches[parent] = (wrenches[parent][0].plus(force), wrenches[parent][1].plus(moment))
         return tau
 
     def _inwards(self, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
-        """Return a wrench at frame `j` as frame ``j - 1`` feels it."""
+        """Return a wrench at frame `j` as the frame of its antecedent feels it."""
         force, moment = _of(self.rotations[j], force), _of(self.rotations[j], moment)
         return force, moment.plus(self.shifts[j].cross(force))
 
-    def _friction(self, dq: Sequence[Any], signs: Sequence[Any]) -> list[Any]:
-        """Friction that depends on neither load nor further terms."""
+    def _friction(self, dq: Sequence[Any], signs: Sequence[Any], now: Sequence[Any]) -> list[Any]:
+        """Friction that depends on neither load nor further terms; `signs` may be kept through rest, `now` are not."""
         tau = []
         for j, (speed, sign) in enumerate(zip(dq, signs, strict=True)):
             name = f"{j + 1}"
@@ -303,11 +359,11 @@ class Equations:
                 if factor:
                     shaft = shaft + speed * number(factor)
             turning = self.algebra.sign(m, shaft)
-            felt = turning if self.robot.friction.coupling == "shaft" else signs[m]
+            felt = turning if self.robot.friction.coupling == "shaft" else now[m]
             viscous, coulomb = self.value(f"Fvm{m + 1}"), self.value(f"Fcm{m + 1}")
             for i, factor in enumerate(row):
                 if i == m:
-                    tau[i] = tau[i] + viscous * (shaft - dq[i]) + coulomb * (turning - signs[i])
+                    tau[i] = tau[i] + viscous * (shaft - dq[i]) + coulomb * (turning - now[i])
                 elif factor:
                     tau[i] = (
                         tau[i] + viscous * (shaft * factor - dq[i] * factor**2) + coulomb * (felt * factor)

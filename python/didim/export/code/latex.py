@@ -29,6 +29,8 @@ _REFUSED = {
     "load": "depends on the load",
     "rest": "acts at standstill only",
     "table": "is given by its values",
+    "hold": "depends on the path",
+    "dahl": "depends on the path",
 }
 
 
@@ -71,11 +73,17 @@ class _Symbolic:
         # No friction in the dead zone: the unit step, which LaTeX has as theta.
         return found * self.sympy.Heaviside(self.sympy.Abs(speed) - self.number(zone))
 
+    def memory(self, term: FrictionTerm) -> Any:
+        raise NotImplementedError(term.law)  # refused before
+
     def positive(self, value: Any) -> Any:
         return self.sympy.Max(value, 0)
 
     def magnitude(self, value: Any) -> Any:
         return self.sympy.Abs(value)
+
+    def inverse_root(self, value: Any) -> Any:
+        return 1 / self.sympy.sqrt(value)
 
     def term(self, term: FrictionTerm, speed: Any, sign: Any) -> Any:
         if term.law == "atan":

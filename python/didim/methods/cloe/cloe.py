@@ -20,6 +20,7 @@ from ...experiment.experiment import Experiment
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
+from ..positions.estimate import identify_positions
 from .consistent import ConsistentSteps, consistent_steps
 from .held_gains import has_currents, run_with_held_gains
 from .levenberg_marquardt import SafeSteps, search
@@ -98,6 +99,8 @@ class CLOE(CLOESettings):
         DidimError
             One of its kinds: without a reference or a controller, or for a start with which the robot cannot be simulated.
         """
+        if experiment.links == "fixed":
+            return identify_positions(self, experiment, progress, say)
         if has_currents(experiment):
             return run_with_held_gains(self, self.run, experiment, progress, say)
         begun = self._begun(experiment, say)
@@ -135,7 +138,7 @@ class CLOE(CLOESettings):
         """Return the search from the start: among robots, if so asked, that of consistent DIDIM."""
         if self.physical:
             return consistent_steps(self, experiment, say)
-        job = self.job(experiment, experiment.simulation.robot(experiment.robot))
+        job = self.job(experiment, experiment.simulated_robot)
         return SafeSteps(OutputError(self, job, say))
 
     def _search(

@@ -139,7 +139,7 @@ def consistent_steps(
     DidimError
         One of its kinds: without a reference or a controller, or where consistent DIDIM cannot start.
     """
-    shared = ("variance", "uncertainty", "blocks", "decimation_corrected", "signal", "compensate_samples")
+    shared = ("variance", "uncertainty", "blocks", "signal", "compensate_samples")
     didim = DIDIM(
         physical=True,
         start=method.chosen_start,
@@ -147,7 +147,7 @@ def consistent_steps(
         dropped=method.dropped,
         **{key: getattr(method, key) for key in shared},
     )
-    robot = experiment.simulation.robot(experiment.robot)
+    robot = experiment.simulated_robot
     job = didim.job(experiment, robot)
     consistent = ConsistentProblem(didim, job, CONSISTENT.for_logs(job.parameters, job.selection), say)
     begun = Iterations(consistent, SecantSteps(consistent, say), lambda iteration: False, say).result()

@@ -50,9 +50,6 @@ class CLOESettings(MethodSettings):
     motion: ClassVar[Motion] = "simulated"
     raw: ClassVar[bool] = True
     kind: ClassVar[str] = "cloe"
-    summary: ClassVar[str] = (
-        "output error of the simulated closed loop, by search: needs [controller], [reference] and a start"
-    )
 
     @property
     def name(self) -> str:

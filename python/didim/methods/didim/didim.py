@@ -40,5 +40,5 @@ class DIDIM(DIDIMSettings):
             One of its kinds: without a reference or a controller, for a start with which the robot cannot be simulated,
             for a log that allows no estimate.
         """
-        job = self.job(experiment, experiment.simulation.robot(experiment.robot))
+        job = self.job(experiment, experiment.simulated_robot)
         return Iterations.of(self, job, progress, say).result()

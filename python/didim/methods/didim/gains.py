@@ -18,7 +18,7 @@ def with_gains(experiment: Experiment, x: Array, q: Array) -> Experiment:
     if not isinstance(spec, ControllerSpec) or spec.settings.get("kind") != "made-up":
         return experiment
     controller = made_up(
-        experiment.simulation.robot(experiment.robot),
+        experiment.simulated_robot,
         x,
         q,
         frequency_hz=float(spec.settings.get("natural_frequency_hz", 10.0)),

@@ -145,7 +145,7 @@ class SecantSteps:
             else:
                 after = self._cost(found, weights)
                 tried.append((after, length, Iterate(x, found, iterate.iteration + 1)))
-                # The first motion may be that of other gains: its cost says nothing.
+                # The first motion may have used other gains, so its cost is not comparable.
                 free = iterate.simulated.scale is not None or moved <= self.method.sigma_fraction
                 if free or after <= RISE * cost:
                     break

@@ -51,9 +51,6 @@ class DIDIMSettings(FitSettings):
     """
 
     name: ClassVar[str] = "didim"
-    summary: ClassVar[str] = (
-        "least squares along the simulated motion, iterated: needs torques, [controller] and [reference], and no filter"
-    )
     motion: ClassVar[Motion] = "simulated"
     estimates_gains: ClassVar[bool] = True
 

@@ -1,4 +1,4 @@
-"""Huber, bisquare, total least squares and ridge on the solver seam: ``IDIMLS(solver="huber")``, ``DIDIM(solver="ridge")``.
+"""Huber, bisquare and ridge on the solver seam: ``IDIMLS(solver="huber")``, ``DIDIM(solver="ridge")``.
 
 Each starts from weighted least squares, whose weights per joint it keeps or replaces. Measured against least squares in
 docs/robust.md. Tested in ``tests/test_robust.py``.
@@ -21,7 +21,6 @@ from ..settings import LeastSquaresSettings
 from ..weights import per_row
 from .ridge import chosen_strength, ridge
 from .robust import Loss, reweighted
-from .total import total_least_squares
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class Robust:
         )
         weights = per_row(system, 1.0 / found.scale) * np.sqrt(found.weights)
         residual = system.y - system.w @ found.solution
-        fit = _with_weights(system, settings, first, found.solution, weights)
+        fit = with_weights(system, settings, first, found.solution, weights)
         low = float(np.mean(found.weights < 0.5))
         return replace(
             fit,
@@ -75,33 +74,6 @@ class Bisquare(Robust):
 
     def __init__(self, constant: float | None = None) -> None:
         super().__init__("bisquare", constant)
-
-
-@dataclass(frozen=True)
-class Total:
-    """Total least squares on the weighted system, columns and torques scaled to unit norm."""
-
-    name = "total"
-
-    def __call__(
-        self, system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None
-    ) -> Fit:
-        """Solve a system.
-
-        Raises
-        ------
-        FitError
-            Where total least squares has no solution.
-        """
-        first = solve(system, settings, progress)
-        if first.stopped:
-            return first
-        found = total_least_squares(system.w * first.weights[:, None], system.y * first.weights)
-        if found is None:
-            raise FitError(
-                "total least squares has no solution: the torques are no part of the direction that fits worst"
-            )
-        return _with_weights(system, settings, first, found, first.weights)
 
 
 @dataclass(frozen=True)
@@ -154,7 +126,7 @@ class Ridge:
         )
 
 
-def _with_weights(
+def with_weights(
     system: LinearSystem, settings: LeastSquaresSettings, first: Fit, solution: Array, weights: Array
 ) -> Fit:
     """Return a fit whose covariance is that of least squares with known weights of the rows."""

@@ -73,13 +73,15 @@ class Bounds:
             For a link that the robot does not have.
         """
         for link in (*self.masses, *self.centres, *self.ellipsoids):
-            if not 1 <= link <= robot.n_dof:
-                raise FitError(f"robot {robot.name!r} has no link {link}: its links are 1 to {robot.n_dof}")
+            if not 1 <= link <= robot.n_joints:
+                raise FitError(
+                    f"robot {robot.name!r} has no link {link}: its links are 1 to {robot.n_joints}"
+                )
         places, found = places_of(robot), []
         for link, span in self.masses.items():
             found += _between(places, f"mass of link {link}", [f"M{link}"], span)
         if self.total_mass is not None:
-            masses = [f"M{link}" for link in range(1, robot.n_dof + 1)]
+            masses = [f"M{link}" for link in range(1, robot.n_joints + 1)]
             found += _between(places, "total mass", masses, self.total_mass)
         for link, box in self.centres.items():
             for axis, (low, high) in zip("XYZ", box, strict=True):

@@ -15,6 +15,7 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...errors import FitError
 from ...model.consistency import Cone, places_of, pseudo_inertias
+from ...model.drive_cones import FREE
 from ...robot.placement import carriers
 from ...robot.rigid_body import INERTIAL, ten_parameters
 from ...robot.robot import Geometry, Robot
@@ -61,13 +62,15 @@ class Prior:
         squares = (coupling / np.diag(coupling)[:, None]) ** 2
         for j, inertia in enumerate(squares.T @ self.rotors, start=1):
             x[places[f"Ia{j}"]] = inertia
+        for j in range(robot.n_dof + 1, robot.n_joints + 1):
+            x[places[f"Ia{j}"]] = 1.0
         for name, place in places.items():
             if name.startswith(("Fvm", "Fcm")):
                 x[place] = 0.1
             elif name.startswith(("Fv", "Fc")):
                 x[place] = 1.0
         for term in robot.friction.terms:
-            if term.law not in ("rest", "table"):
+            if term.law not in FREE:
                 x[places[term.parameter]] = 0.1
         return x
 
@@ -90,9 +93,9 @@ def generic_prior(
         Which base parameters the columns are.
     """
     geometry = robot.geometry
-    length = max(_way(geometry, joint) for joint in range(robot.n_dof))
+    length = max(_way(geometry, joint) for joint in range(robot.n_joints))
     radius = RADIUS_SHARE * max(length, LEAST_LENGTH)
-    one = Prior("generic", (np.diag([radius**2] * 3 + [1.0]),) * robot.n_dof, np.ones(robot.n_dof))
+    one = Prior("generic", (np.diag([radius**2] * 3 + [1.0]),) * robot.n_joints, np.ones(robot.n_dof))
     mass = DEFAULT_MASS if system is None or selection is None else _mass(robot, one, system, selection)
     return replace(one, bodies=tuple(mass * body for body in one.bodies))
 
@@ -194,9 +197,9 @@ def prior_of(
         For a wrong choice.
     """
     if isinstance(choice, Prior):
-        if len(choice.bodies) != robot.n_dof:
+        if len(choice.bodies) != robot.n_joints:
             raise FitError(
-                f"the prior has {len(choice.bodies)} links and robot {robot.name!r} has {robot.n_dof}"
+                f"the prior has {len(choice.bodies)} links and robot {robot.name!r} has {robot.n_joints}"
             )
         return choice
     if isinstance(choice, str):

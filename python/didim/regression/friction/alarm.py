@@ -29,14 +29,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
+from ...model.memory import direction, start_column, state
 from ...robot.robot import Robot
-from ...signal.decimation import decimate, decimation_stages
 from ...signal.processing import SignalProcessing
-from ...signal.segments import Segment, at_place
+from ...signal.segments import Segment
 from ..fit import Fit
 from ..jackknife import Rows, intervals
 from ..linear_system import LinearSystem
-from .memory import start_column, state
+from .velocity import decimated
 
 STRIBECK = (0.05, 0.1, 0.2, 0.4)
 """Stribeck velocities of the hypotheses (rad/s), each about where a factor of two changes the column."""
@@ -201,7 +201,7 @@ def friction_alarm(
     p_value = np.ones(n)
     visible = {family: np.zeros(n) for family in tested}
     time = [part.rows for part in intervals(system.blocks, TIME_BLOCKS)]
-    speeds = _decimated([part.dq for part in parts], parts, signal)
+    speeds = decimated([part.dq for part in parts], parts, signal)
     for joint in range(n):
         blocks = (time, _between_reversals(system, speeds, joint))
         if min(map(len, blocks)) < FEWEST_BLOCKS:
@@ -229,14 +229,6 @@ def friction_alarm(
     )
 
 
-def direction(robot: Robot, dq: Array) -> Array:
-    """Return the sign of the Coulomb friction of each joint at velocities (n_samples, n_dof), as the model takes it."""
-    friction = robot.friction
-    if friction.coulomb == "tanh":
-        return np.asarray(np.tanh(dq / np.asarray(friction.smoothing)))
-    return np.sign(dq) * (np.abs(dq) > np.asarray(friction.dead_zone))
-
-
 def _candidates(
     robot: Robot,
     parts: Sequence[Segment],
@@ -252,12 +244,12 @@ def _candidates(
     velocity_laws = ("atan", "stribeck", "root", "table")
     smooth = np.array([not any((law, joint) in known for law in velocity_laws) for joint in range(n)])
     loaded = np.array([("load", joint) not in known for joint in range(n)])
-    signs = [direction(robot, part.dq) for part in parts]
+    signs = [direction(robot, part.q, part.dq) for part in parts]
     found: list[_Candidate] = []
 
     def add(family: str, values: Sequence[Array], joints: NDArray[np.bool_]) -> None:
         if joints.any():
-            rows = _decimated([value * joints for value in values], parts, signal)
+            rows = decimated([value * joints for value in values], parts, signal)
             largest = np.max([np.abs(value).max(axis=0) for value in values], axis=0)
             found.append(_Candidate(family, _columns(rows, system), largest))
 
@@ -281,19 +273,9 @@ def _candidates(
             [state(part.q, width * unit) - sign for part, sign in zip(parts, signs, strict=True)],
             resolved,
         )
-        start = _decimated([start_column(part.q, width * unit) * resolved for part in parts], parts, signal)
+        start = decimated([start_column(part.q, width * unit) * resolved for part in parts], parts, signal)
         found[-1] = replace(found[-1], start=_columns(start, system))
     return found
-
-
-def _decimated(values: Sequence[Array], parts: Sequence[Segment], signal: SignalProcessing) -> Array:
-    """Return signals of the segments, (n_samples, n_dof) each, on the rows of the system, (n_rows, n_dof)."""
-    rows = []
-    for part, value in zip(parts, values, strict=True):
-        with at_place(part.place):
-            stages = decimation_stages(part.q.shape[0], signal)
-            rows.append(decimate(np.ascontiguousarray(value), stages)[signal.kept_rows])
-    return np.concatenate(rows)
 
 
 def _columns(rows: Array, system: LinearSystem) -> Array:

@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..._tools.arrays import Array
-from ...robot.friction import FrictionTerm
+from ...model.memory import direction, states
+from ...robot.friction import FrictionTerm, Law
 from ...robot.robot import Robot
 from ...signal.decimation import decimate, decimation_stages
 from ...signal.processing import SignalProcessing
@@ -26,6 +27,10 @@ from ..selection import Selection, select
 
 RANGE = {"revolute": (0.003, 2.0), "prismatic": (0.0005, 0.2)}
 """Velocities that the search covers (rad/s, m/s): below, a law is Coulomb friction, above, it is viscous friction."""
+WIDTHS = {"revolute": (1e-4, 0.05), "prismatic": (1e-5, 0.005)}
+"""Displacements of Dahl's memory that the search covers (rad, m): below, it is a sign, above, a spring between reversals."""
+WIDTH_CHANGE = 1e-4
+"""Relative change of a displacement, both ways, for the derivative of Dahl's state by it."""
 GRID = 41
 """Velocities of the grid, equidistant in their logarithm: a factor of 1.18 apart."""
 GRID_SWEEPS = 2
@@ -36,27 +41,35 @@ LOAD_PASSES = 12
 """Most passes of the fixed point of the load."""
 SETTLED_VELOCITY = 1e-6
 """Relative change of velocities and parameters below which nothing moves any more."""
+SETTLED_DEVIATIONS = 1e-3
+"""Step of a velocity, in its standard deviations, that is the last: the next one is its square."""
+FARTHEST = 4.0
+"""Largest factor by which a velocity that held-out blocks chose is refined; one that goes farther has a flat profile."""
 CLEAR_VELOCITY_GAIN = 4.0
 """Smallest gain of a law, in squared weighted residual, for its velocity to be identified: that of two standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class VelocityEstimate:
-    """The velocity of one term.
+    """The velocity of one term, or the displacement of its memory.
 
     Attributes
     ----------
     parameter : str
         Parameter of its law, such as ``Fa3``.
+    law : {"atan", "stribeck", "dahl"}
+        Its law.
     velocity : float
-        Estimate (rad/s or m/s).
+        Estimate (rad/s or m/s); of ``dahl`` the displacement (rad or m).
     std : float
         Its standard deviation by (10) for white residuals, all other parameters estimated beside it.
     identified : bool
-        False where the best velocity lies at the end of the range or the law gains nothing. The square root then replaces atan.
+        False where the best velocity lies at the end of the range or the law gains nothing. The square root then replaces atan,
+        and other laws keep it.
     """
 
     parameter: str
+    law: Law
     velocity: float
     std: float
     identified: bool
@@ -96,6 +109,8 @@ def settled(
     signal: SignalProcessing,
     chosen: tuple[dict[str, float], tuple[str, ...]],
     solve: Callable[[LinearSystem], tuple[Array, Array]],
+    *,
+    search: bool = True,
 ) -> SettledFriction:
     """Find velocities and loads with which the linear system (7) gives back the estimate that it was made of.
 
@@ -111,6 +126,8 @@ def settled(
         Fixed and dropped base parameters.
     solve : callable
         Solves a system: its estimate (b,) and its row weights (r,).
+    search : bool
+        Look for velocities on the whole grid first; without it they are refined from those of the terms.
 
     Returns
     -------
@@ -130,7 +147,7 @@ def settled(
         selection = select(robot, *chosen)
         system = linear_system(robot, parts, signal, selection, beta)
         if robot.friction.estimated:
-            robot, estimates = _estimate_velocities(robot, parts, signal, system, solve)
+            robot, estimates = _estimate_velocities(robot, parts, signal, system, solve, search)
             selection = select(robot, *chosen)
             system = linear_system(robot, parts, signal, selection, beta)
         solution, _ = solve(system)
@@ -174,7 +191,8 @@ def with_slopes(
     return replace(
         system,
         slopes={
-            term.parameter: _column(term, term.velocity, parts, signal, system, _slope) for term in fitted
+            term.parameter: _column(robot, term, term.velocity, parts, signal, system, _slope)
+            for term in fitted
         },
     )
 
@@ -201,28 +219,38 @@ def _estimate_velocities(
     signal: SignalProcessing,
     system: LinearSystem,
     solve: Callable[[LinearSystem], tuple[Array, Array]],
+    search: bool,
 ) -> tuple[Robot, tuple[VelocityEstimate, ...]]:
     """Return the robot with the velocities that fit best, and how well the log identifies each."""
     terms = robot.friction.estimated
     places = [system.names.index(term.parameter) for term in terms]
     velocities = np.array([term.velocity for term in terms])
     w = system.w.copy()
-    gains = np.zeros(len(terms))
-    at_end = np.zeros(len(terms), dtype=bool)
-    for _ in range(GRID_SWEEPS):
+    inner = np.ones(len(terms), dtype=bool)
+    for _ in range(GRID_SWEEPS if search else 0):
         _, weights = solve(replace(system, w=w))
         for k, term in enumerate(terms):
-            grid = np.geomspace(*RANGE[robot.joint_kinds[term.joint]], GRID)
-            columns = np.stack([_column(term, v, parts, signal, system) for v in grid], axis=1)
+            grid = np.geomspace(*_range(term, robot.joint_kinds[term.joint]), GRID)
+            columns = _columns(robot, term, grid, parts, signal, system)
             gain = _gains(w, places[k], columns, system.y, weights)
             best = int(np.argmax(gain))
-            velocities[k], gains[k] = grid[best], gain[best]
-            at_end[k] = best in (0, GRID - 1)
+            velocities[k] = grid[best]
+            inner[k] = best not in (0, GRID - 1) and gain[best] > CLEAR_VELOCITY_GAIN
             w[:, places[k]] = columns[:, best]
-    inner = ~at_end & (gains > CLEAR_VELOCITY_GAIN)
-    velocities, std = _refined(terms, velocities, inner, parts, signal, replace(system, w=w), places, solve)
+    start = velocities
+    velocities, std = _refined(robot, terms, start, inner, parts, signal, replace(system, w=w), places, solve)
+    if not search:
+        inner = np.array(
+            [
+                _near(term, v, v0, robot.joint_kinds[term.joint])
+                for term, v, v0 in zip(terms, velocities, start, strict=True)
+            ]
+        )
+        velocities = np.where(inner, velocities, start)
     estimates = tuple(
-        VelocityEstimate(parameter=term.parameter, velocity=float(v), std=float(s), identified=bool(good))
+        VelocityEstimate(
+            parameter=term.parameter, law=term.law, velocity=float(v), std=float(s), identified=bool(good)
+        )
         for term, v, s, good in zip(terms, velocities, std, inner, strict=True)
     )
     found = iter(zip(velocities, inner, strict=True))
@@ -232,45 +260,86 @@ def _estimate_velocities(
             known.append(term)
             continue
         velocity, good = next(found)
-        if good or term.law == "stribeck":
-            known.append(replace(term, velocity=float(velocity), estimated=False, fitted=True))
+        if good or term.law != "atan" or not search:
+            known.append(replace(term, velocity=float(velocity), estimated=False, fitted=bool(good)))
         else:
             known.append(FrictionTerm(law="root", joint=term.joint))
     return replace(robot, friction=replace(robot.friction, terms=tuple(known))), estimates
 
 
-def _law(term: FrictionTerm, velocity: float, dq: Array) -> Array:
-    """Column of a law at a velocity, at the speeds of its joint."""
-    if term.law == "atan":
-        return np.arctan(dq / velocity)
-    return np.asarray(np.sign(dq) * np.exp(-np.square(dq / velocity)))
+def _range(term: FrictionTerm, kind: str) -> tuple[float, float]:
+    """Return the velocities or widths that the search covers."""
+    return (WIDTHS if term.law == "dahl" else RANGE)[kind]
 
 
-def _slope(term: FrictionTerm, velocity: float, dq: Array) -> Array:
-    """Its derivative by the velocity."""
+def _near(term: FrictionTerm, velocity: float, start: float, kind: str) -> bool:
+    """Tell whether a refined velocity stands near that of the held-out blocks, and within the range."""
+    low, high = _range(term, kind)
+    return bool(low < velocity < high and max(velocity / start, start / velocity) < FARTHEST)
+
+
+def _law(robot: Robot, term: FrictionTerm, velocities: Array, part: Segment) -> Array:
+    """Return the columns of a law at velocities or widths (k,), along the motion of its joint: (n_samples, k)."""
+    if term.law == "dahl":
+        return states(part.q[:, term.joint], velocities)
+    dq = part.dq[:, [term.joint]]
     if term.law == "atan":
-        return np.asarray(-dq / (velocity**2 + dq**2))
-    return np.asarray(_law(term, velocity, dq) * 2.0 * dq**2 / velocity**3)
+        return np.arctan(dq / velocities)
+    sign = direction(robot, part.q, part.dq)[:, [term.joint]]
+    return np.asarray(sign * np.exp(-np.square(dq / velocities)))
+
+
+def _slope(robot: Robot, term: FrictionTerm, velocities: Array, part: Segment) -> Array:
+    """Return their derivatives by the velocity or width."""
+    if term.law == "dahl":
+        near = _law(robot, term, np.outer((1.0 + WIDTH_CHANGE, 1.0 - WIDTH_CHANGE), velocities).ravel(), part)
+        return np.asarray(
+            (near[:, : velocities.size] - near[:, velocities.size :]) / (2.0 * WIDTH_CHANGE * velocities)
+        )
+    dq = part.dq[:, [term.joint]]
+    if term.law == "atan":
+        return np.asarray(-dq / (velocities**2 + dq**2))
+    return np.asarray(_law(robot, term, velocities, part) * 2.0 * dq**2 / velocities**3)
 
 
 def _column(
+    robot: Robot,
     term: FrictionTerm,
     velocity: float,
     parts: Sequence[Segment],
     signal: SignalProcessing,
     system: LinearSystem,
-    shape: Callable[[FrictionTerm, float, Array], Array] = _law,
+    shape: Callable[[Robot, FrictionTerm, Array, Segment], Array] = _law,
 ) -> Array:
     """Column of W of a law, (r,): decimated as all others, zero in the rows of the other joints."""
-    column = np.zeros(system.y.size)
+    return _columns(robot, term, np.array([velocity]), parts, signal, system, shape)[:, 0]
+
+
+def _columns(
+    robot: Robot,
+    term: FrictionTerm,
+    velocities: Array,
+    parts: Sequence[Segment],
+    signal: SignalProcessing,
+    system: LinearSystem,
+    shape: Callable[[Robot, FrictionTerm, Array, Segment], Array] = _law,
+) -> Array:
+    """Return the same at several velocities or widths, (r, k)."""
+    columns = np.zeros((system.y.size, velocities.size))
+    columns[system.joints[term.joint]] = decimated(
+        [shape(robot, term, velocities, part) for part in parts], parts, signal
+    )
+    return columns
+
+
+def decimated(values: Sequence[Array], parts: Sequence[Segment], signal: SignalProcessing) -> Array:
+    """Return signals of the segments, (n_samples, k) each, on the rows of the system, (n_rows, k)."""
     rows = []
-    for part in parts:
+    for part, value in zip(parts, values, strict=True):
         with at_place(part.place):
             stages = decimation_stages(part.q.shape[0], signal)
-            values = shape(term, velocity, part.dq[:, term.joint])[:, None]
-            rows.append(decimate(np.ascontiguousarray(values), stages)[signal.kept_rows, 0])
-    column[system.joints[term.joint]] = np.concatenate(rows)
-    return column
+            rows.append(decimate(np.ascontiguousarray(value), stages)[signal.kept_rows])
+    return np.concatenate(rows)
 
 
 def _gains(w: Array, place: int, columns: Array, y: Array, weights: Array) -> Array:
@@ -289,6 +358,7 @@ def _gains(w: Array, place: int, columns: Array, y: Array, weights: Array) -> Ar
 
 
 def _refined(
+    robot: Robot,
     terms: Sequence[FrictionTerm],
     velocities: Array,
     inner: np.ndarray,
@@ -309,7 +379,7 @@ def _refined(
         beta, weights = solve(replace(system, w=w))
         slopes = np.stack(
             [
-                beta[places[k]] * _column(terms[k], velocities[k], parts, signal, system, _slope)
+                beta[places[k]] * _column(robot, terms[k], velocities[k], parts, signal, system, _slope)
                 for k in moving
             ],
             axis=1,
@@ -326,7 +396,8 @@ def _refined(
         relative = np.clip(step / velocities[moving], -0.5, 1.0)
         velocities[moving] *= 1.0 + relative
         for k in moving:
-            w[:, places[k]] = _column(terms[k], velocities[k], parts, signal, system)
-        if np.abs(relative).max() <= SETTLED_VELOCITY:
+            w[:, places[k]] = _column(robot, terms[k], velocities[k], parts, signal, system)
+        settled_share = np.maximum(SETTLED_VELOCITY, SETTLED_DEVIATIONS * std[moving] / velocities[moving])
+        if (np.abs(relative) <= settled_share).all():
             break
     return velocities, std

@@ -3,15 +3,15 @@
 Without a ``tip`` the chain follows, from the base on, the only child that moves anything. It ends where several do, as at the
 fingers of a gripper; where one of those is an arm of its own, the robot is the whole tree. Links behind fixed joints belong to
 the moving link that carries them, links behind other joints too, and those joints are locked. Floating, planar and spherical
-joints are held at zero. Tested in ``tests/test_urdf_chain.py``
-and ``tests/test_trees.py``.
+joints are held at zero. A joint that mimics another follows it, and stands still where that one does.
+Tested in ``tests/test_urdf_chain.py``, ``tests/test_trees.py`` and ``tests/test_couplings.py``.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -72,6 +72,8 @@ class Chain:
         Links that move with each joint, the moving link first.
     locked : mapping of str to float
         Positions of the joints that do not move although they could (rad or m).
+    mimics : mapping of str to (str, float, float)
+        Driven joint, multiplier and offset of the joints that follow one.
     """
 
     base: str
@@ -83,6 +85,32 @@ class Chain:
     axes: tuple[Array, ...]
     groups: tuple[tuple[Member, ...], ...]
     locked: Mapping[str, float]
+    mimics: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
+
+    @property
+    def driven(self) -> tuple[UrdfJoint, ...]:
+        """Joints that follow no others."""
+        return tuple(joint for joint in self.joints if joint.name not in self.mimics)
+
+    def numbered(self) -> Chain:
+        """Return the same with the joints that follow others behind all driven ones, which have the first numbers."""
+        order = self.order
+        places = {joint: place for place, joint in enumerate(order)}
+        return replace(
+            self,
+            joints=tuple(self.joints[k] for k in order),
+            parents=tuple(
+                None if parent is None else places[parent] for parent in (self.parents[k] for k in order)
+            ),
+            origins=tuple(self.origins[k] for k in order),
+            axes=tuple(self.axes[k] for k in order),
+            groups=tuple(self.groups[k] for k in order),
+        )
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """Joints in the order of their numbers."""
+        return tuple(sorted(range(len(self.joints)), key=lambda k: (self.joints[k].name in self.mimics, k)))
 
     def pseudo_inertias(self, description: Description) -> list[Array]:
         """Pseudo-inertia (4, 4) of each group in the frame of its moving link."""
@@ -141,15 +169,46 @@ def choose_chain(
     tip = _tip(description, base, lock) if tip is None else tip
     if tip == WHOLE:
         path = _branches(description, base)
-        moving = [joint for joint in path if _free(joint, lock) and not joint.mimic]
+        moving = _heaviest(description, [joint for joint in path if _free(joint, lock)])
     else:
         found = description.path(base, tip)
         if found is None:
             raise RobotError(f"{where}: link {base!r} (base) does not carry link {tip!r} (tip)")
         path = found
         moving = [joint for joint in path if _free(joint, lock)]
+    mimics = _mimics(joints, moving, lock)
+    moving = [joint for joint in moving if joint.mimic is None or joint.name in mimics]
     _check_joints(where, moving)
-    return _assemble(description, base, tip, path, moving, lock)
+    return replace(_assemble(description, base, tip, path, moving, lock), mimics=mimics)
+
+
+def _mimics(
+    joints: Mapping[str, UrdfJoint], moving: list[UrdfJoint], lock: dict[str, float]
+) -> dict[str, tuple[str, float, float]]:
+    """Find driven joint, multiplier and offset of each joint that follows one; those whose leader stands still join `lock`."""
+    names = {joint.name for joint in moving}
+    found: dict[str, tuple[str, float, float]] = {}
+    for joint in joints.values():
+        if joint.mimic is None or joint.kind not in MOVING or joint.name in lock:
+            continue
+        leader, factor, offset, seen = joint, 1.0, 0.0, {joint.name}
+        # A leader may follow another one in its turn.
+        while leader.mimic is not None and leader.name not in lock:
+            offset += factor * leader.offset
+            factor *= leader.multiplier
+            if leader.mimic not in joints or leader.mimic in seen or factor == 0.0:
+                factor = 0.0
+                break
+            leader = joints[leader.mimic]
+            seen.add(leader.name)
+        if factor and leader.name in names:
+            if joint.name in names:
+                found[joint.name] = (leader.name, factor, offset)
+        else:
+            value = offset + factor * lock.get(leader.name, 0.0)
+            if value:
+                lock[joint.name] = value
+    return found
 
 
 def _branches(description: Description, base: str) -> list[UrdfJoint]:
@@ -162,13 +221,23 @@ def _branches(description: Description, base: str) -> list[UrdfJoint]:
     return found
 
 
+def _heaviest(description: Description, moving: list[UrdfJoint]) -> list[UrdfJoint]:
+    """As many joints as a robot can have: outermost joints that carry least, such as those of fingers and wheels, are left out."""
+    if len(moving) <= LARGEST_CHAIN:
+        return moving
+    mass: dict[str, float] = {}
+    for link in reversed(description.order):
+        own = description.links[link]
+        mass[link] = (own.mass if own is not None else 0.0) + sum(
+            mass[joint.child] for joint in description.outgoing.get(link, ())
+        )
+    # A joint carries more than those behind it, and of joints that carry the same the last of the file goes first.
+    order = sorted(range(len(moving)), key=lambda k: (-mass[moving[k].child], k))
+    kept = sorted(order[:LARGEST_CHAIN])
+    return [moving[k] for k in kept]
+
+
 def _check_joints(where: str, moving: list[UrdfJoint]) -> None:
-    for joint in moving:
-        if joint.mimic is not None:
-            raise RobotError(
-                f"{where}: joint {joint.name!r} mimics {joint.mimic!r}; lock it (didim robot --lock {joint.name}=0), or "
-                "describe a motor that drives both as [transmission] coupling of the robot file"
-            )
     if not moving:
         raise RobotError(f"{where}: no joint moves between base and tip")
     if len(moving) > LARGEST_CHAIN:

@@ -6,7 +6,7 @@ Tested in ``tests/test_urdf.py``.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...errors import RobotError
 from ..rigid_body import body_pseudo_inertia, pose, rotation_of
+from ..transmission import Actuator
 from .xml_spans import Element, parse_xml
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -25,7 +26,25 @@ GRAVITY = (0.0, 0.0, -9.81)
 LARGEST = 1e9
 """Largest number of a description (m, rad, kg, kg.m^2, N.m): no robot has a larger one."""
 
-KNOWN = (*MOVING, "fixed", "floating", "planar", "spherical")
+KNOWN = (
+    *MOVING,
+    "fixed",
+    "floating",
+    "planar",
+    "spherical",
+    "ball",
+    "universal",
+    "screw",
+    "gearbox",
+    "revolute2",
+)
+"""Types of joints that descriptions have; those that neither move by one coordinate nor are fixed are held at zero."""
+
+NOT_FINITE = ("nan", "inf", "infinity", "-nan(ind)", "nan(ind)", "1.#qnan", "1.#inf")
+"""Texts of numbers that are none, as programs write them (small letters, without sign)."""
+
+EXPANDED = ("xacro:property", "xacro:arg")
+"""Elements of xacro that an expanded file may still have, and that make no links or joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +88,15 @@ class UrdfJoint:
     damping, friction : float
         Viscous (N.m.s/rad or N.s/m) and Coulomb (N.m or N) friction.
     mimic : str or None
-        The joint that it follows.
+        The joint that it follows; an empty name for one that stands still.
+    multiplier, offset : float
+        Its position is the multiplier times that of the joint that it follows, plus the offset (rad or m).
     armature : float
         Rotor inertia (kg.m^2 or kg), which only an MJCF has a place for.
     zero : float
         Position (rad or m) at which an MJCF draws the joint.
+    actuator : Actuator or None
+        Gains and limit of what drives the joint, which only an MJCF has a place for.
     """
 
     name: str
@@ -89,8 +112,11 @@ class UrdfJoint:
     damping: float
     friction: float
     mimic: str | None
+    multiplier: float = 1.0
+    offset: float = 0.0
     armature: float = 0.0
     zero: float = 0.0
+    actuator: Actuator | None = None
 
     @property
     def moves(self) -> bool:
@@ -133,11 +159,16 @@ class Description:
 
     @cached_property
     def order(self) -> tuple[str, ...]:
-        """Links that the root carries, each behind its parent."""
-        found = [self.root]
+        """Links that the root carries, each behind its parent; then those of other roots."""
+        others = [link for link in self.links if link not in self.joints and link != self.root]
+        return tuple(self.carried(self.root, *others))
+
+    def carried(self, *links: str) -> list[str]:
+        """Links, and all that they carry, each behind its parent."""
+        found = list(links)
         for link in found:  # which grows meanwhile
             found += [joint.child for joint in self.outgoing.get(link, ())]
-        return tuple(found)
+        return found
 
     def path(self, base: str, tip: str) -> list[UrdfJoint] | None:
         """Joints from one link to another that it carries, or None where it does not carry it."""
@@ -171,17 +202,25 @@ def read_description(data: bytes, where: str) -> Description:
         kinds = {"sdf": "SDF", "mujoco": "MJCF"}
         kind = kinds.get(outermost.tag, f"<{outermost.tag}>")
         raise RobotError(f"{where}: this is {kind}, a URDF has <robot> outermost")
-    macros = [child.tag for child in outermost.children if child.tag.startswith("xacro:")]
+    macros = [
+        child.tag
+        for child in outermost.children
+        if child.tag.startswith("xacro:") and child.tag not in EXPANDED
+    ]
     if macros:
         raise RobotError(
             f"{where}: it has xacro macros ({macros[0]}); expand it first: xacro {where} > arm.urdf"
         )
     links: dict[str, Inertial | None] = {}
+    notes: list[str] = []
     for element in outermost.all("link"):
         name = _name(element, where)
         if name in links:
             raise RobotError(f"{where}: line {element.line}: there are two links {name!r}")
-        links[name] = _inertial(element, f"{where}: link {name!r}:")
+        lacks = _lacks(element.find("inertial"))
+        links[name] = None if lacks else _inertial(element, f"{where}: link {name!r}:")
+        if lacks:
+            notes.append(f"the <inertial> of link {name} is left out: {lacks}")
     joints: dict[str, UrdfJoint] = {}
     outgoing: dict[str, tuple[UrdfJoint, ...]] = {}
     names: set[str] = set()
@@ -202,22 +241,37 @@ def read_description(data: bytes, where: str) -> Description:
     roots = [name for name in links if name not in joints]
     if not links:
         raise RobotError(f"{where}: it has no <link>")
-    if len(roots) != 1:
-        what = f"several links without a parent: {', '.join(roots)}" if roots else "no link without a parent"
-        raise RobotError(f"{where}: its links must be one tree, and it has {what}")
-    description = Description(where, outermost.attributes.get("name", ""), links, joints, outgoing, roots[0])
-    _check_tree(description)
-    return description
-
-
-def _check_tree(description: Description) -> None:
-    """Refuse loops: links that no path from the root reaches."""
+    if not roots:
+        raise RobotError(f"{where}: its links must be one tree, and it has no link without a parent")
+    name = outermost.attributes.get("name", "")
+    description = Description(where, name, links, joints, outgoing, roots[0])
     reached = set(description.order)
-    lost = [link for link in description.links if link not in reached]
+    lost = [link for link in links if link not in reached]
     if lost:
-        raise RobotError(
-            f"{description.where}: link {lost[0]!r} is its own ancestor; its links must be one tree"
-        )
+        raise RobotError(f"{where}: link {lost[0]!r} is its own ancestor; its links must be one tree")
+    return _of_largest_tree(description, roots, notes)
+
+
+def _of_largest_tree(description: Description, roots: list[str], notes: list[str]) -> Description:
+    """Take the root that carries most joints that move, the first of several; the other trees are left out, and said to be."""
+    if len(roots) > 1:
+        moving = {
+            root: sum(
+                description.joints[link].kind in MOVING
+                for link in description.carried(root)
+                if link in description.joints
+            )
+            for root in roots
+        }
+        root = max(roots, key=lambda root: moving[root])
+        others = [other for other in roots if other != root]
+        left = ", ".join(others if len(others) <= 6 else [*others[:6], f"{len(others) - 6} more"])
+        notes = [
+            *notes,
+            f"the robot stands on link {root}; no joint holds {left}, left out (--base takes another)",
+        ]
+        description = replace(description, root=root)
+    return replace(description, notes=tuple(notes))
 
 
 def _name(element: Element, where: str) -> str:
@@ -266,11 +320,20 @@ def _number(element: Element | None, key: str, where: str) -> float:
     return _numbers(element, key, (0.0,), where)[0]
 
 
-def _needed(element: Element | None, tag: str, key: str, where: str) -> float:
-    """Return a number that an ``<inertial>`` must have."""
-    if element is None or key not in element.attributes:
-        raise RobotError(f"{where} its <inertial> has no <{tag} {key}=...>")
-    return _number(element, key, where)
+def _lacks(inertial: Element | None) -> str | None:
+    """Return what an ``<inertial>`` lacks to be one, or None: a program that exports robots may write half of it, or NaN."""
+    if inertial is None:
+        return None
+    wanted = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")}
+    for tag, keys in wanted.items():
+        element = inertial.find(tag)
+        for key in keys:
+            text = element.attributes.get(key) if element is not None else None
+            if text is None and key in ("value", "ixx", "iyy", "izz"):
+                return f"it has no <{tag} {key}=...>"
+            if text is not None and text.strip().lower().lstrip("+-") in NOT_FINITE:
+                return f"{key} of <{tag}> is {text.strip()}"
+    return None
 
 
 def _frame(element: Element, where: str) -> Array:
@@ -284,10 +347,10 @@ def _inertial(link: Element, where: str) -> Inertial | None:
     if element is None:
         return None
     mass, inertia = element.find("mass"), element.find("inertia")
-    diagonal = [_needed(inertia, "inertia", key, where) for key in ("ixx", "iyy", "izz")]
+    diagonal = [_number(inertia, key, where) for key in ("ixx", "iyy", "izz")]
     xy, xz, yz = (_number(inertia, key, where) for key in ("ixy", "ixz", "iyz"))
     return Inertial(
-        mass=_needed(mass, "mass", "value", where),
+        mass=_number(mass, "value", where),
         frame=_frame(element, where),
         inertia=np.diag(diagonal) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]]),
     )
@@ -309,7 +372,7 @@ def _joint(element: Element, where: str) -> UrdfJoint:
     axis = np.array(_numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where))
     length = float(np.linalg.norm(axis))
     if kind in MOVING and not length > 0.0:
-        raise RobotError(f"{where} its axis has length zero")
+        kind = f"{kind} about no axis"  # held at zero, as joints of any other type
     limit, dynamics, mimic = (element.find(tag) for tag in ("limit", "dynamics", "mimic"))
     lower = upper = None
     if kind != "continuous" and limit is not None and {"lower", "upper"} <= set(limit.attributes):
@@ -330,4 +393,6 @@ def _joint(element: Element, where: str) -> UrdfJoint:
         damping=_number(dynamics, "damping", where),
         friction=_number(dynamics, "friction", where),
         mimic=mimic.attributes.get("joint", "") if mimic is not None else None,
+        multiplier=_numbers(mimic, "multiplier", (1.0,), where)[0],
+        offset=_number(mimic, "offset", where),
     )

@@ -18,7 +18,9 @@ from ..._tools.arrays import Array
 from ..._tools.words import counted
 from ...errors import RobotError
 from ..rigid_body import inverse, pose, turn
+from .actuators import read_actuators
 from .description import LARGEST, Description, Inertial, UrdfJoint
+from .mjcf_ties import tied
 from .solids import solid_inertial
 from .xml_spans import Element, parse_xml
 
@@ -59,7 +61,7 @@ Defaults = Mapping[str, Mapping[str, Mapping[str, str]]]
 
 
 @dataclass
-class _Reader:
+class Reader:
     """The bodies of a file, collected link by link."""
 
     where: str
@@ -70,6 +72,8 @@ class _Reader:
     outgoing: dict[str, tuple[UrdfJoint, ...]] = field(default_factory=dict)
     meshes: list[str] = field(default_factory=list)
     springs: list[str] = field(default_factory=list)
+    own_limits: dict[str, float] = field(default_factory=dict)
+    elements: dict[str, Element] = field(default_factory=dict)
 
     def angle(self, value: float) -> float:
         """Angle of the file in rad."""
@@ -182,6 +186,7 @@ class _Reader:
             )
         name = given.get("name") or (f"{body}_joint" if count == 1 else f"{body}_joint{number}")
         turns = kind == "revolute"
+        self.elements[name] = element
 
         def number_of(key: str) -> float:
             return float(self.numbers(element, given, key, 0.0)[0])
@@ -192,6 +197,9 @@ class _Reader:
         bounded = low < high and (limited == "true" or (limited == "auto" and self.compiler.autolimits))
         if number_of("stiffness"):
             self.springs.append(name)
+        low_force, high_force = self.numbers(element, given, "actuatorfrcrange", 0.0, 0.0)
+        if low_force < high_force and given.get("actuatorfrclimited", "auto") != "false":
+            self.own_limits[name] = float(max(-low_force, high_force))
         joint = UrdfJoint(
             name=name,
             kind=kind,
@@ -259,20 +267,13 @@ def read_mjcf(data: bytes, path: Path) -> Description:
         For XML that is broken, wrong numbers, unknown classes, and elements that make bodies of their own.
     """
     where = path.name
-    outermost = parse_xml(data, where)
-    sections = list(_included(outermost, path, ()))
-    reader = _Reader(where, _compiler(sections, where), _defaults(sections))
-    reader.links[WORLD] = None
-    for section in sections:
-        if section.tag == "worldbody":
-            reader.walk(section, WORLD, np.eye(4), section.attributes.get("childclass", "main"))
-    if not reader.joints:
-        raise RobotError(f"{where}: it has no <body>")
+    outermost, sections, reader = walked(data, path)
     gravity = np.array([0.0, 0.0, -9.81])
     for section in sections:
         if section.tag == "option":
             gravity = reader.numbers(section, section.attributes, "gravity", *gravity)
-    joints = _coupled(sections, _with_efforts(sections, reader))
+    driven, unread = _with_actuators(sections, reader, where)
+    joints = tied(sections, driven, where)
     outgoing = {
         link: tuple(joints[joint.child] for joint in found) for link, found in reader.outgoing.items()
     }
@@ -282,10 +283,33 @@ def read_mjcf(data: bytes, path: Path) -> Description:
         notes.append(f"inertias of meshes are not computed: {names} (MuJoCo writes them: mj_saveLastXML)")
     if reader.springs:
         notes.append(f"springs of joints are left out: {', '.join(reader.springs)}")
+    if unread:
+        notes.append(f"not read: {'; '.join(unread)}")
     name = outermost.attributes.get("model", "")
     return Description(
         where, name, reader.links, joints, outgoing, WORLD, tuple(float(g) for g in gravity), tuple(notes)
     )
+
+
+def walked(data: bytes, path: Path) -> tuple[Element, list[Element], Reader]:
+    """Return the outermost element of an MJCF, its sections with those of included files, and the reader of its bodies.
+
+    Raises
+    ------
+    RobotError
+        As for `read_mjcf`.
+    """
+    where = path.name
+    outermost = parse_xml(data, where)
+    sections = list(_included(outermost, path, ()))
+    reader = Reader(where, _compiler(sections, where), _defaults(sections))
+    reader.links[WORLD] = None
+    for section in sections:
+        if section.tag == "worldbody":
+            reader.walk(section, WORLD, np.eye(4), section.attributes.get("childclass", "main"))
+    if not reader.joints:
+        raise RobotError(f"{where}: it has no <body>")
+    return outermost, sections, reader
 
 
 def _included(element: Element, path: Path, above: tuple[Path, ...]) -> Iterator[Element]:
@@ -344,32 +368,18 @@ def _defaults(sections: list[Element]) -> Defaults:
     return found
 
 
-def _with_efforts(sections: list[Element], reader: _Reader) -> dict[str, UrdfJoint]:
-    """Joints with the largest torque of their actuators: ``forcerange``, or ``ctrlrange`` of a motor, times the gear."""
-    efforts: dict[str, float] = {}
-    for section in sections:
-        for element in section.children if section.tag == "actuator" else ():
-            given = reader.attributes(element, "main")
-            bounds = given.get("forcerange") or (given.get("ctrlrange") if element.tag == "motor" else None)
-            if bounds is None or "joint" not in given:
-                continue
-            low, high = reader.numbers(element, {"range": bounds}, "range", 0.0, 0.0)
-            gear = float(given.get("gear", "1").split()[0])
-            efforts[given["joint"]] = abs(gear) * float(max(abs(low), abs(high)))
-    return {
-        child: replace(joint, effort=efforts.get(joint.name) or None)
+def _with_actuators(
+    sections: list[Element], reader: Reader, where: str
+) -> tuple[dict[str, UrdfJoint], list[str]]:
+    """Joints with their actuators, and sentences on actuators that are not read."""
+    actuators, unread = read_actuators(sections, reader.own_limits, reader.compiler.autolimits, where)
+    joints = {
+        child: replace(joint, actuator=found, effort=found.effort)
+        if (found := actuators.get(joint.name)) is not None
+        else joint
         for child, joint in reader.joints.items()
     }
-
-
-def _coupled(sections: list[Element], joints: dict[str, UrdfJoint]) -> dict[str, UrdfJoint]:
-    """Joints with the one that an ``equality/joint`` ties them to."""
-    leaders: dict[str, str] = {}
-    for section in sections:
-        for element in section.children if section.tag == "equality" else ():
-            if element.tag == "joint" and element.attributes.get("active", "true") == "true":
-                leaders[element.attributes.get("joint1", "")] = element.attributes.get("joint2", "")
-    return {child: replace(joint, mimic=leaders.get(joint.name)) for child, joint in joints.items()}
+    return joints, unread
 
 
 def _fixed(name: str) -> UrdfJoint:

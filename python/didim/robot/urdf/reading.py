@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,8 @@ from ..placement import in_line
 from ..right_angles import NEARLY_PARALLEL, SNAP, SUSPICIOUS
 from ..rigid_body import INERTIAL, body_pseudo_inertia, ten_parameters, why_no_body
 from ..robot import Geometry, JointLimits, Robot
-from .chain import WHOLE, Chain, choose_chain
+from ..transmission import Follower
+from .chain import LARGEST_CHAIN, WHOLE, Chain, choose_chain
 from .common_normals import MdhTable, as_they_are, common_normals
 from .description import MOVING, Description, read_description
 from .mjcf import read_mjcf
@@ -117,47 +118,64 @@ def read_urdf(
     snapped = snap_chain(chain.origins, chain.axes, down / size if size else down, snap, chain.parents)
     suspicion = _nearly_right(chain, snapped.left, where)
     notes = [*description.notes, *_locked(chain, description, lock or {})]
-    if chain.parents == in_line(len(chain.joints)) and not any(
-        found.parallel and found.joint for found in snapped.left
-    ):
-        table = common_normals(snapped.origins, snapped.axes)
+    links = bodies(chain.groups, dict(description.links))
+    made_up = not any(body.inertial.pseudo.any() for group in links for body in group)
+    links = made_up_bodies(len(chain.joints)) if made_up else links
+    as_given = as_they_are(snapped.origins, snapped.axes, chain.parents)
+    straight = (
+        chain.parents == in_line(len(chain.joints))
+        and not chain.mimics
+        and not any(found.parallel and found.joint for found in snapped.left)
+    )
+    # Common normals lose digits where axes are far apart: then the placements are taken as they are.
+    for table in (common_normals(snapped.origins, snapped.axes), as_given) if straight else (as_given,):
+        geometry = _geometry(chain, table, down)
+        exact, as_written = _self_test(geometry, chain, snapped, table, links, down)
+        if exact <= LARGEST_DIFFERENCE:
+            break
     else:
-        table = as_they_are(snapped.origins, snapped.axes, chain.parents)
+        raise RobotError(
+            f"{where}: the frames of this chain lose too many digits (torques differ by {exact:.1e} of the largest)"
+        )
+    notes += (
+        [
+            f"right angles of {', '.join(chain.joints[joint].name for joint in snapped.joints)} were rounded and are snapped, by "
+            f"{snapped.largest:.1e} rad at most; torques change by {as_written:.1e} of the largest"
+        ]
+        if snapped.joints
+        else []
+    )
+    if chain.mimics:
+        table, chain = _numbered(table, chain), chain.numbered()
+        one = tuple(tuple(row) for row in np.eye(len(chain.driven)).tolist())
+        geometry = replace(_geometry(chain, table, down), followers=_followers(chain), coupling=one)
+        names = (f"{name} ({leader})" for name, (leader, _, _) in chain.mimics.items())
+        notes.append(f"joints that follow others, with their leaders: {_names(list(names))}")
     named, missing = _parameters(description, chain, table, set_name)
     notes += missing
-    geometry = _geometry(chain, table, down)
-    links = bodies(chain.groups, dict(description.links))
-    made_up = not any(links)
-    links = made_up_bodies(len(chain.joints)) if made_up else links
-    exact, as_written = _self_test(geometry, chain, snapped, table, links, down)
-    if not exact <= LARGEST_DIFFERENCE:
-        raise RobotError(
-            f"{where}: the frames of this chain lose too many digits (torques differ by {exact:.1e} of the largest); "
-            "are axes nearly parallel? --snap 0.002 makes them parallel"
-        )
-    if snapped.joints:
-        names = ", ".join(chain.joints[joint].name for joint in snapped.joints)
-        notes.append(
-            f"right angles of {names} were rounded and are snapped, by {snapped.largest:.1e} rad at most; "
-            f"torques change by {as_written:.1e} of the largest"
-        )
     robot = Robot(
         name=description.name or path.stem,
         description=f"from {where}",
         path=path,
         digest=hashlib.sha256(data).hexdigest(),
         geometry=geometry,
-        friction=_no_friction(len(chain.joints)),
+        friction=_no_friction(len(chain.driven)),
         limits=_limits(chain),
         reduction=None,
         gains=None,
-        joint_names=tuple(joint.name for joint in chain.joints),
+        joint_names=tuple(joint.name for joint in chain.driven),
         correspondence=_correspondence(where, data, chain, snapped, table),
         notes=tuple(notes),
+        actuators=tuple(joint.actuator for joint in chain.joints) if _driven(chain) else (),
         _named={set_name: named} if named else {},
     )
     robot.core  # noqa: B018 - now, so that a wrong description is an error of loading
     return UrdfReading(robot, table, exact, as_written, made_up, suspicion)
+
+
+def _driven(chain: Chain) -> bool:
+    """Whether the description declares an actuator of any joint."""
+    return any(joint.actuator is not None for joint in chain.joints)
 
 
 def _gravity(gravity: Sequence[float] | None, description: Description, chain: Chain) -> Array:
@@ -181,8 +199,15 @@ def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) 
     free = [name for name in free if joints[name].kind in MOVING]
     notes = [f"held at zero, because no joint of a robot is of this type: {_names(held)}"] if held else []
     if free and chain.tip == WHOLE:
-        mimics = [f"{name} (of {joints[name].mimic})" for name in free]
-        notes.append(f"held at zero, because they follow other joints: {_names(mimics)}")
+        mimics = [f"{name} (of {joints[name].mimic})" for name in free if joints[name].mimic is not None]
+        if mimics:
+            notes.append(f"held, because they follow joints that stand still: {_names(mimics)}")
+        many = [name for name in free if joints[name].mimic is None]
+        if many:
+            notes.append(
+                f"held at zero, because a robot has at most {LARGEST_CHAIN} joints, those that carry least: {_names(many)} "
+                "(--lock, --base and --tip choose others)"
+            )
     elif free:
         notes.append(
             f"the chain ends at link {chain.tip}; locked at 0: {_names(free)} (--tip LINK takes more of the tree, "
@@ -240,6 +265,28 @@ def _geometry(chain: Chain, table: MdhTable, down: Array) -> Geometry:
     )
 
 
+def _numbered(table: MdhTable, chain: Chain) -> MdhTable:
+    """Return the rows of a chain in the order of the numbers of its joints."""
+    order, parents = chain.order, chain.numbered().parents
+    mounts = tuple(replace(table.mounts[k], parent=parent) for k, parent in zip(order, parents, strict=True))
+    return replace(
+        table,
+        rows=tuple(table.rows[k] for k in order),
+        link_poses=tuple(table.link_poses[k] for k in order),
+        mounts=mounts,
+    )
+
+
+def _followers(chain: Chain) -> tuple[Follower, ...]:
+    numbers = {joint.name: number for number, joint in enumerate(chain.driven)}
+    return tuple(
+        Follower(leaders=((numbers[leader], factor),), offset=offset, name=name)
+        for name, (leader, factor, offset) in (
+            (joint.name, chain.mimics[joint.name]) for joint in chain.joints if joint.name in chain.mimics
+        )
+    )
+
+
 def _no_friction(n: int) -> Friction:
     nothing = (0.0,) * n
     return Friction(model="symmetric", coulomb="sign", coupling="shaft", smoothing=nothing, dead_zone=nothing)
@@ -252,7 +299,7 @@ def _limits(chain: Chain) -> tuple[JointLimits, ...]:
             velocity=joint.velocity,
             effort=joint.effort,
         )
-        for joint in chain.joints
+        for joint in chain.driven
     )
 
 
@@ -269,15 +316,10 @@ def _parameters(
         for name, pseudo in zip(names, pseudos, strict=True)
         if not pseudo[3, 3] > 0.0 and (pseudo.any() or not between)
     ]
-    if empty:
-        what = (
-            "no moving link has an inertia"
-            if not any(pseudo.any() for pseudo in pseudos)
-            else f"some moving links have no positive mass ({', '.join(empty)})"
-        )
-        return {}, [f"{what}, so there is no parameter set {set_name!r}"]
+    if len(empty) == len(names):
+        return {}, [f"no moving link has an inertia, so there is no parameter set {set_name!r}"]
     named: dict[str, float] = {}
-    notes = []
+    notes = [f"moving links without a positive mass: {_names(empty)}"] if empty else []
     for j, (name, pseudo, pose) in enumerate(zip(names, pseudos, table.link_poses, strict=True)):
         ten = ten_parameters(pose @ pseudo @ pose.T)
         named.update({f"{key}{j + 1}": float(value) for key, value in zip(INERTIAL, ten, strict=True)})

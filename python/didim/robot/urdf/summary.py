@@ -22,7 +22,7 @@ def summary(reading: UrdfReading) -> str:
     robot = reading.robot
     places = robot.correspondence
     assert places is not None
-    width = max(len(name) for name in (*robot.joint_names, "joint"))
+    width = max(len(name) for name in (*robot.all_joint_names, "joint"))
     lines = [
         f"{robot.name}: {counted(robot.n_dof, 'joint')} {_extent(places)}, "
         f"{len(robot.base_parameters.names)} base parameters",
@@ -35,7 +35,7 @@ def summary(reading: UrdfReading) -> str:
         cosine = max(-1.0, min(1.0, 0.5 * (float(np.trace(matrix[:3, :3])) - 1.0)))
         link = " + ".join((place.link, *place.lumped, *place.locked))
         lines.append(
-            f"{j + 1:2} {place.joint:{width}}  {robot.joint_kinds[j]:9}  {math.degrees(row.alpha):9.6g}  {row.d:8.5g}  "
+            f"{j + 1:2} {place.joint:{width}}  {robot.geometry.kinds[j]:9}  {math.degrees(row.alpha):9.6g}  {row.d:8.5g}  "
             f"{math.degrees(row.theta):9.6g}  {row.r:8.5g}  {1e3 * float(np.linalg.norm(matrix[:3, 3])):9.4g}  "
             f"{math.degrees(math.acos(cosine)):8.4g}  {link}"
         )
@@ -56,7 +56,7 @@ def _extent(places: Correspondence) -> str:
 
 def rows_and_frames(robot: Robot) -> str:
     """Return the modified rows of a robot and where the frames of its own table lie, as ``didim robot`` prints them."""
-    names = robot.joint_names or tuple(f"joint {j + 1}" for j in range(robot.n_dof))
+    names = robot.all_joint_names or tuple(f"joint {j + 1}" for j in range(robot.n_joints))
     width = max(len(name) for name in (*names, "joint"))
     gravity = " ".join(f"{value:g}" for value in robot.geometry.gravity)
     lines = [

@@ -85,6 +85,11 @@ def parse_xml(data: bytes, where: str) -> Element:
     """
     if b"\0" in data[:400]:
         raise RobotError(f"{where}: neither UTF-8 nor Latin-1; save it as UTF-8")
+    blank = len(data) - len(data.lstrip())
+    if blank and data[blank:].startswith(b"<?xml"):
+        # Other parsers take blank lines before the declaration. Exchanged, they keep each byte where it is.
+        behind = data.find(b"?>", blank) + 2
+        data = data[blank:behind] + data[:blank] + data[behind:]
     parser = xml.parsers.expat.ParserCreate()
     parser.buffer_text = True
     open_elements: list[Element] = []

@@ -99,7 +99,7 @@ class PayloadEstimate(Pickled, Printed):
             + " and the covariance of the robot in it"
         )
         if self.remarks:
-            lines += ["", "To know:", *(f"  {text}" for text in self.remarks)]
+            lines += ["", "Notes:", *(f"  {text}" for text in self.remarks)]
         return "\n".join(lines)
 
     def _body_lines(self) -> list[str]:

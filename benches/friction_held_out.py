@@ -1,0 +1,263 @@
+"""Friction chosen on one real log, judged on another: errors of torques that nothing was fitted to.
+
+    python benches/friction_held_out.py DATA [--arms tx40 ur10e emps ur10 panda tiago kr300]
+
+prints, for public logs in DATA, the error (%) without further friction terms and with `friction = "auto"`. Logs of which there is
+one only are cut in parts after their filters, and each part is predicted from the others. The load of the UR10e is unknown:
+friction comes from one log, and rigid parameters are fitted to the other. docs/friction.md has the table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import didim
+from didim.cli.main import main as didim_command
+from didim.regression.friction.choice import choose_terms
+from didim.regression.friction.velocity import settled
+from didim.regression.least_squares import solve
+from didim.regression.linear_system import LinearSystem, linear_system, torque_rows
+from didim.regression.selection import select
+from didim.signal.noise import encoder_step
+from didim.signal.processing import SignalProcessing
+
+Array = NDArray[np.float64]
+UR10E_GAINS = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])
+"""Drive gains of the UR10e by its publishers (N.m/A)."""
+UR10E_MOVES = {"free": (195, 4966), "loaded": (308, 5071)}
+"""Rows of the UR10e's logs in which the arm moves."""
+UR10 = 'schema = 1\nname = "ur10"\nconvention = "dh"\n' + "".join(
+    f'\n[[joint]]\nname = "{name}_joint"\nkind = "revolute"\na_m = {a}\nalpha_deg = {alpha}\nd_m = {d}\n'
+    for name, a, alpha, d in (
+        ("shoulder_pan", 0, 90, 0.1273),
+        ("shoulder_lift", -0.612, 0, 0),
+        ("elbow", -0.5723, 0, 0),
+        ("wrist_1", 0, 90, 0.163941),
+        ("wrist_2", 0, -90, 0.1157),
+        ("wrist_3", 0, 0, 0.0922),
+    )
+)
+"""Standard table of the maker."""
+FITS = 4
+"""Fits of rigid parameters beside given friction: each has the load and the weights of the one before."""
+
+
+class Cut(SignalProcessing):
+    """Filters of a log of which some decimated rows are used."""
+
+    rows: slice | Array = slice(None)
+
+    @property
+    def kept_rows(self) -> slice:  # an array of places serves as well
+        """Rows that are used."""
+        return Cut.rows  # type: ignore[return-value]
+
+    @classmethod
+    def of(cls, signal: SignalProcessing) -> Cut:
+        """Return the same filters."""
+        return cls(**{field.name: getattr(signal, field.name) for field in dataclasses.fields(signal)})
+
+
+def fitted(experiment: didim.Experiment, auto: bool) -> tuple[didim.Robot, Array, str]:
+    """Return the robot with its friction, its base parameters, and the terms that were chosen."""
+    job = didim.IDIMLS().job(experiment)
+    parts = job.parts("fit", job.delay())
+    chosen = (dict(job.fixed), job.dropped)
+
+    def solved(system: LinearSystem) -> tuple[Array, Array]:
+        fit = solve(system, replace(job.settings, uncertainty="white"))
+        return fit.solution, fit.weights
+
+    robot = experiment.robot
+    if auto:
+        steps = [encoder_step(one.measured_positions()) for one in experiment.recordings if one.role == "fit"]
+        choice = choose_terms(robot, parts, job.signal, chosen, solved, np.max(steps, axis=0))
+        robot = robot.with_terms(choice.friction.terms)
+    found = settled(robot, parts, job.signal, chosen, solved)
+    return found.robot, found.beta, " ".join(term.parameter for term in found.robot.friction.terms)
+
+
+def errors(
+    experiment: didim.Experiment, robot: didim.Robot, beta: Array, refit: bool = False
+) -> tuple[Array, Array]:
+    """Return the error of the predicted torques and the torques, rows joint by joint; `refit`: rigid parameters are fitted."""
+    job = didim.IDIMLS().job(replace(experiment, robot=robot))
+    parts = job.parts("fit", job.delay())
+    rigid = np.array([not name.startswith(("F", "Rest", "Off")) for name in robot.base_parameters.names])
+    beta = beta.copy()
+    for _ in range(FITS if refit else 1):
+        system = linear_system(robot, parts, job.signal, select(robot, {}, ()), beta)
+        if refit:
+            rest, scale = system.y - system.w[:, ~rigid] @ beta[~rigid], np.ones(system.y.size)
+            for _ in range(FITS):
+                beta[rigid] = np.linalg.lstsq(system.w[:, rigid] * scale[:, None], rest * scale, rcond=None)[
+                    0
+                ]
+                left = rest - system.w[:, rigid] @ beta[rigid]
+                for rows in system.joints:
+                    scale[rows] = 1.0 / np.sqrt(np.mean(left[rows] ** 2))
+    return system.y - system.w @ beta, system.y
+
+
+def percent(error: Array, torque: Array) -> float:
+    """Return the relative error."""
+    return float(100.0 * np.linalg.norm(error) / np.linalg.norm(torque))
+
+
+def in_parts(experiment: didim.Experiment, parts: int, auto: bool) -> tuple[float, list[str]]:
+    """Return the error of each part of a log predicted from the others, all together, and the terms of each fit."""
+    experiment = replace(experiment, signal=Cut.of(experiment.signal))
+    Cut.rows = slice(None)
+    job = didim.IDIMLS().job(experiment)
+    total = torque_rows(job.parts("fit"), job.signal).size // experiment.robot.n_dof
+    edges = np.linspace(0, total, parts + 1).round().astype(int)
+    missed, torque, names = [], [], []
+    for k in range(parts):
+        Cut.rows = np.r_[tuple(np.arange(edges[i], edges[i + 1]) for i in range(parts) if i != k)]
+        robot, beta, terms = fitted(experiment, auto)
+        Cut.rows = np.arange(edges[k], edges[k + 1])
+        error, y = errors(experiment, robot, beta)
+        missed.append(error)
+        torque.append(y)
+        names.append(terms)
+    return percent(np.concatenate(missed), np.concatenate(torque)), names
+
+
+def ur10e(data: Path, name: str) -> didim.Experiment:
+    """Return a log of the UR10e at even times, its currents times the published gains."""
+    start, stop = UR10E_MOVES[name]
+    table = np.loadtxt(data / f"ur10e/{name}.csv", delimiter=",")[start:stop]
+    t = table[:, 0] - table[0, 0]
+    even = np.arange(0.0, t[-1], 0.01)
+    q, current = (
+        np.column_stack([np.interp(even, t, table[:, column]) for column in columns])
+        for columns in (range(1, 7), range(13, 19))
+    )
+    return didim.Experiment(
+        name=f"UR10e, {name}",
+        robot=didim.load_robot(data / "ur10e/ur10e.urdf").with_friction(dead_zone_rad_s=0.01),
+        recordings=(didim.Recording.from_arrays(q, current * UR10E_GAINS, rate_hz=100.0),),
+        signal=didim.SignalProcessing(cutoff_hz=8.5, trim_start=24, trim_end=24, decimation=(5,)),
+    )
+
+
+def initialised(robot: str, files: list[Path], options: list[str]) -> didim.Experiment:
+    """Return the experiment that `didim init` makes of a log."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.toml"
+        didim_command(["init", robot, *map(str, files), *options, "-o", str(path)])
+        return didim.load_experiment(path)
+
+
+def unisa(data: Path, which: str) -> didim.Experiment:
+    """Return the UR10 or the Panda of ROS bags."""
+    files = [data / "unisa" / f"{which}_exciting.db3"]
+    if which == "panda":
+        return initialised("panda", files, [])
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "ur10.toml"
+        path.write_text(UR10, encoding="utf-8")
+        return initialised(str(path), [*files, data / "unisa/ur10_validation.db3"], [])
+
+
+def kr300(data: Path) -> didim.Experiment:
+    """Return both recordings of the KR300 on the geometry of another KUKA."""
+    from scipy.io import loadmat
+
+    logs = [data / f"kr300/{run}.mat" for run in "AB"]
+    ratios = np.diag(loadmat(logs[0])["para"][0, 0]["u"].ravel()).tolist()
+    columns = ("position=rec.act_pos_mot_deg", "torque=rec.act_torque_abs_nm", "time=rec.time_cont")
+    options = [word for text in columns for word in ("--columns", text)]
+    options += ["--side", "position=joint", "--side", "torque=motor"]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "kuka.toml"
+        didim_command(["robot", "kr16", "-o", str(path)])
+        gears = "\n".join(f"{row}," for row in ratios)
+        path.write_text(f"{path.read_text()}\n[transmission]\nreduction = [\n{gears}\n]\n", encoding="utf-8")
+        return initialised(str(path), logs, options)
+
+
+Case = tuple[str, Callable[[bool], tuple[float, list[str]]]]
+
+
+def cases(data: Path, examples: Path, arms: list[str]) -> Iterator[Case]:
+    """Yield what is predicted from what, and how."""
+
+    def across(
+        one: didim.Experiment, other: didim.Experiment, refit: bool
+    ) -> Callable[[bool], tuple[float, list[str]]]:
+        def run(auto: bool) -> tuple[float, list[str]]:
+            robot, beta, terms = fitted(one, auto)
+            return percent(*errors(other, robot, beta, refit)), [terms]
+
+        return run
+
+    def cut(experiment: didim.Experiment, parts: int) -> Callable[[bool], tuple[float, list[str]]]:
+        return lambda auto: in_parts(experiment, parts, auto)
+
+    if "tx40" in arms:
+        yield (
+            "TX40 in thirds",
+            cut(didim.load_experiment(examples / "tx40_log_best.toml", data=data / "tx40"), 3),
+        )
+    if "ur10e" in arms:
+        free, loaded = ur10e(data, "free"), ur10e(data, "loaded")
+        yield "UR10e, loaded from free", across(free, loaded, True)
+        yield "UR10e, free from loaded", across(loaded, free, True)
+    if "emps" in arms:
+        yield "EMPS in thirds", cut(didim.load_experiment(examples / "emps.toml", data=data / "emps"), 3)
+    for which in ("ur10", "kr300"):
+        if which in arms:
+            both = unisa(data, which) if which == "ur10" else kr300(data)
+            first, second = (
+                replace(both, recordings=(replace(one, role="fit"),)) for one in both.recordings[:2]
+            )
+            yield (
+                f"{which}, {second.recordings[0].name} from {first.recordings[0].name}",
+                across(first, second, False),
+            )
+            yield (
+                f"{which}, {first.recordings[0].name} from {second.recordings[0].name}",
+                across(second, first, False),
+            )
+    if "panda" in arms:
+        yield "Panda in halves", cut(unisa(data, "panda"), 2)
+    if "tiago" in arms:
+        files = [data / f"tiago/tiago_{what}.csv" for what in ("position", "velocity", "effort")]
+        yield "TIAGo in halves", cut(initialised(str(data / "tiago/tiago_48_hey5.urdf"), files, []), 2)
+
+
+def main() -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("data", type=Path)
+    every = ["tx40", "ur10e", "emps", "ur10", "panda", "tiago", "kr300"]
+    parser.add_argument("--arms", nargs="+", choices=every, default=every)
+    args = parser.parse_args()
+    print(f"{'predicted':45} {'plain':>7} {'auto':>7}   seconds, terms", flush=True)
+    examples = Path(__file__).resolve().parents[1] / "examples"
+    for name, run in cases(args.data, examples, args.arms):
+        plain, _ = run(False)
+        start = time.process_time()
+        auto, terms = run(True)
+        print(
+            f"{name:45} {plain:7.2f} {auto:7.2f}   {time.process_time() - start:.1f}, {' | '.join(terms)}",
+            flush=True,
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

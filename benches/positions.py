@@ -1,0 +1,315 @@
+"""A hobby arm whose truth MuJoCo simulates, logged as data sets of positions are: how near CLOE comes, and how sure it is.
+
+    python benches/positions.py [--seeds 3] [--step 1e-4]
+    python benches/positions.py --quadruped FOLDER
+
+needs the package mujoco. Six position actuators with armature, damping, frictionloss, gains, a torque limit of 3.35 N.m and a
+delay of 15 ms follow smooth moves and, a third of the time, steps that saturate; 60 s at 50 Hz are logged, to 0.088 degrees.
+Printed are, kind by kind, the errors of the estimates (rms and largest, in per cent of the truth), the share of the truth inside
+the 95 % intervals, and processor seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import re
+import tempfile
+from pathlib import Path
+from time import process_time
+
+import mujoco
+import numpy as np
+from mujoco import minimize, rollout
+
+import didim
+from didim.methods.cloe.cloe import CLOE
+from didim.result.positions.record import PositionRecord
+
+RATE_HZ, SECONDS, DELAY_S, QUANTUM, LIMIT = 50.0, 60.0, 0.015, 2.0 * np.pi / 4096, 3.35
+KINDS = ("Ia", "Fv", "Fc", "kp", "kv")
+BODIES = (  # name, position, axis, mass, centre, principal inertias
+    ("pan", "0 0 0.05", "0 0 1", 0.15, "0.01 0 0.03", "1e-4 1e-4 9e-5"),
+    ("lift", "0.03 0 0.05", "0 1 0", 0.10, "0.02 0 0.06", "1.6e-4 1.7e-4 3e-5"),
+    ("elbow", "0.03 0 0.11", "0 1 0", 0.10, "0.07 0 0.01", "3e-5 1.5e-4 1.6e-4"),
+    ("flex", "0.135 0 0", "0 1 0", 0.08, "0.03 0 0", "2e-5 5e-5 5e-5"),
+    ("roll", "0.06 0 0", "1 0 0", 0.09, "0.02 0.01 0", "4e-5 4e-5 5e-5"),
+    ("jaw", "0.03 0.02 0", "0 0 1", 0.03, "0.04 0 0", "5e-6 3e-5 3e-5"),
+)
+
+
+def truth() -> dict[str, np.ndarray]:
+    """Parameters of the drives by kind, (6,) each."""
+    spread = np.random.default_rng(1).uniform(0.8, 1.25, (5, 6))
+    return dict(zip(KINDS, (np.array([0.028, 0.6, 0.15, 17.8, 0.5])[:, None] * spread), strict=True))
+
+
+def mjcf(p: dict[str, np.ndarray]) -> str:
+    """The arm as MJCF, with its drives."""
+    opened, actuators = "", ""
+    for k, (name, place, axis, mass, centre, inertia) in enumerate(BODIES):
+        opened += (
+            f'<body name="{name}" pos="{place}"><inertial pos="{centre}" mass="{mass}" diaginertia="{inertia}"/>'
+            f'<joint name="{name}" axis="{axis}" armature="{p["Ia"][k]}" damping="{p["Fv"][k]}" frictionloss="{p["Fc"][k]}"/>'
+        )
+        actuators += (
+            f'<position joint="{name}" kp="{p["kp"][k]}" kv="{p["kv"][k]}" forcerange="-{LIMIT} {LIMIT}"/>'
+        )
+    closed = "</body>" * len(BODIES)
+    return f"<mujoco><worldbody>{opened}{closed}</worldbody><actuator>{actuators}</actuator></mujoco>"
+
+
+def commands(seed: int) -> np.ndarray:
+    """Smooth moves, and steps in a third of the log, (n, 6)."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(SECONDS * RATE_HZ)) / RATE_HZ
+    f = rng.uniform(0.1, 1.5, (12, 6))
+    phase = rng.uniform(0.0, 2.0 * np.pi, (12, 1, 6))
+    smooth = 0.5 * (np.sin(2.0 * np.pi * f[:, None] * t[:, None] + phase) * 0.25 / np.sqrt(f[:, None])).sum(
+        axis=0
+    )
+    steps = np.repeat(rng.uniform(-0.35, 0.35, (int(SECONDS), 6)), int(RATE_HZ), axis=0)
+    r = np.where((t % 15.0 < 5.0)[:, None], steps, smooth)
+    r[:25] = 0.0
+    return r
+
+
+def simulated(p: dict[str, np.ndarray], r: np.ndarray, step: float) -> np.ndarray:
+    """Measured positions by MuJoCo, (n, 6)."""
+    model = mujoco.MjModel.from_xml_string(mjcf(p))
+    model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    per_sample = round(1.0 / (RATE_HZ * step))
+    late = np.arange(len(r) * per_sample) * step - DELAY_S
+    commanded = r[np.floor(late * RATE_HZ + 1e-9).astype(int).clip(0)]
+    start = np.zeros((1, 1 + 2 * r.shape[1]))
+    states, _ = rollout.rollout([model], [mujoco.MjData(model)], start, commanded[None])
+    out = np.vstack([np.zeros(6), states[0, per_sample - 1 : -1 : per_sample, 1:7]])
+    return np.asarray(np.round(out / QUANTUM) * QUANTUM)
+
+
+def softness(p: dict[str, np.ndarray], friction: np.ndarray) -> list[float]:
+    """Speed (rad/s) below which MuJoCo's frictionloss is viscous, with its default solver parameters."""
+    model = mujoco.MjModel.from_xml_string(mjcf(p))
+    low, high = model.dof_solimp[:, 0], model.dof_solimp[:, 1]
+    return list(friction * model.dof_invweight0 * (1.0 - low) / low * high * model.dof_solref[:, 0] / 2.0)
+
+
+EXPERIMENT = """
+schema = 1
+name = "arm"
+robot = "arm.xml"
+[friction]
+coulomb = "tanh"
+smoothing_rad_s = {smoothing}
+[parameters]
+links = "fixed"
+dropped = ["Off"]
+[controller]
+kind = "pd"
+kp = 15.0
+kv = 0.8
+saturation_n_m = 3.35
+[reference]
+kind = "recorded"
+between_samples = "held"
+[unknown]
+Ia = {{ start = 0.05, min = 0.002 }}
+Fv = {{ start = 0.8 }}
+Fc = {{ start = 0.1 }}
+kp = {{ start = 15.0 }}
+kv = {{ start = 0.8 }}
+delay_s = {{ start = 0.02, max = 0.06 }}
+[simulation]
+step_s = {step}
+fine_step_s = {step}
+integrator = "{integrator}"
+[[recording]]
+name = "log"
+rate_hz = 50
+[recording.position]
+file = "log.npz"
+variable = "q"
+unit = "rad"
+side = "joint"
+[recording.reference]
+file = "log.npz"
+variable = "r"
+unit = "rad"
+side = "joint"
+"""
+
+
+def fitted(
+    folder: Path, p: dict[str, np.ndarray], smoothing: list[float], step: float, integrator: str
+) -> didim.Identification:
+    """The estimate of a log in a folder."""
+    text = EXPERIMENT.format(
+        smoothing=[float(f"{v:.6g}") for v in smoothing], step=step, integrator=integrator
+    )
+    (folder / "arm.toml").write_text(text)
+    (folder / "arm.xml").write_text(mjcf(p))
+    return didim.identify(didim.load_experiment(folder / "arm.toml"), CLOE(threads=1), verbose=False)
+
+
+QUADRUPED = """
+schema = 1
+name = "go2"
+robot = "go2.xml"
+[friction]
+coulomb = "tanh"
+smoothing_rad_s = 0.01
+[parameters]
+links = "fixed"
+[controller]
+kind = "pd"
+kp = 20.0
+kv = 1.5
+[reference]
+kind = "recorded"
+between_samples = "held"
+[unknown]
+delay_s = { start = 0.005, max = 0.025 }
+[[recording]]
+name = "log"
+rate_hz = 200
+[recording.position]
+file = "traj_0.pt"
+variable = "dof_pos"
+unit = "rad"
+side = "joint"
+[recording.reference]
+file = "traj_0.pt"
+variable = "des_dof_pos"
+unit = "rad"
+side = "joint"
+"""
+KP, KV, RATE = 20.0, 1.5, 200.0
+BOUNDS = np.array(
+    [[1e-5, 1.0]] * 12 + [[0.0, 7.0]] * 12 + [[0.0, 3.0]] * 12 + [[-3.0, 3.0]] * 12 + [[0.0, 0.025]]
+)
+
+
+class Rollouts:
+    """The same cost by MuJoCo's rollouts of the whole robot, base welded: Ia, Fv, Fc, Off of 12 joints, and the delay."""
+
+    def __init__(self, folder: Path, q: np.ndarray, r: np.ndarray) -> None:
+        text = (folder / "go2.xml").read_text()
+        for pattern in (
+            r"<geom[^>]*?mesh=[^>]*?/>",
+            r"<mesh [^>]*?/>",
+            r"<freejoint[^>]*?/>",
+            r"<keyframe>.*?</keyframe>",
+        ):
+            text = re.sub(pattern, "", text, flags=re.DOTALL)
+        self.model, self.q, self.r, self.runs = mujoco.MjModel.from_xml_string(text), q, r, 0
+        m = self.model
+        m.opt.timestep, m.opt.integrator = 1.0 / RATE, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+        m.actuator_gaintype[:], m.actuator_biastype[:] = 0, 1
+        m.actuator_gainprm[:, 0], m.actuator_biasprm[:, 1], m.actuator_biasprm[:, 2] = KP, -KP, -KV
+        m.actuator_ctrllimited[:] = m.actuator_forcelimited[:] = 0
+
+    def residual(self, thetas: np.ndarray) -> np.ndarray:
+        """Return errors of candidates, (n_rows, n_candidates)."""
+        models, controls, states = [], [], []
+        for theta in thetas.T:
+            m = copy.copy(self.model)
+            m.dof_armature[:], m.dof_damping[:], m.dof_frictionloss[:] = (
+                theta[:12],
+                theta[12:24],
+                theta[24:36],
+            )
+            models.append(m)
+            # A constant torque is a shift of what the servo follows; a held sample that is late is a mean over the step.
+            share = theta[48] * RATE
+            back = int(share)
+            late = [self.r[np.clip(np.arange(len(self.r)) - back - k, 0, None)] for k in (0, 1)]
+            controls.append((1.0 - (share - back)) * late[0] + (share - back) * late[1] - theta[36:48] / KP)
+            states.append(np.concatenate([[0.0], self.q[0], np.zeros(12)]))
+        self.runs += len(models)
+        out, _ = rollout.rollout(models, [mujoco.MjData(self.model)], np.array(states), np.array(controls))
+        simulated = np.concatenate([np.array(states)[:, None, 1:13], out[:, :-1, 1:13]], axis=1)
+        return np.asarray((simulated - self.q)[:, 100:].reshape(len(models), -1).T)
+
+
+def quadruped(folder: Path) -> None:
+    """Print what the fit of the quadruped's log takes, ours and MuJoCo's least squares on the same cost."""
+    with tempfile.TemporaryDirectory() as name:
+        (Path(name) / "go2.toml").write_text(QUADRUPED.replace("go2.xml", str(folder / "go2.xml")))
+        experiment = didim.load_experiment(Path(name) / "go2.toml", data=folder)
+    clock = process_time()
+    fit = didim.identify(experiment, CLOE(threads=1), verbose=False)
+    seconds = process_time() - clock
+    record = PositionRecord.of(fit.settings)
+    assert record is not None
+    rms = np.sqrt(np.mean(np.square(np.array(record.errors["after"], dtype=float))))
+    print(f"didim: {1e3 * rms:.3f} mrad, {fit.n_iterations} iterations, {fit.n_simulations} simulations of a leg, {seconds:.2f} s",
+          flush=True)  # fmt: skip
+    (recording,) = experiment.recordings
+    peer = Rollouts(folder, np.array(recording.q), np.array(recording.q_ref))
+    start = np.concatenate([np.full(12, 0.01), np.full(12, 0.6), np.full(12, 0.2), np.zeros(12), [0.005]])
+    clock = process_time()
+    found, _ = minimize.least_squares(
+        start, peer.residual, bounds=list(BOUNDS.T), eps=1e-5, verbose=minimize.Verbosity.SILENT, max_iter=30
+    )
+    theirs = process_time() - clock
+    rms = np.sqrt(np.mean(peer.residual(np.reshape(found, (-1, 1))) ** 2))
+    print(f"mujoco.minimize.least_squares, steps of 5 ms: {1e3 * rms:.3f} mrad, {peer.runs} simulations, {theirs:.1f} s, "
+          f"{theirs / seconds:.1f} times ours")  # fmt: skip
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--step", type=float, default=1e-4, help="step of the truth (s)")
+    parser.add_argument("--fit-step", type=float, default=1e-3)
+    parser.add_argument("--integrator", default="rk4")
+    parser.add_argument(
+        "--quadruped",
+        type=Path,
+        metavar="FOLDER",
+        help="go2.xml and traj_0.pt: MuJoCo's least squares beside ours",
+    )
+    options = parser.parse_args()
+    if options.quadruped is not None:
+        quadruped(options.quadruped)
+        return
+    p = truth()
+    errors: dict[str, list[float]] = {}
+    inside, seconds = [], []
+    for seed in range(options.seeds):
+        with tempfile.TemporaryDirectory() as name:
+            folder, r = Path(name), commands(seed)
+            np.savez(folder / "log.npz", q=simulated(p, r, options.step), r=r)
+            clock = process_time()
+            fit = fitted(folder, p, softness(p, np.full(6, 0.15)), options.fit_step, options.integrator)
+            record = PositionRecord.of(fit.settings)
+            assert record is not None
+            friction = np.array([row["value"] for row in record.rows if row["kind"] == "Fc"])
+            fit = fitted(folder, p, softness(p, friction), options.fit_step, options.integrator)
+            seconds.append(process_time() - clock)
+            record = PositionRecord.of(fit.settings)
+            assert record is not None
+        for row in record.rows:
+            true = DELAY_S if row["kind"] == "delay_s" else p[row["kind"]][row["joints"][0] - 1]
+            if row["by"] == "held":
+                print(f"  held: {row['text']}")
+                continue
+            off = (row["value"] - true) * (1e3 if row["kind"] == "delay_s" else 100.0 / true)
+            errors.setdefault(row["kind"], []).append(off)
+            inside.append(row["low"] <= true <= row["high"])
+        print(f"seed {seed}: {fit.n_iterations} iterations, {fit.n_simulations} simulations, {seconds[-1]:.1f} s, "
+              f"inside {np.mean(inside):.2f}, rms {1e3 * np.array(record.errors['after'])} mrad", flush=True)  # fmt: skip
+    for kind, found in errors.items():
+        unit = "ms" if kind == "delay_s" else "%"
+        print(
+            f"{kind:8s} rms {np.sqrt(np.mean(np.square(found))):.3f} {unit}, largest {np.max(np.abs(found)):.3f} {unit}"
+        )
+    print(
+        f"inside the 95 % intervals: {100.0 * np.mean(inside):.1f} % of {len(inside)}; {np.mean(seconds):.1f} processor seconds"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,117 @@
+"""Things by name: those of a table, and others as "module:name", such as a method of one's own.
+
+Tested in ``tests/test_plugins.py``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import sys
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from ..errors import DidimError
+from .words import did_you_mean
+
+PLACE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
+"""Form of "module:name"."""
+
+
+def named(
+    name: str,
+    places: Mapping[str, Any],
+    what: str,
+    error: type[DidimError],
+    moved: Mapping[str, str] | None = None,
+) -> Any:
+    """Return the thing of a table that has a name, or that of a module, as "module:name".
+
+    Parameters
+    ----------
+    name : str
+        Key of `places`, or "module:name".
+    places : mapping
+        Things, or where they are, as "module:name": loaded when they are asked for.
+    what : str
+        What they are, for messages, such as "method".
+    error : type of DidimError
+        Class of the error for an unknown name, or a module that cannot be loaded.
+    moved : mapping, optional
+        Names of the version before, and where they are now: they work with a `DeprecationWarning`.
+    """
+    if moved and name in moved:
+        warnings.warn(
+            f"the {what} '{name}' is '{moved[name]}' now; the short name goes with the next version",
+            DeprecationWarning,
+            stacklevel=3,
+        )
+        name = moved[name]
+    if name not in places and ":" not in name:
+        raise error(
+            f"there is no {what} '{name}'{did_you_mean(name, places)} (there are: {', '.join(places)}; "
+            "or one of your own as module:name)"
+        )
+    thing = places.get(name, name)
+    return loaded(thing, what, error) if isinstance(thing, str) else thing
+
+
+def loaded(place: str, what: str, error: type[DidimError]) -> Any:
+    """Return what is at "module:name"; a module beside the program, or in the current folder, is found too."""
+    module, _, name = place.partition(":")
+    search((Path.cwd(),))
+    try:
+        found = import_module(module)
+    except ModuleNotFoundError as reason:
+        if reason.name is None or not f"{module}.".startswith(f"{reason.name}."):
+            raise error(f"{what} '{place}': its module needs {reason.name}, which is not installed") from None
+        raise error(
+            f"{what} '{place}': there is no module '{module}' in Python's path, nor in this folder"
+        ) from None
+    except Exception as reason:
+        raise error(
+            f"{what} '{place}': its module cannot be loaded ({type(reason).__name__}: {reason})"
+        ) from reason
+    if not hasattr(found, name):
+        raise error(f"{what} '{place}': module '{module}' has no '{name}'{did_you_mean(name, vars(found))}")
+    return getattr(found, name)
+
+
+def search(folders: Iterable[Path]) -> None:
+    """Let modules of these folders be imported, after all others: none takes the place of an installed one."""
+    for folder in map(str, folders):
+        if folder not in sys.path and Path(folder).is_dir():
+            sys.path.append(folder)
+
+
+def places(value: object) -> Iterator[str]:
+    """Return every text of the form "module:name" anywhere in plain data."""
+    if isinstance(value, str):
+        if PLACE.fullmatch(value):
+            yield value
+    elif isinstance(value, Mapping):
+        for inner in value.values():
+            yield from places(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from places(inner)
+
+
+def search_beside(content: object, path: Path) -> None:
+    """Let modules beside a file be imported, if its content names one as "module:name"."""
+    if any(places(content)):
+        search((path.resolve().parent,))
+
+
+def source_digest(place: str) -> str:
+    """Return the SHA-256 of the source of "module:name", or an empty text where it has none."""
+    try:
+        spec = find_spec(place.partition(":")[0])
+    except (ModuleNotFoundError, ValueError):  # a missing package; a program itself
+        return ""
+    path = None if spec is None else spec.origin
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest() if path and Path(path).is_file() else ""

@@ -1,0 +1,1 @@
+"""Commands on robots alone: their files, base parameters and pictures."""

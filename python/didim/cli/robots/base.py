@@ -1,0 +1,50 @@
+"""``didim base``."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from ..options import (
+    CONVERGED,
+    add_command,
+    add_format,
+    formatted,
+    tell,
+)
+from ..outputs import Saved
+
+if TYPE_CHECKING:
+    from ..options import Commands
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands,
+        "base",
+        run,
+        "list the base parameters of a robot, their groupings, its pose at q = 0 and its reach",
+        ("didim base tx40", "didim base arm.urdf --format latex"),
+    )
+    parser.add_argument(
+        "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
+    )
+    add_format(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    from ...robot.robot_file import load_robot
+
+    robot = load_robot(options.robot)
+    tell(robot.notes)
+    base = robot.base_parameters
+    saved = Saved()
+    if options.format == "text":
+        from ...model.reach import pose_lines
+
+        saved.show("\n".join([f"{robot.name}: {base}", "", *pose_lines(robot)]))
+    else:
+        saved.show(formatted(base, options.format), exact=True)
+    return saved.code(CONVERGED)

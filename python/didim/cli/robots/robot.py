@@ -1,0 +1,148 @@
+"""``didim robot``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..._tools.files import write_atomically
+from ..options import CONVERGED, add_command, refuse, tell
+from ..outputs import Saved, check_outputs
+from ..terminal.messages import message
+
+if TYPE_CHECKING:
+    from ...robot.robot import Robot
+    from ..options import Commands
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands,
+        "robot",
+        run,
+        "print the rows and frames of a robot, or make a robot file of a URDF",
+        (
+            "didim robot ur5e",
+            "didim robot arm.urdf -o arm.toml",
+            "didim robot arm.urdf --tip tool0 --lock finger_joint=0.02",
+        ),
+    )
+    parser.add_argument(
+        "robot",
+        metavar="ROBOT",
+        help="URDF, robot file, or name of a packaged robot",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="ARM.toml",
+        type=Path,
+        help="robot file to write, of a URDF or as a copy of a packaged one (default: only describe it)",
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    parser.add_argument(
+        "--tip", metavar="LINK", help="last link of the chain (default: the end of the only path that moves)"
+    )
+    parser.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root)")
+    parser.add_argument(
+        "--lock",
+        metavar="JOINT=VALUE",
+        action="append",
+        default=[],
+        help="keep a joint still at a position (rad or m); may be given several times",
+    )
+    parser.add_argument(
+        "--gravity",
+        metavar=("X", "Y", "Z"),
+        nargs=3,
+        type=float,
+        help="gravity in the base link, m/s^2 (default: the z axis of the root link points up)",
+    )
+    parser.add_argument(
+        "--snap",
+        metavar="RAD",
+        type=float,
+        default=None,
+        help="largest angle by which rounded right angles are snapped (default: 1e-4; 0 for none)",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    from ...robot.right_angles import SNAP
+    from ...robot.robot_text import robot_text
+    from ...robot.urdf.reading import read_urdf
+    from ...robot.urdf.summary import rows_and_frames, summary
+
+    if Path(options.robot).suffix.lower() not in (".urdf", ".xml", ".mjcf"):
+        return _described(options, rows_and_frames)
+    locked: dict[str, float] = {}
+    for text in options.lock:
+        joint, sign, value = text.rpartition("=")
+        try:
+            locked[joint] = float(value)
+        except ValueError:
+            sign = ""
+        if not sign or not joint:
+            return refuse(f"--lock takes JOINT=VALUE, such as --lock finger_joint=0.02, got {text!r}")
+    if refused := _refused_output(options):
+        return refused
+    reading = read_urdf(
+        Path(options.robot),
+        tip=options.tip,
+        base=options.base,
+        lock=locked,
+        gravity=options.gravity,
+        snap=SNAP if options.snap is None else options.snap,
+    )
+    if reading.suspicion is not None and options.snap is None:
+        message(reading.suspicion, "warning")
+    tell(reading.robot.notes)
+    saved = Saved()
+    if options.output is not None:
+        saved.save(options.output, lambda path: write_atomically(path, robot_text(reading.robot)))
+        if not saved.failed:
+            saved.show(f"{options.output}: written", exact=True)
+    saved.show(summary(reading))
+    return saved.code(CONVERGED)
+
+
+def _described(options: argparse.Namespace, rows_and_frames: Callable[[Robot], str]) -> int:
+    """Print rows and frames of a robot that is no URDF."""
+    from ...robot.robot_file import PACKAGED, load_robot
+
+    for name in ("tip", "base", "gravity"):
+        if getattr(options, name) is not None:
+            return refuse(f"--{name} is for a URDF, and {options.robot} is not one")
+    if options.lock:
+        return refuse(f"--lock is for a URDF, and {options.robot} is not one")
+    robot = load_robot(options.robot, snap=options.snap)
+    saved = Saved()
+    if options.output is not None:
+        file = PACKAGED / f"{options.robot}.toml"
+        if not file.is_file():
+            return refuse(
+                f"-o is for a URDF or the name of a packaged robot, and {options.robot} is a file already"
+            )
+        if refused := _refused_output(options):
+            return refused
+        saved.save(options.output, lambda path: write_atomically(path, file.read_bytes()))
+        if not saved.failed:
+            saved.show(f"{options.output}: written", exact=True)
+    tell(robot.notes)
+    saved.show(rows_and_frames(robot))
+    return saved.code(CONVERGED)
+
+
+def _refused_output(options: argparse.Namespace) -> int | None:
+    """Look whether the robot file can be written, before the work; None, or the exit code of wrong input."""
+    if options.output is not None:
+        if options.output.suffix != ".toml":
+            return refuse(f"-o {options.output}: the name of a robot file ends in .toml")
+        if options.output.exists() and not options.force:
+            return refuse(f"{options.output}: the file is there already; --force overwrites it")
+    check_outputs(options.output)
+    return None

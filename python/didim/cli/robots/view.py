@@ -1,0 +1,141 @@
+"""``didim view``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..options import CONVERGED, add_command, add_data, tell
+from ..terminal.messages import message
+
+if TYPE_CHECKING:
+    from ..._tools.arrays import Array
+    from ...experiment.experiment import Experiment
+    from ...robot.robot import Robot
+    from ...view.playback import Playback
+    from ...view.shapes import Shape
+    from ..options import Commands
+
+
+def add(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands,
+        "view",
+        run,
+        "show a robot, its motion and its inertias in a browser",
+        (
+            "didim view arm.urdf --meshes ~/robots",
+            "didim view log.toml --parameters fit.json",
+            "didim view ur5e --motion motion.csv",
+        ),
+    )
+    parser.add_argument(
+        "what",
+        metavar="ROBOT|EXPERIMENT.toml",
+        help="name of a packaged robot, robot file, URDF or MJCF, or an experiment, whose log is played",
+    )
+    add_data(parser)
+    parser.add_argument(
+        "--parameters",
+        metavar="FILE|NAME",
+        help="result (.json) or parameters (.toml, .npz), or a parameter set: bodies, residual and simulated motion",
+    )
+    parser.add_argument(
+        "--motion", metavar="FILE.csv", type=Path, help="motion to play, as didim excite writes it"
+    )
+    parser.add_argument(
+        "--meshes",
+        metavar="FOLDER",
+        type=Path,
+        action="append",
+        default=[],
+        help="folder of packages that hold meshes",
+    )
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="address to serve at (default: %(default)s, this machine only)"
+    )
+    parser.add_argument("--port", type=int, default=8080, help="port to serve at (default: %(default)s)")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    from ...view.page import Page
+
+    robot, shapes, playbacks, notes = contents(options)
+    page = Page(robot, shapes, playbacks, options.host, options.port)
+    for note in notes:
+        message(note, "warning")
+    tell(f"{robot.name}: open {page.url} in a browser; Ctrl-C ends")
+    page.play()
+    return CONVERGED
+
+
+def contents(options: argparse.Namespace) -> tuple[Robot, list[Shape], list[Playback], list[str]]:
+    """Return the robot, its shapes and motions, and a sentence for each thing that cannot be shown."""
+    from ...robot.robot_file import load_robot
+    from ...view import playback, shapes
+    from ...view.visuals import visuals
+
+    experiment = _experiment(options)
+    robot = load_robot(options.what) if experiment is None else experiment.robot
+    drawn = [*shapes.skeleton(robot), *shapes.capsules(robot.collision)]
+    notes: list[str] = []
+    urdf = _urdf_of(robot)
+    if urdf is not None:
+        meshes, missing = visuals(robot, urdf, tuple(options.meshes))
+        drawn += meshes
+        notes += missing[:1] + (
+            [f"{len(missing) - 1} further meshes were not found"] if len(missing) > 1 else []
+        )
+    if "urdf" in robot.sets:
+        bodies, _ = shapes.bodies(robot, robot.parameter_set("urdf"), "prior", shapes.PRIOR)
+        drawn += bodies
+    if options.parameters is not None:
+        x, sentences = _bodies_of(options.parameters, robot)
+        bodies, refused = shapes.bodies(robot, x, "estimate", shapes.ESTIMATE)
+        drawn += bodies
+        notes += [*sentences, *refused]
+    motions: list[Playback] = []
+    if options.motion is not None:
+        motions.append(playback.of_file(options.motion, robot))
+    elif experiment is not None:
+        motions, more = playback.of_log(experiment, options.parameters)
+        notes += more
+    return robot, drawn, motions, notes
+
+
+def _bodies_of(source: str, robot: Robot) -> tuple[Array, list[str]]:
+    """Return standard parameters to draw: those of a result as physically consistent ones, since others have no bodies."""
+    from ...export.source import exported_parameters
+    from ...studies.run import standard_parameters
+
+    if not source.endswith(".json"):
+        return standard_parameters(robot, source), []
+    found = exported_parameters(fit=Path(source), parameters=None, robot=str(robot.path), urdf=None)
+    return found.x[: len(robot.parameter_names)], list(found.notes)
+
+
+def _experiment(options: argparse.Namespace) -> Experiment | None:
+    """Return the experiment where the file is one: it names a robot, which a robot file does not."""
+    from ..._tools.toml import read_toml
+    from ...errors import ExperimentError
+    from ...experiment.experiment_file import load_experiment
+
+    path = Path(options.what)
+    if path.suffix.lower() != ".toml" or "robot" not in read_toml(path, ExperimentError):
+        return None
+    return load_experiment(path, data=options.data)
+
+
+def _urdf_of(robot: Robot) -> Path | None:
+    """Return the URDF that a robot was read from, where it is there."""
+    if robot.correspondence is None:
+        return None
+    path = (
+        robot.path
+        if robot.path.suffix.lower() == ".urdf"
+        else robot.path.with_name(robot.correspondence.file)
+    )
+    return path if path.suffix.lower() == ".urdf" and path.is_file() else None

@@ -1,0 +1,254 @@
+"""The extended Kalman filter as a method: one pass over the log, sample by sample (docs/robust.md has its limits).
+
+Tested in ``tests/test_ekf.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.settings import positive
+from ..errors import FitError
+from ..experiment.experiment import Experiment
+from ..methods.builder import TorqueErrors, identification
+from ..methods.idim_ls import direct_estimate
+from ..methods.job import Delay, Job, ratio
+from ..methods.method import MethodSettings
+from ..methods.start import Start, standard_start
+from ..regression.linear_system import LinearSystem
+from ..result.identification import Identification
+from ..result.iteration import Iteration
+from ..result.status import Status
+from ..signal.noise import white_noise
+from .kalman import Filter
+
+PARTS = 10
+"""Entries of the history: the pass is divided into so many parts."""
+
+MOST_SAMPLES = 500_000
+"""Largest number of samples of a pass: a minute of it, and half a gigabyte with the least squares beside it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EKF(MethodSettings):
+    """The extended Kalman filter with its settings, beside those of `MethodSettings`.
+
+    Parameters
+    ----------
+    start : str, mapping, array or Identification
+        Initial parameters, as for `DIDIM`; they must be near those of the robot.
+    prior : float
+        Standard deviation of each initial parameter, as the share of the torques that it may change.
+
+    Raises
+    ------
+    FitError
+        For a value out of its range.
+
+    Notes
+    -----
+    Measured torques in, measured positions out. Its own standard deviations are several times too small, and it diverges from a
+    start that is far off: for live monitoring, not for parameters that are reported.
+    """
+
+    name: ClassVar[str] = "ekf"
+
+    start: Start = "idim-ls"
+    prior: float = 0.1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("prior", self.prior, FitError)
+        if self.uncertainty is not None:
+            raise FitError(
+                "the standard deviations of the Kalman filter are its own: it has no setting for uncertainty"
+            )
+
+    def run(
+        self,
+        experiment: Experiment,
+        progress: Callable[[Iteration], bool],
+        say: Callable[[str], None],
+    ) -> Identification:
+        """Identify the parameters of an experiment's robot; parameters as for `IDIMLS.run`.
+
+        Raises
+        ------
+        DidimError
+            One of its kinds, for a log or settings that allow no estimate.
+        """
+        job = self.job(experiment, experiment.simulated_robot)
+        if not job.parameters.simple:
+            raise FitError(
+                "the Kalman filter estimates one robot along one motion: it takes no payloads, own offsets or own friction"
+            )
+        if job.delay_setting not in (0.0, "hold"):
+            raise FitError(
+                f"the Kalman filter takes no delay of the torque back, and compensate_samples is {job.delay_setting!r}"
+            )
+        if not job.robot.friction.smoothing or not all(job.robot.friction.smoothing):
+            raise FitError(
+                "the Kalman filter needs smooth friction: write smoothing_rad_s or smoothing_m_s under [simulation]"
+            )
+        recordings = [item for item in experiment.recordings if item.role == "fit"]
+        count = sum(stop - start for item in recordings for start, stop in item.windows)
+        if count > MOST_SAMPLES:
+            raise FitError(
+                f"the Kalman filter takes at most {MOST_SAMPLES} samples, and the log has {count}: give shorter windows"
+            )
+        parts = job.parts("fit", 0.0)
+        system = job.system(parts)
+        q = np.concatenate([item.q[start:stop] for item in recordings for start, stop in item.windows])
+        tau = np.concatenate(
+            [np.asarray(item.driving)[start:stop] for item in recordings for start, stop in item.windows]
+        )
+        position_noise, torque_noise = white_noise(q), white_noise(tau)
+        base = job.robot.base_parameters
+        direct = isinstance(self.start, str) and self.start == "idim-ls"
+        x = (
+            direct_estimate(self, experiment, say).parameters
+            if direct
+            else standard_start(job.robot, self.start)
+        )
+        beta = base.project(x)[job.selection.estimated]
+        spread = self.prior / _shares(system)
+        history: list[Iteration] = []
+        status = Status.SOLVED
+        remarks = [
+            "the standard deviations are those of the filter, which takes its linear model for the truth: too small"
+        ]
+        covariance = np.diag(spread**2)
+        filtered: Filter | None = None
+        for item in recordings:
+            rate = item.rate_hz
+            for start, stop in item.windows:
+                d = job.robot.n_dof
+                state = np.concatenate([item.q[start], np.zeros(d), beta])
+                whole = np.zeros((state.size, state.size))
+                whole[:d, :d] = np.diag(position_noise**2)
+                # A window that begins in motion has the velocity of its first samples.
+                state[d : 2 * d] = (item.q[start + 1] - item.q[start]) * rate
+                whole[d : 2 * d, d : 2 * d] = np.diag((2.0 * position_noise * rate) ** 2)
+                whole[2 * d :, 2 * d :] = covariance
+                filtered = Filter(
+                    job.robot,
+                    state,
+                    whole,
+                    job.selection.values,
+                    job.selection.estimated,
+                    torque_noise,
+                    position_noise,
+                )
+                ended = _pass(
+                    filtered,
+                    item.q[start:stop],
+                    np.asarray(item.driving)[start:stop],
+                    rate,
+                    history,
+                    progress,
+                )
+                if ended is not None:
+                    status, sentence = ended
+                    remarks += [sentence] if sentence else []
+                    break
+                beta, covariance = (
+                    filtered.state[2 * d :].copy(),
+                    filtered.covariance[2 * d :, 2 * d :].copy(),
+                )
+            if status is not Status.SOLVED:
+                break
+        if status is not Status.SOLVED:
+            covariance = np.zeros_like(covariance)
+        return _result(
+            self,
+            job,
+            system,
+            beta,
+            covariance,
+            status,
+            history,
+            remarks,
+            np.concatenate([p.q for p in parts]),
+        )
+
+
+def _pass(
+    filtered: Filter,
+    q: Array,
+    tau: Array,
+    rate_hz: float,
+    history: list[Iteration],
+    progress: Callable[[Iteration], bool],
+) -> tuple[Status, str] | None:
+    """Filter one window; return how it ended if it did not reach its end."""
+    marks = set(np.linspace(0, len(q) - 1, PARTS + 1).astype(int)[1:].tolist())
+    last = filtered.beta
+    for sample, (position, torque) in enumerate(zip(q, tau, strict=True)):
+        filtered.correct(position)
+        if sample in marks:
+            error = float(np.linalg.norm(position - filtered.state[: position.size]))
+            change = ratio(np.linalg.norm(filtered.beta - last), np.linalg.norm(filtered.beta))
+            last = filtered.beta
+            history.append(
+                Iteration(
+                    iteration=len(history) + 1,
+                    relative_error=ratio(error, np.linalg.norm(position)),
+                    step=change,
+                    more={"time_s": sample / rate_hz},
+                )
+            )
+            if progress(history[-1]):
+                return Status.STOPPED, ""
+        if not filtered.predict(torque, 1.0 / rate_hz):
+            return (
+                Status.NOT_CONVERGED,
+                f"the filter diverged after {sample / rate_hz:.3g} s: start nearer to the robot, or take a smaller prior",
+            )
+    return None
+
+
+def _shares(system: LinearSystem) -> Array:
+    """Share of the torques that a unit of each parameter makes, (b,), over all joints."""
+    squares = sum(
+        np.mean(system.w[rows] ** 2, axis=0) / max(float(np.mean(system.y[rows] ** 2)), 1e-300)
+        for rows in system.joints
+    )
+    share = np.sqrt(np.asarray(squares))
+    return np.where(share > 0.0, share, 1.0)
+
+
+def _result(
+    method: EKF,
+    job: Job,
+    system: LinearSystem,
+    estimate: Array,
+    covariance: Array,
+    status: Status,
+    history: list[Iteration],
+    remarks: list[str],
+    q: Array,
+) -> Identification:
+    return identification(
+        job,
+        method,
+        status=status,
+        history=history,
+        beta=job.selection.expand(estimate),
+        covariance=covariance,
+        errors=TorqueErrors.of(system, system.y - system.w @ estimate),
+        condition_number=float(np.linalg.cond(system.w)),
+        delay=Delay(),
+        q=q,
+        remarks=remarks,
+        settings={
+            "ekf": {
+                "prior": method.prior,
+                "start": method.start if isinstance(method.start, str) else "given",
+            }
+        },
+    )

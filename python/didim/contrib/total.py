@@ -1,0 +1,81 @@
+r"""Total least squares: noise in the observation matrix as well as in the torques.
+
+    [A / c, Y / |Y|] = U S V^T,    x = -|Y| v_1:b / v_b+1 / c        v the last right singular vector
+
+``A`` is the weighted matrix and ``c`` the norms of its columns. Total least squares takes the noise of all scaled columns, the
+torques among them, as independent and equally large. Those of a robot's observation matrix are neither: the estimate is here
+for comparison, as ``IDIMLS(solver="didim.contrib.total:Total")`` (docs/robust.md).
+Sources: Golub and Van Loan (1980); Van Huffel and Vandewalle (1991).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._tools.arrays import Array
+from ..errors import FitError
+from ..regression.classical.solvers import with_weights
+from ..regression.fit import Fit, Progress
+from ..regression.least_squares import solve
+from ..regression.linear_system import LinearSystem
+from ..regression.settings import LeastSquaresSettings
+
+SMALLEST_LAST = 1e-10
+"""Last component of the singular vector, of norm one, below which the problem has no solution."""
+
+
+def total_least_squares(a: Array, y: Array) -> Array | None:
+    """Solve ``A x = y`` with errors in both.
+
+    Parameters
+    ----------
+    a, y : ndarray, shapes (r, b), (r,)
+        Weighted observation matrix and torques.
+
+    Returns
+    -------
+    ndarray, shape (b,), or None
+        Estimate; None where there is none, because the torques are no part of the direction that fits worst.
+
+    Notes
+    -----
+    ``test_robust.py`` meets the closed form of a line through points, and the eigenvector of the normal matrix.
+    """
+    size = np.linalg.norm(a, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    target = float(np.linalg.norm(y)) or 1.0
+    # The triangle has the same right singular vectors as the tall matrix.
+    triangle = np.linalg.qr(np.column_stack([a / size, y / target]), mode="r")
+    last = np.linalg.svd(triangle)[2][-1]
+    if abs(last[-1]) < SMALLEST_LAST:
+        return None
+    return np.asarray(-last[:-1] / last[-1] / size * target)
+
+
+@dataclass(frozen=True)
+class Total:
+    """Total least squares on the weighted system, columns and torques scaled to unit norm."""
+
+    name = "total"
+
+    def __call__(
+        self, system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None
+    ) -> Fit:
+        """Solve a system.
+
+        Raises
+        ------
+        FitError
+            Where total least squares has no solution.
+        """
+        first = solve(system, settings, progress)
+        if first.stopped:
+            return first
+        found = total_least_squares(system.w * first.weights[:, None], system.y * first.weights)
+        if found is None:
+            raise FitError(
+                "total least squares has no solution: the torques are no part of the direction that fits worst"
+            )
+        return with_weights(system, settings, first, found, first.weights)

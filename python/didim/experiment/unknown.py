@@ -1,0 +1,100 @@
+"""Unknowns of the drives, the table ``[unknown]``: gains, limit, delay, lag and bias. Tested in ``tests/test_positions.py``."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from .._tools.toml import Table
+from ..robot.robot import Robot
+
+Shared = Literal["joint", "limb", "robot", "log"]
+"""Which joints have an unknown in common: each has its own, those of a limb, all, or all of one recording."""
+
+DRIVE = ("kp", "kv", "saturation", "delay_s", "lag_s", "bias_rad")
+"""Unknowns of position servos, ``tau = sat(kp (r(t - delay) - q - bias) - kv dq)``, the reference behind a lag of first order."""
+
+UNITS = {
+    "kp": "N.m/rad",
+    "kv": "N.m.s/rad",
+    "saturation": "N.m",
+    "delay_s": "s",
+    "lag_s": "s",
+    "bias_rad": "rad",
+}
+"""Units of the unknowns of revolute joints."""
+
+RANGES: Mapping[str, tuple[float, float]] = {
+    "kp": (0.0, math.inf),
+    "kv": (0.0, math.inf),
+    "saturation": (0.0, math.inf),
+    "delay_s": (0.0, 0.1),
+    "lag_s": (0.0, 0.1),
+    "bias_rad": (-0.1, 0.1),
+}
+"""Bounds of the unknowns without min and max: delays and lags of 0.1 s and biases of 6 degrees are faults of a robot."""
+
+LINK = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
+"""Standard parameters of a link, which are held at the values of the robot file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unknown:
+    """What is known beforehand of one kind of parameter.
+
+    Attributes
+    ----------
+    start : float or None
+        Where the search starts; that of the robot, of the controller, or zero by default.
+    low, high : float
+        Bounds.
+    sigma : float
+        Standard deviation of the start as a prior; infinite without one.
+    shared : {"joint", "limb", "robot", "log"}
+        Which joints have it in common.
+    """
+
+    start: float | None = None
+    low: float = -math.inf
+    high: float = math.inf
+    sigma: float = math.inf
+    shared: Shared = "joint"
+
+
+def joint_kinds(robot: Robot) -> tuple[str, ...]:
+    """Return the kinds of standard parameters of joints: rotor inertia, friction and its terms."""
+    heads = (re.sub(r"\d+", "", name) for name in robot.parameter_names)
+    return tuple(dict.fromkeys(head for head in heads if head not in LINK))
+
+
+def read_unknown(table: Table, others: tuple[str, ...]) -> dict[str, Unknown]:
+    """Read ``[unknown]``: a table by kind, of the drives or one of `others`, kinds of parameters of the joints."""
+    found = {}
+    for kind in table.content:
+        if kind not in DRIVE + others:
+            table.fail(f"there is no unknown {kind!r}; there are {', '.join(DRIVE + others)}")
+        part = table.table(kind)
+        low, high = RANGES.get(kind, (-math.inf, math.inf))
+        low, high = part.number("min", low), part.number("max", high)
+        start, sigma = part.number("start", None), part.number("sigma", math.inf, above=0.0)
+        if not low < high or (start is not None and not low <= start <= high):
+            part.fail(f"min, start and max must be in order, got {low:g}, {start}, {high:g}")
+        found[kind] = Unknown(start=start, low=low, high=high, sigma=sigma, shared=_shared(part, kind))
+        part.done()
+    table.done()
+    return found
+
+
+def _shared(table: Table, kind: str) -> Shared:
+    """Read `shared`: true means the whole robot. Delays and lags are shared by default, for drives on one bus have the same."""
+    default = kind in ("delay_s", "lag_s")
+    given = table.raw("shared", default, "true, false, or text")
+    choices: dict[object, Shared] = {True: "robot", False: "joint"}
+    names: tuple[Shared, ...] = ("joint", "limb", "robot", "log")
+    choices |= {name: name for name in names}
+    if not isinstance(given, bool | str) or given not in choices:
+        table.fail(f'shared must be true, false, "joint", "limb", "robot" or "log", got {given!r}')
+    return choices[given]

@@ -1,0 +1,233 @@
+"""The drives of a result: rotor inertia, friction, gains, limit and delay of each joint, as simulators take them.
+
+A simulator with steps of h replaces accelerations and velocities by differences. Where it takes damping implicitly, the force of a
+step from t to t + h has the velocity of its end. So it moves like a robot with ``Ia + h D / 2``, D the damping, and commands act
+half a step early. `for_step` takes both off. Tested in ``tests/test_export_drives.py`` by MuJoCo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ..errors import FitError
+from ..result.identification import Identification
+from .bodies import PLACED, joint_friction
+
+IMPLICIT = ("implicit", "implicitfast")
+"""Integrators of MuJoCo that take the damping of actuators implicitly too."""
+HALF = 0.5
+"""Share of a step by which an implicit velocity is late, and a command early."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointDrive:
+    """The drive of one joint, joint side, SI units.
+
+    Attributes
+    ----------
+    joint, kind : str
+        Name, and ``revolute`` or ``prismatic``.
+    rotor, viscous, coulomb : float
+        ``Ia``, ``Fv`` and ``Fc``.
+    kp, kv : float or None
+        Gains of the position servo; None where the result has none.
+    effort : float or None
+        Largest torque or force of the servo; None without a limit.
+    delay_s, lag_s : float
+        Time by which commands act late, and time constant of a first-order lag behind it (s).
+    offset : float
+        ``Off`` (N.m or N), a constant torque that the servo works against.
+    bias_rad : float
+        What the encoder shows more than the joint is turned by (rad or m).
+    smoothing : float
+        Velocity below which the result's friction is smooth (rad/s or m/s).
+    """
+
+    joint: str
+    kind: str
+    rotor: float
+    viscous: float
+    coulomb: float
+    kp: float | None = None
+    kv: float | None = None
+    effort: float | None = None
+    delay_s: float = 0.0
+    lag_s: float = 0.0
+    offset: float = 0.0
+    bias_rad: float = 0.0
+    smoothing: float = 0.0
+
+    @property
+    def shift(self) -> float:
+        """What is taken off commands (rad or m), so that a joint without offset and bias moves as this one does."""
+        return self.bias_rad + (self.offset / self.kp if self.kp else 0.0)
+
+
+@dataclass(frozen=True)
+class Drives:
+    """The drives of a result, and sentences on what is left out.
+
+    Attributes
+    ----------
+    joints : tuple of JointDrive
+        In the order of the robot's joints.
+    sentences : tuple of str
+        On parameters without a place, on values that the log does not know, and on steps.
+    """
+
+    joints: tuple[JointDrive, ...]
+    sentences: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        rows: list[tuple[str, ...]] = [("joint", "armature", "damping", "frictionloss", "kp", "kv", "limit")]
+        for drive in self.joints:
+            numbers = (drive.rotor, drive.viscous, drive.coulomb, drive.kp, drive.kv, drive.effort)
+            rows.append((drive.joint, *("-" if value is None else f"{value:.4g}" for value in numbers)))
+        widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+        lines = [
+            "  ".join(
+                cell.rjust(width) if k else cell.ljust(width)
+                for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+            )
+            for row in rows
+        ]
+        return "\n".join([*lines, *([""] if self.sentences else []), *self.sentences])
+
+
+def drives_of(fit: Identification, where: str) -> Drives:
+    """Return the drives of a result.
+
+    Parameters
+    ----------
+    fit : Identification
+        The result; one on positions has gains, limit and delay besides.
+    where : str
+        Its file, which opens messages.
+
+    Raises
+    ------
+    FitError
+        Where the robot has no names of joints, or a rotor inertia or friction is negative.
+    """
+    robot = fit.settings.get("robot", {})
+    names = robot.get("joint_names") or ()
+    if not names:
+        raise FitError(f"{where}: its robot has no names of joints, by which other files have them")
+    values = dict(zip(fit.parameter_names, fit.parameters.tolist(), strict=True))
+    servo: Mapping[str, Sequence[float | None]] = (fit.settings.get("positions") or {}).get("drive", {})
+    smoothing = robot.get("friction", {}).get("smoothing") or [0.0] * len(names)
+    found = []
+    for j, (name, kind) in enumerate(zip(names, robot["geometry"]["kinds"], strict=True)):
+        viscous, coulomb = joint_friction(values, j)
+        rotor = values[f"Ia{j + 1}"]
+        for word, value in (
+            ("rotor inertia", rotor),
+            ("viscous friction", viscous),
+            ("Coulomb friction", coulomb),
+        ):
+            if value < 0.0:
+                raise FitError(
+                    f"{where}: the {word} of joint {name!r} is negative ({value:.4g}): no drive has that"
+                )
+
+        def of(key: str, j: int = j) -> float | None:
+            return servo[key][j] if key in servo else None
+
+        found.append(
+            JointDrive(
+                joint=name,
+                kind=kind,
+                rotor=rotor,
+                viscous=viscous,
+                coulomb=coulomb,
+                kp=of("kp"),
+                kv=of("kv"),
+                effort=of("saturation"),
+                delay_s=of("delay_s") or 0.0,
+                lag_s=of("lag_s") or 0.0,
+                offset=values.get(f"Off{j + 1}", 0.0),
+                bias_rad=of("bias_rad") or 0.0,
+                smoothing=float(smoothing[j]),
+            )
+        )
+    return Drives(tuple(found), tuple(_sentences(values, found)))
+
+
+def _sentences(values: Mapping[str, float], joints: Sequence[JointDrive]) -> list[str]:
+    found = []
+    offsets = [drive for drive in joints if drive.offset or drive.bias_rad]
+    if offsets and all(drive.kp for drive in offsets):
+        shifts = ", ".join(f"{drive.joint} {-1e3 * drive.shift:.3g}" for drive in offsets)
+        found.append(f"offsets have no place in the file: add to commands (mrad, mm) {shifts}")
+    elif offsets:
+        names = ", ".join(drive.joint for drive in offsets)
+        found.append(f"torque offsets of {names} are left out: no file has a place for them")
+    terms = [name for name, value in values.items() if value and not PLACED.fullmatch(name)]
+    if terms:
+        found.append(f"{', '.join(terms)} are left out: no file has a place for such friction")
+    delay, lag = (max(getattr(drive, key) for drive in joints) for key in ("delay_s", "lag_s"))
+    if delay or lag:
+        behind = f", and behind a lag of {1e3 * lag:.3g} ms" if lag else ""
+        found.append(
+            f"commands act {1e3 * delay:.4g} ms late{behind}: hold them back by as much in the simulation"
+        )
+    return found
+
+
+def for_step(drives: Drives, step_s: float, integrator: str, *, explicit_kv: bool = False) -> Drives:
+    """Return the drives with which a simulator of this step moves like the result.
+
+    Parameters
+    ----------
+    drives : Drives
+        Those of the result, which is continuous.
+    step_s : float
+        Step of the simulator (s).
+    integrator : {"Euler", "implicit", "implicitfast", "RK4"}
+        Integrator of MuJoCo. Euler takes the damping of joints implicitly and that of actuators explicitly; RK4 shifts nothing.
+    explicit_kv : bool
+        Whether the gain on the velocity is computed outside the integrator, as torques of a motor are.
+
+    Returns
+    -------
+    Drives
+        Rotor inertias less ``h (Fv + kv) / 2``, or ``h (Fv - kv) / 2`` for an explicit kv, and delays longer by h / 2.
+
+    Raises
+    ------
+    FitError
+        When a rotor inertia would be negative: the step is too long for the damping.
+    """
+    if integrator == "RK4":
+        return drives
+    found, largest = [], 0.0
+    for drive in drives.joints:
+        sign = 1.0 if integrator in IMPLICIT and not explicit_kv else -1.0
+        shift = HALF * step_s * (drive.viscous + sign * (drive.kv or 0.0))
+        if drive.rotor < shift:
+            raise FitError(
+                f"joint {drive.joint!r}: a step of {step_s:g} s adds {shift:.4g} to its rotor inertia of {drive.rotor:.4g}; "
+                "take a shorter step"
+            )
+        largest = max(largest, abs(shift) / drive.rotor if drive.rotor else 0.0)
+        found.append(replace(drive, rotor=drive.rotor - shift, delay_s=drive.delay_s + HALF * step_s))
+    damping = "(Fv + kv)" if integrator in IMPLICIT and not explicit_kv else "(Fv - kv)"
+    sentence = (
+        f"for steps of {1e3 * step_s:g} ms with {integrator}: armature less h {damping} / 2, by {100.0 * largest:.2g} % at most; "
+        f"commands act {1e3 * HALF * step_s:g} ms early, so hold them back by {1e3 * found[0].delay_s:.4g} ms in all"
+    )
+    if found[0].kp is not None:
+        extra = max((drive.kp or 0.0) * HALF * step_s for drive in found)
+        sentence += f" (or add h kp / 2, up to {extra:.3g}, to kv for slow motion)"
+    return Drives(tuple(found), (*drives.sentences, sentence))
+
+
+def read_drives(path: Path) -> Drives:
+    """Return the drives of the result in a file; errors as of `drives_of`, and with what the verdict says of it."""
+    fit = Identification.load(path)
+    found = drives_of(fit, path.name)
+    if fit.verdict.sound:
+        return found
+    return Drives(found.joints, (f"{path.name}: {fit.verdict.sentence}", *found.sentences))

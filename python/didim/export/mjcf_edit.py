@@ -1,0 +1,166 @@
+"""Drives of a result in the user's own MJCF: attributes of joints and actuators, every other byte as it was.
+
+A joint gets ``armature``, ``damping`` and ``frictionloss``, its position actuator ``kp``, ``kv`` and ``forcerange``, a general one
+``gainprm`` and ``biasprm``; values that the file has already, also by a default class, are left alone. Tested in
+``tests/test_export_drives.py`` with MuJoCo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.inputs import read_small_file
+from .._tools.words import did_you_mean, listing
+from ..errors import FitError
+from ..model.dynamics import inertia_matrix
+from ..robot.robot import Robot
+from ..robot.robot_file import load_robot
+from ..robot.urdf.actuators import Setting
+from ..robot.urdf.drive_elements import DriveElements, drive_elements
+from ..robot.urdf.reading import MJCF_SET
+from ..robot.urdf.xml_spans import Element
+from .drives import Drives, JointDrive, for_step
+from .numbers import number, numbers
+from .urdf import Edit, attribute_edit, edited
+
+SAME = 1e-9
+"""Largest relative difference of two values that are the same: the file keeps the digits it has."""
+IMPEDANCE, LARGEST_IMPEDANCE = 0.9, 0.95
+"""First two numbers of MuJoCo's default ``solimpfriction``."""
+TIME_CONSTANT_S = 0.02
+"""First number of MuJoCo's default ``solreffriction`` (s); at least two steps."""
+
+
+def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tuple[bytes, Drives]:
+    """Write drives into an MJCF.
+
+    Parameters
+    ----------
+    drives : Drives
+        Drives of a result.
+    path : Path
+        The MJCF; its joints are found by name.
+    step_s : float, optional
+        Step of the simulation, for which the values are shifted as its integrator needs.
+
+    Returns
+    -------
+    bytes, Drives
+        Content of the new file, and the drives that it has, with sentences on what was shifted or has no place.
+
+    Raises
+    ------
+    FitError
+        When a joint is not in the file, or its element stands in an included one.
+    RobotError
+        When the file cannot be read.
+    """
+    data = read_small_file(path, FitError)
+    found = drive_elements(data, path)
+    for drive in drives.joints:
+        if drive.joint not in found.joints:
+            raise FitError(
+                f"{path.name}: there is no joint {drive.joint!r}{did_you_mean(drive.joint, found.joints)}"
+            )
+        if drive.joint not in found.elements:
+            raise FitError(
+                f"{path.name}: joint {drive.joint!r} stands in an included file; export into that one"
+            )
+    motors = [
+        drive.joint
+        for drive in drives.joints
+        if drive.kp is not None
+        and (drive.joint not in found.settings or not found.settings[drive.joint][1].is_position)
+    ]
+    if step_s is not None:
+        drives = for_step(drives, step_s, found.integrator, explicit_kv=bool(motors))
+    sentences = list(drives.sentences)
+    if motors:
+        sentences.append(
+            f"{listing(motors)} of {path.name} have no position actuator: compute kp (command - q) - kv dq in your own code"
+        )
+    sentences += softness(drives, path, step_s or 0.0)
+    edits: list[Edit] = []
+    for drive in drives.joints:
+        edits += _joint_edits(data, found, drive)
+        if drive.joint in found.settings and drive.kp is not None:
+            edits += _actuator_edits(data, found, drive)
+    return edited(data, edits), Drives(drives.joints, tuple(sentences))
+
+
+def _joint_edits(data: bytes, found: DriveElements, drive: JointDrive) -> list[Edit]:
+    old = found.joints[drive.joint]
+    values = {"armature": (old.armature, drive.rotor), "damping": (old.damping, drive.viscous)}
+    values["frictionloss"] = (old.friction, drive.coulomb)
+    element = found.elements[drive.joint]
+    return [
+        attribute_edit(data, element, key, number(new))
+        for key, (before, new) in values.items()
+        if not _same(before, new)
+    ]
+
+
+def _actuator_edits(data: bytes, found: DriveElements, drive: JointDrive) -> list[Edit]:
+    element, setting = found.settings[drive.joint]
+    if not setting.is_position or drive.kp is None:
+        return []
+    old = found.actuators[drive.joint]
+    kp, kv = drive.kp / setting.gear**2, (drive.kv or 0.0) / setting.gear**2
+    edits = []
+    same_kp, same_kv = _same(old.kp or 0.0, drive.kp), _same(old.kv or 0.0, drive.kv or 0.0)
+    if setting.tag == "position":
+        edits += [] if same_kp else [attribute_edit(data, element, "kp", number(kp))]
+        edits += [] if same_kv else [attribute_edit(data, element, "kv", number(kv))]
+    elif not (same_kp and same_kv):
+        edits += [
+            attribute_edit(data, element, "gainprm", number(kp)),
+            attribute_edit(data, element, "biasprm", numbers([0.0, -kp, -kv])),
+        ]
+    if drive.effort is not None and not _same(old.effort or 0.0, drive.effort):
+        edits.append(_limit(data, element, setting, drive.effort))
+    return edits
+
+
+def _limit(data: bytes, element: Element, setting: Setting, effort: float) -> Edit:
+    force = effort / setting.gear
+    return attribute_edit(data, element, "forcerange", numbers([-force, force]))
+
+
+def _same(before: float, new: float) -> bool:
+    return abs(before - new) <= SAME * max(abs(before), abs(new))
+
+
+def softness(drives: Drives, path: Path, step_s: float) -> list[str]:
+    """Return a sentence on the speed below which MuJoCo's friction loss is viscous, beside the smoothing of the result.
+
+    ``frictionloss`` is a soft constraint: below ``Fc A (1 - d) / d dmax timeconst / 2``, A the joint's own entry of the inverse
+    inertia matrix, its force is proportional to the speed.
+    """
+    robot = load_robot(path)
+    if MJCF_SET not in robot.sets:
+        return []
+    inverse = _inverse_inertia(robot, drives)
+    constant = max(TIME_CONSTANT_S, 2.0 * step_s)
+    share = (1.0 - IMPEDANCE) / IMPEDANCE * LARGEST_IMPEDANCE * constant / 2.0
+    speeds = [drive.coulomb * inverse.get(drive.joint, 0.0) * share for drive in drives.joints]
+    if not any(speeds):
+        return []
+    own = max(drive.smoothing for drive in drives.joints)
+    beside = f"; the result's is smooth below {own:.2g}" if own else ""
+    return [
+        f"MuJoCo's frictionloss is viscous below {min(speeds):.2g} to {max(speeds):.2g} rad/s (m/s){beside}"
+    ]
+
+
+def _inverse_inertia(robot: Robot, drives: Drives) -> Mapping[str, float]:
+    """Diagonal of the inverse inertia matrix at position zero with the new armatures, by name of the joint."""
+    rotors = {drive.joint: drive.rotor for drive in drives.joints}
+    x: Array = robot.parameter_set(MJCF_SET).copy()
+    for j, name in enumerate(robot.joint_names):
+        x[robot.parameter_names.index(f"Ia{j + 1}")] = rotors.get(name, 0.0)
+    matrix = inertia_matrix(robot, np.zeros((1, robot.n_dof)), x)[0]
+    return dict(zip(robot.joint_names, np.diag(np.linalg.inv(matrix)).tolist(), strict=True))

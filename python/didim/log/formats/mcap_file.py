@@ -1,0 +1,145 @@
+"""MCAP files whose messages are JSON, as Foxglove and loggers without ROS write them. Needs the extra ``mcap``.
+
+Messages of ROS 2 (CDR) in MCAP are bags, `didim.log.ros_bag`. A topic is a table: each number in its messages is a column, each
+list of numbers a matrix, and ``time`` the time at which it was logged (s). Tested in ``tests/test_mcap.py``.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..._tools.inputs import check_expanded, read_file
+from ..._tools.words import did_you_mean, listing
+from ...errors import RecordingError
+from ..array_file import ArrayFile
+from ..ros_bag import EXPANDED, mcap_content
+
+CHANNEL = 4
+"""Record of an MCAP file that describes a topic."""
+
+
+class McapJsonFile(ArrayFile):
+    """Numbers of JSON messages by ``topic/field``; of a single topic by the name of the field alone.
+
+    Attributes
+    ----------
+    labels : mapping of str to sequence of str
+        Names of the columns of a matrix, where the messages have a list of names as long as it.
+    """
+
+    kind = "MCAP"
+    labels: Mapping[str, Sequence[str]] = {}
+
+    def __init__(self, raw: bytes, name: str, topic: str | None = None) -> None:
+        self._topic = topic
+        super().__init__(raw, name)
+
+    def variables(self) -> list[str]:
+        """Names of the numbers that all messages of a topic have."""
+        try:
+            from mcap.reader import make_reader
+        except ImportError:
+            self.fail("MCAP files with JSON messages need the package mcap: pip install 'didim[mcap]'")
+        rows: dict[str, list[Mapping[str, Any]]] = {}
+        for _, channel, message in make_reader(io.BytesIO(self.raw)).iter_messages():
+            if channel.message_encoding == "json":
+                content = {"time": message.log_time / 1e9, **_flat(json.loads(message.data))}
+                rows.setdefault(channel.topic, []).append(content)
+        if self._topic is not None and self._topic not in rows:
+            self.fail(
+                f"there is no topic {self._topic!r} of JSON; topics are {listing(sorted(rows))}"
+                f"{did_you_mean(self._topic, rows)}"
+            )
+        chosen = {self._topic: rows[self._topic]} if self._topic is not None else rows
+        self._values: dict[str, Any] = {}
+        self.labels = {}
+        for topic, messages in chosen.items():
+            prefix = f"{topic.strip('/')}/" if len(chosen) > 1 else ""
+            names = _names(messages[0])
+            for key in messages[0]:
+                values = _column([message.get(key) for message in messages])
+                if values is None:
+                    continue
+                self._values[prefix + key] = values
+                if values.ndim == 2 and values.shape[1] == len(names):
+                    self.labels[prefix + key] = names
+        if not self._values:
+            self.fail("its messages hold no numbers")
+        return list(self._values)
+
+    def array(self, name: str) -> Any:
+        """Values of a name, a row for each message."""
+        return self._values[name]
+
+
+def _flat(content: Any, path: str = "") -> dict[str, Any]:
+    """Fields of nested objects by their paths, such as ``header.stamp.sec``."""
+    if not isinstance(content, dict):
+        return {path or "value": content}
+    found: dict[str, Any] = {}
+    for key, value in content.items():
+        found.update(_flat(value, f"{path}.{key}" if path else str(key)))
+    return found
+
+
+def _names(message: Mapping[str, Any]) -> list[str]:
+    """Names of the joints of a message, as those of joint states have them."""
+    found = next((message[key] for key in ("name", "names", "joint_names") if key in message), None)
+    return found if isinstance(found, list) and all(isinstance(name, str) for name in found) else []
+
+
+def _column(values: Sequence[Any]) -> Any:
+    """Values of one field as a vector or a matrix; None where they are not numbers, or lists of one length."""
+    if any(value is None or isinstance(value, bool | str | dict) for value in values):
+        return None
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):  # texts, or lists of several lengths
+        return None
+    return array if array.ndim in (1, 2) and array.size else None
+
+
+def has_json(path: Path) -> bool:
+    """Whether an MCAP file has a topic of JSON, by the records outside its chunks, where writers repeat all topics."""
+    with path.open("rb") as stream:
+        place, end = 8, path.stat().st_size
+        while place + 9 <= end:
+            stream.seek(place)
+            kind, length = struct.unpack("<BQ", stream.read(9))
+            if kind == CHANNEL and _encoding(stream.read(min(length, 1 << 16))) == b"json":
+                return True
+            place += 9 + length
+    return False
+
+
+def _encoding(record: bytes) -> bytes:
+    """Return the encoding of a channel's messages, behind its two numbers and its topic; texts have their length before them."""
+    place = 4
+    text = b""
+    for _ in range(2):
+        if place + 4 > len(record):
+            return b""
+        (size,) = struct.unpack_from("<I", record, place)
+        text = record[place + 4 : place + 4 + size]
+        place += 4 + size
+    return text
+
+
+def open_mcap_json(path: Path, name: str, topic: str | None) -> McapJsonFile:
+    """Open an MCAP file with JSON messages.
+
+    Raises
+    ------
+    RecordingError
+        Without the package mcap, for a file that cannot be read, and for a topic that it has not.
+    """
+    raw = read_file(path, RecordingError, "no such data file", copies=2)
+    check_expanded(EXPANDED * mcap_content(path), len(raw), name, RecordingError)
+    return McapJsonFile(raw, name, topic)

@@ -1,0 +1,192 @@
+"""Position servos that follow a held reference: ``tau = sat(kp (r(t - delay) - q) - kv dq)``, a lag of first order before it.
+
+Gains, limits, delays, lags, biases and initial states differ between the candidates of one batch. The reference enters each step
+of the simulation as its mean over the step (``rust/src/closed_loop/servo.rs``), and its jumps end steps. Tested in
+``tests/test_positions.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+import didim._core as _core
+
+from .._tools.arrays import Array
+from .._tools.threads import core_threads
+from ..errors import SimulationError
+from ..robot.robot import Robot
+from .closed_loop import ClosedLoop
+from .controller import Controller
+from .outcome import outcomes_of
+from .reference import Reference
+
+NO_LIMIT = 1e30
+"""Limit (N.m, N) of a servo that has none: the core takes finite numbers."""
+SETTLED = 40.0
+"""Time constants after which a lag is over: exp(-40) is below the rounding of a double."""
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A reference that is held from sample to sample.
+
+    Attributes
+    ----------
+    values : (n_samples, n_dof) array
+        Positions (rad or m), the first from time 0 on, and before it.
+    rate_hz : float
+        Samples per second.
+    """
+
+    values: Array
+    rate_hz: float
+
+    def jumps(self, delay_s: float) -> list[float]:
+        """Return the times (s) at which a joint's reference jumps, late by a delay."""
+        changed = np.flatnonzero(np.any(np.diff(self.values, axis=0) != 0.0, axis=1)) + 1
+        return [float(k) / self.rate_hz + delay_s for k in changed]
+
+    def means(self, edges: Array, delay_s: Array, lag_s: Array) -> Array:
+        """Return means between edges (s), (n_edges - 1, n_dof), late by a delay and behind a lag of each joint, (n_dof,)."""
+        out = np.empty((len(edges) - 1, self.values.shape[1]))
+        for joint, (delay, lag) in enumerate(zip(delay_s, lag_s, strict=True)):
+            area = self._area(joint, edges - delay, float(lag))
+            out[:, joint] = np.diff(area) / np.diff(edges)
+        return out
+
+    def _area(self, joint: int, t: Array, lag: float) -> Array:
+        """Integral of the lagged reference of a joint from time 0 to times, (n_times,)."""
+        r, period = self.values[:, joint], 1.0 / self.rate_hz
+        at = np.clip(np.floor(t * self.rate_hz).astype(np.int64), 0, len(r) - 1)
+        since = t - at * period
+        if lag <= 0.0:
+            below = np.concatenate([[0.0], np.cumsum(r)[:-1]]) * period
+            return np.asarray(below[at] + r[at] * since)
+        # Within a sample the lagged reference is r + (f - r) exp(-s / lag), f its value at the sample.
+        keep = np.exp(-period / lag)
+        f = np.empty_like(r)
+        f[0] = r[0]
+        for k in range(1, len(r)):
+            f[k] = r[k - 1] + (f[k - 1] - r[k - 1]) * keep
+        inside = lag * (1.0 - keep) * (f - r)
+        below = np.concatenate([[0.0], np.cumsum(r * period + inside)[:-1]])
+        grown = 1.0 - np.exp(-np.clip(since, 0.0, SETTLED * lag) / lag)
+        return np.asarray(below[at] + r[at] * since + lag * grown * (f - r)[at])
+
+
+@dataclass(frozen=True, eq=False)
+class Servos:
+    """Numbers of the servos of candidates, (n_candidates, n_dof) each, joint side, SI units.
+
+    Attributes
+    ----------
+    kp, kv, saturation : array
+        Gains, and limit of the torque; infinite without one.
+    delay_s, lag_s : array
+        Delay and lag of the reference (s).
+    bias_rad : array
+        What the encoder shows more than the joint is turned by.
+    q, dq : array
+        What the encoders show at time 0, and velocities there.
+    """
+
+    kp: Array
+    kv: Array
+    saturation: Array
+    delay_s: Array
+    lag_s: Array
+    bias_rad: Array
+    q: Array
+    dq: Array
+
+
+class ServoLoop:
+    """A robot whose servos follow a held reference: simulates what the encoders of candidates show.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    reference : Held
+        What it follows, with the rate of the records.
+    motion : (n_samples, n_dof) array
+        Measured positions, whose velocities near zero ask for fine steps.
+    step_s, fine_step_s : float
+        Steps of the integration.
+    integrator : {"rk4", "imex"}
+        Method of the integration.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        reference: Held,
+        motion: Array,
+        *,
+        step_s: float,
+        fine_step_s: float,
+        integrator: str = "rk4",
+        divergence: float = 100.0,
+    ) -> None:
+        self.robot, self.held, n = robot, reference, robot.n_dof
+        rate = reference.rate_hz
+        self._follow = Reference.sampled(reference.values, rate_hz=rate)
+        self._motion = Reference.sampled(motion, rate_hz=rate)
+        self._plain = Controller.pd([1.0] * n, [0.0] * n)
+        self._options = {
+            "rate_hz": rate,
+            "duration_s": (len(motion) - 1) / rate,
+            "step": step_s,
+            "fine_step": fine_step_s,
+            "integrator": integrator,
+            "divergence": divergence,
+        }
+        self._loops: dict[float, ClosedLoop] = {}
+
+    def loop(self, delay_s: float) -> ClosedLoop:
+        """Return the closed loop whose steps end where the reference, late by a delay, jumps."""
+        if delay_s not in self._loops:
+            follow = replace(self._follow, core=self._follow.core.with_breaks(self.held.jumps(delay_s)))
+            loop = ClosedLoop.of(self.robot, follow, self._plain, **self._options)  # type: ignore[arg-type]
+            self._loops = {delay_s: loop.along(self._motion)}
+        return self._loops[delay_s]
+
+    def run(self, x: Array, servos: Servos, threads: int | None = None) -> tuple[Array, NDArray[np.bool_]]:
+        """Return what the encoders show, (n_candidates, n_records, n_dof), and which runs came to their end.
+
+        Parameters
+        ----------
+        x : (n_candidates, n_parameters) array
+            Standard parameters.
+        servos : Servos
+            Numbers of the servos.
+        threads : int, optional
+            All cores by default.
+        """
+        # The steps end on the jumps that most joints of the first candidate have.
+        loop = self.loop(float(np.median(servos.delay_s[0])))
+        edges = loop.schedule.edges
+        pairs = np.concatenate([servos.delay_s, servos.lag_s], axis=1)
+        kinds, number = np.unique(pairs, axis=0, return_inverse=True)
+        n = self.robot.n_dof
+        targets = np.concatenate([self.held.means(edges, row[:n], row[n:]) for row in kinds])
+        b = servos.bias_rad
+        limit = np.minimum(servos.saturation, NO_LIMIT)
+        rows = [servos.kp, servos.kv, limit, b, servos.q - b, servos.dq, number.reshape(-1, 1)]
+        try:
+            q, endings = _core.simulate_servos(
+                loop.core,
+                np.ascontiguousarray(x),
+                np.concatenate(rows, axis=1),
+                targets,
+                core_threads(threads),
+            )
+        except ValueError as reason:
+            raise SimulationError(str(reason)) from None
+        completed = np.array([outcome.completed for outcome in outcomes_of(endings)])
+        q += b[:, None, :]
+        q[~completed] = np.nan
+        return q, completed

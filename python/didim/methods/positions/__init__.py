@@ -1,0 +1,1 @@
+"""CLOE with known links: drives and friction from commanded and measured positions alone."""

@@ -1,0 +1,220 @@
+"""Columns of CLOE from positions: what is estimated, where it starts and between which bounds.
+
+Tested in ``tests/test_positions.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ..._tools.words import did_you_mean
+from ...errors import FitError
+from ...experiment.experiment import Experiment
+from ...experiment.unknown import DRIVE, UNITS, Unknown, joint_kinds
+from ...loop.controller import Controller
+from ...model.limbs import Limb
+
+NEVER_NEGATIVE = frozenset({"Ia", "Fv", "Fc"})
+"""Parameters of joints that physics bounds below by zero."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One unknown.
+
+    Attributes
+    ----------
+    kind : str
+        "Ia", "Fv", "Fc", "Off", a friction term, or one of `didim.experiment.unknown.DRIVE`.
+    joints : tuple of int
+        Joints that have it, from 0.
+    recording : int or None
+        Recording that it belongs to; None for all.
+    name, unit : str
+        ``Ia3``, or ``kp3``, or ``delay_s`` of all joints.
+    start, low, high : float
+        Where the search starts, and bounds.
+    sigma : float
+        Standard deviation of the start as a prior; infinite without one.
+    step : float
+        Change for a difference.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+    recording: int | None
+    name: str
+    unit: str
+    start: float
+    low: float
+    high: float
+    sigma: float
+    step: float
+
+    @property
+    def of_drive(self) -> bool:
+        """Whether it is an unknown of a servo, and not a standard parameter."""
+        return self.kind in DRIVE
+
+
+@dataclass(frozen=True)
+class Values:
+    """What holds where nothing is estimated: standard parameters (p,), and numbers of the servos by kind, (n_dof,) each."""
+
+    x: Array
+    drive: dict[str, Array]
+
+
+def file_values(experiment: Experiment, start: object = None) -> Values:
+    """Return links, rotors and friction of the robot file and the law of ``[controller]``.
+
+    Raises
+    ------
+    FitError
+        Where the file has no parameters, or the law is not that of position servos.
+    """
+    robot = experiment.robot
+    name = next((name for name in ("urdf", "mjcf", "apriori", *robot.sets) if name in robot.sets), None)
+    if name is None:
+        raise FitError(
+            f'{experiment.name}: links = "fixed" needs masses and inertias, and {robot.path.name} has none'
+        )
+    x = np.array(robot.sets[name])
+    if isinstance(start, dict):
+        for key, value in start.items():
+            if key not in robot.parameter_names:
+                raise FitError(f"start: there is no {key!r}{did_you_mean(key, robot.parameter_names)}")
+            x[robot.parameter_names.index(key)] = value
+    for key, value in experiment.fixed.items():
+        if key in robot.parameter_names:
+            x[robot.parameter_names.index(key)] = value
+    controller = experiment.controller
+    plain = getattr(getattr(controller, "build", None), "plain", None)
+    law = controller if isinstance(controller, Controller) else None if plain is None else plain()
+    if law is None or law.kind != "pd" or law.digital is not None or law.feedforward is not None:
+        raise FitError(
+            f'{experiment.name}: links = "fixed" needs [controller] kind = "pd", without sample_time_s'
+        )
+    nothing = np.zeros(robot.n_dof)
+    drive = {
+        "kp": law.laws[:, 0] * law.gain,
+        "kv": law.laws[:, 1] * law.gain,
+        "saturation": law.saturation * law.gain,
+        "delay_s": nothing,
+        "lag_s": nothing,
+        "bias_rad": nothing,
+    }
+    for kind, unknown in experiment.unknown.items():
+        if unknown.start is not None and kind in drive:
+            drive[kind] = np.full(robot.n_dof, unknown.start)
+        elif unknown.start is not None:
+            for joint in range(robot.n_dof):
+                if (name := f"{kind}{joint + 1}") in robot.parameter_names:
+                    x[robot.parameter_names.index(name)] = unknown.start
+    return Values(x, drive)
+
+
+def columns_of(experiment: Experiment, limbs: Sequence[Limb], values: Values, steps: Steps) -> list[Column]:
+    """Return the unknowns: those of each joint first, by joint, then those that joints share."""
+    robot, found = experiment.robot, []
+    for joint in range(robot.n_dof):
+        for kind in joint_kinds(robot):
+            name = f"{kind}{joint + 1}"
+            if name not in robot.parameter_names or name in experiment.fixed:
+                continue
+            if {name, kind} & {*experiment.dropped}:
+                continue
+            index = robot.parameter_names.index(name)
+            unknown = experiment.unknown.get(kind, Unknown())
+            low = max(unknown.low, 0.0 if kind in NEVER_NEGATIVE else -math.inf)
+            found.append(
+                Column(
+                    kind,
+                    (joint,),
+                    None,
+                    name,
+                    robot.parameter_units[index],
+                    float(values.x[index]),
+                    low,
+                    unknown.high,
+                    unknown.sigma,
+                    steps.of(kind, (joint,)),
+                )
+            )
+    for kind in DRIVE:
+        if kind in experiment.unknown:
+            found += _of_drive(experiment, limbs, values, steps, kind)
+    return found
+
+
+def _of_drive(
+    experiment: Experiment, limbs: Sequence[Limb], values: Values, steps: Steps, kind: str
+) -> list[Column]:
+    unknown, n = experiment.unknown[kind], experiment.robot.n_dof
+    everyone = tuple(range(n))
+    fitted = [k for k, item in enumerate(experiment.recordings) if item.role == "fit"]
+    groups: list[tuple[tuple[int, ...], int | None, str]]
+    if unknown.shared == "joint":
+        groups = [((joint,), None, f"{kind}{joint + 1}") for joint in everyone]
+    elif unknown.shared == "limb":
+        groups = [(limb.joints, None, f"{kind} {limb.name}".strip()) for limb in limbs]
+    elif unknown.shared == "log":
+        groups = [(everyone, k, f"{kind} {experiment.recordings[k].name}") for k in fitted]
+    else:
+        groups = [(everyone, None, kind)]
+    found = []
+    for joints, recording, name in groups:
+        start = float(np.mean(values.drive[kind][list(joints)]))
+        if kind == "saturation" and not math.isfinite(start):
+            raise FitError(f"[unknown.saturation] needs a start, for [controller] has no saturation ({name})")
+        start = min(max(start, unknown.low), unknown.high)
+        unit = UNITS[kind]
+        if any(experiment.robot.joint_kinds[joint] == "prismatic" for joint in joints):
+            unit = unit.replace("N.m", "N").replace("rad", "m")
+        found.append(
+            Column(
+                kind, joints, recording, name, unit, start, unknown.low, unknown.high, unknown.sigma,
+                steps.of(kind, joints),
+            )
+        )  # fmt: skip
+    return found
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Changes for differences: each moves the torque by a thousandth of what the servo gives, delays and biases by what is small.
+
+    Attributes
+    ----------
+    torque, speed, inertia : (n_dof,) array
+        Torque ``kp |r - q|`` (rms), speed (rms) and inertia of each joint.
+    kp : (n_dof,) array
+        Gains of the controller.
+    """
+
+    torque: Array
+    speed: Array
+    inertia: Array
+    kp: Array
+
+    def of(self, kind: str, joints: tuple[int, ...]) -> float:
+        """Return the step of a kind at joints."""
+        at = list(joints)
+        share = 1e-3
+        sizes = {
+            "Ia": self.inertia,
+            "Fv": self.torque / self.speed,
+            "kv": self.torque / self.speed,
+            "kp": self.kp,
+            "saturation": 10.0 * self.torque,
+        }
+        if kind in ("delay_s", "lag_s"):
+            return 2e-4
+        if kind == "bias_rad":
+            return 1e-4
+        return share * float(np.min(sizes.get(kind, self.torque)[at]))

@@ -1,0 +1,389 @@
+"""CLOE with known links: drives and friction of a robot from commanded and measured positions, without torques.
+
+First what the log can tell, then the search, then what it could not tell after all is held and the search goes on; intervals last.
+Tested in ``tests/test_positions.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...errors import FitError
+from ...experiment.experiment import Experiment
+from ...model.limbs import role_of
+from ...result.finding import Finding
+from ...result.identification import Identification
+from ...result.iteration import Iteration
+from ...result.positions.record import KEY
+from ...result.status import Status
+from ...result.uncertainty import Uncertainty
+from ..builder import digests, experiment_record
+from .intervals import Intervals, intervals
+from .knowledge import Held, told_together, untold, weak_pairs
+from .problem import Problem, build
+from .search import Search, at_bound, begun, normal_of, search
+
+if TYPE_CHECKING:
+    from ..cloe.settings import CLOESettings
+
+MOST_ITERATIONS = 40
+"""Default upper bound of the iterations: from the centre of wide bounds a quadruped takes six."""
+TOLERANCE = 1e-4
+"""Fall of the cost, as a share, below which a search ends: then the parameters move by a hundredth of their deviations."""
+BAD_ROLLOUT = 5.0
+"""Error of a rollout over the median of all, beyond which it counts less: a push or a contact, which no friction explains."""
+FEWEST_ROLLOUTS = 4
+"""Fewest rollouts of which a single one can be called bad."""
+UNLIKE = 3.0
+"""Deviations by which a joint differs from its siblings."""
+UNLIKE_SHARE = 0.4
+"""Least difference as a share of the siblings' median: joints of one kind differ by a third on a real quadruped."""
+LARGE_ERROR = 0.3
+"""Error as a share of the tracking error that the file's own values leave: above, the model explains little of the log."""
+GRAVE = frozenset({"kp", "kv", "delay_s", "lag_s"})
+"""Unknowns of drives whose held value decides what other parameters come out as."""
+
+
+def identify_positions(
+    method: CLOESettings,
+    experiment: Experiment,
+    progress: Callable[[Iteration], bool],
+    say: Callable[[str], None],
+) -> Identification:
+    """Identify drives and friction of a robot with known links.
+
+    Raises
+    ------
+    FitError
+        For an experiment that lacks a recorded reference, a PD law, or links.
+    """
+    if method.fixed is not None:
+        experiment = replace(experiment, fixed=dict(method.fixed))
+    if method.dropped is not None:
+        experiment = replace(experiment, dropped=tuple(method.dropped))
+    if (
+        method.optimizer != "levenberg-marquardt"
+        or method.output != "position"
+        or method.physical
+        or method.starts > 1
+    ):
+        raise FitError('links = "fixed" is for optimizer "levenberg-marquardt" on positions, from one start')
+    problem = build(experiment, noise=method.noise, threads=method.threads, start=method.start)
+    if not problem.columns:
+        raise FitError(f"{experiment.name}: all parameters are fixed or dropped")
+    now = begun(problem, problem.start, np.ones(len(problem.columns), dtype=bool))
+    before = problem.joint_errors(now.errors)
+    held = untold(problem, now, strict=True)
+    options: dict[str, Any] = {
+        "most": method.max_iterations or MOST_ITERATIONS,
+        "tolerance": method.tolerance if method.tolerance != type(method).tolerance else TOLERANCE,
+        "progress": progress,
+        "say": say,
+    }
+    now, held = _searched(problem, now, held, options)
+    bad = _bad_rollouts(problem, now)
+    if bad and now.status.converged:
+        for number in bad:
+            problem.weights[number] = problem.weights[number] * bad[number]
+        say(f"{len(bad)} rollouts of a limb count less; the search goes on")
+        now = search(problem, begun(problem, now.theta, now.free, now), **options)
+    spread = intervals(problem, now)
+    return _result(experiment, problem, now, held, spread, before, bad)
+
+
+def _searched(
+    problem: Problem, now: Search, held: list[Held], options: dict[str, Any]
+) -> tuple[Search, list[Held]]:
+    """Search; hold what the log turns out not to tell, at its start, and search on."""
+    now.free[[item.column for item in held]] = False
+    now = search(problem, now, **options)
+    while now.status.converged:
+        more = untold(problem, now)
+        if not more:
+            break
+        held = [*held, *more]
+        theta, free = now.theta.copy(), now.free.copy()
+        for item in more:
+            free[item.column] = False
+            theta[item.column] = problem.columns[item.column].start
+        now = search(problem, begun(problem, theta, free, now), **options)
+    return now, held
+
+
+def _bad_rollouts(problem: Problem, now: Search) -> dict[int, float]:
+    """Return rollouts whose errors are far beyond those of others of their limb, with the factor that brings them down."""
+    found = {}
+    for limb in range(len(problem.limbs)):
+        numbers = [k for k, item in enumerate(problem.rollouts) if item.limb == limb and item.role == "fit"]
+        if len(numbers) < FEWEST_ROLLOUTS:
+            continue
+        sizes = np.array([math.sqrt(float(np.mean(now.errors[k] ** 2))) for k in numbers])
+        usual = float(np.median(sizes))
+        for k, size in zip(numbers, sizes, strict=True):
+            if usual > 0.0 and size > BAD_ROLLOUT * usual:
+                found[k] = usual / float(size)
+    return found
+
+
+def _result(
+    experiment: Experiment,
+    problem: Problem,
+    now: Search,
+    held: list[Held],
+    spread: Intervals,
+    before: Array,
+    bad: dict[int, float],
+) -> Identification:
+    a, _ = normal_of(problem, now.errors, now.blocks)
+    weak = weak_pairs(problem, a, now.free)
+    rows = _rows(problem, now, held, spread)
+    after = problem.joint_errors(now.errors)
+    held_out = problem.joint_errors(problem.errors(now.theta, "held-out"), "held-out")
+    siblings = _unlike(problem, rows)
+    use = np.flatnonzero(now.free & (np.diag(a) > 0.0))
+    size = np.sqrt(np.diag(a)[use])
+    condition = float(np.linalg.cond(a[np.ix_(use, use)] / np.outer(size, size))) if use.size else math.inf
+    n_rows = sum(e.size for e in now.errors)
+    norm = math.sqrt(sum(float(e @ e) for e in now.errors))
+    std = np.nan_to_num(spread.std)
+    covariance = np.nan_to_num(spread.covariance)
+    record: dict[str, Any] = {
+        "rows": rows,
+        "drive": _drive(problem, now.theta),
+        "errors": {
+            "before": _listed(before),
+            "after": _listed(after),
+            "held_out": None if np.isnan(held_out).all() else _listed(held_out),
+        },
+        "limbs": _limbs(problem),
+        "weak": weak,
+        "siblings": siblings,
+        "smoothing": list(problem.robot.friction.smoothing),
+        "blocks": spread.blocks,
+        "kind": spread.kind,
+    }
+    shares = np.divide(after, before, out=np.full_like(after, np.nan), where=before > 0.0)
+    return Identification(
+        name=experiment.name,
+        robot=experiment.robot.name,
+        method="cloe-positions",
+        status=now.status,
+        names=tuple(column.name for column in problem.columns),
+        units=tuple(column.unit for column in problem.columns),
+        roles=tuple("estimated" if free else "fixed" for free in now.free),
+        beta=now.theta,
+        covariance=covariance,
+        parameter_names=problem.robot.parameter_names,
+        parameters=standard_of(problem, now.theta),
+        relative_error=shares,
+        overall_relative_error=float(np.sqrt(np.nansum(after**2) / max(np.nansum(before**2), 1e-300))),
+        error_norm=norm,
+        error_std=norm / math.sqrt(max(1, n_rows - len(use))),
+        condition_number=condition,
+        n_rows=n_rows,
+        uncertainty=_uncertainty(spread, after) if spread.blocks and std.any() else None,
+        n_simulations=problem.n_simulations,
+        history=tuple(now.history),
+        remarks=_remarks(experiment, problem, weak, siblings, bad),
+        evidence=_evidence(problem, now, held, rows, shares),
+        settings={
+            **experiment_record(experiment, problem.robot),
+            "prediction": {"motion": "simulated", "raw": True},
+            KEY: record,
+        },
+        digests=digests(experiment),
+    )
+
+
+def _uncertainty(spread: Intervals, after: Array) -> Uncertainty:
+    return Uncertainty(
+        kind="jackknife",
+        degrees_of_freedom=float(spread.blocks - 1),
+        std_white=spread.white,
+        joint_std=np.nan_to_num(after),
+    )
+
+
+def standard_of(problem: Problem, theta: Array) -> Array:
+    """Return the standard parameters of the whole robot at a point, (n_parameters,)."""
+    x, names = problem.values.x.copy(), problem.robot.parameter_names
+    for column, value in zip(problem.columns, theta, strict=True):
+        if not column.of_drive:
+            x[names.index(column.name)] = value
+    return x
+
+
+def _drive(problem: Problem, theta: Array) -> dict[str, list[float | None]]:
+    drive = {kind: value.copy() for kind, value in problem.values.drive.items()}
+    for column, value in zip(problem.columns, theta, strict=True):
+        if column.of_drive:
+            drive[column.kind][list(column.joints)] = value
+    return {kind: _listed(value) for kind, value in drive.items()}
+
+
+def _listed(values: Array) -> list[float | None]:
+    return [float(value) if math.isfinite(value) else None for value in values]
+
+
+def _limbs(problem: Problem) -> list[dict[str, Any]]:
+    found = []
+    for limb in problem.limbs:
+        names = limb.robot.joint_names or tuple(f"joint {joint + 1}" for joint in limb.joints)
+        found.append(
+            {
+                "name": limb.name or problem.robot.name,
+                "joints": [joint + 1 for joint in limb.joints],
+                "roles": [role_of(name, limb.name) for name in names],
+            }
+        )
+    return found
+
+
+def _rows(problem: Problem, now: Search, held: Sequence[Held], spread: Intervals) -> list[dict[str, Any]]:
+    bound = at_bound(problem, now)
+    texts = {item.column: item.known for item in held}
+    rows = []
+    for k, column in enumerate(problem.columns):
+        value, half = float(now.theta[k]), float(spread.half[k])
+        by = (
+            "held"
+            if not now.free[k]
+            else "bound"
+            if bound[k]
+            else "prior"
+            if math.isfinite(column.sigma)
+            else "log"
+        )
+        known = now.free[k] and math.isfinite(half)
+        rows.append(
+            {
+                "name": column.name,
+                "kind": column.kind,
+                "joints": [joint + 1 for joint in column.joints],
+                "recording": column.recording,
+                "unit": column.unit,
+                "value": value,
+                "std": float(spread.std[k]) if known else None,
+                "low": max(value - half, column.low) if known else None,
+                "high": min(value + half, column.high) if known else None,
+                "before": column.start,
+                "by": by,
+                "text": texts.get(k, ""),
+            }
+        )
+    return rows
+
+
+def _unlike(problem: Problem, rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Return sentences on joints that differ from those of the same place in other limbs."""
+    single = {
+        (row["joints"][0], row["kind"]): row for row in rows if len(row["joints"]) == 1 and row["by"] == "log"
+    }
+    groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for limb in _limbs(problem):
+        groups.setdefault(tuple(limb["roles"]), []).append(limb)
+    found = []
+    for limbs in groups.values():
+        for place, kind in ((p, k) for p in range(len(limbs[0]["joints"])) for k in ("Ia", "Fv", "Fc")):
+            alike = [
+                single[limb["joints"][place], kind]
+                for limb in limbs
+                if (limb["joints"][place], kind) in single
+            ]
+            for row in alike if len(alike) > 2 else ():
+                others = np.array([other["value"] for other in alike if other is not row])
+                usual = float(np.median(others))
+                if abs(row["value"] - usual) > max(UNLIKE * (row["std"] or 0.0), UNLIKE_SHARE * abs(usual)):
+                    name = problem.robot.joint_label(row["joints"][0] - 1)
+                    found.append(
+                        f"{name}: {kind} is {row['value']:.3g} {row['unit']}, where its siblings have {usual:.3g}"
+                    )
+    return found
+
+
+def _remarks(
+    experiment: Experiment,
+    problem: Problem,
+    weak: Sequence[str],
+    siblings: Sequence[str],
+    bad: dict[int, float],
+) -> tuple[str, ...]:
+    said = [*weak, *siblings]
+    for number, factor in bad.items():
+        item = problem.rollouts[number]
+        name = experiment.recordings[item.recording].name
+        said.append(
+            f"rollout {item.window + 1} of recording '{name}' has {1.0 / factor:.0f} times the errors of the others and counts less"
+        )
+    return tuple(said)
+
+
+def _evidence(
+    problem: Problem, now: Search, held: Sequence[Held], rows: Sequence[dict[str, Any]], shares: Array
+) -> tuple[Finding, ...]:
+    found = []
+    for sentence, items in told_together(problem, held).items():
+        columns = [problem.columns[item.column] for item in items]
+        found.append(
+            Finding(
+                code="untold",
+                grade="doubtful" if columns[0].kind in GRAVE else "note",
+                joints=tuple(joint + 1 for column in columns for joint in column.joints),
+                parameters=tuple(column.name for column in columns),
+                facts={"text": sentence, "advice": ""},
+            )
+        )
+    stuck = [row for row in rows if row["by"] == "bound" and row["kind"] not in ("delay_s", "lag_s")]
+    if stuck:
+        names = ", ".join(row["name"] for row in stuck[:8]) + (" ..." if len(stuck) > 8 else "")
+        found.append(
+            Finding(
+                code="at-bound",
+                grade="doubtful",
+                parameters=tuple(row["name"] for row in stuck),
+                facts={
+                    "text": f"at the bounds of what is possible: {names}",
+                    "advice": "Something else moves the robot like them, or the bounds are too narrow",
+                },
+            )
+        )
+    loose = [
+        row["name"]
+        for row in rows
+        if row["by"] == "log"
+        and (row["std"] is None or row["std"] > 0.5 * abs(row["value"]))
+        and row["kind"] not in ("Off", "delay_s", "lag_s", "bias_rad")
+    ]
+    if loose:
+        found.append(
+            Finding(
+                code="loose",
+                grade="note",
+                parameters=tuple(loose),
+                facts={
+                    "text": f"known to no better than their own size: {', '.join(loose[:8])}{' ...' if len(loose) > 8 else ''}",
+                    "advice": "",
+                },
+            )
+        )
+    poor = [k for k, share in enumerate(shares) if share > 1.0 + 1e-6]
+    if poor and now.status is Status.CONVERGED:
+        names = ", ".join(problem.robot.joint_label(k) for k in poor)
+        found.append(
+            Finding(
+                code="no-better",
+                grade="doubtful",
+                joints=tuple(k + 1 for k in poor),
+                facts={
+                    "text": f"the estimate leaves larger errors than the values of the file at {names}",
+                    "advice": "",
+                },
+            )
+        )
+    return tuple(found)

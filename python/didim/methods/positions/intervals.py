@@ -1,0 +1,159 @@
+"""Covariance of the unknowns by leaving out rollouts or stretches of the log: a jackknife of the last linear problem.
+
+With ``A = J^T J`` and ``g = J^T e`` of all blocks and ``A_b``, ``g_b`` of one, the estimate without block b is
+``theta - (A - A_b)^-1 (g - g_b)``, within the bounds. Model errors of a robot last, for they depend on its speed and its pose:
+stretches of two lengths are left out, and the wider intervals hold. Tested in ``tests/test_positions.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._tools.arrays import Array
+from ...result.uncertainty import student_factor
+from .problem import Problem
+from .search import Search, bounded_step, normal_of
+
+STRETCHES = (24, 8)
+"""Numbers of stretches that a log without rollouts is cut into, one after the other."""
+LEAST_STRETCH_S = 1.0
+"""Shortest stretch (s): errors of positions last for about as long as a move."""
+FEWEST = 4
+"""Fewest blocks that a covariance is made of."""
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """What is known of the spread of the unknowns.
+
+    Attributes
+    ----------
+    std : (n_columns,) array
+        Standard deviations; zero where a column is held, NaN where there are too few blocks.
+    half : (n_columns,) array
+        Half of the 95 % intervals.
+    covariance : (n_columns, n_columns) array
+        Of the shorter stretches, scaled to `std`.
+    white : (n_columns,) array
+        Standard deviations for errors without correlation.
+    blocks : int
+        Blocks of the narrower cut.
+    kind : str
+        "rollouts" or "stretches".
+    """
+
+    std: Array
+    half: Array
+    covariance: Array
+    white: Array
+    blocks: int
+    kind: str
+
+
+def intervals(problem: Problem, now: Search) -> Intervals:
+    """Return the intervals at the end of a search."""
+    a, _ = normal_of(problem, now.errors, now.blocks)
+    prior = np.array([1.0 / column.sigma**2 for column in problem.columns])
+    rows = max(1, sum(e.size for e in now.errors))
+    variance = sum(float(e @ e) for e in now.errors) / rows
+    use = np.flatnonzero(now.free & (np.diag(a) > 0.0))
+    count = len(problem.columns)
+    white = np.zeros(count)
+    whole = (a + np.diag(prior * variance))[np.ix_(use, use)]
+    white[use] = np.sqrt(
+        np.maximum(np.diag(_inverse(whole)), 0.0) * variance * rows / max(1, rows - len(use))
+    )
+    cuts, kind = _cuts(problem)
+    best = np.zeros((count, count))
+    std, half, blocks = np.full(count, np.nan), np.full(count, np.nan), 0
+    std[~now.free] = half[~now.free] = 0.0
+    for cut in cuts:
+        number = max((int(part.max()) + 1 for part in cut if part.size), default=0)
+        if number < FEWEST:
+            continue
+        covariance = _jackknife(problem, now, cut, number, use)
+        deviation = np.sqrt(np.diag(covariance))
+        wide = student_factor(0.95, number - 1) * deviation
+        if not blocks:
+            best[np.ix_(use, use)] = covariance
+            std[use], half[use], blocks = deviation, wide, number
+        else:
+            std[use], half[use] = np.maximum(std[use], deviation), np.maximum(half[use], wide)
+    if blocks:  # deviations that give these intervals with the shorter stretches' quantile
+        std = half / student_factor(0.95, blocks - 1)
+    known = np.sqrt(np.diag(best))
+    scale = np.divide(std, known, out=np.ones(count), where=(known > 0.0) & np.isfinite(std))
+    return Intervals(std, half, best * np.outer(scale, scale), white, blocks, kind)
+
+
+def _inverse(matrix: Array) -> Array:
+    size = np.sqrt(np.diag(matrix))
+    return np.asarray(
+        np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True) / np.outer(size, size)
+    )
+
+
+def _cuts(problem: Problem) -> tuple[list[list[NDArray[np.intp]]], str]:
+    """Return cuts of the rows of each rollout into blocks, the number of the block of each sample."""
+    fitted = [item for item in problem.rollouts if item.role == "fit"]
+    windows = list(dict.fromkeys((item.recording, item.window) for item in fitted))
+    if len(windows) >= STRETCHES[1]:
+        return [
+            [
+                np.full(len(item.q) - item.first, windows.index((item.recording, item.window)))
+                if item.role == "fit"
+                else np.zeros(0, dtype=np.intp)
+                for item in problem.rollouts
+            ]
+        ], "rollouts"
+    lengths = {(item.recording, item.window): (len(item.q) - item.first) / item.rate_hz for item in fitted}
+    total = sum(lengths.values())
+    cuts = []
+    for asked in STRETCHES:
+        each = max(total / asked, LEAST_STRETCH_S)
+        first, begin = {}, 0
+        for key in windows:
+            first[key] = begin
+            begin += max(1, round(lengths[key] / each))
+        cut = []
+        for item in problem.rollouts:
+            size = len(item.q) - item.first
+            if item.role != "fit":
+                cut.append(np.zeros(0, dtype=np.intp))
+                continue
+            key = (item.recording, item.window)
+            parts = max(1, round(lengths[key] / each))
+            cut.append(first[key] + np.arange(size) * parts // size)
+        cuts.append(cut)
+    return cuts, "stretches"
+
+
+def _jackknife(
+    problem: Problem,
+    now: Search,
+    cut: list[NDArray[np.intp]],
+    number: int,
+    use: NDArray[np.intp],
+) -> Array:
+    count = len(problem.columns)
+    a, g = np.zeros((number, count, count)), np.zeros((number, count))
+    for item, e, j, blocks in zip(problem.rollouts, now.errors, now.blocks, cut, strict=True):
+        if not e.size:
+            continue
+        own = problem.own(item)
+        rows = np.repeat(blocks, len(problem.limbs[item.limb].joints))
+        for block in np.unique(blocks):
+            at = rows == block
+            a[block][np.ix_(own, own)] += j[at].T @ j[at]
+            g[block][own] += j[at].T @ e[at]
+    whole, gradient = a.sum(axis=0), g.sum(axis=0)
+    # The estimate without a block keeps to the bounds, as the estimate does.
+    n_rows = sum(e.size for e in now.errors)
+    moved = np.array(
+        [bounded_step(problem, now, whole - a[b], gradient - g[b], 0.0, n_rows)[use] for b in range(number)]
+    )
+    moved -= moved.mean(axis=0)
+    return np.asarray((number - 1) / number * moved.T @ moved)

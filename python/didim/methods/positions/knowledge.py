@@ -1,0 +1,241 @@
+"""What a log of positions can tell of the unknowns, from the derivatives of the simulated positions.
+
+The loop ``M ddq + n + Ia ddq + Fv dq + Fc s(dq) = sat(kp (r(t - d) - q - b) - kv dq)`` stays the same when every torque takes
+a factor, when kv and Fv exchange a part, and when slow commands exchange ``d`` and ``(Fv + kv) / kp``. With ``A = J^T J`` of unit
+columns, ``f_k = sqrt((A^-1)_kk)`` says by how much the other unknowns widen the interval of unknown k: 1 where it stands alone,
+without bound where a combination of the others moves the robot alike. Tested in ``tests/test_positions.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._tools.arrays import Array
+from ...robot.robot import Robot
+from .columns import Column
+from .problem import Problem
+from .search import Search, normal_of
+
+NULL_SHARE, NULL_M = 0.02, 1e-6
+"""An unknown whose whole range moves the joints (rms) by less than this share of the errors, or by this (rad, m), has no effect."""
+ALONE: Mapping[str, float] = {"delay_s": 20.0, "lag_s": 20.0, "bias_rad": 1e3}
+"""`f` below which an unknown of a drive is told apart from the others whatever the errors. On the Go2 log the delay has 12, and a
+curve of the errors that has its least value at zero; biases have a sentence of their own where gravity does not show them."""
+USUALLY_ALONE = 3.0
+"""The same of all other unknowns."""
+SHARE = {"kp": 0.5, "kv": 1.0, "saturation": 0.5}
+"""Change of an unknown, as a share, whose unique effect must be larger than the errors: what the others do not make up for; of
+delays and lags it is a sample of the log.
+On the Go2 log, where kp is 20 N.m/rad and a free one ends between 17.5 and 19.7 with Fv at zero, half of kp has 0.04 to 0.24 of
+the errors; on a simulated hobby arm whose steps saturate, 1.7 to 13 times the errors."""
+MOST_PLACES = 3
+"""Most joints that a sentence names one by one."""
+LEAST_ERROR = 1e-4
+"""Errors (rad or m) below this are those of no robot: with them all that is not singular would be told."""
+SINGULAR = 1e3
+"""`f` from which an unknown of any kind counts as exchangeable with others."""
+WEAK, MOST_WEAK = 5.0, 6
+"""`f` from which a result says with what an unknown is exchanged, and the most sentences of that kind."""
+SMALLEST = 1e-13
+"""Smallest eigenvalue of the scaled matrix that is inverted: rounding below it."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """An unknown that the log does not tell, held at a value.
+
+    Attributes
+    ----------
+    column : int
+        Which.
+    why : {"null", "widened"}
+        No effect, or exchangeable with others.
+    partners : tuple of int
+        Unknowns that it is exchangeable with.
+    known : str
+        What is known in its place; the sentence without its joint.
+    """
+
+    column: int
+    why: str
+    partners: tuple[int, ...]
+    known: str
+
+
+def widening(a: Array, use: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return `f` of the columns `use`, and the inverse of their scaled matrix."""
+    size = np.sqrt(np.diag(a)[use])
+    scaled = a[np.ix_(use, use)] / np.outer(size, size)
+    values, vectors = np.linalg.eigh(scaled)
+    inverse = (vectors / np.maximum(values, SMALLEST)) @ vectors.T
+    return np.sqrt(np.diag(inverse)), inverse
+
+
+def untold(problem: Problem, now: Search, *, strict: bool = False, error: float | None = None) -> list[Held]:
+    """Return unknowns that the log does not tell, worst first.
+
+    Parameters
+    ----------
+    problem, now : Problem, Search
+        Where the derivatives stand.
+    strict : bool
+        Only what is beyond doubt: before a search the derivatives are those of other parameters.
+    error : float, optional
+        Error (rad or m, rms) that an effect is compared with; that of the search by default.
+    """
+    a, _ = normal_of(problem, now.errors, now.blocks)
+    prior = np.array([math.isfinite(column.sigma) for column in problem.columns])
+    rows = max(1, sum(e.size for e in now.errors))
+    if error is None:
+        error = math.sqrt(sum(float(e @ e) for e in now.errors) / rows)
+    free = now.free & ~prior
+    found = []
+    for k in np.flatnonzero(free).tolist():
+        column = problem.columns[k]
+        moved = math.sqrt(a[k, k] / rows) * _range(column)
+        if moved < max(0.0 if strict else NULL_SHARE * error, NULL_M):
+            found.append(Held(k, "null", (), _without_effect(column)))
+            free[k] = False
+    while True:
+        use = np.flatnonzero(free & (np.diag(a) > 0.0))
+        if not use.size:
+            return found
+        f, inverse = widening(a, use)
+        excess = np.array(
+            [
+                _excess(problem, problem.columns[k], f[p], a[k, k], rows, error, strict)
+                for p, k in enumerate(use.tolist())
+            ]
+        )
+        # Of exchangeable unknowns the one of the drive is held, for the file or the reader knows it best.
+        of_drive = np.array([problem.columns[k].of_drive for k in use])
+        if (excess[of_drive] > 1.0).any():
+            excess[~of_drive] = 0.0
+        worst = int(np.argmax(excess))
+        if excess[worst] <= 1.0:
+            return found
+        k = int(use[worst])
+        partners = partners_of(inverse, worst, use)
+        known = _exchangeable(problem.columns[k], [problem.columns[p] for p in partners])
+        found.append(Held(k, "widened", partners, known))
+        free[k] = False
+
+
+def _excess(
+    problem: Problem, column: Column, f: float, square: float, rows: int, error: float, strict: bool
+) -> float:
+    """Return by what factor an unknown fails to be told: above 1 it is held."""
+    if strict or not column.of_drive or f < ALONE.get(column.kind, USUALLY_ALONE):
+        return float(f / SINGULAR)
+    (rate, *_) = (item.rate_hz for item in problem.rollouts)
+    change = 1.0 / rate if column.kind in ("delay_s", "lag_s") else SHARE[column.kind] * abs(column.start)
+    limbs = {k for k, limb in enumerate(problem.limbs) if {*column.joints} & {*limb.joints}}
+    own = rows * len(limbs) / len(problem.limbs)
+    unique = change * math.sqrt(square / own) / f
+    return max(max(error, LEAST_ERROR) / max(unique, 1e-300), float(f / SINGULAR))
+
+
+def _range(column: Column) -> float:
+    span = column.high - column.low
+    return span if math.isfinite(span) else max(abs(column.start), 1e3 * column.step)
+
+
+def partners_of(inverse: Array, place: int, use: NDArray[np.intp]) -> tuple[int, ...]:
+    """Return the columns with the largest correlation with one, at most three, largest first."""
+    size = np.sqrt(np.diag(inverse))
+    correlation = np.abs(inverse[place] / (size * size[place]))
+    correlation[place] = 0.0
+    order = np.argsort(-correlation)[:3]
+    return tuple(int(use[k]) for k in order if correlation[k] > 0.5)
+
+
+def weak_pairs(problem: Problem, a: Array, free: NDArray[np.bool_]) -> list[str]:
+    """Return sentences on unknowns that are told well only together with another."""
+    use = np.flatnonzero(free & (np.diag(a) > 0.0))
+    if use.size < 2:
+        return []
+    f, inverse = widening(a, use)
+    size = np.sqrt(np.diag(inverse))
+    correlation = inverse / np.outer(size, size)
+    found: list[str] = []
+    seen: set[frozenset[int]] = set()
+    for place in np.argsort(-f):
+        if f[place] < WEAK or len(found) == MOST_WEAK:
+            break
+        row = correlation[place].copy()
+        row[place] = 0.0
+        other = int(np.argmax(np.abs(row)))
+        pair = frozenset((int(place), other))
+        if abs(row[other]) < 0.9 or pair in seen:
+            continue
+        seen.add(pair)
+        one, two = problem.columns[use[place]], problem.columns[use[other]]
+        ratio = (
+            -row[other]
+            * math.sqrt(inverse[place, place] / a[use[place], use[place]])
+            / math.sqrt(inverse[other, other] / a[use[other], use[other]])
+        )
+        sign = "+" if ratio > 0 else "-"
+        found.append(
+            f"{where_of(problem.robot, one)}: {one.name} {sign} {abs(ratio):.2g} {two.name} is known better than each (correlation "
+            f"{row[other]:.2f}); {_advice(one, two)}"
+        )
+    return found
+
+
+def _advice(one: Column, two: Column) -> str:
+    kinds = {one.kind, two.kind}
+    if kinds & {"delay_s", "lag_s", "Ia"}:
+        return "steps, or a chirp up to the bandwidth of the loop, tell them apart"
+    if kinds & {"kp", "kv", "saturation"}:
+        return "steps that reach the limit of the torque tell them apart"
+    return "other speeds and poses tell them apart"
+
+
+def where_of(robot: Robot, column: Column) -> str:
+    """Return how a sentence calls the joints of a column."""
+    if len(column.joints) == 1:
+        joint = column.joints[0]
+        return robot.joint_names[joint] if robot.joint_names else f"joint {joint + 1}"
+    return "all joints" if len(column.joints) == robot.n_dof else column.name
+
+
+def _without_effect(column: Column) -> str:
+    held = f"{column.kind} is held at {column.start:g} {column.unit}"
+    if column.kind == "bias_rad":
+        return f"a bias has no effect where gravity does not turn with the joint, for the loop reads that encoder; {held}"
+    if column.kind == "saturation":
+        return f"the limit of the torque is never reached; {held}"
+    return f"{column.kind} has no effect on the motion of this log; {held}"
+
+
+def _exchangeable(column: Column, partners: Sequence[Column]) -> str:
+    kinds = " and ".join(dict.fromkeys(partner.kind for partner in partners)) or "the others"
+    held = f"{column.kind} is held at {column.start:g} {column.unit}"
+    if column.kind == "kp":
+        return f"only (J + Ia)/kp, (Fv + kv)/kp, Fc/kp and Off/kp are known, as all torques may take a factor; {held}"
+    if column.kind == "kv":
+        return f"only Fv + kv is known, for without saturation they are one parameter; {held}"
+    if column.kind in ("delay_s", "lag_s"):
+        return f"slow commands show only {column.kind} + (Fv + kv)/kp; {held}; command steps or a chirp"
+    if column.kind == "bias_rad":
+        return f"a bias moves the robot as {kinds} does; {held}, and Off has what there is"
+    return f"{column.kind} moves the robot as {kinds} do; {held}"
+
+
+def told_together(problem: Problem, held: Sequence[Held]) -> dict[str, list[Held]]:
+    """Return what is held by sentence, joints of which the same is to be said together."""
+    groups: dict[str, list[Held]] = {}
+    for item in sorted(held, key=lambda item: item.column):
+        groups.setdefault(item.known, []).append(item)
+    found = {}
+    for known, items in groups.items():
+        places = [where_of(problem.robot, problem.columns[item.column]) for item in items]
+        title = ", ".join(places) if len(places) <= MOST_PLACES else f"{places[0]} to {places[-1]}"
+        found[f"{title}: {known}"] = items
+    return found

@@ -1,0 +1,287 @@
+"""Errors of simulated positions and their derivatives, limb by limb and rollout by rollout.
+
+Limbs of a fixed base share only what their servos have in common, such as a delay: the normal matrix is an arrow, and a change of a
+parameter simulates its limb alone. All candidates of a limb are lanes of one batch. Tested in ``tests/test_positions.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._tools.arrays import Array
+from ...errors import FitError
+from ...experiment.experiment import Experiment
+from ...loop.servos import Held, ServoLoop, Servos
+from ...model.dynamics import inertia_matrix
+from ...model.limbs import Limb, limbs_of
+from ...robot.robot import Robot
+from .columns import Column, Steps, Values, columns_of, file_values
+
+SMOOTHING = 0.01
+"""Velocity (rad/s or m/s) of the tanh of Coulomb friction where neither robot nor [simulation] has one."""
+STEP_S, FINE_STEP_S = 2e-3, 5e-4
+"""Steps (s) of the simulation, and near velocity zero, by default."""
+LEFT_OUT_S, LEFT_OUT_SHARE = 0.5, 0.25
+"""Time (s) at the start of a rollout that is not compared, for its initial velocity is a guess; at most this share of it."""
+START_S = 0.02
+"""Time (s) over which a line gives the initial position and velocity of a rollout."""
+FEWEST_START_SAMPLES = 5
+"""Fewest samples of that line."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """One limb along one stretch of a log.
+
+    Attributes
+    ----------
+    limb : int
+        Which limb.
+    recording, window : int
+        Which recording, and which window of it.
+    role : str
+        "fit" or "held-out".
+    loop : ServoLoop
+        Simulates it.
+    q : (n_samples, n_limb_joints) array
+        Measured positions.
+    first : int
+        First sample that is compared.
+    start : (q, dq)
+        Initial position and velocity, (n_limb_joints,) each.
+    """
+
+    limb: int
+    recording: int
+    window: int
+    role: str
+    loop: ServoLoop
+    q: Array
+    first: int
+    start: tuple[Array, Array]
+    rate_hz: float
+
+
+@dataclass(eq=False)
+class Problem:
+    """Unknowns of an experiment and the errors that they leave.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot with smooth friction.
+    limbs : list of Limb
+        Its limbs.
+    rollouts : list of Rollout
+        Limbs along stretches of the log.
+    values : Values
+        What holds where nothing is estimated.
+    columns : list of Column
+        The unknowns.
+    weights : (n_rollouts, ) list of array
+        Factors of the errors of the joints of each rollout.
+    n_simulations : int
+        Simulations of a limb so far.
+    """
+
+    robot: Robot
+    limbs: list[Limb]
+    rollouts: list[Rollout]
+    values: Values
+    columns: list[Column]
+    threads: int | None = None
+    weights: list[Array] = field(default_factory=list)
+    n_simulations: int = 0
+
+    @property
+    def start(self) -> Array:
+        """Where the search starts, (n_columns,)."""
+        return np.array([column.start for column in self.columns])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds, (n_columns,) each."""
+        return np.array([c.low for c in self.columns]), np.array([c.high for c in self.columns])
+
+    def own(self, rollout: Rollout) -> NDArray[np.intp]:
+        """Return the columns that a rollout depends on."""
+        joints = set(self.limbs[rollout.limb].joints)
+        return np.array(
+            [
+                k
+                for k, column in enumerate(self.columns)
+                if joints & {*column.joints} and column.recording in (None, rollout.recording)
+            ],
+            dtype=np.intp,
+        )
+
+    def positions(self, rollout: Rollout, thetas: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return what the encoders show, (n_candidates, n_samples, n_limb_joints), and which runs came to their end."""
+        limb = self.limbs[rollout.limb]
+        count, joints = len(thetas), list(limb.joints)
+        x = np.tile(self.values.x[limb.indices], (count, 1))
+        drive = {kind: np.tile(value[joints], (count, 1)) for kind, value in self.values.drive.items()}
+        names = limb.robot.parameter_names
+        for k in self.own(rollout):
+            column = self.columns[k]
+            for joint in column.joints:
+                if joint not in limb.joints:
+                    continue
+                local = joints.index(joint)
+                if column.of_drive:
+                    drive[column.kind][:, local] = thetas[:, k]
+                else:
+                    x[:, names.index(f"{column.kind}{local + 1}")] = thetas[:, k]
+        q, dq = (np.tile(part, (count, 1)) for part in rollout.start)
+        self.n_simulations += count
+        return rollout.loop.run(x, Servos(**drive, q=q, dq=dq), self.threads)
+
+    def errors(self, theta: Array, role: str = "fit") -> list[Array]:
+        """Return weighted errors of each rollout of a role, (n_rows,); NaN throughout where a run has ended early."""
+        return [
+            self._compared(number, self.positions(rollout, theta[None])[0][0]).ravel()
+            if rollout.role == role
+            else np.zeros(0)
+            for number, rollout in enumerate(self.rollouts)
+        ]
+
+    def derivatives(self, theta: Array) -> tuple[list[Array], list[Array]]:
+        """Return errors and their derivatives of each rollout, (n_rows,) and (n_rows, n_own_columns), by differences in lanes."""
+        _, high = self.bounds
+        errors, blocks = [], []
+        for number, rollout in enumerate(self.rollouts):
+            own = self.own(rollout)
+            if rollout.role != "fit":
+                errors.append(np.zeros(0))
+                blocks.append(np.zeros((0, len(own))))
+                continue
+            steps = np.array([self.columns[k].step for k in own])
+            steps = np.where(theta[own] + steps > high[own], -steps, steps)
+            thetas = np.tile(theta, (1 + len(own), 1))
+            thetas[1 + np.arange(len(own)), own] += steps
+            q, completed = self.positions(rollout, thetas)
+            if not completed[1:].all():  # at the edge of what can be simulated the other side is inside
+                back = np.flatnonzero(~completed[1:])
+                steps[back] *= -1.0
+                thetas[1 + back] = theta
+                thetas[1 + back, own[back]] += steps[back]
+                q[1 + back], _ = self.positions(rollout, thetas[1 + back])
+            rows = np.stack([self._compared(number, one).ravel() for one in q])
+            errors.append(rows[0])
+            blocks.append(np.nan_to_num(((rows[1:] - rows[0]) / steps[:, None]).T))
+        return errors, blocks
+
+    def joint_errors(self, errors: Sequence[Array], role: str = "fit") -> Array:
+        """Return the rms error of each joint (rad or m), (n_dof,), from the errors of the rollouts; NaN without any of a role."""
+        squares, counts = np.zeros(self.robot.n_dof), np.zeros(self.robot.n_dof)
+        for rollout, weight, rows in zip(self.rollouts, self.weights, errors, strict=True):
+            if rollout.role == role:
+                e = rows.reshape(-1, len(weight)) / weight
+                at = list(self.limbs[rollout.limb].joints)
+                squares[at] += np.sum(e**2, axis=0)
+                counts[at] += len(e)
+        return np.sqrt(np.divide(squares, counts, out=np.full_like(squares, np.nan), where=counts > 0))
+
+    def _compared(self, number: int, q: Array) -> Array:
+        rollout = self.rollouts[number]
+        return np.asarray((q - rollout.q)[rollout.first :] * self.weights[number])
+
+
+def build(
+    experiment: Experiment, *, noise: Sequence[float] | None, threads: int | None, start: object
+) -> Problem:
+    """Return the problem of an experiment whose links are known.
+
+    Raises
+    ------
+    FitError
+        Without a recorded reference, measured positions, a PD law or links.
+    """
+    spec = experiment.reference
+    if getattr(spec, "kind", None) != "recorded":
+        raise FitError(f'{experiment.name}: links = "fixed" needs [reference] kind = "recorded"')
+    settings = experiment.simulation
+    robot = settings.robot(experiment.robot)
+    if robot.friction.coulomb != "tanh" or min(robot.friction.smoothing) <= 0.0:
+        robot = robot.with_smoothing([SMOOTHING] * robot.n_dof)
+    values = file_values(experiment, start)
+    limbs = limbs_of(robot)
+    rollouts = _rollouts(experiment, limbs)
+    steps = _steps(robot, limbs, rollouts, values)
+    columns = columns_of(experiment, limbs, values, steps)
+    weights = [
+        np.ones(len(limbs[item.limb].joints))
+        if noise is None
+        else 1.0 / np.array(noise)[list(limbs[item.limb].joints)]
+        for item in rollouts
+    ]
+    return Problem(robot, limbs, rollouts, values, columns, threads, weights)
+
+
+def _rollouts(experiment: Experiment, limbs: Sequence[Limb]) -> list[Rollout]:
+    found = []
+    settings = experiment.simulation
+    for number, recording in enumerate(experiment.recordings):
+        if recording.q_ref is None:
+            raise FitError(f"recording '{recording.name}' has no commanded positions: [recording.reference]")
+        measured, rate = recording.measured_positions(), recording.rate_hz
+        for count, (begin, end) in enumerate(recording.windows):
+            for k, limb in enumerate(limbs):
+                joints = list(limb.joints)
+                q = np.ascontiguousarray(measured[begin:end][:, joints])
+                held = Held(np.ascontiguousarray(recording.q_ref[begin:end][:, joints]), rate)
+                loop = ServoLoop(
+                    limb.robot,
+                    held,
+                    q,
+                    step_s=settings.step_s or STEP_S,
+                    fine_step_s=_fine(settings.fine_step_s),
+                    integrator=settings.integrator,
+                )
+                left_out = min(int(LEFT_OUT_S * rate), int(LEFT_OUT_SHARE * len(q)))
+                found.append(
+                    Rollout(k, number, count, recording.role, loop, q, left_out, start_state(q, rate), rate)
+                )
+    if not any(item.role == "fit" for item in found):
+        raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
+    return found
+
+
+def _fine(given: object) -> float:
+    if given is None:
+        return FINE_STEP_S
+    return float(np.min(np.asarray(given, dtype=np.float64)))
+
+
+def start_state(q: Array, rate: float) -> tuple[Array, Array]:
+    """Return position and velocity at the first sample, (n_dof,) each, from a line through the first samples."""
+    count = min(len(q), max(FEWEST_START_SAMPLES, round(START_S * rate)))
+    t = np.arange(count) / rate
+    line = np.polynomial.polynomial.polyfit(t, q[:count], 1)
+    return np.array(line[0]), np.array(line[1])
+
+
+def _steps(robot: Robot, limbs: Sequence[Limb], rollouts: Sequence[Rollout], values: Values) -> Steps:
+    n = robot.n_dof
+    error, speed, inertia, count = (np.zeros(n) for _ in range(4))
+    for item in rollouts:
+        at = list(limbs[item.limb].joints)
+        held = item.loop.held
+        error[at] += np.sum((held.values - item.q) ** 2, axis=0)
+        speed[at] += np.sum((np.diff(item.q, axis=0) * held.rate_hz) ** 2, axis=0)
+        count[at] += len(item.q)
+        limb = limbs[item.limb]
+        m = inertia_matrix(limb.robot, item.q[:1], values.x[limb.indices])[0]
+        inertia[at] = np.maximum(inertia[at], np.diag(m))
+    kp = values.drive["kp"]
+    tiny = 1e-9
+    return Steps(
+        torque=np.maximum(kp * np.sqrt(error / count), tiny),
+        speed=np.maximum(np.sqrt(speed / count), tiny),
+        inertia=np.maximum(inertia, tiny),
+        kp=np.maximum(kp, tiny),
+    )

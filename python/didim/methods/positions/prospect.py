@@ -1,0 +1,95 @@
+"""What a log of positions can tell of drives and friction, before the fit. Tested in ``tests/test_positions.py``.
+
+The derivatives of the simulated positions at the values of the robot file give the intervals that noise, and a model error of a
+usual size, would leave; unknowns that others widen beyond measure would be held by a fit, and are reported first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...experiment.experiment import Experiment
+from ...signal.noise import encoder_step, white_noise
+from .knowledge import told_together, untold, where_of, widening
+from .problem import Problem, build
+from .search import Search, begun, normal_of
+
+MODEL_ERROR, LASTS_S = 1e-3, 0.2
+"""Error (rad or m) that friction models leave on good robots, and the time (s) that it lasts: a quadruped's hips have 2 mrad."""
+POOR = 0.5
+"""Half interval over value from which a log counts as saying little of a parameter."""
+
+
+@dataclass(frozen=True)
+class Lack:
+    """Something that a log does not tell.
+
+    Attributes
+    ----------
+    sentence, advice : str
+        What, and what to do.
+    joints : tuple of int
+        Joints concerned, from 1; empty for all.
+    """
+
+    sentence: str
+    advice: str
+    joints: tuple[int, ...]
+
+
+def prospect(experiment: Experiment) -> tuple[list[Lack], list[str]]:
+    """Return what a log cannot tell of the unknowns, and sentences on what it can.
+
+    Raises
+    ------
+    DidimError
+        One of its kinds, for an experiment that cannot be fitted.
+    """
+    problem = build(experiment, noise=None, threads=None, start=None)
+    now = begun(problem, problem.start, np.ones(len(problem.columns), dtype=bool))
+    found, said = [], []
+    held = untold(problem, now, error=MODEL_ERROR)
+    now.free[[item.column for item in held]] = False
+    for sentence, items in told_together(problem, held).items():
+        joints = {joint + 1 for item in items for joint in problem.columns[item.column].joints}
+        advice = "Command steps or a chirp (didim excite --positions), or take it out of [unknown]"
+        found.append(Lack(sentence, advice, tuple(sorted(joints))))
+    share = _shares(experiment, problem, now)
+    for kind in dict.fromkeys(column.kind for column in problem.columns):
+        at = [k for k, c in enumerate(problem.columns) if c.kind == kind and np.isfinite(share[k])]
+        if at and kind not in ("Off", "bias_rad", "delay_s", "lag_s"):  # they have no size of their own
+            said.append(f"{kind}: 95 % intervals of about {_range_text(share[at])}, before the fit")
+        poor = [k for k in at if share[k] > POOR and kind in ("Ia", "Fv", "Fc")]
+        if poor:
+            names = ", ".join(where_of(problem.robot, problem.columns[k]) for k in poor)
+            sentence = (
+                f"the log says little of {kind} of {names}: intervals of about {_range_text(share[poor])}"
+            )
+            advice = "Log faster, and command steps or a chirp up to the bandwidth of the loop (didim excite --positions)"
+            found.append(Lack(sentence, advice, tuple(problem.columns[k].joints[0] + 1 for k in poor)))
+    return found, said
+
+
+def _shares(experiment: Experiment, problem: Problem, now: Search) -> Array:
+    """Return half intervals over values, (n_columns,); NaN of unknowns that would be held."""
+    a, _ = normal_of(problem, now.errors, now.blocks)
+    use = np.flatnonzero(now.free & (np.diag(a) > 0.0))
+    f, _ = widening(a, use)
+    (recording, *_) = (item for item in experiment.recordings if item.role == "fit")
+    noise = np.maximum(white_noise(recording.q), encoder_step(recording.q) / np.sqrt(12.0))
+    lasting = MODEL_ERROR**2 * max(1.0, LASTS_S * recording.rate_hz)
+    error = np.sqrt([np.mean(noise[list(problem.columns[k].joints)] ** 2) + lasting for k in use])
+    # Where the file has zero, what would move the joint as much as its inertia or its servo does.
+    values = np.array([abs(problem.columns[k].start) or 1e3 * problem.columns[k].step for k in use])
+    share = np.full(len(problem.columns), np.nan)
+    half = 2.0 * error * f / np.sqrt(np.diag(a)[use])
+    share[use] = np.divide(half, values, out=np.full_like(half, np.nan), where=values > 0.0)
+    return share
+
+
+def _range_text(shares: Array) -> str:
+    low, high = 100.0 * float(np.min(shares)), 100.0 * float(np.max(shares))
+    return f"{low:.2g} %" if high <= 1.1 * low else f"{low:.2g} to {high:.2g} %"

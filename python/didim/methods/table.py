@@ -1,0 +1,143 @@
+"""The methods, a row each: what the command line, comparisons, studies, reports and the pages say of them.
+
+`identify`, `compare` and `study` take a method that is no row of it as "module:Class". ``tests/test_pages.py`` compares README.md,
+docs/choose.md and docs/api.md with the table, ``tests/test_plugins.py`` runs a method from outside the package.
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from typing import Any
+
+from .._tools.plugins import named
+from ..errors import FitError
+from .method import Method
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """What there is to say of a method before it runs.
+
+    Attributes
+    ----------
+    name : str
+        Name on the command line and in results.
+    title : str
+        Name in tables and reports.
+    line : str
+        Sentence of `didim methods`.
+    needs, gives : str
+        Cells of the tables of README.md and docs/choose.md.
+    place : str
+        Class of its settings, as "module:Class".
+    """
+
+    name: str
+    title: str
+    line: str
+    needs: str
+    gives: str
+    place: str
+
+
+METHODS: dict[str, Row] = {
+    row.name: row
+    for row in (
+        Row(
+            name="idim-ls",
+            title="IDIM-LS",
+            line="least squares along the measured motion: needs positions and torques alone; the one to begin with",
+            needs="positions and torques",
+            gives="parameters with standard deviations, from one linear problem, in seconds",
+            place="didim.methods.idim_ls:IDIMLS",
+        ),
+        Row(
+            name="idim-iv",
+            title="IDIM-IV",
+            line="instrumental variables: rows of the measured motion, instruments of the simulated one; needs [controller]",
+            needs="positions, torques, the reference and the controller",
+            gives="IDIM-LS without the bias of noise in the positions, and contrasts that tell a wrong filter from a wrong "
+            "controller",
+            place="didim.methods.idim_iv:IDIMIV",
+        ),
+        Row(
+            name="didim",
+            title="DIDIM",
+            line="least squares along the simulated motion, iterated: needs torques, [controller] and [reference], and no filter",
+            needs="torques, the reference and the controller",
+            gives="physically consistent parameters with standard deviations, from a few simulations, without bias by noisy or "
+            "filtered positions",
+            place="didim.methods.didim.didim:DIDIM",
+        ),
+        Row(
+            name="cloe",
+            title="CLOE",
+            line="output error of the simulated closed loop, by search: needs [controller], [reference] and a start",
+            needs="positions, the reference and the controller",
+            gives="the smallest error of the simulated positions, with standard deviations, from hundreds of simulations",
+            place="didim.methods.cloe.cloe:CLOE",
+        ),
+    )
+}
+"""The methods by name, in the order of the pages."""
+MOVED = {"ekf": "didim.contrib.ekf:EKF", "ml": "didim.contrib.maximum_likelihood:MaximumLikelihood"}
+"""Methods of 0.2.0 that are not in the table any more, and where they are."""
+VARIANTS = {
+    "nelder-mead": "Nelder-Mead",
+    "nelder-mead-literal": "literal",
+    "nelder-mead-scaled": "scaled",
+    "nelder-mead-adaptive": "adaptive",
+    "levenberg-marquardt": "Levenberg-Marquardt",
+}
+"""Titles of what follows the name of a method in a comparison, where they differ from it."""
+
+
+def method_class(name: str) -> Any:
+    """Return the settings class of a method.
+
+    Parameters
+    ----------
+    name : str
+        A name of `METHODS`, or "module:Class" for a method of one's own.
+
+    Raises
+    ------
+    FitError
+        For an unknown name, whose sentence lists those that are known, or what is no method (``test_plugins.py``).
+    """
+    made = named(name, {row.name: row.place for row in METHODS.values()}, "method", FitError, MOVED)
+    if not (inspect.isclass(made) and callable(getattr(made, "run", None))):
+        raise FitError(f"method '{name}' must be a class of settings with `name` and `run`, got {made!r}")
+    return made
+
+
+def method_of(method: object) -> Method:
+    """Return a method by its name, its class with default settings, or as it is.
+
+    Raises
+    ------
+    FitError
+        For anything else.
+    """
+    if isinstance(method, str):
+        method = method_class(method)
+    if inspect.isclass(method) and callable(getattr(method, "run", None)):
+        method = method()
+    if not (callable(getattr(method, "run", None)) and isinstance(getattr(method, "name", None), str)):
+        raise FitError(
+            f"a method is settings such as didim.DIDIM(), their class or a name such as 'didim', got {method!r}"
+        )
+    made: Method = method  # type: ignore[assignment]
+    return made
+
+
+def title_of(key: str) -> str:
+    """Return the title of a method by its name, or by its key in a comparison, such as "didim-plain"."""
+    for name in sorted(METHODS, key=len, reverse=True):
+        variant = key.removeprefix(name).removeprefix("-")
+        if key in (name, f"{name}-{variant}"):
+            return (
+                f"{METHODS[name].title}, {VARIANTS.get(variant, variant)}" if variant else METHODS[name].title
+            )
+    return key

@@ -1,0 +1,224 @@
+r"""Dahl's memory: friction that depends on the way since the last reversals, exact in displacement.
+
+The state z of a joint follows its position alone, with the sign s = +-1 of its motion and the displacement h,
+
+    dz/dq = (s - z) s / h,        z(q) = s - (s - z_0) exp(-|q - q_0| / h)        between two reversals
+
+so that a step along the log is exact whatever its length, and never stiff. What a start z_0 leaves is linear:
+``z = z|_(z_0 = 0) + z_0 exp(-path / h)`` with the length of the path since the start.
+
+A sign that is kept through rest (``hold``) is the same state with a displacement far below that of any presliding: it turns with
+the position, not with a velocity, and needs no dead zone. Friction between the shafts of coupled motors (``Fcm``) keeps its sign.
+
+The core knows no path: `memory_columns` is what memory adds to its columns. Source: Dahl (1968), with the exponent one. Tested in
+``tests/test_friction_memory.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._tools.arrays import Array
+from ..robot.robot import Robot
+
+HOLD_WIDTH = {"revolute": 1e-5, "prismatic": 1e-6}
+"""Displacement (rad, m) over which a sign that is kept through rest turns: above the rounding of filtered positions."""
+
+
+def state(q: Array, width: ArrayLike) -> Array:
+    """Compute the state of Dahl's memory along positions, from zero at the first sample.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n_samples, n_dof)
+        Joint positions (rad or m).
+    width : float or ndarray, shape (n_dof,)
+        Displacement h over which the memory fades by a factor of e (rad or m), above zero.
+
+    Returns
+    -------
+    ndarray, shape (n_samples, n_dof)
+        State between -1 and 1.
+
+    Notes
+    -----
+    ``test_friction_memory.py`` compares with steps from sample to sample, and halves the steps.
+    """
+    widths = np.broadcast_to(np.asarray(width, dtype=np.float64), q.shape[1])
+    return np.column_stack([states(q[:, joint], np.array([h]))[:, 0] for joint, h in enumerate(widths)])
+
+
+def states(q: Array, widths: Array) -> Array:
+    """Compute the states of one joint for several displacements, as `state` does.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n_samples,)
+        Positions (rad or m).
+    widths : ndarray, shape (n_widths,)
+        Displacements (rad or m).
+
+    Returns
+    -------
+    ndarray, shape (n_samples, n_widths)
+    """
+    out = np.zeros((q.size, widths.size))
+    moves = np.sign(np.diff(q))
+    moving = np.flatnonzero(moves)
+    if not moving.size:
+        return out
+    # Rest keeps the state: a stretch goes on until the next motion in the other direction.
+    turns = moving[1:][moves[moving[1:]] != moves[moving[:-1]]]
+    edges = [0, *turns.tolist(), q.size - 1]
+    signs = [moves[moving[0]], *moves[turns]]
+    z = out[0]
+    for start, stop, sign in zip(edges[:-1], edges[1:], signs, strict=True):
+        way = np.abs(q[start + 1 : stop + 1] - q[start])
+        out[start + 1 : stop + 1] = sign - (sign - z) * np.exp(-way[:, None] / widths)
+        z = out[stop]
+    return out
+
+
+def start_column(q: Array, width: ArrayLike) -> Array:
+    """Compute what a unit state at the first sample leaves along positions: ``exp(-path / h)``.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n_samples, n_dof)
+        Joint positions (rad or m).
+    width : float or ndarray, shape (n_dof,)
+        Displacement h (rad or m).
+
+    Returns
+    -------
+    ndarray, shape (n_samples, n_dof)
+    """
+    path = np.zeros_like(q)
+    np.cumsum(np.abs(np.diff(q, axis=0)), axis=0, out=path[1:])
+    return np.asarray(np.exp(-path / np.asarray(width, dtype=np.float64)))
+
+
+def direction(robot: Robot, q: Array, dq: Array) -> Array:
+    """Compute the sign that the friction of each joint has along a motion, as the model takes it.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its friction says which sign is smooth, has a dead zone, or is kept through rest.
+    q, dq : ndarray, shape (n_samples, n_dof)
+        Positions (rad or m) and velocities of consecutive samples.
+
+    Returns
+    -------
+    ndarray, shape (n_samples, n_dof)
+        Between -1 and 1.
+    """
+    sign = _instantaneous(robot, dq)
+    for joint in _held(robot):
+        sign[:, joint] = held_sign(q[:, joint], sign[0, joint], robot.joint_kinds[joint])
+    return sign
+
+
+def held_sign(q: Array, first: float, kind: str) -> Array:
+    """Compute the sign of the last motion of a joint, (n_samples,).
+
+    Parameters
+    ----------
+    q : ndarray, shape (n_samples,)
+        Positions of consecutive samples (rad or m).
+    first : float
+        Sign of the first velocity, zero in its dead zone.
+    kind : {"revolute", "prismatic"}
+        Kind of the joint.
+    """
+    column, width = q[:, None], HOLD_WIDTH[kind]
+    return np.asarray((state(column, width) + first * start_column(column, width))[:, 0])
+
+
+def sliding(robot: Robot, x: Array) -> tuple[Robot, Array]:
+    """Return a robot without memory, and its parameters, whose friction is that of joints that slide on for long: ``z = s``."""
+    terms = robot.friction.terms
+    plain = robot.with_terms([term for term in terms if term.law not in ("hold", "dahl")])
+    values = dict(zip(robot.parameter_names, x, strict=True))
+    for term in terms:
+        if term.law == "dahl":
+            for side in ("", "+", "-"):
+                name = f"Fc{term.joint + 1}{side}"
+                if name in values:
+                    values[name] += values[term.parameter]
+    return plain, np.array([values[name] for name in plain.parameter_names])
+
+
+def memory_columns(
+    robot: Robot, q: Array, dq: Array, load: Array | None = None
+) -> Iterator[tuple[str, int, Array]]:
+    """Yield what the path adds to the columns of the core, which knows each sample alone.
+
+    Parameters
+    ----------
+    robot : Robot
+        Without memory nothing is yielded.
+    q, dq : ndarray, shape (n_samples, n_dof)
+        Positions (rad or m) and velocities of consecutive samples.
+    load : ndarray, shape (n_samples, n_dof), optional
+        Torque of links and rotors, for load friction.
+
+    Yields
+    ------
+    name : str
+        Standard parameter.
+    joint : int
+        Row of its column, from 0.
+    column : ndarray, shape (n_samples,)
+        To be added to the column of the core, per unit of the parameter.
+
+    Notes
+    -----
+    ``test_friction_memory.py`` compares the torques of a robot that holds its sign, or remembers, with their formula.
+    """
+    friction = robot.friction
+    for term in friction.terms:
+        if term.law == "dahl":
+            yield term.parameter, term.joint, state(q[:, [term.joint]], term.velocity)[:, 0]
+    joints = _held(robot)
+    if not joints:
+        return
+    before, held = _instantaneous(robot, dq), direction(robot, q, dq)
+    change = held - before
+    for joint in joints:
+        if friction.model == "asymmetric":
+            for side, part in (("+", np.maximum), ("-", np.minimum)):
+                yield (
+                    f"Fc{joint + 1}{side}",
+                    joint,
+                    part(held[:, joint], 0.0) - part(before[:, joint], 0.0),
+                )
+        else:
+            yield f"Fc{joint + 1}", joint, change[:, joint]
+    for term in friction.terms:
+        joint = term.joint
+        if joint not in joints:
+            continue
+        speed = np.abs(dq[:, joint])
+        if term.law == "stribeck":
+            yield term.parameter, joint, change[:, joint] * np.exp(-np.square(speed / term.velocity))
+        elif term.law == "root":
+            yield term.parameter, joint, change[:, joint] * np.sqrt(speed)
+        elif term.law == "load" and load is not None:
+            yield term.parameter, joint, change[:, joint] * np.abs(load[:, joint])
+
+
+def _held(robot: Robot) -> list[int]:
+    """Return the joints whose sign is kept through rest."""
+    return [term.joint for term in robot.friction.terms if term.law == "hold"]
+
+
+def _instantaneous(robot: Robot, dq: Array) -> Array:
+    """Return the sign at velocities (n_samples, n_dof), smooth or with its dead zone."""
+    friction = robot.friction
+    if friction.coulomb == "tanh":
+        return np.asarray(np.tanh(dq / np.asarray(friction.smoothing)))
+    return np.asarray(np.sign(dq) * (np.abs(dq) > np.asarray(friction.dead_zone)))

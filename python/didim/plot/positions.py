@@ -1,0 +1,70 @@
+"""Positions commanded, measured and simulated with an estimate of CLOE with known links."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..experiment.experiment import Experiment
+from ..methods.positions.replay import Replay, replayed
+from ..result.identification import Identification
+from .style import FAINT, MEASURED, MODEL, line, new_figure, per_row, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+else:  # matplotlib is optional, and slow to load
+    Figure = Any
+
+PANEL_IN = 1.9
+MOST_PANELS_PER_ROW = 3
+
+
+@styled
+def positions(fit: Identification, experiment: Experiment, replays: Sequence[Replay] | None = None) -> Figure:
+    """Draw commanded, measured and simulated positions of each joint.
+
+    Parameters
+    ----------
+    fit : Identification
+        Of CLOE with known links.
+    experiment : Experiment
+        Its log, or another one with the same unknowns.
+    replays : sequence of Replay, optional
+        Rollouts that were simulated already.
+
+    Returns
+    -------
+    Figure
+        A panel per joint, rollouts one after the other; the title has the rms error (mrad or mm).
+
+    Raises
+    ------
+    PlotError
+        Without matplotlib.
+    """
+    items = replayed(fit, experiment) if replays is None else replays
+    n = experiment.robot.n_dof
+    rows, columns = per_row(n, MOST_PANELS_PER_ROW)
+    figure = new_figure(PANEL_IN * rows + 0.3)
+    panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+    starts = np.cumsum([0.0, *(item.t[-1] for item in items)])
+    for joint, axes in enumerate(panels[:n]):
+        for values, color, label in (
+            ("commanded", FAINT, "commanded"),
+            ("measured", MEASURED, "measured"),
+            ("simulated", MODEL, "simulated"),
+        ):
+            pieces = [
+                (item.t + start, getattr(item, values)[:, joint])
+                for item, start in zip(items, starts[:-1], strict=True)
+            ]
+            line(axes, pieces, color=color, label=label, linewidth=0.9)
+        error = np.concatenate([item.errors[:, joint] for item in items])
+        axes.set_title(f"{experiment.robot.joint_label(joint)}: {1e3 * np.sqrt(np.mean(error**2)):.2f}")
+    for axes in panels[n:]:
+        axes.set_visible(False)
+    panels[0].legend(loc="upper right", ncols=3)
+    panels[n - 1].set_xlabel("time (s)")
+    return figure

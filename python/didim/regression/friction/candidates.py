@@ -1,0 +1,160 @@
+"""Columns of the friction terms that a log may support, joint by joint, beside those of the plain model.
+
+Where a joint holds its sign, the columns of Coulomb, Stribeck and load friction are others; both are in the pool.
+Tested in ``tests/test_friction_choice.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..._tools.arrays import Array
+from ...model.dynamics import rigid_torque
+from ...model.memory import direction, held_sign, states
+from ...robot.friction import FrictionTerm
+from ...robot.robot import Robot
+from ...signal.processing import SignalProcessing
+from ...signal.segments import Segment
+from ..linear_system import LinearSystem
+from .velocity import decimated
+
+ATAN = tuple(np.geomspace(0.01, 2.0, 10).tolist())
+"""Velocities of atan among the candidates (rad/s)."""
+STRIBECK = (0.02, 0.05, 0.12, 0.3)
+"""Velocities of Stribeck's law among the candidates (rad/s)."""
+DAHL = (3e-4, 6e-4, 1.2e-3, 2.5e-3, 5e-3, 1e-2, 2e-2)
+"""Displacements of Dahl's memory among the candidates (rad); on real arms wider ones fit the log and predict no other."""
+PRISMATIC = 0.1
+"""Velocities and displacements of a sliding joint (m/s, m) over those of a revolute one (rad/s, rad)."""
+LEAST_DEAD_ZONES = 2.0
+"""Smallest velocity of a law over the dead zone of its joint: a slower one repairs the torque at rest."""
+LEAST_STANDSTILL = 0.01
+"""Smallest share of the samples at standstill for a torque there to be a candidate."""
+LEAST_STEPS = 10.0
+"""Steps of the encoder in the smallest displacement that it tells: quantisation by coarser ones looks like memory."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A column that a term would have, in the rows of its joint.
+
+    Attributes
+    ----------
+    term : FrictionTerm
+        Term; of law ``hold`` for the column of Coulomb friction whose sign is kept.
+    held : bool or None
+        Whether it is the column at a joint that holds its sign; None where that makes no difference.
+    column : ndarray, shape (n_rows,)
+        Rows of its joint.
+    """
+
+    term: FrictionTerm
+    held: bool | None
+    column: Array
+
+
+def pool_of(
+    plain: Robot,
+    trial: Robot,
+    beta: Array,
+    parts: Sequence[Segment],
+    signal: SignalProcessing,
+    system: LinearSystem,
+    resolved: Array | None = None,
+) -> list[Candidate]:
+    """Return the candidates.
+
+    Parameters
+    ----------
+    plain : Robot
+        Without the terms to choose.
+    trial : Robot
+        With the terms of the last round, whose parameters give the load.
+    beta : ndarray, shape (n_base,)
+        Base parameters of `trial`.
+    parts, signal
+        Motion and decimation.
+    system : LinearSystem
+        The system (7) of `plain`.
+    resolved : ndarray, shape (n_dof,), optional
+        Step of the encoder of each joint (rad or m).
+    """
+    x = trial.base_parameters.lift(beta)
+    loads = [np.abs(rigid_torque(trial, part.q, part.dq, part.ddq, x)) for part in parts]
+    now = [direction(plain, part.q, part.dq) for part in parts]
+    found: list[Candidate] = []
+    taken = {term.parameter for term in plain.friction.terms}
+    for joint, kind in enumerate(plain.joint_kinds):
+        held = [
+            held_sign(part.q[:, joint], sign[0, joint], kind)[:, None]
+            for part, sign in zip(parts, now, strict=True)
+        ]
+        step = 0.0 if resolved is None else float(resolved[joint])
+        offers, values = _offers(plain, joint, parts, [sign[:, [joint]] for sign in now], held, loads, step)
+        rows = decimated(values, parts, signal)
+        can_hold = _coulomb(plain, joint, system)
+        found += [
+            Candidate(term=term, held=at_hold, column=rows[:, k])
+            for k, (term, at_hold) in enumerate(offers)
+            if term.parameter not in taken and (can_hold or not at_hold)
+        ]
+    return found
+
+
+def _coulomb(robot: Robot, joint: int, system: LinearSystem) -> bool:
+    """Tell whether Coulomb friction of a joint is one column that is estimated, so that its sign can be kept."""
+    return robot.friction.model == "symmetric" and f"Fc{joint + 1}" in system.names
+
+
+def _offers(
+    robot: Robot,
+    joint: int,
+    parts: Sequence[Segment],
+    now: Sequence[Array],
+    held: Sequence[Array],
+    loads: Sequence[Array],
+    step: float,
+) -> tuple[list[tuple[FrictionTerm, bool | None]], list[Array]]:
+    """Return the terms of a joint, each with whether it holds, and their columns at all samples, (n_samples, k) of each part."""
+    friction = robot.friction
+    unit = 1.0 if robot.joint_kinds[joint] == "revolute" else PRISMATIC
+    zone = friction.dead_zone[joint] if friction.coulomb == "sign" else friction.smoothing[joint]
+    dq = [part.dq[:, [joint]] for part in parts]
+    offers: list[tuple[FrictionTerm, bool | None]] = []
+    columns: list[list[Array]] = []
+
+    def offer(law: str, values: Sequence[Array], held: bool | None = None, velocity: float = 0.0) -> None:
+        term = FrictionTerm(law=law, joint=joint, velocity=velocity, estimated=velocity > 0.0)  # type: ignore[arg-type]
+        offers.append((term, held))
+        columns.append(list(values))
+
+    offer("hold", held, True)
+    if friction.coulomb == "sign" and zone > 0.0:
+        rest = [(np.abs(speed) <= zone).astype(np.float64) for speed in dq]
+        if np.mean(np.concatenate(rest)) > LEAST_STANDSTILL:
+            offer("rest", rest)
+    if friction.model == "symmetric":
+        offer("forward", [np.maximum(speed, 0.0) for speed in dq])
+    offer("spring", [part.q[:, [joint]] for part in parts])
+    for at_hold, signs in ((False, now), (True, held)):
+        loaded = zip(signs, loads, strict=True)
+        offer("load", [sign * load[:, [joint]] for sign, load in loaded], at_hold)
+        for v in STRIBECK:
+            if v * unit >= LEAST_DEAD_ZONES * zone:
+                falling = [
+                    sign * np.exp(-np.square(speed / (v * unit)))
+                    for sign, speed in zip(signs, dq, strict=True)
+                ]
+                offer("stribeck", falling, at_hold, v * unit)
+    for v in ATAN:
+        if v * unit >= LEAST_DEAD_ZONES * zone:
+            offer("atan", [np.arctan(speed / (v * unit)) for speed in dq], None, v * unit)
+    widths = np.array([h * unit for h in DAHL if h * unit >= LEAST_STEPS * step])
+    if widths.size:
+        remembered = [states(part.q[:, joint], widths) for part in parts]
+        for k, width in enumerate(widths):
+            offer("dahl", [state[:, [k]] for state in remembered], None, float(width))
+    return offers, [np.hstack([column[k] for column in columns]) for k in range(len(parts))]

@@ -1,0 +1,61 @@
+"""The report of CLOE with known links: the verdict, parameters by limb and joint, errors, and the log again in simulation."""
+
+from __future__ import annotations
+
+import didim.plot as plot
+
+from .._tools.words import counted
+from ..experiment.experiment import Experiment
+from ..result.identification import Identification
+from ..result.positions.record import PositionRecord
+from ..result.positions.table import error_table, limb_tables, shared_rows
+from .fit import LEVELS, provenance_section
+from .page import Html, page, paragraph, picture, section, table, verdict
+
+
+def positions_page(fit: Identification, experiment: Experiment, record: PositionRecord) -> str:
+    """Return the report as HTML."""
+    said = fit.verdict
+    status = fit.status.value.partition(":")[0]
+    after = max(value for value in record.errors["after"] or [0.0] if value is not None)
+    tiles = [
+        (f"{1e3 * after:.2g} mrad", "largest error of a joint, rms"),
+        (f"{fit.n_iterations}", "iterations"),
+        (f"{fit.n_simulations}", "simulations of a limb"),
+    ]
+    badge = f"{said.state.value.capitalize()}. {status}"
+    sections = [
+        verdict(LEVELS[said.state], badge, said.sentence, tiles, [str(reason) for reason in said.reasons]),
+        _parameters(record),
+        section(
+            "Errors of positions",
+            _shown(error_table(record)),
+            picture(
+                plot.positions(fit, experiment), "Positions commanded, measured and simulated of each joint"
+            ),
+        ),
+        provenance_section(fit),
+    ]
+    count = counted(len(record.rows), "parameter")
+    return page(
+        f"{fit.name}: robot {fit.robot}",
+        f"Drives and friction from positions: {count}, links known",
+        sections,
+    )
+
+
+def _parameters(record: PositionRecord) -> Html:
+    shared = shared_rows(record)
+    return section(
+        "Parameters",
+        paragraph(
+            f"Values with their 95 % intervals, by leaving out {record.blocks} {record.kind}. A star marks a value at a bound; a "
+            "value in parentheses was held, for this log does not tell it."
+        ),
+        *(_shown(rows) for rows in limb_tables(record)),
+        *([_shown(shared)] if shared else []),
+    )
+
+
+def _shown(rows: list[tuple[str, ...]]) -> Html:
+    return table(list(rows[0]), [list(row) for row in rows[1:]], numbers=tuple(range(1, len(rows[0]))))

@@ -1,0 +1,1 @@
+"""Results of CLOE with known links: the record, and its tables."""

@@ -1,0 +1,1 @@
+"""Words of families of findings."""

@@ -1,0 +1,78 @@
+"""Where an MJCF keeps the drives of its joints: the elements whose attributes an export changes.
+
+Tested in ``tests/test_export_drives.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..transmission import Actuator
+from .actuators import Setting, actuator_settings, read_actuators
+from .description import UrdfJoint
+from .mjcf import walked
+from .xml_spans import Element
+
+
+@dataclass(frozen=True, eq=False)
+class DriveElements:
+    """Elements and values of the drives of an MJCF, by name of the joint.
+
+    Attributes
+    ----------
+    joints : mapping of str to UrdfJoint
+        Armature, damping and friction of each joint, with the defaults of its class.
+    elements : mapping of str to Element
+        Its element; joints of included files have none.
+    settings : mapping of str to (Element, Setting)
+        Actuator of the joint, likewise.
+    actuators : mapping of str to Actuator
+        Its gains and limit on the joint's side.
+    integrator : str
+        Integrator of ``<option>``: "Euler", "implicit", "implicitfast" or "RK4".
+    """
+
+    joints: Mapping[str, UrdfJoint]
+    elements: Mapping[str, Element]
+    settings: Mapping[str, tuple[Element, Setting]]
+    actuators: Mapping[str, Actuator]
+    integrator: str
+
+
+def drive_elements(data: bytes, path: Path) -> DriveElements:
+    """Return the drives of an MJCF.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    path : Path
+        The file; files that it includes lie beside it.
+
+    Raises
+    ------
+    RobotError
+        As for `load_robot`.
+    """
+    outermost, sections, reader = walked(data, path)
+    own: set[int] = set()
+    waiting = [outermost]
+    while waiting:
+        element = waiting.pop()
+        own.add(id(element))
+        waiting += element.children
+    settings = actuator_settings(sections, path.name)
+    actuators, _ = read_actuators(sections, reader.own_limits, reader.compiler.autolimits, path.name)
+    integrator = "Euler"
+    for section in sections:
+        if section.tag == "option":
+            integrator = section.attributes.get("integrator", integrator)
+    return DriveElements(
+        joints={joint.name: joint for joint in reader.joints.values() if joint.moves},
+        elements={name: element for name, element in reader.elements.items() if id(element) in own},
+        settings={name: found for name, found in settings.items() if id(found[0]) in own},
+        actuators=actuators,
+        integrator=integrator,
+    )

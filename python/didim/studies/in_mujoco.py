@@ -1,0 +1,303 @@
+"""A log again in MuJoCo: the robot of an MJCF with its base held follows the commands, and its positions are compared.
+
+MuJoCo holds a command over each step of h, and takes damping at its end, so that commands act h / 2 early: they are held back by
+that beside the delay of the result. Tested in ``tests/test_in_mujoco.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.inputs import check_input
+from ..errors import FitError
+from ..experiment.experiment import Experiment
+from ..export.drives import HALF, Drives, JointDrive, drives_of
+from ..log.recording import Recording
+from ..loop.servos import Held
+from ..methods.positions.problem import LEFT_OUT_S, LEFT_OUT_SHARE, start_state
+from ..result.identification import Identification
+
+MOST_STEP_S = 0.02
+"""Longest step (s) that a replay takes: servos swing within some hundredths of a second."""
+
+
+@dataclass(frozen=True, eq=False)
+class MujocoValidation:
+    """Errors of positions in MuJoCo beside those of the result.
+
+    Attributes
+    ----------
+    file : str
+        The MJCF.
+    joints : tuple of str
+        Names of the joints.
+    after, before : (n_joints,) array
+        Root mean square errors (rad or m) with that file, and with the robot file of the experiment; `before` is None where that
+        is not an MJCF.
+    own : (n_joints,) array or None
+        Errors of the result on its own log; None where it was fitted on another one.
+    step_s : float
+        Step of MuJoCo (s).
+    """
+
+    file: str
+    joints: tuple[str, ...]
+    after: Array
+    before: Array | None
+    own: Array | None
+    step_s: float
+
+    @property
+    def ratio(self) -> float | None:
+        """Error in MuJoCo over that of the result, rms over all joints; None on another log."""
+        return None if self.own is None else _rms(self.after) / _rms(self.own)
+
+    @property
+    def completed(self) -> bool:
+        """Whether MuJoCo reached the end of each rollout."""
+        return bool(np.isfinite(self.after).all())
+
+    def to_dict(self) -> dict[str, object]:
+        """Everything, as plain lists and numbers."""
+        return {
+            "file": self.file,
+            "joints": list(self.joints),
+            "after": self.after.tolist(),
+            "before": None if self.before is None else self.before.tolist(),
+            "own": None if self.own is None else self.own.tolist(),
+            "step_s": self.step_s,
+            "ratio": self.ratio,
+        }
+
+    def __str__(self) -> str:
+        columns = [("before", self.before), (self.file, self.after), ("the fit's own", self.own)]
+        shown = [(title, values) for title, values in columns if values is not None]
+        width = max(len("rms error, mrad or mm"), *(len(name) for name in self.joints))
+        lines = [f"{'rms error, mrad or mm':{width}}" + "".join(f"  {title:>13}" for title, _ in shown)]
+        for j, name in enumerate((*self.joints, "all")):
+            cells = [values[j] if j < len(self.joints) else _rms(values) for _, values in shown]
+            lines.append(
+                f"{name:{width}}"
+                + "".join(
+                    f"  {1e3 * cell:{max(13, len(title))}.2f}"
+                    for cell, (title, _) in zip(cells, shown, strict=True)
+                )
+            )
+        lines += [
+            "",
+            f"MuJoCo's steps are {1e3 * self.step_s:.4g} ms, the base is held, contacts and joint limits are off.",
+        ]
+        if self.ratio is not None:
+            lines.append(f"The error in MuJoCo is {self.ratio:.3f} times that of the fit.")
+        return "\n".join(lines)
+
+
+def validate_in_mujoco(
+    fit: Identification, experiment: Experiment, path: Path, *, step_s: float | None = None
+) -> MujocoValidation:
+    """Replay the recordings of an experiment in MuJoCo, with an exported file and with the robot file.
+
+    Parameters
+    ----------
+    fit : Identification
+        A result on positions: its delay, lag and offsets act on the commands, its gains where the file has no position actuator.
+    experiment : Experiment
+        Recordings with commands.
+    path : Path
+        The MJCF to try.
+    step_s : float, optional
+        Step of MuJoCo; that of the file by default. A whole number of steps makes a sample.
+
+    Raises
+    ------
+    FitError
+        Without the package mujoco, for a file that it cannot load, and for a joint or commands that are missing.
+    """
+    drives = drives_of(fit, fit.name)
+    used = [item for item in experiment.recordings if item.q_ref is not None and item.has_positions]
+    if not used:
+        raise FitError(f"{experiment.name}: no recording has commanded and measured positions")
+    after, step = _errors(path, used, drives, step_s)
+    robot = experiment.robot.path
+    before = None
+    if robot.suffix.lower() == ".xml" and robot.is_file():
+        plain = tuple(_plain(drive) for drive in drives.joints)
+        before, _ = _errors(robot, used, Drives(plain), step)
+    record = fit.settings.get("positions", {}).get("errors", {})
+    same = {name: digest for item in used for name, digest in item.digests.items()}
+    known = all(fit.digests.get(f"data {name}") == digest for name, digest in same.items())
+    own = np.array(record["after"]) if known and record.get("after") else None
+    return MujocoValidation(
+        path.name, tuple(drive.joint for drive in drives.joints), after, before, own, step
+    )
+
+
+def _plain(drive: JointDrive) -> JointDrive:
+    """Return a drive as it was taken to be before: its gains, without delay and offset."""
+    return JointDrive(
+        joint=drive.joint,
+        kind=drive.kind,
+        rotor=0.0,
+        viscous=0.0,
+        coulomb=0.0,
+        kp=drive.kp,
+        kv=drive.kv,
+        effort=drive.effort,
+    )
+
+
+def _errors(
+    path: Path, recordings: Sequence[Recording], drives: Drives, step_s: float | None
+) -> tuple[Array, float]:
+    """Root mean square error of each joint over all rollouts, and the step."""
+    model = load_model(path)
+    wanted = float(model.opt.timestep) if step_s is None else step_s
+    squares, count = np.zeros(len(drives.joints)), 0
+    for recording in recordings:
+        steps = max(1, math.ceil(1.0 / (recording.rate_hz * min(wanted, MOST_STEP_S)) - 1e-6))
+        model.opt.timestep = 1.0 / (recording.rate_hz * steps)
+        measured, commands = recording.measured_positions(), recording.q_ref
+        assert commands is not None
+        for begin, end in recording.windows:
+            q = measured[begin:end]
+            found = replayed(model, path.name, drives, commands[begin:end], q, recording.rate_hz, steps)
+            first = min(int(LEFT_OUT_S * recording.rate_hz), int(LEFT_OUT_SHARE * len(q)))
+            squares += np.sum((found - q)[first:] ** 2, axis=0)
+            count += len(q) - first
+    return np.sqrt(squares / count), float(model.opt.timestep)
+
+
+def replayed(
+    model: Any, name: str, drives: Drives, commands: Array, measured: Array, rate_hz: float, steps: int
+) -> Array:
+    """Return what the encoders show in MuJoCo, (n_samples, n_joints), at the samples of the log.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        The robot.
+    name : str
+        Its file in messages.
+    drives : Drives
+        Delay, offset and, where the model has no position actuator, gains of each joint.
+    commands, measured : (n_samples, n_joints) array
+        Positions (rad or m) that were commanded, held between samples, and measured, of which the first are the start.
+    rate_hz : float
+        Samples per second.
+    steps : int
+        Steps a sample.
+    """
+    import mujoco
+
+    h = float(model.opt.timestep)
+    places, speeds, servo = _places(model, drives, name)
+    edges = np.arange((len(measured) - 1) * steps + 1, dtype=np.float64) * h
+    delay = np.array([drive.delay_s for drive in drives.joints]) + HALF * h
+    target = Held(commands, rate_hz).means(edges, delay, np.array([drive.lag_s for drive in drives.joints]))
+    target = target - np.array([drive.shift for drive in drives.joints])
+    bias = np.array([drive.bias_rad for drive in drives.joints])
+    kp, kv = (np.array([getattr(drive, key) or 0.0 for drive in drives.joints]) for key in ("kp", "kv"))
+    limit = np.array([np.inf if drive.effort is None else drive.effort for drive in drives.joints])
+    own = np.array([actuator is None for actuator in servo])
+    data = mujoco.MjData(model)
+    q0, dq0 = start_state(measured, rate_hz)
+    data.qpos[places], data.qvel[speeds] = q0 - bias, dq0
+    found = np.empty_like(measured)
+    found[0] = q0
+    controls = [(actuator, j) for j, actuator in enumerate(servo) if actuator is not None]
+    columns, joints = ([pair[k] for pair in controls] for k in (0, 1))
+    for k in range(len(target)):
+        if controls:
+            data.ctrl[columns] = target[k, joints]
+        if own.any():
+            tau = np.clip(kp * (target[k] - data.qpos[places]) - kv * data.qvel[speeds], -limit, limit)
+            data.qfrc_applied[speeds] = np.where(own, tau, 0.0)
+        mujoco.mj_step(model, data)
+        if (k + 1) % steps == 0:
+            found[(k + 1) // steps] = data.qpos[places] + bias
+    return found
+
+
+def _places(model: Any, drives: Drives, name: str) -> tuple[list[int], list[int], list[int | None]]:
+    """Places of positions and velocities of the joints, and their position actuators; the controls of others are left at zero."""
+    import mujoco
+
+    places, speeds, servo = [], [], []
+    for drive in drives.joints:
+        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, drive.joint)
+        if joint < 0:
+            raise FitError(f"{name}: there is no joint {drive.joint!r}")
+        places.append(int(model.jnt_qposadr[joint]))
+        speeds.append(int(model.jnt_dofadr[joint]))
+        mine = [
+            k
+            for k in range(model.nu)
+            if model.actuator_trnid[k, 0] == joint
+            and model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_JOINT
+            and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+            and model.actuator_gainprm[k, 0] == -model.actuator_biasprm[k, 1]
+        ]
+        if not mine and drive.kp is None:
+            raise FitError(
+                f"{name}: joint {drive.joint!r} has no position actuator, and the result has no gains"
+            )
+        servo.append(mine[0] if mine else None)
+    return places, speeds, servo
+
+
+def load_model(path: Path) -> Any:
+    """Load an MJCF with its base held, without contacts and joint limits; meshes whose files are absent are left out.
+
+    Raises
+    ------
+    FitError
+        Without the package mujoco, or for a file that it cannot load.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise FitError(
+            "a validation in MuJoCo needs the package mujoco: pip install 'didim[mujoco]'"
+        ) from None
+    check_input(path, FitError)
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        for item in [
+            *spec.keys,
+            *(joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE),
+        ]:
+            _delete(spec, item)
+        try:
+            model = spec.compile()
+        except ValueError:
+            for item in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH] + list(
+                spec.meshes
+            ):
+                _delete(spec, item)
+            model = spec.compile()
+    except ValueError as reason:
+        raise FitError(
+            f"{path.name}: MuJoCo cannot load it ({' '.join(str(reason).split())[:120]})"
+        ) from None
+    off = mujoco.mjtDisableBit
+    model.opt.disableflags |= int(off.mjDSBL_CONTACT) | int(off.mjDSBL_LIMIT)
+    return model
+
+
+def _delete(spec: Any, item: Any) -> None:
+    """Delete an element, as versions of MuJoCo before and after 3.3.3 do it."""
+    if hasattr(spec, "delete"):
+        spec.delete(item)
+    else:
+        item.delete()
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,235 @@
+"""Shapes and motions on a page of viser, whose files come with that package. Tested in ``tests/test_view.py``."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .._tools.arrays import Array
+from ..errors import PlotError
+from ..model.kinematics import frames
+from ..robot.robot import Robot
+from .playback import Playback
+from .shapes import Shape, reach
+
+FRAME_S = 1.0 / 30.0
+"""Time between two drawn poses (s): a film's rate, which a local page follows without falling behind."""
+GHOST_OPACITY = 0.3
+"""Opacity of the second motion, so that the first one shows through it."""
+HIDDEN_AT_FIRST = ("capsules", "prior", "prior: centres of mass")
+"""Layers that begin hidden beside an estimate, since they would cover it; the first one always does."""
+FULL_COLOUR_SHARE = 0.1
+"""Residual, as a share of the largest torque, that is drawn in full colour."""
+
+
+class Page:
+    """A robot in a browser, with its motions.
+
+    Parameters
+    ----------
+    robot : Robot
+        Gives the frames.
+    shapes : sequence of Shape
+        What is drawn on its links.
+    playbacks : sequence of Playback
+        The first moves the robot, the second a ghost beside it.
+    host, port : str, int
+        Where the page is served.
+
+    Raises
+    ------
+    PlotError
+        Without viser, or where the port is taken.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        shapes: Sequence[Shape],
+        playbacks: Sequence[Playback],
+        host: str = "127.0.0.1",
+        port: int = 8080,
+    ) -> None:
+        self.robot, self.playbacks = robot, tuple(playbacks[:2])
+        self._server = _server(host, port, robot.name)
+        self._nodes: list[list[Any]] = []
+        self._layers: dict[str, list[Any]] = {}
+        self._coloured: dict[int, list[Any]] = {}
+        gravity = np.array(robot.geometry.gravity)
+        size = reach(robot)
+        scene = self._server.scene
+        scene.set_up_direction(tuple(_up(gravity)))
+        scene.add_grid(
+            "/floor", width=4.0 * size, height=4.0 * size, cell_size=0.1 * size, section_size=0.5 * size
+        )
+        if np.any(gravity):
+            start = np.array([-0.6 * size, -0.6 * size, 0.0]) - 0.4 * size * gravity / np.linalg.norm(gravity)
+            ends = np.stack([start, start + 0.35 * size * gravity / np.linalg.norm(gravity)])
+            arrow = scene.add_arrows(
+                "/gravity",
+                ends[None],
+                (213, 94, 0),
+                shaft_radius=0.008 * size,
+                head_radius=0.02 * size,
+                head_length=0.05 * size,
+            )
+            self._layers["gravity"] = [arrow]
+        self._add_robot("", shapes, ghost=False)
+        if len(self.playbacks) > 1:
+            self._add_robot(
+                "/ghost", [shape for shape in shapes if shape.layer in ("skeleton", "visuals")], ghost=True
+            )
+        self._controls()
+        self.show(0.0)
+        origins = frames(robot, np.zeros((1, robot.n_dof)))[0, :, :3, 3]
+        middle = 0.5 * (origins.min(axis=0) + origins.max(axis=0))
+        self._server.initial_camera.position = tuple(middle + np.array([0.9, -1.1, 0.7]) * size)
+        self._server.initial_camera.look_at = tuple(middle)
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://{self._server.get_host()}:{self._server.get_port()}"
+
+    @property
+    def duration(self) -> float:
+        """Time that the motions last (s); zero without one."""
+        return max((float(item.t[-1] - item.t[0]) for item in self.playbacks), default=0.0)
+
+    def show(self, seconds: float) -> None:
+        """Draw the robot, its ghost and its residual at a time after the start of the motions (s)."""
+        poses = [item.at(item.t[0] + seconds) for item in self.playbacks] or [np.zeros(self.robot.n_dof)]
+        with self._server.atomic():
+            for nodes, q in zip(self._nodes, poses, strict=False):
+                for node, matrix in zip(nodes, frames(self.robot, q[None])[0], strict=True):
+                    node.position, node.wxyz = _place(matrix)
+            shares = (
+                self.playbacks[0].residual_at(self.playbacks[0].t[0] + seconds) if self.playbacks else None
+            )
+            if shares is not None:
+                for link, handles in self._coloured.items():
+                    for handle in handles:
+                        handle.color = _heat(float(abs(shares[link - 1])))
+
+    def play(self) -> None:
+        """Serve the page until Ctrl-C, and move the robot while "play" is checked."""
+        try:
+            last = time.monotonic()
+            while True:
+                time.sleep(FRAME_S)
+                now = time.monotonic()
+                if self.duration > 0.0 and self._playing.value:
+                    moved = self._slider.value + (now - last) * float(self._speed.value)
+                    self._slider.value = moved % self.duration
+                last = now
+        except KeyboardInterrupt:
+            self.close()
+
+    def close(self) -> None:
+        """End the server."""
+        self._server.stop()
+
+    def _add_robot(self, root: str, shapes: Sequence[Shape], *, ghost: bool) -> None:
+        scene = self._server.scene
+        nodes = [
+            scene.add_frame(f"{root}/link_{link}", show_axes=False) for link in range(self.robot.n_dof + 1)
+        ]
+        self._nodes.append(nodes)
+        for number, shape in enumerate(shapes):
+            handle = self._add(
+                f"{root}/link_{shape.link}/{number}", shape, GHOST_OPACITY if ghost else shape.opacity
+            )
+            if handle is None:
+                continue
+            self._layers.setdefault("simulated" if ghost else shape.layer, []).append(handle)
+            if not ghost and shape.layer == "skeleton" and shape.kind in ("sphere", "box") and shape.link > 0:
+                self._coloured.setdefault(shape.link, []).append(handle)
+
+    def _add(self, name: str, shape: Shape, opacity: float) -> Any:
+        scene = self._server.scene
+        position, wxyz = _place(shape.pose)
+        at: dict[str, Any] = {"position": position, "wxyz": wxyz}
+        look: dict[str, Any] = {**at, "color": shape.colour, "opacity": None if opacity >= 1.0 else opacity}
+        if shape.kind == "cylinder":
+            return scene.add_cylinder(name, radius=shape.size[0], height=shape.size[1], **look)
+        if shape.kind == "sphere":
+            return scene.add_icosphere(name, radius=shape.size[0], **look)
+        if shape.kind == "ellipsoid":
+            return scene.add_icosphere(name, radius=1.0, scale=shape.size, **look)
+        if shape.kind == "box":
+            return scene.add_box(name, dimensions=shape.size, **look)
+        return self._add_mesh(name, shape, look)
+
+    def _add_mesh(self, name: str, shape: Shape, look: dict[str, Any]) -> Any:
+        import trimesh
+
+        try:
+            mesh: Any = trimesh.load(shape.file, force="mesh")
+        except (
+            Exception
+        ) as reason:  # whatever a reader of meshes raises, the rest of the robot is worth seeing
+            self._server.gui.add_markdown(f"Mesh {shape.file} cannot be read: {reason}")
+            return None
+        vertices = np.asarray(mesh.vertices) * np.array(shape.size)
+        return self._server.scene.add_mesh_simple(
+            name, vertices, np.asarray(mesh.faces), **{**look, "color": (188, 194, 203)}
+        )
+
+    def _controls(self) -> None:
+        gui = self._server.gui
+        if self.duration > 0.0:
+            self._playing = gui.add_checkbox("play", initial_value=False)
+            self._slider = gui.add_slider("time, s", 0.0, self.duration, min(0.01, self.duration), 0.0)
+            self._speed = gui.add_dropdown("speed", ("0.25", "0.5", "1", "2"), initial_value="1")
+            self._slider.on_update(lambda _: self.show(float(self._slider.value)))
+        hidden = HIDDEN_AT_FIRST if "estimate" in self._layers else HIDDEN_AT_FIRST[:1]
+        for layer, handles in self._layers.items():
+            shown = gui.add_checkbox(layer, initial_value=layer not in hidden)
+            _show_all(handles, visible=shown.value)
+            shown.on_update(lambda event, handles=handles: _show_all(handles, visible=event.target.value))
+
+
+def _show_all(handles: Sequence[Any], *, visible: bool) -> None:
+    for handle in handles:
+        handle.visible = visible
+
+
+def _place(matrix: Array) -> tuple[Array, Array]:
+    """Return position and quaternion (w first) of a homogeneous matrix."""
+    return matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]).as_quat()[[3, 0, 1, 2]]
+
+
+def _up(gravity: Array) -> Array:
+    """Return the direction that a picture has upwards: against gravity, z without it."""
+    size = float(np.linalg.norm(gravity))
+    return np.array([0.0, 0.0, 1.0]) if size == 0.0 else -gravity / size
+
+
+def _heat(share: float) -> tuple[int, int, int]:
+    """Return grey for no residual, orange from `FULL_COLOUR_SHARE` of the largest torque on."""
+    part = min(share / FULL_COLOUR_SHARE, 1.0)
+    grey, full = np.array([70.0, 78.0, 90.0]), np.array([213.0, 94.0, 0.0])
+    red, green, blue = (grey + part * (full - grey)).round().astype(int).tolist()
+    return red, green, blue
+
+
+def _server(host: str, port: int, label: str) -> Any:
+    try:
+        import viser
+    except ImportError:
+        raise PlotError("didim view needs viser: pip install 'didim[view]'") from None
+    try:
+        with contextlib.redirect_stdout(
+            io.StringIO()
+        ):  # its banner, which would stand in the middle of a result
+            return viser.ViserServer(host=host, port=port, label=label, verbose=False)
+    except OSError as reason:
+        raise PlotError(
+            f"port {port} cannot be used: {reason.strerror or reason}; --port names another"
+        ) from None

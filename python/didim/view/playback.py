@@ -1,0 +1,135 @@
+"""Motions to play: of a log, of the simulated closed loop beside it, of a designed motion. Tested in ``tests/test_view.py``."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.inputs import read_small_file
+from ..errors import DidimError, ExcitationError
+from ..experiment.experiment import Experiment
+from ..log.recording import Recording
+from ..model.dynamics import inverse_dynamics
+from ..robot.robot import Robot
+from ..signal.segments import motion_of
+from ..studies.run import simulate_experiment, standard_parameters
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Playback:
+    """A motion of the robot over time.
+
+    Attributes
+    ----------
+    label : str
+        Where the motion comes from.
+    t : (n_samples,) array
+        Times (s), increasing.
+    q : (n_samples, n_dof) array
+        Positions (rad or m), joint side.
+    residual : (n_samples, n_dof) array or None
+        Measured less modelled torque as a share of the joint's largest measured torque.
+    """
+
+    label: str
+    t: Array
+    q: Array
+    residual: Array | None = None
+
+    def at(self, time: float) -> Array:
+        """Return the positions at a time (s), (n_dof,), held beyond both ends."""
+        return np.array([np.interp(time, self.t, column) for column in self.q.T])
+
+    def residual_at(self, time: float) -> Array | None:
+        """Return the shares of the residual at a time (s), (n_dof,)."""
+        if self.residual is None:
+            return None
+        return np.array([np.interp(time, self.t, column) for column in self.residual.T])
+
+
+def of_log(experiment: Experiment, parameters: str | None) -> tuple[list[Playback], list[str]]:
+    """Return the first recording of an experiment and, with parameters, its simulation.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Gives robot, log and closed loop.
+    parameters : str or None
+        File of a result or of parameters, or name of a parameter set.
+
+    Returns
+    -------
+    playbacks : list of Playback
+        "measured" with the residual of the torques, and "simulated" where the experiment has a closed loop.
+    notes : list of str
+        Why something is not shown.
+    """
+    found: list[Playback] = []
+    notes: list[str] = []
+    for recording in experiment.recordings[:1]:
+        if recording.has_positions:
+            residual = None if parameters is None else _residual(experiment, recording, parameters)
+            found.append(Playback(label="measured", t=recording.t, q=recording.q, residual=residual))
+        else:
+            notes.append(f"recording '{recording.name}' has no positions, so there is no measured motion")
+    if parameters is None:
+        return found, notes
+    if experiment.reference is None or experiment.controller is None:
+        return found, [*notes, "no simulated motion: the experiment has no [reference] or no [controller]"]
+    try:
+        report = simulate_experiment(experiment, parameters)
+    except DidimError as reason:
+        return found, [*notes, f"no simulated motion: {reason}"]
+    if report.outcome.completed:
+        found.append(Playback(label="simulated", t=report.loop.t, q=report.arrays[0]))
+    else:
+        notes.append(f"no simulated motion: {report.outcome}")
+    return found, notes
+
+
+def _residual(experiment: Experiment, recording: Recording, parameters: str) -> Array | None:
+    """Return measured less modelled torque along the filtered motion, as a share of each joint's largest torque."""
+    if recording.tau is None:
+        return None
+    robot = experiment.robot
+    x = standard_parameters(robot, parameters)
+    q, dq, ddq = motion_of(recording, (0, len(recording.t)), experiment.signal)
+    error = recording.tau - inverse_dynamics(robot, q, dq, ddq, x)
+    return np.asarray(error / np.maximum(np.abs(recording.tau).max(axis=0), np.finfo(float).tiny))
+
+
+def of_file(path: Path, robot: Robot) -> Playback:
+    """Read a motion from a CSV file with columns ``t`` and ``q1`` to ``qn``, as `didim excite` and `didim simulate` write it.
+
+    Raises
+    ------
+    ExcitationError
+        Where a column or a number is missing, or times do not increase.
+    """
+    text = read_small_file(path, ExcitationError).decode("utf-8", "replace")
+    names = [name.strip() for name in text.partition("\n")[0].split(",")]
+    needed = ["t", *(f"q{joint + 1}" for joint in range(robot.n_dof))]
+    missing = [name for name in needed if name not in names]
+    if missing:
+        raise ExcitationError(
+            f"{path.name}: no column {missing[0]!r}; a motion has the columns t, q1 to q{robot.n_dof}"
+        )
+    try:
+        rows = np.loadtxt(
+            io.StringIO(text),
+            delimiter=",",
+            skiprows=1,
+            ndmin=2,
+            usecols=[names.index(name) for name in needed],
+        )
+    except ValueError as reason:
+        raise ExcitationError(f"{path.name}: {reason}") from None
+    if len(rows) < 2 or not np.isfinite(rows).all() or not (np.diff(rows[:, 0]) > 0.0).all():
+        raise ExcitationError(
+            f"{path.name}: a motion needs two samples or more, finite and with increasing times"
+        )
+    return Playback(label=path.name, t=rows[:, 0], q=rows[:, 1:])

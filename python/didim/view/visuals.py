@@ -1,0 +1,146 @@
+"""Meshes and solids that a URDF shows for its links, at their places on the links of a robot.
+
+Tested in ``tests/test_view.py``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from .._tools.arrays import Array
+from .._tools.inputs import read_small_file
+from ..errors import RobotError
+from ..model.kinematics import frames
+from ..robot.rigid_body import inverse, pose, rotation_of, turn
+from ..robot.robot import Robot
+from ..robot.urdf.description import Description, read_description
+from ..robot.urdf.xml_spans import Element, parse_xml
+from .shapes import LINK, Colour, Shape
+
+BODY: Colour = (188, 194, 203)
+ENDINGS = (".stl", ".obj", ".ply", ".glb", ".gltf", ".dae")
+"""Endings of mesh files that trimesh reads; COLLADA needs pycollada beside it."""
+
+
+def visuals(robot: Robot, path: Path, folders: tuple[Path, ...] = ()) -> tuple[list[Shape], list[str]]:
+    """Return what the URDF shows for each link of the robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        With the correspondence to the URDF that it was read from.
+    path : Path
+        The URDF.
+    folders : tuple of Path
+        Where packages and meshes are, beside the URDF's folder and those above it.
+
+    Returns
+    -------
+    shapes : list of Shape
+        Meshes, boxes, cylinders and spheres of the layer "visuals".
+    missing : list of str
+        A sentence for each mesh that was not found.
+    """
+    places = robot.correspondence
+    if places is None:
+        raise RobotError(f"{path.name}: {robot.name} was not read from a URDF, so its links have no meshes")
+    data = read_small_file(path, RobotError)
+    description = read_description(data, path.name)
+    at_zero = _at_zero(description, dict(places.lock))
+    frame_0 = at_zero[places.base] @ np.array([*places.frame_0, (0.0, 0.0, 0.0, 1.0)])
+    own = frames(robot, np.zeros((1, robot.n_dof)))[0]
+    carrier = {
+        name: joint + 1
+        for joint, place in enumerate(places.links)
+        for name in (place.link, *place.lumped, *place.locked)
+    }
+    shapes: list[Shape] = []
+    missing: list[str] = []
+    for link in parse_xml(data, path.name).children:
+        name = link.attributes.get("name", "")
+        if link.tag != "link" or name not in at_zero:
+            continue
+        number = carrier.get(name, 0)
+        seen = inverse(frame_0 @ own[number]) @ at_zero[name]
+        for visual in (child for child in link.children if child.tag == "visual"):
+            shape = _shape(visual, number, seen, path, folders, missing)
+            if shape is not None:
+                shapes.append(shape)
+    return shapes, missing
+
+
+def _at_zero(description: Description, lock: dict[str, float]) -> dict[str, Array]:
+    """Return the frame of each link in the root with all joints at zero, locked ones at their positions."""
+    found = {description.root: np.eye(4)}
+    for name in description.order:
+        for joint in description.outgoing.get(name, ()):
+            value = lock.get(joint.name, 0.0)
+            step = np.eye(4)
+            if joint.kind == "prismatic":
+                step = pose(np.eye(3), value * joint.axis)
+            elif joint.kind in ("revolute", "continuous"):
+                step = pose(turn(joint.axis, value))
+            found[joint.child] = found[name] @ joint.origin @ step
+    return found
+
+
+def _shape(
+    visual: Element, link: int, seen: Array, path: Path, folders: tuple[Path, ...], missing: list[str]
+) -> Shape | None:
+    """Return one visual in the frame of the robot's link; None for a mesh that is not there."""
+    origin = next((child.attributes for child in visual.children if child.tag == "origin"), {})
+    place = seen @ pose(
+        rotation_of(_numbers(origin.get("rpy", "0 0 0"))), _numbers(origin.get("xyz", "0 0 0"))
+    )
+    geometry = next((child for child in visual.children if child.tag == "geometry"), None)
+    solid = geometry.children[0] if geometry is not None and geometry.children else None
+    if solid is None:
+        return None
+    given = solid.attributes
+    if solid.tag == "box":
+        return Shape(
+            layer="visuals",
+            link=link,
+            kind="box",
+            pose=place,
+            size=tuple(_numbers(given["size"])),
+            colour=BODY,
+        )
+    if solid.tag == "cylinder":
+        size = (float(given["radius"]), float(given["length"]))
+        return Shape(layer="visuals", link=link, kind="cylinder", pose=place, size=size, colour=BODY)
+    if solid.tag == "sphere":
+        return Shape(
+            layer="visuals", link=link, kind="sphere", pose=place, size=(float(given["radius"]),), colour=BODY
+        )
+    if solid.tag != "mesh":
+        return None
+    name = given.get("filename", "")
+    file = find_mesh(name, path, folders)
+    if file is None:
+        missing.append(
+            f"{path.name}: the mesh {name} was not found; --meshes names the folder of its package"
+        )
+        return None
+    scale = tuple(_numbers(given.get("scale", "1 1 1")))
+    return Shape(layer="visuals", link=link, kind="mesh", pose=place, size=scale, colour=LINK, file=file)
+
+
+def find_mesh(name: str, path: Path, folders: tuple[Path, ...] = ()) -> Path | None:
+    """Return the file of a mesh: `package://NAME/...` in a folder NAME above the URDF or in `folders`, other names beside it."""
+    if not name.lower().endswith(ENDINGS):
+        return None
+    tail = name.split("://", 1)[-1]
+    above = [*folders, path.resolve().parent, *path.resolve().parents]
+    if name.startswith("package://"):
+        # With or without the name of the package: people unpack one inside a folder of another name.
+        candidates = [folder / part for folder in above for part in (tail, tail.partition("/")[2])]
+    else:
+        candidates = [Path(tail), *(folder / tail for folder in above[: len(folders) + 1])]
+    return next((file for file in candidates if file.is_file()), None)
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(word) for word in text.split()]

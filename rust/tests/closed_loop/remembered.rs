@@ -1,0 +1,108 @@
+//! Friction that remembers, in the closed loop: its torque, its steps, its lanes, and derivatives that refuse it.
+
+use crate::common::loops::{distance, parameters, pd, reference, robot, run, schedule, whole};
+use didim::closed_loop::observers::Trajectory;
+use didim::closed_loop::schedule::{Plan, Schedule};
+use didim::closed_loop::simulation::{Candidate, Integrator, Outcome, Simulation, SimulationError};
+use didim::ground::cancel::Cancel;
+use didim::model::inverse::inverse_dynamics;
+use didim::robot::Robot;
+use didim::robot::friction_terms::{Law, Term};
+use didim::tangent::closed_loop::sensitivities;
+
+const WIDTHS: [f64; 2] = [0.02, 0.005];
+
+/// Joints 1 and 3 remember.
+fn remembering() -> Robot {
+    let plain = robot(0.1);
+    let term = |joint: usize, width| Term { joint, law: Law::Dahl { width }, name: "Fz".to_owned() };
+    let mut friction = plain.friction().clone();
+    friction.terms = vec![term(0, WIDTHS[0]), term(2, WIDTHS[1])];
+    let coupling = [vec![1.0, 0.0, 0.0], vec![1.0, 1.0, 0.0], vec![0.0, 0.0, 1.0]];
+    Robot::new(plain.joints().to_vec(), plain.gravity(), &coupling, friction).unwrap()
+}
+
+fn standard(robot: &Robot, amounts: [f64; 2]) -> Vec<f64> {
+    let mut x = parameters(robot, 1.0);
+    let count = x.len();
+    x[count - 2..].copy_from_slice(&amounts);
+    x
+}
+
+/// A run of a second, recorded at every step.
+fn recorded(robot: &Robot, xs: &[Vec<f64>], rate: f64, integrator: Integrator) -> Vec<Trajectory> {
+    let (reference, controller) = (reference(), pd(300.0, 30.0));
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a few thousand
+    let records = rate as usize + 1;
+    let plan = Plan {
+        rate,
+        records,
+        period: None,
+        coarse: 1.0 / rate,
+        fine: &[1.0 / rate; 3],
+        slow: &[0.0; 3],
+        motion: None,
+    };
+    let schedule = Schedule::new(robot, &reference, plan).unwrap();
+    let simulation = Simulation { integrator, ..whole(robot, &reference, &controller, &schedule) };
+    let (outcomes, found) = run(simulation, xs, 1);
+    assert!(outcomes.iter().all(|outcome| *outcome == Outcome::Completed));
+    found
+}
+
+#[test]
+fn torques_have_the_states_of_the_path() {
+    let robot = remembering();
+    let (amounts, x) = ([3.0, 2.0], standard(&remembering(), [3.0, 2.0]));
+    for (integrator, tolerance) in [(Integrator::RungeKutta, 1e-4), (Integrator::Additive, 1e-4)] {
+        let found = &recorded(&robot, std::slice::from_ref(&x), 4000.0, integrator)[0];
+        let mut tau = vec![0.0; found.q.len()];
+        inverse_dynamics(&robot, &found.q, &found.dq, &found.ddq, &x, &mut tau).unwrap();
+        let (mut z, mut reversals) = ([0.0_f64; 2], 0);
+        for k in 0..found.q.len() / 3 {
+            for (m, j) in [(0, 0), (1, 2)] {
+                let way = if k == 0 { 0.0 } else { found.q[3 * k + j] - found.q[3 * k - 3 + j] };
+                let s = 1.0_f64.copysign(way);
+                reversals += usize::from(way != 0.0 && s * z[m] < -0.5);
+                z[m] = s - (s - z[m]) * (-way.abs() / WIDTHS[m]).exp();
+                let error = found.tau[3 * k + j] - tau[3 * k + j] - amounts[m] * z[m];
+                assert!(error.abs() < tolerance, "{integrator:?} {k} {j}: {error}");
+            }
+        }
+        assert!(reversals >= 2, "{reversals}");
+    }
+}
+
+#[test]
+fn long_steps_are_as_right_as_without() {
+    let robot = remembering();
+    let x = standard(&robot, [3.0, 2.0]);
+    let fine = &recorded(&robot, std::slice::from_ref(&x), 16000.0, Integrator::RungeKutta)[0];
+    let coarse = &recorded(&robot, &[x], 500.0, Integrator::RungeKutta)[0];
+    let same: Vec<f64> = fine.q.chunks_exact(3).step_by(32).flatten().copied().collect();
+    assert!(distance(&coarse.q, &same) < 2e-6, "{}", distance(&coarse.q, &same));
+}
+
+#[test]
+fn a_candidate_has_the_same_bits_alone_and_in_lanes() {
+    let robot = remembering();
+    let xs: Vec<Vec<f64>> =
+        (0..5).map(|k| standard(&robot, [f64::from(k), 2.0 - 0.3 * f64::from(k)])).collect();
+    let together = recorded(&robot, &xs, 500.0, Integrator::RungeKutta);
+    for (x, found) in xs.iter().zip(&together) {
+        let alone = &recorded(&robot, std::slice::from_ref(x), 500.0, Integrator::RungeKutta)[0];
+        assert_eq!(alone.q, found.q);
+    }
+}
+
+#[test]
+fn exact_derivatives_are_refused() {
+    let robot = remembering();
+    let x = standard(&robot, [1.0, 1.0]);
+    let (reference, controller) = (reference(), pd(300.0, 30.0));
+    let schedule = schedule(&robot, &reference, 1e-3);
+    let simulation = whole(&robot, &reference, &controller, &schedule);
+    let candidate = Candidate { x: &x, scale: &[1.0; 3] };
+    let refused = sensitivities(simulation, candidate, &[], 1, &Cancel::never());
+    assert_eq!(refused.unwrap_err(), SimulationError::Derivatives);
+}

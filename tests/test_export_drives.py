@@ -1,0 +1,335 @@
+"""Drives into simulators: a user's MJCF changes in the attributes named alone, and MuJoCo at its own step moves like the result."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import didim
+from didim.cli.main import main
+from didim.errors import FitError
+from didim.export.configuration import bam, isaac_lab, mjlab
+from didim.export.drives import Drives, JointDrive, drives_of, for_step
+from didim.export.mjcf_edit import edit_mjcf
+from didim.result.identification import Identification
+from didim.result.status import Status
+
+mujoco = pytest.importorskip("mujoco", reason="needs mujoco, the group 'test'")
+
+ARM = """<?xml version="1.0"?>
+<!-- An arm of two joints: comments and white space stay. -->
+<mujoco model="two">
+  <option timestep="0.002" integrator="implicitfast" gravity="0 0 -9.81"/>
+  <default>
+    <joint damping="0.3"   armature='0.01' frictionloss="0.05"/>
+    <position kp="20" kv="0.5"/>
+  </default>
+  <worldbody>
+    <body name="upper"><joint name="pan"
+          axis="0 0 1"/><inertial pos="0.1 0 0" mass="0.5" diaginertia="0.001 0.002 0.002"/>
+      <body name="lower" pos="0.2 0 0"><joint name="lift" axis="0 1 0" damping = "0.2"/>
+        <inertial pos="0.1 0 0" mass="0.3" diaginertia="0.001 0.001 0.001"/></body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="p1" joint="pan" forcerange="-3 3"/>
+    <general joint="lift" gear="2" biastype="affine" gainprm="10" biasprm="0 -10 -.2"/>
+  </actuator>
+</mujoco>
+"""
+PAN = JointDrive(
+    joint="pan", kind="revolute", rotor=0.03, viscous=0.3, coulomb=0.07, kp=18.0, kv=0.5, effort=2.5
+)
+LIFT = JointDrive(joint="lift", kind="revolute", rotor=0.02, viscous=0.25, coulomb=0.05, kp=36.0, kv=1.0)
+BOTH = Drives((PAN, LIFT))
+
+
+def written(folder: Path, text: str = ARM) -> Path:
+    path = folder / "two.xml"
+    path.write_text(text)
+    return path
+
+
+def test_only_the_attributes_named_change(tmp_path: Path) -> None:
+    content, _ = edit_mjcf(BOTH, written(tmp_path))
+    changed = [
+        ('<joint name="pan"', '<joint armature="0.03" frictionloss="0.07" name="pan"'),
+        ('<joint name="lift" axis="0 1 0" damping = "0.2"/>', '<joint armature="0.02" name="lift" axis="0 1 0" damping="0.25"/>'),
+        ('<position name="p1" joint="pan" forcerange="-3 3"', '<position kp="18.0" name="p1" joint="pan" forcerange="-2.5 2.5"'),
+        ('gainprm="10" biasprm="0 -10 -.2"', 'gainprm="9.0" biasprm="0.0 -9.0 -0.25"'),
+    ]  # fmt: skip
+    expected = ARM
+    for old, new in changed:
+        assert expected.count(old) == 1
+        expected = expected.replace(old, new)
+    assert content.decode() == expected
+
+
+def test_mujoco_reads_the_drives_back(tmp_path: Path) -> None:
+    content, _ = edit_mjcf(BOTH, written(tmp_path))
+    model = mujoco.MjModel.from_xml_string(content.decode())
+    np.testing.assert_allclose(model.dof_armature, [0.03, 0.02])
+    np.testing.assert_allclose(model.dof_damping, [0.3, 0.25])
+    np.testing.assert_allclose(model.dof_frictionloss, [0.07, 0.05])
+    gear = model.actuator_gear[:, 0]
+    np.testing.assert_allclose(gear**2 * model.actuator_gainprm[:, 0], [18.0, 36.0])
+    np.testing.assert_allclose(-(gear**2) * model.actuator_biasprm[:, 2], [0.5, 1.0])
+    np.testing.assert_allclose(model.actuator_forcerange[0], [-2.5, 2.5])
+
+
+def test_what_the_file_has_already_is_left_alone(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    robot = didim.load_robot(path)
+    values = dict(zip(robot.parameter_names, robot.parameter_set("mjcf"), strict=True))
+    same = [
+        JointDrive(
+            joint=name, kind="revolute", rotor=values[f"Ia{j}"], viscous=values[f"Fv{j}"], coulomb=values[f"Fc{j}"],
+            kp=actuator.kp, kv=actuator.kv, effort=actuator.effort,
+        )
+        for j, (name, actuator) in enumerate(zip(robot.joint_names, robot.actuators, strict=True), start=1)
+        if actuator is not None
+    ]  # fmt: skip
+    assert edit_mjcf(Drives(tuple(same)), path)[0] == path.read_bytes()
+
+
+def test_joints_that_cannot_be_edited_are_named(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    with pytest.raises(FitError, match=r"two.xml: there is no joint 'plan'; did you mean 'pan'"):
+        edit_mjcf(Drives((replace(PAN, joint="plan"),)), path)
+    start, end = ARM.index("  <worldbody>"), ARM.index("  <actuator>")
+    (tmp_path / "bodies.xml").write_text(f"<mujocoinclude>{ARM[start:end]}</mujocoinclude>")
+    path.write_text(ARM[:start] + '<include file="bodies.xml"/>' + ARM[end:])
+    with pytest.raises(FitError, match="joint 'pan' stands in an included file"):
+        edit_mjcf(BOTH, path)
+
+
+# Steps.
+
+MOVING = """<mujoco><option timestep="{step}" integrator="{integrator}" gravity="0 0 0"/><worldbody><body>
+<joint name="j" armature="{rotor}" damping="{viscous}"/><inertial pos="0 0 0" mass="1" diaginertia="1e-3 1e-3 1e-3"/></body>
+</worldbody><actuator><position joint="j" kp="{kp}" kv="{kv}"/></actuator></mujoco>"""
+SERVO = JointDrive(joint="j", kind="revolute", rotor=0.03, viscous=0.2, coulomb=0.0, kp=20.0, kv=0.5)
+
+
+def moved(drive: JointDrive, step: float, integrator: str, late: float) -> np.ndarray:
+    """Positions every 5 ms under commands that jump every 0.1 s, `late` seconds late."""
+    model = mujoco.MjModel.from_xml_string(
+        MOVING.format(
+            step=step,
+            integrator=integrator,
+            rotor=drive.rotor,
+            viscous=drive.viscous,
+            kp=drive.kp,
+            kv=drive.kv,
+        )
+    )
+    data, found = mujoco.MjData(model), []
+    every, jump, shift = round(0.005 / step), round(0.1 / step), round(late / step)
+    for k in range(round(1.0 / step)):
+        if k % every == 0:
+            found.append(data.qpos[0])
+        data.ctrl[0] = 0.5 * ((max(k - shift, 0) // jump) % 2)
+        mujoco.mj_step(model, data)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
+@pytest.mark.parametrize("step", [0.0025, 0.005])
+def test_mujoco_at_its_own_step_moves_like_the_result(integrator: str, step: float) -> None:
+    # Half a step of delay, which the export makes a whole one.
+    truth = moved(SERVO, 2.5e-5, "RK4", 0.5 * step)
+    (drive,) = for_step(Drives((replace(SERVO, delay_s=0.5 * step),)), step, integrator).joints
+    assert drive.delay_s == pytest.approx(step)
+    shifted = np.std(moved(drive, step, integrator, drive.delay_s) - truth)
+    as_it_is = np.std(moved(SERVO, step, integrator, step) - truth)
+    sign = 1.0 if integrator == "implicitfast" else -1.0
+    assert drive.rotor == pytest.approx(0.03 - 0.5 * step * (0.2 + sign * 0.5))
+    assert shifted < 0.2 * as_it_is
+    assert shifted < 2e-3 * np.ptp(truth)
+
+
+def test_steps_that_are_too_long_are_refused_and_rk4_shifts_nothing() -> None:
+    with pytest.raises(
+        FitError, match=r"joint 'j': a step of 0.1 s adds 0.035 to its rotor inertia of 0.03; take a shorter"
+    ):
+        for_step(Drives((SERVO,)), 0.1, "implicitfast")
+    assert for_step(Drives((SERVO,)), 0.1, "RK4").joints == (SERVO,)
+
+
+def test_a_step_is_taken_with_the_integrator_of_the_file(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    for integrator, sign in (("implicitfast", 1.0), ("Euler", -1.0)):
+        path.write_text(ARM.replace("implicitfast", integrator))
+        content, drives = edit_mjcf(BOTH, path, step_s=0.004)
+        model = mujoco.MjModel.from_xml_string(content.decode())
+        np.testing.assert_allclose(
+            model.dof_armature, [0.03 - 0.002 * (0.3 + sign * 0.5), 0.02 - 0.002 * (0.25 + sign)]
+        )
+        assert any(f"for steps of 4 ms with {integrator}" in sentence for sentence in drives.sentences)
+
+
+def test_the_softness_of_mujocos_friction_is_told(tmp_path: Path) -> None:
+    _, drives = edit_mjcf(Drives((PAN, replace(LIFT, smoothing=0.01))), written(tmp_path))
+    (sentence,) = (text for text in drives.sentences if "frictionloss is viscous" in text)
+    low, high = (float(word) for word in re.findall(r"below ([\d.]+) to ([\d.]+) rad/s", sentence)[0])
+    # By MuJoCo itself: half the friction needs a little less than half of that speed.
+    content, _ = edit_mjcf(BOTH, written(tmp_path))
+    model = mujoco.MjModel.from_xml_string(content.decode())
+    model.opt.gravity[:] = 0.0
+    speeds = []
+    for dof, loss in enumerate((0.07, 0.05)):
+        data = mujoco.MjData(model)
+        data.qvel[dof] = 1e-6
+        mujoco.mj_inverse(model, data)
+        speeds.append(loss / (-data.qfrc_constraint[dof] / 1e-6))
+    np.testing.assert_allclose(sorted(speeds), [low, high], rtol=0.25)
+    assert sentence.endswith("the result's is smooth below 0.01")
+
+
+# Other simulators.
+
+
+def test_isaac_lab_and_mjlab() -> None:
+    late = Drives(tuple(replace(drive, delay_s=0.011) for drive in BOTH.joints), ("a note",))
+    for text, module, steps in (
+        (isaac_lab(late, 0.005), "isaaclab.actuators", 2),
+        (mjlab(late, 0.005), "mjlab.actuator", 2),
+    ):
+        made: list[dict[str, Any]] = []
+
+        def made_of(made: list[dict[str, Any]] = made, **options: Any) -> None:
+            made.append(options)
+
+        (name,) = re.findall(rf"from {module} import (\w+)", text)
+        exec(text.replace(f"from {module} import {name}", ""), {name: made_of})
+        assert "# a note" in text
+        options = made[0]
+        if module == "isaaclab.actuators":
+            assert name == "DelayedPDActuatorCfg"
+            assert options["joint_names_expr"] == ["pan", "lift"]
+            assert options["stiffness"] == {"pan": 18.0, "lift": 36.0}
+            assert options["effort_limit"] == {"pan": 2.5}
+            assert (options["min_delay"], options["max_delay"]) == (steps, steps)
+        else:
+            assert [item["target_names_expr"] for item in made] == [("pan",), ("lift",)]
+            assert (options["armature"], options["frictionloss"], options["viscous_damping"]) == (
+                0.03,
+                0.07,
+                0.3,
+            )
+            assert options["delay_min_lag"] == steps
+    assert "DelayedPDActuatorCfg" not in isaac_lab(BOTH)
+    with pytest.raises(FitError, match="no gains of joint 'pan'"):
+        mjlab(Drives((replace(PAN, kp=None),)))
+
+
+def test_parameters_of_bam() -> None:
+    found = json.loads(bam(BOTH))
+    assert found["pan"] == {"model": "m1", "armature": 0.03, "friction_base": 0.07, "friction_viscous": 0.3}
+
+
+# Results.
+
+
+def result(robot: didim.Robot, **drive: Any) -> Identification:
+    """A result on positions: the drives of `BOTH` and an offset."""
+    values = dict(zip(robot.parameter_names, robot.parameter_set("mjcf").tolist(), strict=True))
+    for j, one in enumerate((PAN, LIFT), start=1):
+        values |= {f"Ia{j}": one.rotor, f"Fv{j}": one.viscous, f"Fc{j}": one.coulomb}
+    values["Off2"] = 0.02
+    names = ("Ia1", "Fv1")
+    return Identification(
+        name="two", robot=robot.name, method="cloe", status=Status.CONVERGED, names=names, units=("kg.m^2", "N.m.s/rad"),
+        roles=("estimated", "estimated"), beta=np.array([values[name] for name in names]), covariance=np.zeros((2, 2)),
+        parameter_names=robot.parameter_names, parameters=np.array([values[name] for name in robot.parameter_names]),
+        relative_error=np.zeros(2), overall_relative_error=0.0, error_norm=0.0, error_std=0.0, condition_number=1.0, n_rows=10,
+        settings={
+            "robot": {
+                "joint_names": list(robot.joint_names), "geometry": {"kinds": ["revolute", "revolute"]},
+                "friction": {"smoothing": [0.01, 0.01]},
+            },
+            "positions": {
+                "drive": {**drive, "kp": [18.0, 36.0], "kv": [0.5, 1.0], "saturation": [2.5, None], "delay_s": [0.012] * 2}
+            },
+        },
+    )  # fmt: skip
+
+
+def test_drives_of_a_result(tmp_path: Path) -> None:
+    robot = didim.load_robot(written(tmp_path))
+    found = drives_of(result(robot, lag_s=[0.003, 0.003]), "fit.json")
+    late: dict[str, Any] = {"delay_s": 0.012, "lag_s": 0.003, "smoothing": 0.01}
+    assert found.joints == (replace(PAN, **late), replace(LIFT, offset=0.02, **late))
+    assert any(sentence.endswith("add to commands (mrad, mm) lift -0.556") for sentence in found.sentences)
+    assert any(
+        "commands act 12 ms late, and behind a lag of 3 ms" in sentence for sentence in found.sentences
+    )
+    negative = result(robot)
+    parameters = np.array(negative.parameters)
+    parameters[robot.parameter_names.index("Fc2")] = -0.1
+    with pytest.raises(
+        FitError, match=r"fit.json: the Coulomb friction of joint 'lift' is negative \(-0.1\)"
+    ):
+        drives_of(replace(negative, parameters=parameters), "fit.json")
+
+
+@pytest.mark.parametrize(
+    ("options", "inside"),
+    [
+        (("--mjcf", "two.xml"), 'armature="0.03"'),
+        (("--mjcf", "two.xml", "--for-step", "0.002"), 'armature="0.0292"'),
+        (("--isaac-lab", "--for-step", "0.005"), "min_delay=2"),
+        (("--mjlab", "--for-step", "0.005"), "delay_max_lag=3"),
+        (("--bam",), '"friction_base": 0.07'),
+        (("--urdf", "two.urdf"), '<dynamics damping="0.3" friction="0.07"/>'),
+    ],
+)
+def test_the_command(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: tuple[str, ...],
+    inside: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result(didim.load_robot(written(tmp_path))).save("fit.json")
+    joints = "".join(
+        f'<joint name="{name}" type="continuous"><parent link="{above}"/><child link="{below}"/></joint>'
+        for name, above, below in (("pan", "a", "b"), ("lift", "b", "c"))
+    )
+    (tmp_path / "two.urdf").write_text(
+        f'<robot name="two"><link name="a"/><link name="b"/><link name="c"/>{joints}</robot>'
+    )
+    assert main(["export", "fit.json", *options, "-o", "new.txt"]) == 0
+    assert inside in Path("new.txt").read_text()
+    told = capsys.readouterr().out
+    assert "joint  armature" in told
+    assert "commands act" in told
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--bam", "--for-step", "0.002"), "--for-step takes a step of up to 1 s, and is for"),
+        (("--mjcf", "two.xml", "--for-step", "-1"), "--for-step takes a step of up to 1 s, and is for"),
+        (("--mjcf", "two.xml", "-o", "two.xml", "--force"), "is read by the same command"),
+    ],
+)
+def test_wrong_options(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: tuple[str, ...],
+    message: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result(didim.load_robot(written(tmp_path))).save("fit.json")
+    assert main(["export", "fit.json", *options]) == 2
+    assert message in capsys.readouterr().err
+    assert Path("two.xml").read_text() == ARM

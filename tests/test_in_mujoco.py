@@ -1,0 +1,162 @@
+"""From the file of a robot and a log of positions to a simulation that moves like it: a twin by MuJoCo, and a real quadruped."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import didim
+from didim.cli.main import main
+from didim.errors import FitError
+from didim.studies.in_mujoco import validate_in_mujoco
+from quadrupeds import ARM_DELAY_S, ARM_TRUTH, FILE, TRUTH, arm_episodes, arm_text, logged
+from test_lerobot import dataset
+
+mujoco = pytest.importorskip("mujoco", reason="needs mujoco, the group 'test'")
+
+ARM_MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "gripper")
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The twin, its log, an experiment by `didim init`, the fit, and the file that is exported."""
+    folder = logged(tmp_path_factory.mktemp("twin"), mujoco)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        page = (Path(__file__).parents[1] / "docs" / "quadruped.md").read_text(encoding="utf-8")
+        commands = re.findall(r"^    didim (.*)$", page, flags=re.MULTILINE)
+        assert [command.split()[0] for command in commands] == ["init", "identify", "export", "validate"]
+        for command in commands:
+            assert main(command.replace("traj_0.pt", "traj_0.npz").split()) == 0
+    return folder
+
+
+def test_the_drives_are_those_of_the_truth(twin: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(twin / "go2_fit.xml"))
+    for joint in range(1, model.njnt):
+        part = model.joint(joint).name.split("_")[1]
+        dof = model.jnt_dofadr[joint]
+        assert model.dof_armature[dof] == pytest.approx(TRUTH[part]["armature"], abs=0.0015)
+        assert model.dof_damping[dof] == pytest.approx(TRUTH[part]["damping"], abs=0.03)
+        assert model.dof_frictionloss[dof] == pytest.approx(TRUTH[part]["frictionloss"], rel=0.05)
+    drive = didim.Identification.load(twin / "fit.json").settings["positions"]["drive"]
+    assert drive["delay_s"][0] == pytest.approx(0.006, abs=0.0003)
+
+
+def test_nothing_but_attributes_of_joints_changes(twin: Path) -> None:
+    old, new = ((twin / name).read_text() for name in ("go2.xml", "go2_fit.xml"))
+    assert new != old
+    assert (
+        re.sub(r'(<joint) armature="[^"]*" damping="[^"]*" frictionloss="[^"]*" (name=)', r"\1 \2", new)
+        == old
+    )
+
+
+@pytest.mark.parametrize("step", [None, "0.001"])
+def test_mujoco_replays_the_log(
+    twin: Path, step: str | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(twin)
+    options = [] if step is None else ["--step", step]
+    assert (
+        main(
+            ["validate", "fit.json", "go2.toml", "--mujoco", "go2_fit.xml", "--json", "replay.json", *options]
+        )
+        == 0
+    )
+    found = json.loads(Path("replay.json").read_text())
+    assert found["ratio"] < 1.1
+    assert np.mean(found["before"]) > 5.0 * np.mean(found["after"])
+    told = capsys.readouterr().out
+    assert f"The error in MuJoCo is {found['ratio']:.3f} times that of the fit." in told
+    assert [line.split()[0] for line in told.splitlines()[1:6]] == [*found["joints"], "all"]
+    assert found["step_s"] == pytest.approx(1e-3 if step else 1.0 / 600.0)
+
+
+def test_the_files_own_values_stay_where_they_are(twin: Path) -> None:
+    """The values before are those of the robot file: with them a replay of the exported file is as bad."""
+    fit, experiment = didim.Identification.load(twin / "fit.json"), didim.load_experiment(twin / "go2.toml")
+    found = validate_in_mujoco(fit, experiment, twin / "go2.xml")
+    assert found.before is not None
+    assert FILE["armature"] == 0.01
+    np.testing.assert_allclose(found.after, found.before, rtol=0.6)
+    assert not np.allclose(found.after, found.before, rtol=0.01)  # the delay and the offsets are the fit's
+
+
+def test_what_cannot_be_replayed_is_a_sentence(twin: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fit, experiment = didim.Identification.load(twin / "fit.json"), didim.load_experiment(twin / "go2.toml")
+    (twin / "other.xml").write_text((twin / "go2.xml").read_text().replace("FL_hip_joint", "hip"))
+    with pytest.raises(FitError, match=r"other.xml: there is no joint 'FL_hip_joint'"):
+        validate_in_mujoco(fit, experiment, twin / "other.xml")
+    (twin / "broken.xml").write_text("<mujoco><worldbody><body/></worldbody></mujoco>")
+    with pytest.raises(FitError, match=r"broken.xml: (MuJoCo cannot load it|there is no joint)"):
+        validate_in_mujoco(fit, experiment, twin / "broken.xml")
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(FitError, match=r"needs the package mujoco: pip install 'didim\[mujoco\]'"):
+        validate_in_mujoco(fit, experiment, twin / "go2.xml")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--step", "0.001"], "--step takes a positive number of seconds, and is for --mujoco"),
+        (["--mujoco", "go2_fit.xml", "--report", "r.html"], "--report is for a validation without --mujoco"),
+    ],
+)
+def test_wrong_options(
+    twin: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    message: str,
+) -> None:
+    monkeypatch.chdir(twin)
+    assert main(["validate", "fit.json", "go2.toml", *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_real_quadruped(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three commands on the log of a Go2: MuJoCo replays it within 1.1 times the fit's own error of 5.77 mrad."""
+    source = shared / "data" / "go2"
+    monkeypatch.chdir(tmp_path)
+    log, robot = str(source / "traj_0.pt"), str(source / "go2.xml")
+    assert main(["init", robot, log, "--kp", "20", "--kv", "1.5", "-o", "go2.toml"]) == 0
+    assert main(["identify", "go2.toml", "--method", "cloe", "--json", "fit.json"]) == 0
+    assert main(["export", "fit.json", "--mjcf", robot, "-o", "go2_fit.xml"]) == 0
+    assert main(["validate", "fit.json", "go2.toml", "--mujoco", "go2_fit.xml", "--json", "replay.json"]) == 0
+    found = json.loads(Path("replay.json").read_text())
+    assert found["ratio"] < 1.1
+    assert np.sqrt(np.mean(np.square(found["own"]))) < 5.78e-3
+    assert np.sqrt(np.mean(np.square(found["before"]))) > 15e-3
+
+
+def test_a_hobby_arm_with_a_lerobot_dataset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The commands of docs/hobby_arm.md: the drives of the truth come back, and MuJoCo replays the episodes."""
+    page = (Path(__file__).parents[1] / "docs" / "hobby_arm.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "so101.xml").write_text(arm_text())
+    episodes = arm_episodes(mujoco)
+    columns = {key: np.concatenate([one[key] for one in episodes]).astype(np.float32) for key in episodes[0]}
+    columns["episode_index"] = np.repeat(
+        np.arange(len(episodes)), [len(one["timestamp"]) for one in episodes]
+    )
+    dataset(tmp_path / "so101_wave", "v3.0", [f"{name}.pos" for name in ARM_MOTORS], columns)
+    commands = re.findall(r"^    didim (.*)$", page, flags=re.MULTILINE)
+    assert len(commands) == 4
+    for command in commands:
+        assert (
+            main([*command.split(), *(["--json", "replay.json"] if command.startswith("validate") else [])])
+            == 0
+        )
+    assert json.loads(Path("replay.json").read_text())["ratio"] < 1.1
+    model = mujoco.MjModel.from_xml_path("so101_fit.xml")
+    np.testing.assert_allclose(model.dof_armature, ARM_TRUTH["armature"], rtol=0.1)
+    np.testing.assert_allclose(model.dof_damping, ARM_TRUTH["damping"], rtol=0.1)
+    np.testing.assert_allclose(model.dof_frictionloss, ARM_TRUTH["frictionloss"], rtol=0.2)
+    drive = didim.Identification.load("fit.json").settings["positions"]["drive"]
+    assert drive["delay_s"][0] == pytest.approx(ARM_DELAY_S, abs=0.001)

@@ -1,0 +1,123 @@
+"""``didim init`` for logs of commanded and measured positions: an experiment file for a fit of drives with known links."""
+
+from __future__ import annotations
+
+import tomllib
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import didim
+from didim.cli.main import main
+from quadrupeds import robot_text
+from test_lerobot import EPISODES, dataset, frames
+
+N = 900
+ARM = """<mujoco><worldbody><body><joint name="shoulder_pan" range="-110 110"/>
+<inertial pos="0.1 0 0" mass="0.3" diaginertia="0.001 0.001 0.001"/><body pos="0.1 0 0"><joint name="gripper" range="-10 100"/>
+<inertial pos="0.05 0 0" mass="0.1" diaginertia="0.0001 0.0001 0.0001"/></body></body></worldbody>
+<actuator><position joint="shoulder_pan" kp="17.8" kv="0.5" forcerange="-3 3"/>
+<position joint="gripper" kp="17.8" kv="0.5"/></actuator>
+</mujoco>"""
+
+
+def quadruped(folder: Path, **more: Any) -> Path:
+    (folder / "go2.xml").write_text(robot_text())
+    rng = np.random.default_rng(0)
+    t = np.arange(N) / 200.0
+    r = 0.3 * np.sin(np.outer(t, [3.0, 4.0, 5.0, 6.0]))
+    np.savez(
+        folder / "run.npz", time=t, dof_pos=r + 0.01 * rng.standard_normal(r.shape), des_dof_pos=r, **more
+    )
+    return folder
+
+
+def init(folder: Path, *options: str, code: int = 0) -> dict[str, Any]:
+    arguments = [
+        "init",
+        str(folder / "go2.xml"),
+        str(folder / "run.npz"),
+        *options,
+        "-o",
+        str(folder / "go2.toml"),
+    ]
+    assert main(arguments) == code
+    return tomllib.loads((folder / "go2.toml").read_text(encoding="utf-8"))
+
+
+def test_commands_and_positions_make_a_fit_of_the_drives(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = init(quadruped(tmp_path), "--kp", "20", "--kv", "1.5")
+    assert content["parameters"] == {"links": "fixed"}
+    assert content["reference"] == {"kind": "recorded", "between_samples": "held"}
+    assert content["controller"] == {"kind": "pd", "kp": 20, "kv": 1.5, "reference_velocity": 0.0}
+    assert content["unknown"] == {"delay_s": {"max": 0.025, "shared": True}}
+    assert "signal" not in content
+    (recording,) = content["recording"]
+    assert recording["position"]["variable"] == "dof_pos"
+    assert recording["reference"]["variable"] == "des_dof_pos"
+    assert "torque" not in recording
+    told = capsys.readouterr()
+    assert "2 limbs, each a problem of its own: FL (2 joints), FR (2 joints)" in told.out
+    assert "open" not in told.err
+    experiment = didim.load_experiment(tmp_path / "go2.toml")
+    assert experiment.recordings[0].q_ref is not None
+    # Limits are those of the motors.
+    np.testing.assert_array_equal(experiment.controller.build(None).saturation, 23.7)  # type: ignore[union-attr, arg-type]
+
+
+def test_a_gain_for_each_joint(tmp_path: Path) -> None:
+    content = init(quadruped(tmp_path), "--kp", "20", "25", "20", "25", "--kv", "0.5")
+    assert content["controller"]["kp"] == [20, 25, 20, 25]
+
+
+def test_without_gains_a_question_offers_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = init(quadruped(tmp_path), code=1)
+    assert any(
+        "--kp and --kv: gains of servos, for a fit on positions" in question for question in content["open"]
+    )
+    capsys.readouterr()
+    # The answer replaces the draft.
+    assert "open" not in init(tmp_path, "--kp", "20", "--kv", "1.5")
+
+
+def test_torques_are_not_given_up_for_gains(tmp_path: Path) -> None:
+    content = init(
+        quadruped(tmp_path, tau=np.random.default_rng(1).standard_normal((N, 4))), "--kp", "20", "--kv", "1.5"
+    )
+    assert "torque" in content["recording"][0]
+    assert "parameters" not in content
+
+
+@pytest.mark.parametrize("gains", [("20", "30"), ("-1",)])
+def test_wrong_gains_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], gains: tuple[str, ...]
+) -> None:
+    quadruped(tmp_path)
+    command = ["init", str(tmp_path / "go2.xml"), str(tmp_path / "run.npz"), "--kv", "1", "--kp", *gains]
+    assert main(command) == 2
+    assert "--kp takes one number or 4, one for each joint, none negative" in capsys.readouterr().err
+
+
+def test_a_lerobot_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    dataset(tmp_path / "so101", "v3.0")
+    (tmp_path / "arm.xml").write_text(ARM)
+    path = tmp_path / "arm.toml"
+    assert main(["init", str(tmp_path / "arm.xml"), str(tmp_path / "so101"), "-o", str(path)]) == 0
+    capsys.readouterr()
+    experiment = didim.load_experiment(path)
+    (recording,) = experiment.recordings
+    edges = np.cumsum([0, *EPISODES]).tolist()
+    assert recording.windows == tuple(pairwise(edges))
+    assert recording.rate_hz == 30.0
+    values = frames()["action"].astype(float)
+    assert recording.q_ref is not None
+    np.testing.assert_allclose(recording.q_ref[:, 0], np.radians(values[:, 0]))
+    np.testing.assert_allclose(recording.q_ref[:, 1], np.radians(-10.0 + 1.1 * values[:, 1]))
+    law = experiment.controller.build(None)  # type: ignore[union-attr, arg-type]
+    np.testing.assert_array_equal(law.laws[:, :2], [[17.8, 0.5]] * 2)
+    np.testing.assert_array_equal(law.saturation, [3.0, np.inf])

@@ -1,0 +1,432 @@
+"""CLOE with known links: drives and friction from commanded and measured positions, on simulated twins and a real quadruped."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import didim
+from didim import Identification
+from didim.cli.main import main
+from didim.loop.servos import Held, ServoLoop, Servos
+from didim.methods.cloe.cloe import CLOE
+from didim.methods.positions.motion import excite_positions
+from didim.model.limbs import limbs_of
+from didim.report import write
+from didim.result.positions.record import PositionRecord
+
+RATE = 100.0
+LEG = """
+<body name="{name}_hip" pos="{x} {y} 0"><inertial pos="0 {s}0.02 0" mass="0.7" diaginertia="0.0005 0.0009 0.0006"/>
+ <joint name="{name}_hip_joint" axis="1 0 0" range="-2 2"/>
+ <body name="{name}_thigh" pos="0 {s}0.1 0"><inertial pos="-0.004 0 -0.03" mass="1.1" diaginertia="0.006 0.006 0.001"/>
+  <joint name="{name}_thigh_joint" axis="0 1 0" range="-2 2"/>
+  <body name="{name}_calf" pos="0 0 -0.2"><inertial pos="0.005 0 -0.1" mass="0.25" diaginertia="0.002 0.002 0.00004"/>
+   <joint name="{name}_calf_joint" axis="0 1 0" range="-3 1"/></body></body></body>"""
+LEGS = "<mujoco><worldbody><body name='base' pos='0 0 1'>{legs}</body></worldbody></mujoco>"
+ARM = """<mujoco>{option}<worldbody>
+<body name="turn"><inertial pos="0.01 0 0.02" mass="1" diaginertia="0.002 0.002 0.002"/><joint name="turn" axis="0 0 1"/>
+ <body name="lift" pos="0 0 0.1"><inertial pos="0.1 0 0" mass="0.6" diaginertia="0.0006 0.003 0.003"/>
+  <joint name="lift" axis="0 1 0"/>
+  <body name="bend" pos="0.2 0 0"><inertial pos="0.08 0 0" mass="0.3" diaginertia="0.0002 0.001 0.001"/>
+   <joint name="bend" axis="0 1 0"/></body></body></body></worldbody></mujoco>"""
+EXPERIMENT = """
+schema = 1
+robot = "robot.xml"
+[friction]
+coulomb = "tanh"
+smoothing_rad_s = 0.02
+[parameters]
+links = "fixed"
+{parameters}
+[controller]
+kind = "pd"
+kp = {kp}
+kv = 0.5
+{controller}
+[reference]
+kind = "recorded"
+between_samples = "held"
+[unknown]
+{unknown}
+[[recording]]
+name = "log"
+rate_hz = 100
+{windows}
+[recording.position]
+file = "log.npz"
+variable = "q"
+unit = "rad"
+side = "joint"
+[recording.reference]
+file = "log.npz"
+variable = "r"
+unit = "rad"
+side = "joint"
+"""
+
+
+def legs() -> str:
+    parts = [LEG.format(name=name, x=0.1, y=y, s=s) for name, y, s in (("L", 0.1, ""), ("R", -0.1, "-"))]
+    return LEGS.format(legs="".join(parts))
+
+
+def commands(n: int, seconds: float, *, steps: bool, seed: int = 0) -> np.ndarray:
+    """Smooth moves, or steps of half a second between random positions."""
+    rng = np.random.default_rng(seed)
+    count = int(seconds * RATE)
+    t = np.arange(count)[:, None] / RATE
+    if steps:
+        return np.repeat(rng.uniform(-0.4, 0.4, (count // 50 + 1, n)), 50, axis=0)[:count]
+    f = rng.uniform(0.2, 0.6, (3, 1, n))
+    return np.asarray(0.25 * np.sin(2.0 * np.pi * f * t + rng.uniform(0.0, 6.0, (3, 1, n))).sum(axis=0))
+
+
+def twin(
+    folder: Path,
+    text: str,
+    r: np.ndarray,
+    *,
+    truth: Mapping[str, float] | None = None,
+    drive: Mapping[str, float] | None = None,
+    unknown: str = "delay_s = { max = 0.05 }",
+    parameters: str = "",
+    controller: str = "",
+    windows: str = "",
+    kp: float = 20.0,
+    noise: float = 0.0,
+    seed: int = 0,
+    pushed: slice | None = None,
+) -> didim.Experiment:
+    """Write a robot, a log of it by finer steps than those of the fit, and the experiment; return the experiment."""
+    (folder / "robot.xml").write_text(text)
+    robot = didim.load_robot(folder / "robot.xml").with_smoothing([0.02] * r.shape[1])
+    names, n = robot.parameter_names, r.shape[1]
+    x = np.array(next(iter(robot.sets.values())))
+    values = {"Ia": 0.012, "Fv": 0.15, "Fc": 0.2, "Off": 0.05} | dict(truth or {})
+    for kind, value in values.items():
+        for joint in range(n):
+            x[names.index(f"{kind}{joint + 1}")] = value * (1.0 + 0.1 * joint)
+    numbers = {
+        "kp": 20.0,
+        "kv": 0.5,
+        "saturation": np.inf,
+        "delay_s": 0.0123,
+        "lag_s": 0.0,
+        "bias_rad": 0.0,
+    } | dict(drive or {})
+    q = np.empty_like(r)
+    for limb in limbs_of(robot):
+        at = list(limb.joints)
+        held = Held(np.ascontiguousarray(r[:, at]), RATE)
+        loop = ServoLoop(limb.robot, held, held.values, step_s=2.5e-4, fine_step_s=2.5e-4)
+        rows = {kind: np.full((1, len(at)), value) for kind, value in numbers.items()}
+        start = {"q": r[:1, at], "dq": np.zeros((1, len(at)))}
+        found, completed = loop.run(x[limb.indices][None], Servos(**rows, **start))
+        assert completed.all()
+        q[:, at] = found[0]
+    rng = np.random.default_rng(seed)
+    q += noise * rng.standard_normal(q.shape)
+    if pushed is not None:
+        q[pushed] += 0.1 * np.sin(np.linspace(0.0, 20.0, len(q[pushed])))[:, None]
+    np.savez(folder / "log.npz", q=q, r=r)
+    fields = {
+        "unknown": unknown,
+        "parameters": parameters,
+        "controller": controller,
+        "windows": windows,
+        "kp": kp,
+    }
+    (folder / "log.toml").write_text(EXPERIMENT.format(**fields))
+    return didim.load_experiment(folder / "log.toml")
+
+
+def fitted(experiment: didim.Experiment, **settings: Any) -> Identification:
+    return didim.identify(experiment, CLOE(threads=1, **settings), verbose=False)
+
+
+def record(fit: Identification) -> PositionRecord:
+    found = PositionRecord.of(fit.settings)
+    assert found is not None
+    return found
+
+
+def rows(fit: Identification) -> dict[str, Mapping[str, Any]]:
+    return {row["name"]: row for row in record(fit).rows}
+
+
+def test_limbs_move_by_themselves(tmp_path: Path) -> None:
+    (tmp_path / "legs.xml").write_text(legs())
+    robot = didim.load_robot(tmp_path / "legs.xml")
+    limbs = limbs_of(robot)
+    assert [(limb.name, limb.joints) for limb in limbs] == [("L", (0, 1, 2)), ("R", (3, 4, 5))]
+    rng = np.random.default_rng(0)
+    x = rng.uniform(0.1, 1.0, len(robot.parameter_names))
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 7, 6))
+    whole = didim.inverse_dynamics(robot, q, dq, ddq, x)
+    for limb in limbs:
+        at = list(limb.joints)
+        alone = didim.inverse_dynamics(limb.robot, q[:, at], dq[:, at], ddq[:, at], x[limb.indices])
+        np.testing.assert_allclose(alone, whole[:, at], rtol=1e-12, atol=1e-12)
+        assert [robot.parameter_names[k] for k in limb.indices] == [
+            f"{name.rstrip('123')}{int(name[-1]) + at[0]}" for name in limb.robot.parameter_names
+        ]
+
+
+def test_chains_are_one_limb() -> None:
+    robot = didim.load_robot("ur5e")
+    assert [limb.joints for limb in limbs_of(robot)] == [tuple(range(6))]
+    # The coupled wrist of a TX40 shares motors.
+    assert len(limbs_of(didim.load_robot("tx40"))) == 1
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.013])
+def test_means_of_a_held_reference(lag: float) -> None:
+    values = np.array([[0.0, 1.0], [0.3, 1.0], [-0.2, 0.5], [0.4, 0.1], [0.4, -0.3]])
+    held, delay = Held(values, 50.0), 0.0073
+    edges = np.array([0.0, 0.003, 0.011, 0.0273, 0.0311, 0.06, 0.099])
+    means = held.means(edges, np.full(2, delay), np.full(2, lag))
+    fine = np.arange(-0.2, 0.1, 1e-6)
+    r = values[np.clip(np.floor((fine - delay) * 50.0), 0, 4).astype(int)]
+    if lag:
+        keep, smooth = np.exp(-1e-6 / lag), np.empty_like(r)
+        smooth[0] = r[0]
+        for k in range(1, len(r)):
+            smooth[k] = r[k - 1] + (smooth[k - 1] - r[k - 1]) * keep
+        r = smooth
+    expected = [r[(fine >= a) & (fine < b)].mean(axis=0) for a, b in itertools.pairwise(edges)]
+    np.testing.assert_allclose(means, expected, atol=2e-4)
+    np.testing.assert_allclose(held.jumps(delay), np.arange(1, 5) / 50.0 + delay)
+
+
+def test_two_legs_give_their_drives_back(tmp_path: Path) -> None:
+    experiment = twin(tmp_path, legs(), commands(6, 8.0, steps=True))
+    fit = fitted(experiment)
+    assert fit.converged
+    assert fit.n_iterations <= 8
+    found = rows(fit)
+    for kind, value in {"Ia": 0.012, "Fv": 0.15, "Fc": 0.2, "Off": 0.05}.items():
+        for joint in range(6):
+            row = found[f"{kind}{joint + 1}"]
+            assert row["value"] == pytest.approx(value * (1.0 + 0.1 * joint), rel=0.02), row["name"]
+    assert found["delay_s"]["value"] == pytest.approx(0.0123, abs=5e-5)
+    after, before = record(fit).errors["after"], record(fit).errors["before"]
+    assert after is not None
+    assert before is not None
+    assert max(after) < 2e-4 < min(before)
+    assert fit.parameters[fit.parameter_names.index("Ia5")] == found["Ia5"]["value"]
+    text = str(fit)
+    assert "L" in text
+    assert "thigh_joint Ia" in text
+    assert "rms error" in text
+    assert fit.verdict.sound
+    write(tmp_path / "fit.html", fit, experiment)
+    page = (tmp_path / "fit.html").read_text()
+    assert "thigh_joint Ia" in page
+    assert page.count("<figure") == 1
+    fit.save(tmp_path / "fit.json")
+    assert (
+        main(
+            [
+                "validate",
+                str(tmp_path / "fit.json"),
+                str(tmp_path / "log.toml"),
+                "--json",
+                str(tmp_path / "e.json"),
+            ]
+        )
+        == 0
+    )
+    errors = json.loads((tmp_path / "e.json").read_text())["position_errors"]["log"]
+    assert len(errors) == 6
+    assert max(errors) < 1e-3
+    assert str(Identification.load(tmp_path / "fit.json")) == text
+
+
+def test_saturating_steps_tell_the_gains(tmp_path: Path) -> None:
+    unknown = (
+        "delay_s = { max = 0.05 }\nkp = { start = 12.0 }\nkv = { start = 0.2 }\nsaturation = { start = 6.0 }"
+    )
+    r = 1.5 * commands(3, 20.0, steps=True)
+    experiment = twin(tmp_path, ARM.format(option=""), r, unknown=unknown, drive={"saturation": 4.0}, kp=12.0)
+    fit = fitted(experiment)
+    assert fit.converged
+    found = rows(fit)
+    for name, value in {"kp2": 20.0, "kp3": 20.0, "saturation2": 4.0, "saturation3": 4.0}.items():
+        assert found[name]["by"] == "log", name
+        assert found[name]["value"] == pytest.approx(value, rel=0.02), name
+    assert found["delay_s"]["value"] == pytest.approx(0.0123, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("unknown", "name", "words", "steps"),
+    [
+        ("kp = { min = 2, max = 100 }", "kp1", "only (J + Ia)/kp", False),
+        ("kv = { max = 3 }", "kv2", "only Fv + kv is known", True),
+        ("bias_rad = {}", "bias_rad1", "a bias has no effect", True),
+        ("saturation = { start = 50.0 }", "saturation3", "the limit of the torque is never reached", True),
+        ("delay_s = { start = 0.01 }", "delay_s", "slow commands show only delay_s", None),
+    ],
+)
+def test_what_a_log_cannot_tell_is_held(
+    tmp_path: Path, unknown: str, name: str, words: str, steps: bool | None
+) -> None:
+    r = commands(3, 12.0, steps=bool(steps))
+    if steps is None:  # ramps without a turn
+        r = np.linspace(0.0, 0.5, 1200)[:, None] * [1.0, 0.8, -0.6]
+    parameters = 'dropped = ["Off"]' if "bias" in unknown else ""
+    truth = {"Off": 0.0} if parameters else {}
+    experiment = twin(tmp_path, ARM.format(option=""), r, unknown=unknown, parameters=parameters, truth=truth)
+    fit = fitted(experiment)
+    row = rows(fit)[name]
+    assert row["by"] == "held"
+    assert words in row["text"]
+    assert row["value"] == row["before"]
+    assert row["std"] is None
+    assert fit.roles[fit.names.index(name)] == "fixed"
+    finding = next(reason for reason in fit.verdict.reasons if name in reason.parameters)
+    assert finding.sentence.endswith(row["text"])
+    assert len(finding.sentence) <= 200
+    assert f"({row['value']:.4g})" in str(fit)
+
+
+def test_no_gravity_leaves_the_ratio(tmp_path: Path) -> None:
+    text = ARM.format(option='<option gravity="0 0 0"/>')
+    fit = fitted(twin(tmp_path, text, commands(3, 8.0, steps=True), unknown="kp = { start = 25.0 }", kp=25.0))
+    held = [row for row in rows(fit).values() if row["kind"] == "kp" and row["by"] == "held"]
+    assert held
+    assert all("/kp" in row["text"] for row in held)
+    assert not fit.verdict.sound
+
+
+def test_rollouts_start_by_themselves_and_a_bad_one_counts_less(tmp_path: Path) -> None:
+    windows = "windows_s = [" + ", ".join(f"[{2 * k}.0, {2 * k + 2}.0]" for k in range(8)) + "]"
+    experiment = twin(
+        tmp_path,
+        ARM.format(option=""),
+        commands(3, 16.0, steps=True),
+        windows=windows,
+        noise=2e-4,
+        pushed=slice(1000, 1200),
+    )
+    fit = fitted(experiment)
+    assert record(fit).kind == "rollouts"
+    assert record(fit).blocks == 8
+    assert "rollout 6 of recording 'log'" in " ".join(fit.remarks)
+    found = rows(fit)
+    assert found["Fc2"]["value"] == pytest.approx(0.22, rel=0.15)
+    assert found["delay_s"]["value"] == pytest.approx(0.0123, abs=1e-3)
+
+
+def test_intervals_cover_the_truth(tmp_path: Path) -> None:
+    inside = []
+    for seed in range(6):
+        r = commands(3, 12.0, steps=True, seed=seed)
+        fit = fitted(twin(tmp_path, ARM.format(option=""), r, noise=5e-4, seed=seed))
+        truth = {"Ia": 0.012, "Fv": 0.15, "Fc": 0.2, "Off": 0.05}
+        for row in record(fit).rows:
+            value = (
+                truth[row["kind"]] * (1.0 + 0.1 * (row["joints"][0] - 1)) if row["kind"] in truth else 0.0123
+            )
+            inside.append(row["low"] <= value <= row["high"])
+            assert row["high"] - row["low"] < 2.0 * abs(value) + 0.05
+    assert np.mean(inside) > 0.85
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (("delay_s = { max = 0.05 }", "delai_s = {}"), "there is no unknown 'delai_s'"),
+        (("delay_s = { max = 0.05 }", "kp = { min = 3, max = 2 }"), "must be in order"),
+        (("delay_s = { max = 0.05 }", 'kp = { shared = "leg" }'), "shared must be"),
+        (('links = "fixed"', ""), "[unknown] is for known links"),
+        (('kind = "recorded"', 'kind = "measured"'), "between_samples = 'held' is for kind 'recorded'"),
+    ],
+)
+def test_wrong_keys_are_named(tmp_path: Path, edit: tuple[str, str], words: str) -> None:
+    twin(tmp_path, ARM.format(option=""), commands(3, 2.0, steps=False))
+    path = tmp_path / "log.toml"
+    path.write_text(path.read_text().replace(*edit))
+    with pytest.raises(didim.DidimError) as error:
+        didim.load_experiment(path)
+    assert words in str(error.value)
+
+
+GO2 = Path(__file__).resolve().parents[2] / "shared" / "data" / "go2"
+
+
+@pytest.mark.skipif(not GO2.is_dir(), reason=f"needs the log in {GO2}")
+@pytest.mark.parametrize(
+    ("parameters", "unknown", "most_mrad", "most_iterations"),
+    [
+        ("", "delay_s = { start = 0.005, max = 0.025 }", 5.78, 6),
+        (
+            'dropped = ["Off"]',
+            "delay_s = { start = 0.005, max = 0.025 }\nbias_rad = { min = -0.1, max = 0.1 }",
+            6.68,
+            6,
+        ),
+        (
+            "",
+            "delay_s = { start = 0.0125, max = 0.025 }\nIa = { start = 0.5, max = 1 }\nFv = { start = 3.5, max = 7 }\n"
+            "Fc = { start = 0.5, max = 3 }",
+            5.78,
+            12,
+        ),
+    ],
+)
+def test_a_real_quadruped(
+    tmp_path: Path, parameters: str, unknown: str, most_mrad: float, most_iterations: int
+) -> None:
+    text = EXPERIMENT.format(parameters=parameters, unknown=unknown, kp=20.0, controller="", windows="")
+    text = (
+        text.replace("kv = 0.5", "kv = 1.5")
+        .replace("= 0.02", "= 0.01")
+        .replace("rate_hz = 100", "rate_hz = 200")
+    )
+    for old, new in (
+        ("log.npz", "traj_0.pt"),
+        ('"q"', '"dof_pos"'),
+        ('"r"', '"des_dof_pos"'),
+        ("robot.xml", str(GO2 / "go2.xml")),
+    ):
+        text = text.replace(old, new)
+    (tmp_path / "go2.toml").write_text(text)
+    fit = fitted(didim.load_experiment(tmp_path / "go2.toml", data=GO2))
+    after = np.array(record(fit).errors["after"])
+    assert 1e3 * np.sqrt(np.mean(after**2)) < most_mrad
+    assert fit.converged
+    assert fit.n_iterations <= most_iterations
+    if most_iterations == 6 and not parameters:
+        assert fit.n_simulations <= 360
+        assert any("RL_calf_joint" in text and "Fc is 1.2" in text for text in fit.remarks)
+
+
+def test_check_says_before_the_fit_what_a_log_can_tell(tmp_path: Path) -> None:
+    unknown = "delay_s = {}\nkp = { start = 20.0 }"
+    found = didim.check(twin(tmp_path, ARM.format(option=""), commands(3, 6.0, steps=False), unknown=unknown))
+    said = [item.sentence for item in found]
+    assert any("kp is held" in sentence for sentence in said)
+    assert any("says little of Ia" in sentence for sentence in said)
+    assert any(note.startswith("Fc: 95 % intervals of about") for note in found.notes)
+    lively = didim.check(twin(tmp_path, ARM.format(option=""), commands(3, 12.0, steps=True)))
+    assert not lively.items
+
+
+def test_designed_commands_tell_what_slow_ones_do_not(tmp_path: Path) -> None:
+    experiment = twin(tmp_path, ARM.format(option=""), commands(3, 4.0, steps=False))
+    motion = excite_positions(experiment, duration_s=8.0)
+    assert motion.family != "ramps"
+    assert motion.widths["ramps"] > motion.widths[motion.family] + 0.3
+    assert motion.q.shape == (800, 3)
+    middle = np.median(experiment.recordings[0].q, axis=0)
+    assert np.abs(motion.q - middle).max() <= 0.3 + 1e-9
+    path = tmp_path / "motion.csv"
+    assert main(["excite", str(tmp_path / "log.toml"), "--positions", "-o", str(path)]) == 0
+    assert path.read_text().splitlines()[0] == "t_s,turn,lift,bend"

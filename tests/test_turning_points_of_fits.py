@@ -1,0 +1,252 @@
+"""What counts as dependent, as rounding or as too little turns where its documentation says.
+
+The numbers stand here as they are documented, so that a bound which is doubled or halved is noticed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import didim
+import didim.regression.consistent.nearest as nearest
+from didim.evidence.hypotheses.geometry import lengths, with_geometry
+from didim.evidence.hypotheses.hypothesis import Hypothesis
+from didim.evidence.hypotheses.torques import gains
+from didim.evidence.products import Products
+from didim.evidence.rows import samples_wanted
+from didim.excitation.problem import BETWEEN, Problem
+from didim.excitation.series import SeriesBasis
+from didim.methods.cloe.consistent import ConsistentSteps
+from didim.methods.cloe.levenberg_marquardt import identifies
+from didim.methods.cloe.output_error import OutputError
+from didim.methods.didim.response import share_moved
+from didim.regression.consistent.prior import Prior
+from didim.regression.friction.alarm import _freed
+from didim.signal.processing import SignalProcessing
+
+Array = NDArray[np.float64]
+
+
+def stub(**facts: object) -> Any:
+    return SimpleNamespace(**facts)
+
+
+@pytest.mark.parametrize(("left", "kept"), [(0.8e-8, False), (1.2e-8, True)])
+def test_a_column_that_the_model_has_already(left: float, kept: bool) -> None:
+    q = np.array([[1.0], [0.0]])
+    assert bool(_freed(q, np.array([[1.0], [left]])).any()) == kept
+
+
+@pytest.mark.parametrize(("ratio", "identified"), [(0.7e-14, False), (1.4e-14, True)])
+def test_a_normal_matrix_that_is_singular(ratio: float, identified: bool) -> None:
+    off = 1.0 - 2.0 * ratio
+    assert identifies(np.array([[1.0, off], [off, 1.0]])) is identified
+
+
+@pytest.mark.parametrize(("apart", "known"), [(0.8e-7, False), (1.2e-7, True)])
+def test_directions_that_a_log_does_not_tell_apart(apart: float, known: bool) -> None:
+    w = np.array([[1.0, 1.0], [0.0, apart]])
+    fit = stub(weights=np.ones(2), residual=np.array([1.0, 1.0]), solution=np.zeros(1))
+    found = share_moved(stub(w=w), fit, lambda changes: [np.zeros(2)], np.zeros(2))
+    assert (found is not None) == known
+
+
+def test_products_take_three_solutions_for_their_weights_and_stop_at_rounding(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    solved: list[int] = []
+    plain = Products._solved
+
+    def counted(self: Products, gram: Array, right: Array) -> Array:
+        solved.append(1)
+        return plain(self, gram, right)
+
+    monkeypatch.setattr(Products, "_solved", counted)
+    products = Products.of(np.ones((1, 40, 1)), np.ones((1, 40)))
+    # The torque is the column itself: what is left is the least share of its square.
+    assert products.seen()[0] == pytest.approx(1e-14 * 40.0, rel=1e-3, abs=0.0)
+    assert len(solved) == 3
+    assert products.predicted(np.ones(1))[0] == pytest.approx(1e-14 * 40.0, rel=1e-3, abs=0.0)
+    # Two columns that are one share what they explain, the sum of both less the ridge.
+    gram, right = np.full((1, 2, 2), 1.0), np.ones((1, 2))
+    assert plain(products, gram, right)[0].sum() == pytest.approx(1.0 - 1e-11, abs=2e-12)
+
+
+@pytest.mark.parametrize(("log_gain", "told"), [(0.045, 0), (0.055, 1)])
+def test_a_gain_of_five_per_cent(log_gain: float, told: int) -> None:
+    """What is left is least at the gain, with errors of the model beside it."""
+
+    class Seen:
+        def seen(self, order: object, factors: Array) -> Array:
+            return np.array(
+                [np.exp(100.0 * ((np.log(factors[0]) - log_gain) ** 2 + np.log(factors[1]) ** 2))]
+            )
+
+    assert len(list(gains(stub(n=2, products=Seen())))) == told
+
+
+def lengths_of(metres: float, ratio: Callable[[float], float]) -> list[Hypothesis]:
+    """Return the hypotheses on the second length of a planar arm; `ratio` of its factor is what is left."""
+    arm = with_geometry(didim.load_robot("planar2"), d=(0.0, metres))
+
+    def ratios(item: Hypothesis) -> Array:
+        assert item.robot is not None
+        return np.array([ratio(item.robot.geometry.d[1] / metres)])
+
+    return list(lengths(stub(robot=arm, rough_ratios=ratios)))
+
+
+@pytest.mark.parametrize(("metres", "count"), [(4.8e-3, 0), (5.2e-3, 1)])
+def test_a_length_that_a_log_shows(metres: float, count: int) -> None:
+    """Five millimetres; it is tried turned."""
+    assert len(lengths_of(metres, lambda factor: 1.0)) == count
+
+
+@pytest.mark.parametrize(("left", "count"), [(0.985, 1), (0.975, 2)])
+def test_a_length_is_refined_where_a_factor_helps(left: float, count: int) -> None:
+    assert len(lengths_of(0.5, lambda factor: 1.0 if factor == 1.0 else left)) == count
+
+
+def test_a_length_at_the_end_of_its_search_is_3_3_times_the_declared_one() -> None:
+    *_, found = lengths_of(0.5, lambda factor: 1.0 + 0.2 * ((np.log(abs(factor)) - 1.5) ** 2 - 1.5**2))
+    assert found.at_end
+    assert found.value == pytest.approx(0.5 * 3.3)
+
+
+def test_hypotheses_are_tried_on_6000_samples_or_300_rows() -> None:
+    assert samples_wanted(SignalProcessing(decimation=(5,), edge_rows=0), []) == 6000
+    assert samples_wanted(SignalProcessing(decimation=(5, 8), edge_rows=0), []) == 300 * 40
+
+
+def test_a_series_has_twenty_samples_a_period_of_its_highest_harmonic() -> None:
+    assert SeriesBasis(period_s=1.0, harmonics=4).samples == 80
+
+
+@pytest.mark.parametrize(("use", "full"), [(0.97, 0.97), (0.98, 1.0)])
+def test_a_limit_that_counts_as_met(use: float, full: float) -> None:
+    problem = cast(Any, object.__new__(Problem))
+    problem._use = lambda series, factor: np.array([use if factor == 1 else 0.99])
+    series = stub(basis=None, scaled=np.ones((1, 1)), offset=None)
+    assert Problem.exact(problem, series).scaled[0, 0] == pytest.approx(full / 0.99 * (1.0 - BETWEEN))
+    assert pytest.approx(1.0 - np.cos(np.pi / 400.0)) == BETWEEN
+
+
+def steps_among_robots(rows: list[Array]) -> ConsistentSteps:
+    problem = stub(
+        scale=np.array([2.0]),
+        begun_at=lambda start: None,
+        start=None,
+        base=stub(project=lambda x: x),
+        estimated=[0],
+    )
+
+    def solve(root: Array, right: Array) -> Any:
+        rows.append(root)
+        return stub(x=np.zeros(1))
+
+    constrained = stub(solve=solve)
+    return ConsistentSteps(cast(Any, problem), cast(Any, constrained), np.zeros(1), stub(n_rows=101))
+
+
+def test_a_random_robot_is_held_near_its_point_and_corrections_are_hardly_damped(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rows: list[Array] = []
+    steps = steps_among_robots(rows)
+    steps.begun_near(np.zeros(1))
+    assert rows.pop().tolist() == [[50.0]]
+    jacobian = np.ones((1, 101))
+    advance = steps.correction(jacobian, np.eye(1), 100.0)
+    assert advance is not None
+    dampings: list[Array] = []
+
+    def robots(point: Array, errors: Array, jacobian: Array, damping: Array, cost: float) -> list[Array]:
+        dampings.append(damping)
+        return [point]
+
+    monkeypatch.setattr(steps, "_robots", robots)
+    advance(np.zeros(1), np.full(101, 0.1))
+    assert dampings[0].tolist() == pytest.approx([1e-8 * 1e-4])
+
+
+@pytest.mark.parametrize(
+    ("promised", "fall", "met"),
+    [(0.9e-4, 1.0, True), (1.1e-4, 1.0, False), (1.0, 0.9e-4, True), (1.0, 1.1e-4, False)],
+)
+def test_an_optimum_among_robots(promised: float, fall: float, met: bool) -> None:
+    assert ConsistentSteps.met(cast(Any, None), promised, fall, accepted=True) is met
+
+
+def test_derivatives_of_an_output_error_change_torques_by_a_ten_thousandth() -> None:
+    asked: list[Array] = []
+
+    class Errors:
+        scale = np.array([2.0, 5.0])
+
+        def errors(self, points: Array) -> tuple[Array, Array]:
+            asked.append(points)
+            return np.zeros((2, 3)), np.ones(2, dtype=bool)
+
+    OutputError.derivatives(cast(Any, Errors()), np.zeros(2), np.zeros(3))
+    np.testing.assert_allclose(asked[0], np.diag([2e-4, 5e-4]))
+
+
+def test_candidates_are_held_64_at_a_time() -> None:
+    sizes: list[int] = []
+
+    def some(points: Array) -> tuple[Array, Array]:
+        sizes.append(len(points))
+        return np.zeros((len(points), 1)), np.ones(len(points), dtype=bool)
+
+    OutputError.errors(stub(_errors=some, n_simulations=0), np.zeros((130, 1)))
+    assert sizes == [64, 64, 2]
+
+
+class Held:
+    """A problem whose draws have a deviation of one, and whose curvature and other priors are given."""
+
+    def __init__(self, curvature: float, moved: float) -> None:
+        self._curvature, self._moved, self._solved = curvature, moved, 0
+        self.drawn: list[int] = []
+
+    def __call__(self, robot: object, selection: object, prior: Any, gamma: float, bounds: object) -> Held:
+        self.gamma = gamma
+        return self
+
+    def solve(self, root: Array, right: Array) -> Any:
+        self._solved += 1
+        # The first is the solution, then those of the priors of half and of twice the size.
+        return stub(x=np.array([(0.0, -self._moved, self._moved)[self._solved - 1]]), half_distance=0.0)
+
+    def solve_many(self, root: Array, rights: Array, threads: int) -> list[Any]:
+        self.drawn.append(len(rights))
+        values = np.where(np.arange(len(rights)) % 2 == 0, 1.0, -1.0)
+        values *= np.sqrt((len(rights) - 1) / len(rights))
+        return [stub(x=np.array([value])) for value in values]
+
+    def covariance(self, root: Array, x: Array) -> Array:
+        return np.array([[self._curvature**2]])
+
+
+@pytest.mark.parametrize(
+    ("curvature", "moved", "identified"),
+    [(1.19, 0.0, True), (1.21, 0.0, False), (1.0, 0.29, True), (1.0, 0.31, False)],
+)
+def test_a_parameter_from_the_prior(
+    curvature: float, moved: float, identified: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held = Held(curvature, moved)
+    monkeypatch.setattr(nearest, "ConstrainedProblem", held)
+    prior = Prior("given", (), np.ones(1))
+    monkeypatch.setattr(nearest, "prior_of", lambda robot, choice: prior)
+    robot = stub(base_parameters=stub(matrix=np.ones((1, 1))))
+    found = nearest.nearest_robot(robot, stub(estimated=[0]), np.zeros(1), np.eye(1))
+    assert found.identified.tolist() == [identified]
+    assert held.drawn == [200]
+    assert held.gamma == 0.01
