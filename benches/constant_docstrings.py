@@ -1,4 +1,4 @@
-"""Refuse docstrings of constants that do not begin with what the number is.
+"""Refuse constants whose docstring does not begin with the quantity, and numbers of the package without a docstring.
 
     python benches/constant_docstrings.py
 
@@ -16,51 +16,54 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("python", "tests", "benches", "examples", "docs")
 """Folders whose Python files are read."""
-NOT_YET = ("python/didim/diagnosis/", "python/didim/methods/verdict/", "python/didim/methods/didim/")
-"""Folders whose docstrings are still to be corrected."""
-REFUSED = ("Of", "Times", "Between", "Where", "From")
+NUMBERS = "python/didim/"
+"""Folder whose numeric constants must have a docstring."""
+REFUSED = (
+    *("Of", "Times", "Between", "Where", "From", "What", "It", "So", "How", "And", "As"),
+    *("That", "Which", "When", "Beyond", "Below", "Above", "If", "More", "Fewer"),
+)
 """First words that say how a number is used, not what it is."""
 
 
-def headless(source: str) -> list[tuple[int, str]]:
-    """Return line and name of constants whose docstring begins with one of the refused words."""
-    found = []
+def headless(source: str, *, numbers: bool = False) -> list[tuple[int, str]]:
+    """Return line and name of constants whose docstring begins with a refused word, and of numbers that have none."""
+    wrong = []
     module = ast.parse(source)
     scopes: list[ast.Module | ast.ClassDef] = [module]
     scopes += [node for node in module.body if isinstance(node, ast.ClassDef)]
     for scope in scopes:
-        for node, after in pairwise(scope.body):
-            targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
-            names = [
-                name.id
-                for target in targets
-                if target
-                for name in ast.walk(target)
-                if isinstance(name, ast.Name)
-            ]
-            text = (
-                after.value.value
-                if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
-                else None
-            )
-            if (
-                isinstance(text, str)
-                and names
-                and names[0].isupper()
-                and text.split()[:1]
-                and text.split()[0] in REFUSED
-            ):
-                found.append((after.lineno, names[0]))
-    return found
+        for node, after in pairwise([*scope.body, ast.Pass()]):
+            if not isinstance(node, ast.Assign | ast.AnnAssign):
+                continue
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            name = next((part.id for part in ast.walk(target) if isinstance(part, ast.Name)), "")
+            if not name.isupper():
+                continue
+            match after:
+                case ast.Expr(value=ast.Constant(value=str(text))):
+                    if text.split()[:1] and text.split()[0] in REFUSED:
+                        wrong.append((after.lineno, name))
+                case _ if numbers and _is_number(node.value):
+                    wrong.append((node.lineno, name))
+    return wrong
+
+
+def _is_number(value: ast.expr | None) -> bool:
+    parts = list(ast.walk(value)) if value else []
+    return bool(parts) and all(
+        isinstance(part, ast.UnaryOp | ast.BinOp | ast.operator | ast.unaryop)
+        or (isinstance(part, ast.Constant) and isinstance(part.value, int | float))
+        for part in parts
+    )
 
 
 def main() -> None:
     wrong = [
-        f"{place}:{line}: the docstring of {name} must begin with what the number is, not with {', '.join(REFUSED)}"
+        f"{name}:{line}: the docstring of {constant} must say first what the constant is (not 'Of ...', 'What ...')"
         for folder in FOLDERS
         for path in sorted((ROOT / folder).rglob("*.py"))
-        if not (place := path.relative_to(ROOT).as_posix()).startswith(NOT_YET)
-        for line, name in headless(path.read_text(encoding="utf-8"))
+        for name in [path.relative_to(ROOT).as_posix()]
+        for line, constant in headless(path.read_text(encoding="utf-8"), numbers=name.startswith(NUMBERS))
     ]
     sys.exit("\n".join(wrong) or 0)
 

@@ -45,7 +45,7 @@ SPECIAL: dict[str, Writer] = {
     "dangling link": _link("nowhere"),
     "sparse": _sparse,
 }
-"""What is no file with a content of its own, or has terabytes of zeros."""
+"""Makers of paths that are not regular files, and of a file with terabytes of zeros."""
 
 TEXTS: dict[str, str] = {
     "one line": "1" * MB,

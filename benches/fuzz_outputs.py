@@ -31,7 +31,7 @@ THREADS, SAVES = 8, 100
 READ = (".toml", ".json", ".csv")
 """Endings of the files that the commands read."""
 WAYS = ("path", "symbolic link", "hard link")
-"""How an output leads to a file that is read."""
+"""Kinds of outputs that lead to an input file."""
 
 CLOE = ("identify", "sliding.toml", "--method", "cloe", "--quiet")
 COMMANDS: tuple[tuple[tuple[str, ...], str, str], ...] = (

@@ -17,7 +17,7 @@ TRUTH = {
 }
 """Drives of the joints of each leg."""
 FILE = {"armature": 0.01, "damping": 0.6, "frictionloss": 0.2}
-"""What the user's file says of every drive."""
+"""Properties of every drive in the user's file."""
 
 _LEG = """
       <body name="{leg}_hip" pos="{x} {y} 0">

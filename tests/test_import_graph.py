@@ -177,3 +177,7 @@ def test_docstrings_of_constants_begin_with_a_noun(project: Path) -> None:
     assert program.headless(refused) == [(2, "A"), (5, "B")]
     accepted = 'A = 1\n"""Order of a filter."""\nb = 2\n"""Of a filter."""\nC = 3\n'
     assert program.headless(accepted) == []
+    assert program.headless('A = 1\nB = "b"\nC: float = -2 * 1e-3\nD = f(1)\n', numbers=True) == [
+        (1, "A"),
+        (3, "C"),
+    ]

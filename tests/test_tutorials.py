@@ -14,7 +14,7 @@ from didim.cli.main import main
 from test_documented import indented, tables, words
 
 FRICTION = re.compile(r"# \[friction\]\n(# .*\n)+")
-"""What `didim init` writes about friction."""
+"""Lines on friction that `didim init` writes."""
 
 
 def run(command: str, code: int = 0) -> None:

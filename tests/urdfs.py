@@ -136,7 +136,7 @@ NASTY_JOINTS = (
     '<mimic joint="stand still"/>',
     "<dynamics/><!-- <limit/> --><drake:rotor_inertia value='0.1'/>",
 )
-"""What descriptions have inside joints, and what neither moves nor stops them; a leader that stands still holds its followers."""
+"""Elements inside joints that have no effect; a leader that stands still holds its followers."""
 
 NASTY_PARTS = (
     '<material name="grau"><color rgba="0.5 0.5 0.5 1"/></material>',
@@ -147,7 +147,7 @@ NASTY_PARTS = (
     "<link name='loose'/><link name='loose leaf'/><joint name='loose joint' type='revolute'>"
     "<parent link='loose'/><child link='loose leaf'/></joint>",
 )
-"""What descriptions have beside links and joints of the robot; the last one is a tree of its own."""
+"""Elements beside the links and joints of the robot; the last is a separate tree."""
 
 
 def nasty_tree(rng: np.random.Generator, joints: int) -> tuple[str, str]:

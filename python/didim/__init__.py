@@ -205,7 +205,7 @@ _LATER = {
     "study": "monte_carlo.study",
     "validate": "studies.validation",
 }
-"""Modules of the names that are loaded when they are asked for: a program waits for the parts it uses, and for no others."""
+"""Modules of the names that are imported on first use, so that a program waits only for the parts it uses."""
 _MOVED = {
     "ExperimentError": "errors",
     "FitError": "errors",
@@ -242,7 +242,7 @@ _MOVED = {
     "EKF": "contrib.ekf",
     "MaximumLikelihood": "contrib.maximum_likelihood",
 }
-"""Modules of the public names of 0.2.0 that are public here no more: they work in this version, with a `DeprecationWarning`."""
+"""Modules of public names of 0.2.0 that are no longer public: they work in this version with a `DeprecationWarning`."""
 
 
 if not TYPE_CHECKING:  # type checkers refuse names that are not above

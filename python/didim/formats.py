@@ -24,7 +24,7 @@ from .robot.base_parameters import BaseParameters
 from .studies.comparison import Comparison, off_explained, sentence
 
 FORMATS = ("text", "markdown", "latex", "csv")
-"""Formats of a result; text is what ``print`` shows."""
+"""Formats of a result; ``print`` shows "text"."""
 
 Result = Identification | Comparison | BaseParameters | StudyResults
 

@@ -14,10 +14,10 @@ from ..errors import DidimError
 Array = NDArray[np.float64]
 
 LARGEST_POSITION = 1e9
-"""Largest position of a joint (rad or m): a larger angle has no digits left, and the core's sine ends at 1e15."""
+"""Largest position of a joint (rad or m): larger angles have lost their digits, and the core's sine ends at 1e15."""
 
 LARGEST_SQUARED = 1e150
-"""Upper bound of numbers whose squares are far from the limit of floating point."""
+"""Largest number whose square may be summed: squares stay far below the limit of floating point."""
 
 _FLOAT64 = np.dtype(np.float64)
 

@@ -24,18 +24,16 @@ if TYPE_CHECKING:
     import zipfile
 
 LARGEST_EXPANSION = 200
-"""Largest ratio of the content of an archive to the bytes of its file.
-
-Compressed logs of 64-bit numbers with noise expand to 2 to 20 times their bytes, encoder counts of an arm at rest to some 100
-times. Zeros expand to 1000 times: a file of 2 MB can fill 2 GB.
-"""
+"""Largest ratio of an archive's content to the bytes of its file. Noisy logs of 64-bit numbers expand 2 to 20 times and encoder
+counts of an arm at rest some 100 times. Zeros expand 1000 times: a file of 2 MB can fill 2 GB."""
 SMALL_CONTENT = 64 << 20
-"""Content (bytes) that an archive of any size may expand to: a small file of zeros does no harm."""
+"""Content (bytes) that any archive may expand to, whatever its ratio: so little does no harm."""
 LARGEST_DESCRIPTION = 10_000_000
-"""Largest file (bytes) that a person writes: robot, experiment, study, URDF. Reading TOML takes some 20 times its bytes."""
+"""Largest file (bytes) that a person writes: robot, experiment, study, URDF. Parsed TOML takes some 20 times its bytes."""
 BLOCK = 1 << 20
-"""Bytes that are read or expanded at a time."""
+"""Bytes that are read or expanded in one step."""
 GB = 1e9
+"""Bytes of a gigabyte."""
 
 
 @dataclass

@@ -16,7 +16,7 @@ Rows = Sequence[Sequence[str]]
 """Heading and cells of a table."""
 
 LONGEST_VALUE = 60
-"""Characters that a field takes in a repr."""
+"""Largest number of characters of a field in a repr."""
 
 
 def page(title: str, *parts: str | Rows) -> str:

@@ -8,11 +8,11 @@ from importlib import import_module
 from typing import Any
 
 DELAY_S = 1.0
-"""Seconds of work before the line appears: short work needs none."""
+"""Work (s) before the progress line appears: shorter work needs none."""
 EVERY_S = 0.1
-"""Seconds between changes of the line."""
+"""Time (s) between updates of the progress line."""
 WIDEST = 78
-"""Characters of the line: one that wraps cannot be replaced."""
+"""Largest number of characters of the progress line: a wrapped line cannot be overwritten."""
 
 
 class ProgressLine:

@@ -12,7 +12,8 @@ from .inputs import read_file
 SCHEMA = 1
 """Version of the format that this code writes and reads."""
 COPIES = 4
-"""Memory that JSON takes while it is read, in bytes of the file: numbers of 18 digits become objects of 32 bytes, in lists."""
+"""Memory that parsed JSON takes, as a multiple of the file's bytes: a number of 18 digits becomes an object of 32 bytes in a
+list."""
 
 
 def read_saved(path: str | Path) -> dict[str, Any]:

@@ -13,14 +13,14 @@ from ..errors import ThreadsError
 from .settings import whole
 
 VARIABLE = "DIDIM_THREADS"
-"""Environment variable with the limit."""
+"""Environment variable that limits the number of threads."""
 MOST_THREADS = 4096
-"""Upper bound of the number of threads: no machine has more, so a larger number is a mistake."""
+"""Largest number of threads that a user may ask for: no machine has more, so a larger number is a mistake."""
 NUMPY_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""Variables that the linear algebra of NumPy reads when it is loaded."""
+"""Environment variables that NumPy's linear algebra reads when it is loaded."""
 
 _limit: list[int] = []
-"""The limit that `set_threads` has set, if there is one."""
+"""Limit set by `set_threads`; empty if it was not called."""
 
 
 def set_threads(n: int | None) -> None:

@@ -22,13 +22,13 @@ from .inputs import read_small_file
 from .words import counted, did_you_mean, listing, nearest
 
 MISSING: Any = object()
-"""Default of a key that must be there."""
+"""Default of a mandatory key."""
 
 LARGEST_INTEGER = 2**63 - 1
-"""TOML promises no larger ones."""
+"""Largest integer that TOML guarantees."""
 
 DEEPEST_KEY = 100
-"""Dots of a key that are read. The memory that a key takes grows with the square of its dots: 50 000 of them take 3 GB."""
+"""Largest number of dots in a key. Memory grows with its square: 50 000 dots take 3 GB."""
 _PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
 DEEP_KEY = re.compile(rf"""(?<![\w'"-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{DEEPEST_KEY + 1}}}""")
 

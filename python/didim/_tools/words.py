@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 FEW_NAMES = 12
-"""Largest number of names that a message lists in full; of more it has the nearest."""
+"""Largest number of names that a message lists in full; otherwise it shows the most similar ones."""
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .options import Commands
 
 DESIGN_PROGRESS_S = 1.0
-"""Seconds between lines of progress."""
+"""Time (s) between two progress lines of a design."""
 
 
 def add(commands: Commands) -> None:

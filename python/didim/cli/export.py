@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .options import Commands
 
 NEW = Path()
-"""Value of ``--mjcf`` without a file: a new MJCF is written."""
+"""Value of ``--mjcf`` without a file name: a new MJCF is written."""
 
 
 def add(commands: Commands) -> None:

@@ -121,7 +121,7 @@ CHOICES = (
     "starts",
     "checkpoint",
 )
-"""Options of `identify` that are settings of a method."""
+"""Options of `identify` that set a field of the method's settings."""
 
 
 def run(options: argparse.Namespace) -> int:

@@ -103,10 +103,8 @@ BEYOND = {
     "UnicodeError": "a text is not UTF-8",
     "LinAlgError": "its numbers have no solution",
 }
-"""Errors that no reader has foreseen, by the names of their classes (NumPy is loaded late), and what a sentence says of them.
-
-The sentence opens with the last file that was read: that is where the numbers come from.
-"""
+"""Sentences for exceptions that no reader raises on purpose, by class name (NumPy is loaded late). The message names the file
+that was read last, because its numbers are the likely cause."""
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:

@@ -29,7 +29,7 @@ CONVERGED, NOT_CONVERGED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 LONGEST_MESSAGE = 1000
-"""Characters: a wrong value may be a text or a list of any length."""
+"""Largest number of characters of an error message: a wrong value may be a text or a list of any length."""
 
 
 def refuse(text: str) -> int:

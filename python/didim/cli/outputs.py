@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..result.verdict import Verdict
 
 RESULT = Path("didim-result.txt")
-"""Name of the file that takes a result which could not be printed."""
+"""File that receives a result which could not be printed."""
 
 
 def check_outputs(*paths: Path | None) -> None:

@@ -28,10 +28,10 @@ from ..signal.noise import white_noise
 from .kalman import Filter
 
 PARTS = 10
-"""Entries of the history: the pass is divided into so many parts."""
+"""Number of equal parts of the pass, each with an entry in the history."""
 
 MOST_SAMPLES = 500_000
-"""Largest number of samples of a pass: a minute of it, and half a gigabyte with the least squares beside it."""
+"""Largest number of samples of a pass: it takes a minute and, with the least squares beside it, half a gigabyte."""
 
 
 @dataclass(frozen=True, kw_only=True)

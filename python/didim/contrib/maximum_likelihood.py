@@ -36,7 +36,7 @@ from .partials import torque_partials
 from .sample_weights import sample_covariances, whitened, whitening
 
 SETTLED_SIGMA = 1e-3
-"""Change of every parameter, in its standard deviation, at which the iteration ends."""
+"""Change of every parameter, as a share of its standard deviation, at which the iteration ends."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ from ..regression.linear_system import LinearSystem
 from ..regression.settings import LeastSquaresSettings
 
 SMALLEST_LAST = 1e-10
-"""Last component of the singular vector, of norm one, below which the problem has no solution."""
+"""Smallest last component of the unit singular vector for which the problem has a solution."""
 
 
 def total_least_squares(a: Array, y: Array) -> Array | None:

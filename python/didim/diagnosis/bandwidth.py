@@ -16,10 +16,10 @@ from ..result.finding import Finding, said
 from ..signal.spectrum import spectrum
 
 LARGEST_LOSS = 0.02
-"""Share of the acceleration that may be lost: inertias of a good log are known to 1 or 2 %."""
+"""Largest share of the acceleration that a filter may remove: inertias of a good log are known to 1 or 2 %."""
 
 BAND = 0.999
-"""Share of the power of the velocity that ends the band of the motion."""
+"""Share of the velocity's power below the upper end of the motion's band."""
 
 
 def check_bandwidth(experiment: Experiment) -> list[Finding]:

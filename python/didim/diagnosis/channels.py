@@ -19,19 +19,20 @@ from ..log.recording import Recording
 from ..result.finding import Finding, said
 
 ROUNDING = 1e-12
-"""Share of the largest value within which two samples are the same: going back to the columns rounds."""
+"""Largest difference of two equal samples, as a share of the largest value: converting back to the columns rounds."""
 STUCK_SAMPLES = 8
-"""Fewest equal samples in a row: at a reversal the noise of an encoder repeats a value a few times."""
+"""Smallest number of equal samples in a row of a stuck channel: at a reversal an encoder's noise repeats a value a few
+times."""
 BREAK = 10.0
-"""Times the usual second difference that a channel must break off, or jump, by: the extreme of a smooth motion with
-noise is 4 to 5 times the value that 1 of 100 samples exceeds, which is the usual one here."""
+"""Second difference of a jump, as a multiple of the usual one (exceeded by 1 of 100 samples): a smooth motion with noise
+reaches 4 to 5."""
 CLIPPED_SAMPLES = 8
-"""Fewest samples at an extreme value."""
+"""Smallest number of samples at the extreme value of a clipped channel."""
 CLIPPED_RATIO = 3.0
-"""Times the samples of the next value: on top of a parabola, in steps, the last step holds 1 / (sqrt(2) - 1) = 2.4 times
-those of the one before at most."""
+"""Smallest ratio of the samples at the extreme value to those at the next one; a quantised parabola has 1 / (sqrt(2) - 1) =
+2.4."""
 FEWEST_LEVELS = 100
-"""Values over the range of a channel: with fewer the steps are above 1 % of it, and torques are hardly known better."""
+"""Smallest number of values over a channel's range: with fewer, a step exceeds 1 % of it, about the accuracy of torques."""
 
 
 @dataclass(frozen=True)

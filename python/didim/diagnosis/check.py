@@ -53,12 +53,12 @@ from .sampled import time_findings
 from .standstill import check_friction, check_standstill
 
 FEWEST_SPIKES = 3
-"""Spikes of a joint that are reported; a single sample changes no estimate."""
+"""Smallest number of a joint's spikes that is reported; a single sample changes no estimate."""
 KNOWN_LEFT = 0.7
-"""Share of the error, geometric mean of the joints, that a cause may leave beside known parameters: what is theirs (load, friction,
-temperature) is no wrong declaration."""
+"""Largest remaining error with a cause beside known parameters, as a share (geometric mean of the joints): errors of the
+parameters themselves (load, friction, temperature) are not a wrong declaration."""
 MOST_ROUNDS = 3
-"""Wrong declarations reported in one run; each is looked for with those before it corrected."""
+"""Largest number of wrong declarations reported in one run; each is sought with its predecessors corrected."""
 
 
 def check(

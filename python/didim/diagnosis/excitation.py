@@ -17,16 +17,16 @@ from ..model.dynamics import regressor
 from ..result.finding import Finding, said
 
 UNTOLD = 0.1
-"""Share of the torque of a joint that the uncertainty of one parameter may make on a rich motion. Logs of a good motion have 0.01
-(simulated) to 0.05 (measured), a joint that rests 0.1 to 10 000."""
+"""Torque uncertainty on a rich motion due to one parameter, as a share of the joint's torque, from which it is reported. Logs
+of a good motion have 0.01 (simulated) to 0.05 (measured), a joint at rest 0.1 to 10 000."""
 RESTING = 0.02
-"""Speed, against the fastest joint of its kind, below which a joint rests."""
+"""Speed, as a share of that of the fastest joint of the same kind, below which a joint rests."""
 CAP = 1e3
-"""Share that a parameter without any effect gets, so that it can be inverted with the others."""
+"""Value that replaces the infinite uncertainty of a parameter without any effect, so that the matrix can be inverted."""
 CONFIGURATIONS = 500
-"""Random states of the rich motion."""
+"""Number of random states of the rich motion."""
 SMALLEST_SHARE = 1e-6
-"""Lower bound of a joint's residual, as a share of its torque: rounding, or a log without noise, must not make a joint exact."""
+"""Lower bound of a joint's residual, as a share of its torque: weights stay finite on logs without noise."""
 
 
 def check_excitation(rows: LogRows, n_rows: float) -> list[Finding]:

@@ -11,7 +11,7 @@ from ..methods.job import Job
 from ..result.finding import Finding, said
 
 SMALLEST_GAIN = 0.05
-"""Share of the residual that the compensation must take away."""
+"""Share of the residual that compensation must remove."""
 
 
 def check_delay(job: Job) -> list[Finding]:

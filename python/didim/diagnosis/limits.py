@@ -9,11 +9,11 @@ from ..result.finding import Finding, said
 from ..signal.segments import Segment
 
 ROOM = 1.02
-"""Limits are rounded, and a controller overshoots a little."""
+"""Ratio to a declared limit that is tolerated: limits are rounded, and controllers overshoot a little."""
 SEVERAL = 5.0
-"""Multiple of a limit beyond which a wrong unit or side is likelier than a fast robot."""
+"""Ratio to a limit beyond which a wrong unit or side is likelier than a fast robot."""
 LARGEST_RANGE = {"revolute": 8.0 * np.pi, "prismatic": 20.0}
-"""Four turns, or twenty metres, in one log: no joint of an arm moves through that much."""
+"""Largest range of positions (rad, m) in one log: four turns or twenty metres, more than any joint of an arm moves."""
 
 
 def check_limits(experiment: Experiment, parts: list[Segment]) -> list[Finding]:

@@ -18,20 +18,20 @@ from ..log.recording import Recording
 from ..result.finding import Finding, said
 
 SAME = 1e-9
-"""Error over motion up to which two columns are the same, but for rounding."""
+"""Largest ratio of error to motion at which two columns are equal but for rounding."""
 CONSTANT = 1e-3
-"""Motion of a reference over that of its joint up to which it does not move."""
+"""Largest ratio of the reference's motion to that of its joint at which the reference is constant."""
 UNRELATED = 0.5
-"""Correlation of reference and position below which they are not of the same joint."""
+"""Correlation of reference and position below which they do not belong to the same joint."""
 POWER = 0.999
-"""Share of the power of the motion that its band contains."""
+"""Share of the motion's power within its band."""
 QUIET = 0.3
-"""Power of the error per Hz in the band of the motion, over that above it, below which the reference is a smoothed copy: white
-noise of the encoder alone has 1, and a controlled robot has more."""
+"""Ratio of the error's power density within the motion's band to that above it, below which the reference is a smoothed copy:
+white encoder noise alone has 1, and a controlled robot more."""
 LATE = 0.9
-"""Share of the squared error that the velocity must explain for a late copy."""
+"""Share of the squared error that the velocity must explain for a delayed copy."""
 FEWEST = 200
-"""Samples of a window that are needed."""
+"""Smallest number of samples of a window for this check."""
 
 _ADVICE = "Log the reference that the controller gets, or leave [recording.reference] out: DIDIM and CLOE need a real one"
 

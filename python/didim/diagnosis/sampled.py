@@ -8,7 +8,7 @@ from ..log.sampling import TimeFault
 from ..result.finding import Finding, said
 
 MOST_GAPS = 5
-"""Number of gaps that are reported one by one."""
+"""Largest number of gaps that are reported one by one."""
 
 ADVICE = {
     "order": "Sort or mend the time stamps",

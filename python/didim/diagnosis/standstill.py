@@ -20,20 +20,20 @@ from ..robot.robot import Robot
 from ..signal.segments import Segment
 
 SLOW = 0.005
-"""Share of the top speed below which a joint stands still, if it does so long enough."""
+"""Speed, as a share of the top speed, below which a joint stands still if this lasts for `LONG_S`."""
 LONG_S = 0.1
-"""Shortest standstill (s): a reversal is over sooner."""
+"""Shortest standstill (s): a reversal takes less."""
 LARGEST_SHARE = 0.05
 """Share of a log at standstill from which it is reported: 17 % decided some friction parameters of a real log
 (docs/tx40_recipes.md)."""
 
 
 STRETCHES = 20
-"""Stretches of a recording over which residuals are summed."""
+"""Number of stretches of a recording over which residuals are summed."""
 CLEAR_DEVIATIONS = 3.5
-"""Difference, in its standard deviations, that is reported: 12 joints and logs give a false one in 200 experiments."""
+"""Difference, in standard deviations, from which it is reported: 12 joints and logs give one false alarm in 200 experiments."""
 CLEAR_SHARE = 0.03
-"""Difference, as a share of the friction, that is reported."""
+"""Difference, as a share of the friction, from which it is reported."""
 
 
 def check_standstill(robot: Robot, parts: list[Segment]) -> list[Finding]:

@@ -17,11 +17,11 @@ from ..result.finding import Finding
 from .rows import LogRows
 
 UNCHECKED_SIGMA = 0.3
-"""Standard deviation of the log of a gain from which a log does not check it: a doubled gain is 2.3 of these."""
+"""Standard deviation of a gain's logarithm from which the log cannot check the gain: doubling it is 2.3 of these."""
 INDEPENDENT = 1e-6
-"""Singular values of columns with norm 1, against the largest: below it a combination of columns is rounding."""
+"""Singular value of unit-norm columns, as a share of the largest, below which they count as dependent."""
 INTERVALS = 20
-"""Intervals of time m, as those of the jackknife."""
+"""Number of time intervals m, as in the jackknife."""
 
 
 def unchecked(rows: LogRows) -> list[Finding]:

@@ -39,9 +39,9 @@ from .uses import uses_of
 from .whiteness import NEGLIGIBLE, whiteness, whiteness_findings
 
 SUSPICIOUS = frozenset({"not-white", "not-physical", "no-robot", "size", *TORQUE_CODES})
-"""Codes of findings that say that the log contradicts its model, but not why."""
+"""Codes of findings that show a contradiction of log and model without its cause."""
 ROUNDING = 1e-9
-"""Relative error up to which a residual is that of floating point."""
+"""Relative residual below which it is rounding."""
 
 
 @dataclass(frozen=True, eq=False)

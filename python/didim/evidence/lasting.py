@@ -30,13 +30,13 @@ from .thresholds import (
 )
 
 SPEEDS = (0.03, 0.1, 0.3)
-"""Stribeck velocities that are tried, as shares of the largest speed of a joint."""
+"""Stribeck velocities that are tried, as shares of a joint's largest speed."""
 FALLING = frozenset({"stribeck", "atan"})
-"""Laws of terms with which a model has friction that falls with speed."""
+"""Laws by which a model's friction falls with speed."""
 HOLD = (0.3, 0.7)
-"""Delays, in samples ahead of the motion, that the hold of a digital controller of the log's rate explains."""
+"""Range of delays, in samples ahead of the motion, explained by the hold of a digital controller at the log's rate."""
 CLEARLY = 0.97
-"""Share of a joint's squared error that a further friction term must not exceed there for the joint to be named."""
+"""Ratio of a joint's squared error with a further friction term to that without, below which the joint is named."""
 
 
 def friction_findings(rows: LogRows, fit: Identification | None, *, chosen: bool) -> list[Finding]:

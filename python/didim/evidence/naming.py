@@ -59,7 +59,7 @@ REMEDIES: dict[
     "link-length": ("robot", "[[joint]]", "", "set"),
     "dh-convention": ("robot", "", "convention", "set"),
 }
-"""File, table, key and action of the edit that takes a cause away, where a file says enough."""
+"""File, table, key and kind of the edit that removes a cause, where a file declares enough."""
 
 
 def remedy_of(tried: Tried) -> Remedy | None:

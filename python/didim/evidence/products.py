@@ -26,13 +26,13 @@ from .._tools.arrays import Array
 from ..regression.linear_system import LinearSystem
 
 BLOCKS = 10
-"""Blocks of time that are left out in turn."""
+"""Number of time blocks that are left out in turn."""
 REWEIGHTINGS = 3
-"""Solutions that the weights of the channels come from."""
+"""Number of solutions from which the weights of the channels are computed."""
 RIDGE = 1e-11
-"""Share of the trace that is added to products of normed columns: dependent columns then share what they explain."""
+"""Addition to products of unit-norm columns, as a share of their trace: dependent columns then share what they explain."""
 LEAST_SHARE = 1e-14
-"""Squared error of a channel over its squared torque below which it is rounding, and counts no further."""
+"""Lower bound of a channel's squared error, as a share of its squared torque: less is rounding."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,9 +28,9 @@ from ..signal.spikes import alone, without_lone
 from .thresholds import FEWEST_SPIKES, SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG, SPIKES_SHARE
 
 LARGER = 1.5
-"""Error on a held-out recording over that of the fit that is worth a sentence: on correct logs it is 0.9 to 1.1."""
+"""Ratio of the error on a held-out recording to that of the fit from which it is reported: correct logs have 0.9 to 1.1."""
 SMALLEST_SHARE = 0.003
-"""Share of a joint's torque below which it is that of filter and simulation."""
+"""Error, as a share of the joint's torque, below which filter and simulation explain it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,13 +34,13 @@ if TYPE_CHECKING:
     from .hypotheses.hypothesis import Hypothesis
 
 ROWS = 300
-"""Rows of a joint that hypotheses are tried on, where the log has them: at least as many, and less than twice that."""
+"""Smallest number of rows per joint for a hypothesis, where the log has them; fewer than twice this number are used."""
 ROUGH_ROWS = 150
-"""Rows of a joint for the rougher look, at least, and less than twice that."""
+"""Smallest number of rows per joint for the screening; fewer than twice this number are used."""
 SAMPLES = 6000
-"""Samples that they are tried on at least."""
+"""Smallest number of samples for a hypothesis."""
 FEWEST_ROWS = 3
-"""Rows of a joint in each block at least."""
+"""Smallest number of rows per joint in a block."""
 
 
 class LogRows:

@@ -20,7 +20,7 @@ from ..model.dynamics import friction_places, regressor
 from ..robot.robot import Robot
 
 NEAR = 3.5
-"""Factor of a joint's motion up to which the torques of its way are like those of the declared one."""
+"""Ratio of a joint's motion to the declared one, up to which a joint's torques along both are similar."""
 MOTION = ("q", "dq", "ddq")
 """Names of the motion's signals."""
 

@@ -13,11 +13,11 @@ from ..regression.consistent.diagnosis import Contradiction
 from ..result.finding import Finding
 
 TORQUE_CODES = frozenset({"torque-sign", "swapped-torques", "constant-torque"})
-"""Codes of findings that say what is wrong with the torques."""
+"""Codes of findings that name a fault of the torques."""
 CONTRADICTIONS = TORQUE_CODES | {"no-robot"}
-"""Codes of findings that say why no robot explains the torques."""
+"""Codes of findings that explain why no robot fits the torques."""
 ASTRAY = 1.0
-"""Output error (12) from which on a simulated robot is further from the log than no torque at all."""
+"""Output error (12) from which a simulated robot is further from the log than zero torque."""
 SAME = 1e-12
 """Largest range of a constant torque, as a share of its size: rounding of units and reductions."""
 

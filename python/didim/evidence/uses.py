@@ -26,17 +26,17 @@ from .residual import Residual
 from .thresholds import KNOWN_PERCENT, UNTOLD
 
 STATES = 300
-"""Random states of the motions."""
+"""Number of random states of the motions."""
 TAILS = (0.02, 0.98)
-"""Quantiles of the positions of the log between which the random ones lie."""
+"""Quantiles of the log's positions between which the random ones lie."""
 DRIVES = ("F", "Off", "Rest")
-"""How names of friction and offsets begin."""
+"""First letters of the names of friction and offset parameters."""
 NO_GRAVITY = 1e-6
-"""Share of the torques at rest below which gravity makes none."""
+"""Torque of gravity at rest, as a share of the torques, below which there is none."""
 ROUNDING = 1e-9
-"""Error of a joint over the largest torque below which it is rounding."""
+"""Error, as a share of the joint's largest torque, below which it is rounding."""
 PAYLOAD_BLOCKS = 10
-"""Stretches of time whose masses give the deviation of a payload's."""
+"""Number of time stretches whose masses give a payload's standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,15 +19,15 @@ from ..result.finding import Finding, Grade
 from ..result.uncertainty import Uncertainty
 
 LAGS = 20
-"""Lags K, in rows; a tenth of the rows of a joint at most."""
+"""Largest number of lags K (rows); at most a tenth of a joint's rows."""
 FEWEST_LAGS = 3
-"""Fewer lags say nothing."""
+"""Smallest number of lags for the test."""
 SIGNIFICANT = 4.5
 """Standard deviations of the sum beyond which a residual is not white."""
 GROWTH = 1.2
-"""Growth of standard deviations that is worth a sentence, beside its significance."""
+"""Smallest growth of the standard deviations by correlation that is reported, if it is significant."""
 NEGLIGIBLE = 0.003
-"""Share of a joint's torque below which an error that lasts is that of simulation or filter, and changes no decision."""
+"""Correlated error, as a share of the joint's torque, below which simulation or filter explain it and no decision changes."""
 
 
 @dataclass(frozen=True, eq=False)

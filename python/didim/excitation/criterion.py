@@ -17,12 +17,13 @@ from .._tools.arrays import Array
 
 Name = Literal["information", "condition"]
 Criterion = Callable[[Array], tuple[float, Array]]
-"""Value to be maximised, and its derivative ``P`` with ``d value = sum P : dM``, both of an information matrix."""
+"""Value to be maximised and its derivative ``P``, with ``d value = sum P : dM``, as functions of an information matrix M."""
 
 FLOOR = 1e-13
-"""Smallest eigenvalue of the scaled information matrix that counts, as a share of the largest: below it is rounding."""
+"""Smallest eigenvalue of the scaled information matrix, as a share of the largest, that is not rounding."""
 CLEAR_PIVOT = 1e-5
-"""Smallest pivot of the factor of the scaled matrix up to which eigenvalues are looked at: its square is far above `FLOOR`."""
+"""Smallest pivot of the scaled matrix's factor that proves M regular; below it the eigenvalues are computed. Its square is far
+above `FLOOR`."""
 
 
 def criterion(name: Name, wanted: Array | None = None) -> Criterion:

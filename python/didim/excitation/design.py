@@ -20,11 +20,12 @@ from .ramps import Ramp, whole_motion
 from .settings import ExcitationSettings
 
 WEAK_PERCENT = 10.0
-"""Relative standard deviation from which a parameter counts as weak."""
+"""Relative standard deviation (%) from which a parameter is listed as weak."""
 CORRELATED_ESTIMATES = 0.9
-"""Absolute correlation of two estimates from which one is named as the reason of the other's weakness."""
+"""Absolute correlation of two estimates from which one is named as the reason why the other is weak."""
 INFLATED = 3.0
-"""Factor between the standard deviation of a parameter and the one it had if all others were known, likewise."""
+"""Ratio of a parameter's standard deviation to its value with all other parameters known, from which correlation is named as
+the reason why it is weak."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

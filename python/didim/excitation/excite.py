@@ -35,7 +35,7 @@ from .settings_file import read_excitation
 from .task import Task
 
 TRIAL_SEED = 1_000_003
-"""Distance of the seeds of the random motions of one start: those of other starts are not among them."""
+"""Offset between the seeds of a start's random motions, large enough that no two starts share a motion."""
 
 
 def excite(

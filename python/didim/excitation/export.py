@@ -156,4 +156,4 @@ WRITERS: Mapping[str, Callable[[Excitation], str]] = {
     ".script": urscript,
     ".yaml": joint_trajectory,
 }
-"""Formats by ending."""
+"""Function that writes a format, by file suffix."""

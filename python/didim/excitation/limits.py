@@ -16,7 +16,7 @@ from ..errors import ExcitationError
 from ..robot.robot import Robot
 
 ACCELERATION_TIME = 0.25
-"""Seconds to the velocity limit where no acceleration limit is known; the report says where it has been used."""
+"""Time (s) to reach the velocity limit where no acceleration limit is known; the report says where it was used."""
 
 
 @dataclass(frozen=True, kw_only=True)

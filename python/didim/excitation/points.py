@@ -19,15 +19,16 @@ from ..loop.reference import Reference
 from .problem import FINE, Problem
 
 POINT_PASSES = 3
-"""Passes over all points; the gain of a fourth was below one per cent of the first's."""
+"""Number of passes over all points: a fourth gained less than 1 % of the first's gain."""
 POINTS_TRIED = 25
-"""Random points tried for each point of a pass."""
+"""Number of random candidates for each point in a pass."""
 MOVE_RATE_HZ = 100.0
-"""Samples per second of a move while points are exchanged."""
+"""Sampling rate (Hz) of a move while points are exchanged."""
 TRIES = 400
-"""Random points drawn for one that can be reached within all limits."""
+"""Largest number of random points drawn until one is reachable within all limits."""
 WITHIN = 0.999
-"""Share of the torque limits that moves keep on the fine grid: accelerations jump at corners, which lie between its samples."""
+"""Share of the torque limits that moves respect on the fine grid: accelerations jump at corners, which lie between its
+samples."""
 
 
 @dataclass(frozen=True)

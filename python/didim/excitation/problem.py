@@ -19,9 +19,9 @@ from .criterion import Criterion
 from .series import SAMPLES_PER_PERIOD, ScaledSeries, Series
 
 CLEARANCE_SCALE = 0.1
-"""Shortfall (m) that weighs as much as a torque at twice its limit: a millimetre counts as one per cent."""
+"""Missing clearance (m) that weighs as much as a torque at twice its limit: a millimetre counts as 1 %."""
 FINE = 20
-"""Every limit is verified on a grid so many times finer than that of the optimiser."""
+"""Ratio of the verification grid to the optimiser's grid: every limit is verified on this finer grid."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,14 +203,16 @@ class Problem:
 
 
 FULL = 0.975
-"""Use of a limit on the optimiser's grid that counts as full: the norm that stands for a maximum leaves one or two per cent."""
+"""Share of a limit, on the optimiser's grid, from which the limit counts as reached: the norm that replaces the maximum leaves
+1 to 2 %."""
 BETWEEN = 1.0 - float(np.cos(np.pi / (FINE * SAMPLES_PER_PERIOD)))
-"""Largest share by which a Fourier series can exceed, between the samples of the fine grid, its largest value on them (Ehlich and
-Zeller): the kinematic limits hold at all times."""
+"""Largest share by which a Fourier series can exceed, between the samples of the fine grid, its largest value on them (Ehlich
+and Zeller). With this margin the kinematic limits hold at all times."""
 TIGHTER = 1.3
-"""Share of an excess by which the limits of the penalties are tightened: a little is left to chance otherwise."""
+"""Factor between an excess and the tightening of the penalty's limit; above 1, because the next descent may exceed it a little
+again."""
 SMALLEST_MOTION_SCALE = 0.01
-"""Scale below which a motion identifies nothing."""
+"""Scale of the amplitudes below which a motion identifies nothing."""
 
 
 def scaled(series: Series, factor: float | Array) -> Series:

@@ -16,13 +16,13 @@ from .clearance import Clearance
 from .limits import MotionLimits
 
 LONGER = 1.25
-"""Factor by which a ramp is drawn out until its torques keep their limits."""
+"""Factor by which a ramp is prolonged until its torques keep their limits."""
 MOST_LONGER = 20
-"""Attempts; after them the torque of the way itself is too large."""
+"""Largest number of prolongations; a torque that is still too large comes from the path itself."""
 LOOKS = 400
-"""Samples of a ramp on which torques and clearances are verified."""
+"""Number of samples of a ramp on which torques and clearances are verified."""
 PEAKS = (15.0 / 8.0, 10.0 / np.sqrt(3.0), 60.0)
-"""Largest velocity, acceleration and jerk of the quintic from 0 to 1 within one second, at rest at both ends."""
+"""Largest velocity, acceleration and jerk of the quintic from 0 to 1 within 1 s, at rest at both ends."""
 
 
 @dataclass(frozen=True, kw_only=True)

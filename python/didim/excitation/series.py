@@ -17,10 +17,10 @@ from .._tools.arrays import Array
 from .limits import MotionLimits
 
 POWERS = (64, 256)
-"""Exponents of the norm that stands for a maximum, one after the other, powers of two. With the first the norm is smooth and some
-per cent above the maximum, with the second within one or two per cent of it."""
+"""Exponents of the norm that replaces a maximum, in succession; powers of two. With the first the norm is smooth and some per
+cent above the maximum, with the second within 1 to 2 %."""
 SAMPLES_PER_PERIOD = 20
-"""Samples per period of the highest harmonic. The regressor holds products of positions and velocities, and friction."""
+"""Samples per period of the highest harmonic: the regressor contains products of positions and velocities, and friction."""
 
 
 @dataclass(frozen=True, kw_only=True)

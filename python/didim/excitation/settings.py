@@ -21,11 +21,12 @@ Prior = Identification | Experiment | str | Path
 """Earlier information: a result (its covariance), or an experiment (its recordings); as objects or as files."""
 
 LEAST_HARMONICS = 4
-"""A series at rest at its ends has three conditions on the amplitudes of each joint."""
+"""Smallest number of harmonics: rest at both ends puts three conditions on the amplitudes of each joint."""
 MOST_HARMONICS = 200
-"""Beyond that the matrices of the series no longer fit memory."""
+"""Largest number of harmonics: beyond it the matrices of the series do not fit memory."""
 MOST_SMOOTHING = 100.0
-"""Beyond that friction is lost in rounding, and its base parameters with it (rad/s or m/s)."""
+"""Largest smoothing velocity of friction (rad/s or m/s): beyond it friction, and with it its base parameters, is lost in
+rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)

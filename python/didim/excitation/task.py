@@ -22,12 +22,12 @@ from .series import ScaledSeries
 from .settings import ExcitationSettings
 
 TORQUE_SHARE = 0.01
-"""Standard deviation of the torques' noise, as a share of the torque limit, where none is given."""
+"""Standard deviation of the torque noise, as a share of the torque limit, where none is given."""
 REST_POSES = 2000
-"""Random poses tried for one at which the robot can rest within all limits."""
+"""Number of random poses tried to find one in which the robot can rest within all limits."""
 
 LARGEST_PARAMETER = 1e30
-"""Largest standard parameter (SI) of a design: sums of squares of its torques are far from the limit of floating point."""
+"""Largest standard parameter (SI) of a design: sums of squared torques stay far below the limit of floating point."""
 
 
 class Task:

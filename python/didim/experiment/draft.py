@@ -37,14 +37,14 @@ from .draft_source import choose_columns, log_names, open_log
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
 
 UNFINISHED = "# Unfinished draft of `didim init`, which may replace it; SHA-256 of the lines above: "
-"""Begin of the last line of a file with open questions: one that nobody has edited since is replaced without --force."""
+"""First words of the last line of a file with open questions: if nobody has edited it since, it is replaced without --force."""
 
 DELAY = (
     "# What else is unknown of the drives: kp, kv, saturation, lag_s, bias_rad; each with start, min, max, sigma, shared.",
     "[unknown]",
     "delay_s = { max = 0.025, shared = true }",
 )
-"""Lines of the unknowns of servos: all motors on one bus have one delay."""
+"""Lines that declare the unknowns of servos: all motors on one bus share one delay."""
 
 
 def initialise(

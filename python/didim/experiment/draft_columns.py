@@ -57,7 +57,7 @@ PLACES = (
     "state",
     "feedback",
 )
-"""Words that say where a signal was measured: a name of nothing but these and a number is a position."""
+"""Words for the location of a signal: a name of only these words and a number is a position."""
 
 FOREIGN = (
     "tcp",
@@ -72,13 +72,13 @@ FOREIGN = (
     "digital",
     "tool",
 )
-"""Words of signals that are no position, velocity or torque of a joint, whatever other words a name has."""
+"""Words that exclude a column from the joints' positions, velocities and torques, whatever its other words."""
 
 UNITS = {
     "rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "mm": "mm", "m": "m", "count": "count", "counts": "count",
     "nm": "N.m", "n": "N", "a": "A", "ampere": "A", "s": "s", "sec": "s", "seconds": "s", "ms": "ms", "us": "us",
 }  # fmt: skip
-"""Units in names of columns."""
+"""Unit by word in a column name."""
 
 MAKERS: tuple[tuple[str, str, str | None], ...] = (
     # Universal Robots, RTDE: target_moment is of the controller's own model.
@@ -112,7 +112,7 @@ MAKERS: tuple[tuple[str, str, str | None], ...] = (
     (r".*/header/stamp", "stamp", "s"),
     (r".*/stamp/(?:nano)?secs?", "other", None),
 )
-"""Names of makers' logs: pattern of the whole name with the number of the joint, kind, unit."""
+"""Column names in manufacturers' logs: pattern of the whole name with the joint's number, kind, unit."""
 
 
 @dataclass(frozen=True)

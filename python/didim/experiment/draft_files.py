@@ -24,13 +24,13 @@ from .draft_layout import kinds_of_blocks
 from .draft_source import LogSource
 
 EFFORTS = ("torque", "current", "voltage")
-"""Kinds of signals that drives make."""
+"""Kinds of signals that are a joint's effort."""
 SIGNALS = ("position", "velocity", "reference", *EFFORTS)
-"""Kinds of signals that a recording is made of."""
+"""Kinds of signals of a recording."""
 REPEATED = "repeated"
-"""Kind of time stamps that another file has too."""
+"""Kind of a time column that repeats the time stamps of another file."""
 SAME_TIME = 0.5
-"""Difference of two time stamps of one row, in median steps, up to which two files have the same rows."""
+"""Largest difference of two time stamps of one row, in median steps, for two files to share their rows."""
 
 
 class Log(Protocol):

@@ -26,26 +26,27 @@ from ..signal.segments import segments
 from ..signal.spectrum import contiguous_band, motion_band
 
 CUTOFF_TIMES = 20.0
-"""Middle cut-off over the band of the velocity: reversals under friction reach far beyond the band."""
+"""Middle cut-off as a multiple of the velocity bandwidth: reversals under friction reach far beyond that bandwidth."""
 ROWS_TIMES = 6.0
-"""Highest frequency of the rows over the band of the velocity: it identifies inertia, gravity and friction."""
+"""Highest frequency of the rows as a multiple of the velocity bandwidth: enough to identify inertia, gravity and friction."""
 LEAST_DECIMATED_ROWS = 200
-"""Rows of a joint that decimation leaves at least."""
+"""Smallest number of rows per joint after decimation."""
 APART = 3.0
-"""Factor between the three cut-offs."""
+"""Ratio between neighbouring ones of the three cut-offs."""
 HIGHEST_SHARE, LOWEST_SHARE = 0.35, 0.004
 """Bounds of a cut-off, as shares of the sampling rate."""
 COMPARED_BLOCKS = 20
-"""Blocks of time: every other one is held out."""
+"""Number of blocks of time; every other one is held out."""
 AS_GOOD = 1.01
-"""Held-out errors within this factor of the smallest are as good: the cut-off nearest to the middle one is taken then."""
+"""Ratio to the smallest held-out error within which errors count as equal; the cut-off nearest to the middle one is then
+chosen."""
 LEAST_COMPARED_SAMPLES = 400
-"""Samples below which nothing is compared."""
+"""Smallest number of samples for a comparison of cut-offs."""
 
 REST_S = 0.5
-"""Shortest rest before or after the motion that is left out (s)."""
+"""Shortest rest (s) before or after the motion that is cut off."""
 SHORT = 0.1
-"""Share of the longest stretch of motion below which one before or after it is no part of the experiment: the way to its start."""
+"""Share of the longest stretch of motion below which a stretch before or after it is cut off, as the approach to the start."""
 AT_REST = 0.02
 """Share of the largest speed below which the arm is at rest."""
 

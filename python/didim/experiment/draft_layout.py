@@ -11,9 +11,9 @@ from .._tools.arrays import Array
 from .draft_columns import Column
 
 ALIKE = 0.9
-"""Correlation of a column with the differences of another from which it is taken for their velocity."""
+"""Correlation with the differences of another column from which a column is taken for its velocity."""
 MOST_BLOCKS = 40
-"""Largest number of blocks that are compared pair by pair: a log of one robot has some ten signals."""
+"""Largest number of blocks that are compared pair by pair: the log of one robot has some ten signals."""
 SAME = 0.999
 """Correlation of two columns from which they are taken for reference and position of one joint."""
 

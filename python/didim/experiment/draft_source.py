@@ -30,19 +30,19 @@ from .draft_columns import WORDS, Column, column, joints_by_name
 from .draft_layout import layout
 
 LEAST_SIGNAL_SAMPLES = 16
-"""Samples of an array that can be a signal: settings stand beside the signals in files of MATLAB."""
+"""Smallest number of samples of a signal: MATLAB files also contain settings."""
 
 PERCENT = (-1.0, 101.0)
-"""Range of the values of a gripper that are percent of its range, as LeRobot logs it; encoders may overshoot by one."""
+"""Range of a gripper's values in percent, as LeRobot logs them; encoders may overshoot by 1."""
 
 BAG_KINDS = {"position": "position", "velocity": "velocity", "effort": "torque", "reference": "reference"}
-"""Kinds of the signals of a bag."""
+"""Kind of each signal of a bag."""
 SNIFFED_LINES = 50
-"""First lines of a text that tell its delimiter and its decimal sign."""
+"""Number of first lines of a text from which delimiter and decimal sign are inferred."""
 NUMBER = re.compile(
     r"\"?[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?\"?|\"?[+-]?(nan|inf(inity)?)\"?|", re.IGNORECASE
 )
-"""A number with either decimal sign, or an empty cell."""
+"""Pattern of a number with either decimal sign, or of an empty cell."""
 
 
 @dataclass

@@ -21,18 +21,18 @@ from .draft_files import REPEATED, Log
 from .draft_filters import moving_window
 
 TWO_TURNS = 4.0 * math.pi
-"""Positions through more than this are taken for degrees: few joints turn so far."""
+"""Range of positions beyond which they are taken for degrees: two turns in radians, more than most joints move."""
 PREFERRED = ("actual", "act", "measured", "meas", "feedback", "--columns")
-"""Words of the columns to take where several groups could be meant."""
+"""Words of the columns that are preferred where several groups are possible."""
 USUAL_SHARE = 0.98
-"""Share of the values of a column that tells what is usual there; spikes are rarer."""
+"""Share of a column's values that defines its usual range; spikes are rarer than the others."""
 ABSURD = 1e6
-"""Largest deviation of a value from the median, in deviations of the usual ones: no sensor has a range so much larger than its
-signal, and two numbers that run together easily exceed it."""
+"""Largest distance of a value from the median, in usual deviations: no sensor's range exceeds its signal by so much, and two
+numbers run together easily do."""
 ROLLOUTS = ("episode_index", "episode", "rollout", "rollout_index")
 """Names of columns that number rollouts."""
 OPEN_GAIN = "# gain = 1.0"
-"""Commented line of a drive gain that nobody has said."""
+"""Commented line of a drive gain that is not known yet."""
 
 
 @dataclass

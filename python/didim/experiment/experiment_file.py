@@ -35,7 +35,7 @@ SCHEMA = 1
 """Version of the file format that this code reads."""
 
 SINCE_0_1_0 = {"ends": '"first-order"', "edge_rows": "0"}
-"""Keys of ``[signal]`` that 0.1.0 did not have, with the values that give its digits: the defaults are others."""
+"""Keys of ``[signal]`` that are newer than 0.1.0, with the values that reproduce its digits; the defaults differ."""
 
 _Settings = TypeVar("_Settings")
 
@@ -70,7 +70,7 @@ SIGNAL_KEYS = (
         above=0.0,
     ),
 )
-"""Keys of ``[signal]``, but for ``decimation``, a number or a list."""
+"""Keys of ``[signal]`` except ``decimation``, which is a number or a list."""
 LEAST_SQUARES_KEYS = (
     Key("weights", "text", "One weight per joint, or none.", "per-joint", choices=("none", "per-joint")),
     Key("reweightings", "integer", "Further solutions with new weights.", 1, minimum=0),

@@ -23,7 +23,7 @@ from .experiment import Experiment
 from .specs import ControllerSpec, ReferenceSpec
 
 LEAST_NOISE_SAMPLES = 50
-"""Shorter windows say too little about their noise."""
+"""Smallest number of samples of a window whose noise is estimated."""
 
 
 def closed_loop(

@@ -27,7 +27,7 @@ _Made = TypeVar("_Made")
 
 
 FEEDFORWARD_HZ = 1000.0
-"""Rate at which a model's torque is fed forward."""
+"""Default rate (Hz) at which the model's torque is fed forward."""
 
 
 def read_reference(table: Table, robot: Robot) -> ReferenceSpec:

@@ -31,10 +31,10 @@ FILES = ("robot", "experiment")
 """Kinds of files that have a schema."""
 
 SETTINGS: dict[str, Any] = {"signal": SignalProcessing, "least_squares": LeastSquaresSettings}
-"""Settings whose defaults are those of the tables."""
+"""Settings classes whose defaults are those of the tables."""
 
 NAMES = ("fixed", "lock")
-"""Tables of numbers whose names the user is free to choose."""
+"""Tables of numbers whose keys are free."""
 
 DATA = {
     "log.csv": "t,q1,q2,v1,v2,u1,u2,e1,e2,r1,r2\n"
@@ -43,13 +43,13 @@ DATA = {
     "q2.txt": "".join(f"{0.01 * (k % 5)}\n" for k in range(300)),
     "flat.txt": "".join(f"{k % 11}\n" for k in range(1200)),
 }
-"""Data files that the samples name."""
+"""Data files that the sample files refer to."""
 
 UNITS = {
     "rad_s2": "rad/s^2", "m_s2": "m/s^2", "rad_s": "rad/s", "deg_s": "deg/s", "mm_s": "mm/s", "m_s": "m/s", "kg_m2": "kg.m^2",
     "n_m": "N.m", "hz": "Hz", "rad": "rad", "deg": "deg", "mm": "mm", "kg": "kg", "m": "m", "s": "s", "n": "N", "v": "V", "a": "A",
 }  # fmt: skip
-"""Units by the ends of keys, the longest first."""
+"""Units by the ending of a key, longest endings first."""
 
 
 @dataclass(frozen=True)

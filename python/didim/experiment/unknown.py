@@ -12,10 +12,11 @@ from .._tools.toml import Table
 from ..robot.robot import Robot
 
 Shared = Literal["joint", "limb", "robot", "log"]
-"""Which joints have an unknown in common: each has its own, those of a limb, all, or all of one recording."""
+"""Joints that share one unknown: none (each has its own), those of a limb, all, or all within one recording."""
 
 DRIVE = ("kp", "kv", "saturation", "delay_s", "lag_s", "bias_rad")
-"""Unknowns of position servos, ``tau = sat(kp (r(t - delay) - q - bias) - kv dq)``, the reference behind a lag of first order."""
+"""Unknowns of position servos ``tau = sat(kp (r(t - delay) - q - bias) - kv dq)``, with the reference behind a first-order
+lag."""
 
 UNITS = {
     "kp": "N.m/rad",
@@ -35,10 +36,10 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "lag_s": (0.0, 0.1),
     "bias_rad": (-0.1, 0.1),
 }
-"""Bounds of the unknowns without min and max: delays and lags of 0.1 s and biases of 6 degrees are faults of a robot."""
+"""Default bounds of the unknowns: delays and lags beyond 0.1 s and biases beyond 6 degrees are faults of a robot."""
 
 LINK = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
-"""Standard parameters of a link, which are held at the values of the robot file."""
+"""Standard parameters of a link, which keep the values of the robot file."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -144,7 +144,7 @@ class ExportModel:
 
 
 PLACED = re.compile(r"(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M|Ia|Fv|Fc|Off|Fvm|Fcm|Ks)\d+[+-]?")
-"""Names of the standard parameters that an export knows; others are further terms."""
+"""Pattern of the standard parameters that an export can place; all others are further terms."""
 
 _WORDS = {
     "rotor": "rotor inertia",

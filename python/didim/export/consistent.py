@@ -20,12 +20,12 @@ from ..robot.robot import Robot
 from ..robot.urdf.reading import URDF_SET
 
 GAMMA_KNOWN = 1.0
-"""Weight (nats) of a prior that describes this robot, such as its URDF: a link of a tenth of the volume is 2.3 nats away from it.
-On a simulated UR10e it brings the masses, which the log leaves open, within 8 % of the truth, and leaves the error of the base
-parameters as it was (docs/ur10e.md)."""
+"""Weight (nats) of a prior that describes this robot, such as its URDF: a link with a tenth of the volume is 2.3 nats away from
+it. On a simulated UR10e it brings the masses, which the log does not identify, within 8 % of the truth and leaves the error of
+the base parameters unchanged (docs/ur10e.md)."""
 
 GAMMA_GENERIC = 0.01
-"""Weight (nats) of solids that only fit the size of the arm: it decides where the log says nothing."""
+"""Weight (nats) of a prior that only knows the size of the arm: it only affects parameters that the log does not identify."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,9 @@ from ..result.identification import Identification
 from .bodies import PLACED, joint_friction
 
 IMPLICIT = ("implicit", "implicitfast")
-"""Integrators of MuJoCo that take the damping of actuators implicitly too."""
+"""Integrators of MuJoCo that also treat the damping of actuators implicitly."""
 HALF = 0.5
-"""Share of a step by which an implicit velocity is late, and a command early."""
+"""Share of a time step by which an implicit velocity is late, and a command early."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,11 +28,11 @@ from .numbers import number, numbers
 from .urdf import Edit, attribute_edit, edited
 
 SAME = 1e-9
-"""Largest relative difference of two values that are the same: the file keeps the digits it has."""
+"""Largest relative difference of two equal values: the file then keeps its digits."""
 IMPEDANCE, LARGEST_IMPEDANCE = 0.9, 0.95
 """First two numbers of MuJoCo's default ``solimpfriction``."""
 TIME_CONSTANT_S = 0.02
-"""First number of MuJoCo's default ``solreffriction`` (s); at least two steps."""
+"""Time constant (s) of MuJoCo's default ``solreffriction``, its first number; at least two steps."""
 
 
 def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tuple[bytes, Drives]:

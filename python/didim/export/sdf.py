@@ -19,7 +19,7 @@ from .bodies import ExportModel, LinkBody, export_model
 from .numbers import number, numbers
 
 VERSION = "1.6"
-"""Version of SDF that is written: the poses of links are those of the model's frame in every version."""
+"""SDF version of the output: in every version the poses of links are given in the frame of the model."""
 
 
 def to_sdf(robot: Robot, x: ArrayLike) -> str:

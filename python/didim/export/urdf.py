@@ -30,7 +30,7 @@ from .drives import Drives, JointDrive
 from .numbers import number, numbers
 
 ROTOR_NOTE = " didim: rotor inertia "
-"""How the comment on a rotor inertia begins, which a later export replaces."""
+"""First words of the comment on a rotor inertia; a later export replaces the comment."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from .urdf import described, edited, edits, urdf_bytes
 Format = Literal["urdf", "mjcf", "sdf"]
 
 FORMATS: tuple[Format, ...] = ("urdf", "mjcf", "sdf")
-"""Formats that are written."""
+"""Formats of robot descriptions that can be written."""
 
 
 def export(

@@ -20,7 +20,7 @@ from ..errors import RecordingError
 from .data_format import LOST_SAMPLE, Column
 
 MOST_SIGNALS = 100
-"""Largest number of columns that a matrix with fewer rows may have: one with more has a sample in each column."""
+"""Largest number of columns of a matrix with fewer rows than columns; with more, each column is one sample."""
 
 
 class ArrayFile(ABC):

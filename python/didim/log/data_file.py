@@ -27,14 +27,14 @@ READERS: dict[str, str | Reader] = {
     ".pt": "didim.log.torch_file:TorchFile",
     ".pth": "didim.log.torch_file:TorchFile",
 }
-"""Readers of the other formats by suffix, or where they are, as "module:name": loaded when such a file is opened."""
+"""Readers of the other formats by suffix, or their location "module:name", imported when such a file is opened."""
 
 
 BAGS = (".mcap", ".db3", ".bag")
-"""Suffixes of ROS bags; a folder is one too. They are not read as a whole, so that they have no reader of bytes."""
+"""Suffixes of ROS bags; a folder can be one too. They have no reader of bytes, because they are not read as a whole."""
 
 PARQUET = ".parquet"
-"""Suffix of Parquet files; the folder of a LeRobot dataset has several, and their description beside them."""
+"""Suffix of Parquet files; a LeRobot dataset is a folder with several and their description."""
 
 
 def is_log(path: Path) -> bool:

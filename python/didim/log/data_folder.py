@@ -23,7 +23,7 @@ SOURCES = ("time", "position", "velocity", "torque", "external", "reference")
 """Tables of a recording that name data files."""
 
 MANY_COLUMNS = MOST_COLUMNS
-"""Upper bound of `values_per_sample`, and columns of a matrix that are looked at."""
+"""Upper bound of `values_per_sample`, and largest number of a matrix's columns that are examined."""
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,14 @@ from .._tools.arrays import Array
 Column = str | int
 """A column by name, or by number from 1."""
 MOST_COLUMNS = 10_000
-"""Columns that a log has at most: 100 signals of 100 joints."""
+"""Largest number of columns of a log: 100 signals of 100 joints."""
 LONGEST_LINE = 1_000_000
-"""Bytes that a line of a log has at most: 100 for each of `MOST_COLUMNS`. A longer one is binary, or has lost its line ends."""
+"""Largest length (bytes) of a line: 100 bytes for each of `MOST_COLUMNS`. A longer line is binary or has lost its line ends."""
 
 LOST_SAMPLE = (
     "; delete this row, which resample = true under [recording.time] bridges, or split the log there"
 )
-"""End of a sentence on a value that is missing."""
+"""Last words of a sentence on a missing value."""
 
 
 class DataFile(Protocol):

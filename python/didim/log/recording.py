@@ -20,8 +20,9 @@ from .sampling import MINIMUM_SAMPLES, check_time
 
 Role = Literal["fit", "held-out"]
 ROLES: tuple[Role, ...] = ("fit", "held-out")
+"""Roles of a recording: fitted, or held out for validation."""
 OWN = ("offsets", "friction")
-"""Parameters that a recording may have for itself."""
+"""Groups of parameters that a recording may have for itself."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -33,7 +33,7 @@ from .sampling import (
 from .units import ESTIMATE, TIME, current_factors, effort_factors, position_factors, velocity_factors
 
 GAPS = "gaps"
-"""Value of ``rollouts`` that makes a rollout of each stretch of even time stamps; any other is the name of a column."""
+"""Value of ``rollouts`` that starts a rollout at each gap of the time stamps; any other value names a column."""
 
 
 class _Robot(Protocol):

@@ -18,9 +18,9 @@ from ..errors import RecordingError
 from .sampling import MINIMUM_SAMPLES, RATE_TOLERANCE
 
 LONGEST_GAP_STEPS = 3.5
-"""Time step, in median steps, that no cubic may bridge: three samples or more are missing there."""
+"""Longest time step, in median steps, that interpolation may bridge: from 4 on, three or more samples are missing."""
 STENCIL = 4
-"""Samples that a resampled value is made of."""
+"""Number of samples that a resampled value is interpolated from."""
 SLOWEST, FASTEST = 0.9, 10.0
 """Rates that may be asked for, in rates of the time stamps. A lower one would fold noise and motion over; filters come first."""
 

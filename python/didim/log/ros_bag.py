@@ -28,13 +28,13 @@ SIGNALS = {
     "torque": "effort",
     "reference": "reference",
 }
-"""Signals of a bag that the tables of a recording mean where they have no `variable`."""
+"""Default signals of a bag for the tables of a recording without `variable`."""
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
-"""A recorded trajectory: each point is a sample, at its time from the start."""
+"""Message type of a recorded trajectory: each point is a sample at its time from the start."""
 
 CONTROLLER_DEFINITION = """std_msgs/Header header
 string[] joint_names
@@ -42,14 +42,14 @@ trajectory_msgs/JointTrajectoryPoint desired
 trajectory_msgs/JointTrajectoryPoint actual
 trajectory_msgs/JointTrajectoryPoint error
 """
-"""The controller's message as ROS 2 had it while bags did not carry definitions."""
+"""Definition of the controller's message in ROS 2 from the time when bags did not contain definitions."""
 
 
 EXPANDED = 5
-"""Memory of a message (bytes), so many times its bytes in the bag: names become texts, values arrays."""
+"""Memory of a message as a multiple of its bytes in the bag: names become strings, values arrays."""
 
 CHUNK = 6
-"""Record of an .mcap file that holds messages, as a rule compressed."""
+"""Opcode of the MCAP record that contains messages, usually compressed."""
 
 
 @dataclass(frozen=True)

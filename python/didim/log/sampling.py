@@ -18,14 +18,15 @@ from .._tools.words import counted
 from ..errors import RecordingError
 
 MINIMUM_SAMPLES = 3
-"""Central differences need three samples; filters ask for more, and say so themselves."""
+"""Smallest number of samples of a log: central differences need three. Filters need more and raise their own error."""
 STEP_TOLERANCE = 0.01
-"""Share of a sampling period by which a time step may differ from the others."""
+"""Largest deviation of a time step from the sampling period, as a share of the period."""
 RATE_TOLERANCE = 1e-3
-"""Share by which a declared sampling rate may differ from the time stamps."""
+"""Largest relative difference between a declared sampling rate and that of the time stamps."""
 
 GAP = 0.5
-"""Share of a sampling period by which a time step must exceed the others to end a rollout; smaller ones are uneven sampling."""
+"""Excess of a time step over the sampling period, as a share of the period, that ends a rollout; smaller ones count as uneven
+sampling."""
 
 
 @dataclass(frozen=True, kw_only=True)

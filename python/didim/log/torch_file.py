@@ -26,9 +26,9 @@ STORAGES = {
     "CharStorage": "i1",
     "ByteStorage": "u1",
 }
-"""Types of NumPy of the storages whose numbers can be signals."""
+"""NumPy type of each torch storage whose numbers can be signals."""
 LARGEST_PICKLE = 10_000_000
-"""Bytes of the largest description of tensors that is read: a description has some hundred bytes a tensor."""
+"""Largest description of tensors (bytes) that is read: it has some hundred bytes per tensor."""
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 """Seconds per unit of time."""
 
 POSITION = {"rad": 1.0, "deg": math.pi / 180.0, "m": 1.0, "mm": 1e-3}
-"""Radians or metres per unit of position; counts need the resolution of the encoder."""
+"""Radians or metres per unit of position; counts also need the encoder's resolution."""
 
 SHARES = {"percent": 50.0, "signed-percent": 0.0}
-"""Value of the middle of a joint's range, by unit: LeRobot logs grippers from 0 to 100, and other motors from -100 to 100."""
+"""Value at the middle of a joint's range, by unit: LeRobot logs grippers from 0 to 100 and other motors from -100 to 100."""
 
 VELOCITY = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "m/s": 1.0, "mm/s": 1e-3}
 """Radians or metres per second per unit of velocity."""
@@ -27,7 +27,7 @@ EFFORT = ("N.m", "N", "A", "V")
 """Units of torque and force; amperes and volts need a drive gain."""
 
 ESTIMATE = "estimate"
-"""Gain of currents whose drive gains the log is to tell."""
+"""Value of `gain` for currents whose drive gains are to be estimated from the log."""
 
 _LINEAR = ("m", "mm", "N", "m/s", "mm/s")
 _ANGULAR = ("rad", "deg", "count", "N.m", "rad/s", "deg/s")

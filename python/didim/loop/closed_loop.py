@@ -25,23 +25,25 @@ from .outcome import IntegrationError, Outcome, outcomes_of
 from .reference import Reference
 
 STEP = 5e-4
-"""Largest step where friction is smooth (s) by default."""
+"""Default of the largest step (s) where friction is smooth."""
 FINE_STEP = 1e-4
-"""Largest step where a velocity is near zero (s) by default: a TX40 is stiff there."""
+"""Default of the largest step (s) where a velocity is near zero: a TX40 is stiff there."""
 SIGN_STEP = 2e-4
-"""Largest step with ``sign`` friction (s) by default."""
+"""Default of the largest step (s) with ``sign`` friction."""
 NEAR_ZERO = 10.0
-"""Near zero means this many times the smoothing velocity of the friction, where the reference says how fast the robot is."""
+"""Bound of a velocity near zero, as a multiple of the smoothing velocity of friction, where the reference gives the speed."""
 NEAR_ZERO_MEASURED = 5.0
-"""The same where the velocities are those of the robot."""
+"""Bound of a velocity near zero, as a multiple of the smoothing velocity of friction, where the measured motion gives the
+speed."""
 MOST_RECORDS = 20_000_000
-"""Values of a run per quantity, and instants at which something happens: beyond, a rate or a step is a mistake, and memory ends."""
+"""Largest number of recorded values per quantity, and of events of a run: more would exhaust memory, and indicate a wrong rate
+or step."""
 FINEST = 1e-4
-"""Smallest share of the step that a fine step may be: between two steps nothing is heard, not even Ctrl-C."""
+"""Smallest fine step as a share of the step: a run only reacts (to Ctrl-C, for example) between two steps."""
 INTEGRATORS = ("rk4", "imex")
-"""Methods of the integration: the classical one, and one that takes the steep part of friction implicitly."""
+"""Integration methods: classical Runge-Kutta, and one that treats the steep part of friction implicitly."""
 DIVERGENCE = 100.0
-"""Tracking error (rad or m) that counts as divergence."""
+"""Tracking error (rad or m) from which a simulation counts as diverged."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,9 +22,9 @@ from .reference import Reference
 MemoryStart = Literal["zero", "balance", "torque", "integrators"]
 
 AVERAGED_S = 0.05
-"""Time over which the integrators of a log are averaged (s), so that the noise of one sample does not set them."""
+"""Time (s) over which the integrators of a log are averaged, so that the noise of a single sample does not set them."""
 LEAST_AVERAGED = 5
-"""Lower bound of the samples that are averaged."""
+"""Smallest number of averaged samples."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,9 +113,9 @@ class ControllerMemory:
 
 
 ZERO = ControllerMemory()
-"""A controller that is switched on at time 0."""
+"""Memory of a controller that is switched on at time 0."""
 BALANCE = ControllerMemory(start="balance")
-"""A controller that has held the robot before."""
+"""Memory of a controller that already held the robot at time 0."""
 
 
 def memory_of_log(

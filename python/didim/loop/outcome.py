@@ -9,7 +9,7 @@ from enum import Enum
 from .._tools.arrays import Array
 
 LARGE_ERROR = 0.01
-"""Share of the torque (rms) beyond which the integration error calls for a smaller step."""
+"""Integration error, as a share of the torque (rms), from which a smaller step is recommended."""
 
 
 class SimulationStatus(Enum):

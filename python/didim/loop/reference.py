@@ -20,7 +20,7 @@ from .._tools.notebook import Brief
 from ..errors import ReferenceError
 
 KNOTS_PER_PERIOD = 100
-"""Pieces of a Fourier series per period of its highest harmonic: the series is met to rounding."""
+"""Polynomial pieces per period of the highest harmonic of a Fourier series: the error is rounding."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -24,9 +24,9 @@ from .outcome import outcomes_of
 from .reference import Reference
 
 NO_LIMIT = 1e30
-"""Limit (N.m, N) of a servo that has none: the core takes finite numbers."""
+"""Limit (N.m, N) of a servo without one: the core takes finite numbers only."""
 SETTLED = 40.0
-"""Time constants after which a lag is over: exp(-40) is below the rounding of a double."""
+"""Duration of a lag's transient, in time constants: exp(-40) is below the rounding of a double."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from .controller import Controller
 from .reference import Reference
 
 DAMPING = 1.4
-"""Velocity gain over the root of position gain and inertia: twice a damping ratio of 0.7."""
+"""Velocity gain divided by the root of position gain times inertia: twice a damping ratio of 0.7."""
 
 
 def mean_inertia(robot: Robot, x: Array, reference: Reference) -> Array:

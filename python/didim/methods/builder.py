@@ -39,9 +39,9 @@ from .method import Described
 from .uncertainty import spread_of_fit, with_alarm
 
 CLEAR_MASS = 3.0
-"""Standard deviations of a mass below which a load is a note: 0.05 +- 0.04 kg is nothing to declare."""
+"""Mass of a load, in its standard deviations, below which the finding is a note only: 0.05 +- 0.04 kg need not be declared."""
 LARGEST_CONDITION_NUMBER = 1e10
-"""Condition number beyond which fewer than about six of the sixteen digits of the estimate are left."""
+"""Condition number beyond which the estimate has fewer than about six correct digits."""
 
 
 @dataclass(frozen=True)

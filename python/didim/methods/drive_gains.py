@@ -19,7 +19,7 @@ from .job import Job, ratio
 from .method import Described
 
 GainEstimate = Literal["maximum-likelihood", "ols", "tls"]
-"""How drive gains are estimated; the last two are biased, and there for comparison."""
+"""Estimator of the drive gains; "ols" and "tls" are biased and serve as comparison."""
 
 
 def run_with_gains(

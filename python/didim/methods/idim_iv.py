@@ -30,7 +30,7 @@ from .didim.windows import Solved
 from .method import Motion
 
 WEAK = 0.5
-"""Share of a column that the instruments do not explain, from which the instrument is called weak."""
+"""Share of a column that the instruments do not explain, above which the instrument counts as weak."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,9 +30,10 @@ from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment, at_place, segments
 
 CUTOFFS = (1.0, 2.0, 4.0)
-"""Cut-offs of a delay estimate over that of the fit; the best is taken, since a filter that rounds reversals biases the delay."""
+"""Cut-offs for the delay estimate, as multiples of the fit's; the best is used, because a filter that rounds off reversals
+biases the delay."""
 LARGEST_CUTOFF = 0.4
-"""Upper bound of these cut-offs, as a share of the rate of the log."""
+"""Upper bound of these cut-offs, as a share of the sampling rate."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from ..signal.processing import SignalProcessing
 from .job import Delay, Job
 
 Motion = Literal["measured", "simulated"]
-"""Motion along which torques are predicted: the filtered measured one, or that of the simulated closed loop."""
+"""Motion along which torques are predicted: the filtered measured motion or that of the simulated closed loop."""
 
 
 class Described(Protocol):

@@ -20,7 +20,7 @@ from .job import Delay, Job
 
 Start = str | ArrayLike | Mapping[str, float] | Identification
 FROM_LOG = ("consistent", "prior")
-"""Names of the starts that are robots made from the log, see `start_from_log`."""
+"""Names of the starts that are computed from the log, see `start_from_log`."""
 
 
 def unit_rotors(robot: Robot) -> Array:

@@ -80,9 +80,9 @@ METHODS: dict[str, Row] = {
         ),
     )
 }
-"""The methods by name, in the order of the pages."""
+"""Methods by name, in the order of the pages."""
 MOVED = {"ekf": "didim.contrib.ekf:EKF", "ml": "didim.contrib.maximum_likelihood:MaximumLikelihood"}
-"""Methods of 0.2.0 that are not in the table any more, and where they are."""
+"""Methods of 0.2.0 that left the table, and their present location."""
 VARIANTS = {
     "nelder-mead": "Nelder-Mead",
     "nelder-mead-literal": "literal",
@@ -90,7 +90,7 @@ VARIANTS = {
     "nelder-mead-adaptive": "adaptive",
     "levenberg-marquardt": "Levenberg-Marquardt",
 }
-"""Titles of what follows the name of a method in a comparison, where they differ from it."""
+"""Titles of the suffixes of method names in a comparison, where the title differs from the suffix."""
 
 
 def method_class(name: str) -> Any:

@@ -23,7 +23,7 @@ from ..regression.settings import LeastSquaresSettings
 from ..result.uncertainty import Kind, TimeBlock, Uncertainty
 
 FEW_ROWS = 3.0
-"""Rows per parameter that should be left without a block: with fewer the intervals are rough."""
+"""Rows per parameter, without one block, below which the intervals are reported as rough."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,16 +22,16 @@ from ..robot.robot import Robot
 from .consistency import Cone, cone, places_of
 
 EXACT = 1e-12
-"""Speeds and coefficients below this are zero but for rounding."""
+"""Upper bound of speeds and coefficients that are zero but for rounding."""
 FREE = frozenset(("rest", "table", "hold")) | (OF_POSITION - STIFF)
-"""Terms of either sign: they have no power, are a law of one's own, or push as a weight or a cylinder does."""
+"""Terms of either sign: they dissipate nothing, are a user's own law, or push like a weight or a cylinder."""
 BESIDE = {"atan": "Fv", "stribeck": "Fc", "forward": "Fv"}
-"""The friction that may take what a negative term of a law gives."""
+"""Friction parameter that a law's negative term may reduce."""
 LARGEST_GROUP = 6
-"""Joints that may share motors: rows of the largest matrix of the core."""
+"""Largest number of joints that share motors: rows of the core's largest matrix."""
 
 SHARE = 1e-3
-"""Size that rotors, friction and offsets of joints that follow others are drawn to (kg.m^2, N.m and so on)."""
+"""Prior size of rotor, friction and offset of joints that follow others (kg.m^2, N.m and so on)."""
 
 Terms = dict[str, Array]
 

@@ -25,7 +25,7 @@ from .._tools.arrays import Array
 from ..robot.robot import Robot
 
 HOLD_WIDTH = {"revolute": 1e-5, "prismatic": 1e-6}
-"""Displacement (rad, m) over which a sign that is kept through rest turns: above the rounding of filtered positions."""
+"""Displacement (rad, m) over which a sign held at rest turns: above the rounding of filtered positions."""
 
 
 def state(q: Array, width: ArrayLike) -> Array:

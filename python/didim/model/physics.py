@@ -21,12 +21,10 @@ from .dynamics import inertia_matrix, regressor
 # direction.
 NOT_NEGATIVE = re.compile(r"(XX|YY|ZZ|M|Ia|Fv|Fc|Fvm|Fcm)\d+[+-]?")
 
-# M(q) is looked at in so many samples of the log at most.
 MOST_CONFIGURATIONS = 1000
-
-
-# Below so many standard deviations the sign of an estimate is not significant: one negative estimate of forty is expected at 2.
+"""Largest number of samples of the log in which M(q) is evaluated."""
 NOISE_SIGMAS = 2.0
+"""Standard deviations below which the sign of an estimate is not significant: one estimate in forty is negative by chance."""
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from ..robot.robot import Robot
 from .kinematics import frames
 
 REACH_POSES = 500
-"""Random poses that the search for the farthest one begins with."""
+"""Number of random poses from which the search for the longest reach starts."""
 JOINT_PASSES = 4
-"""Passes over the joints, each set to the best of `ANGLES` positions."""
+"""Number of passes over the joints, each joint set to the best of `ANGLES` positions."""
 ANGLES = 73
-"""Positions of a joint that are tried: every five degrees of a full turn."""
+"""Number of positions tried per joint: every five degrees of a full turn."""
 SLIDE_M = 1.0
-"""Half the travel of a prismatic joint without limits (m)."""
+"""Half the travel (m) of a prismatic joint without limits."""
 
 
 def flange_at_zero(robot: Robot) -> Array:

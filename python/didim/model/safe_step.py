@@ -13,9 +13,9 @@ from .._tools.arrays import Array
 from ..robot.robot import Robot
 
 POSITIVE = 1e-3
-"""Share of M(q) that a full step must keep. The inertia of a start such as (17) may be a hundred times the real one."""
+"""Share of M(q) that a full step must preserve: the inertia of a start such as (17) may be a hundred times too large."""
 SMALLEST_INERTIA_SHARE = 0.1
-"""A step that must be shortened keeps at least this share of M(q)."""
+"""Share of M(q) that a shortened step preserves."""
 
 
 def safe_step(

@@ -16,14 +16,14 @@ from ..errors import StudyError
 from .executors import Pool
 
 ATTEMPTS = 3
-"""Runs of a task whose worker dies each time, before it counts as lost."""
+"""Number of times a task is run when its worker dies, before it counts as lost."""
 FIRST_LOSSES = 6
-"""So many losses before the first result mean that no worker works."""
+"""Number of lost workers before the first result from which the study stops, because no worker works."""
 WINDOW_PER_WORKER = 4
-"""Tasks that are submitted ahead, for each worker."""
+"""Number of tasks submitted ahead per worker."""
 
 Outcome = tuple[Any, Any, str | None]
-"""A task with its result, or with None and the sentence of what happened to its workers."""
+"""Task with its result, or with None and a sentence on the failure of its workers."""
 
 
 def run_all(

@@ -22,10 +22,11 @@ from .._tools.threads import NUMPY_VARIABLES, VARIABLE
 from ..errors import StudyError
 
 NAMES = ("process", "thread", "serial", "loky", "dask", "ray", "mpi")
-"""Executors that have a name."""
+"""Names of the executors."""
 MOST_WORKERS = 10_000
+"""Upper bound of the number of workers that a user may ask for."""
 UNKNOWN_WORKERS = 16
-"""Workers that an executor is taken to have when it does not say."""
+"""Number of workers assumed for an executor that does not report it."""
 MALLOC_VARIABLE, LARGE_BYTES = "MALLOC_MMAP_THRESHOLD_", 1_000_000
 """Arrays of so many bytes go back to the system when they are freed (glibc reads the variable when a process starts). Otherwise the
 heap of a worker grows with every task: on the TX40 to 300 MB, and to 190 MB with it."""

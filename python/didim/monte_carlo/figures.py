@@ -19,9 +19,9 @@ from ..result.uncertainty import student_factor
 from .worker import ERROR, FAILED, LOST
 
 LEVEL = 0.95
-"""Probability of the intervals of parameters, and of those of the figures of merit."""
+"""Confidence level of the intervals of parameters and of the figures of merit."""
 RESAMPLES = 400
-"""Resamples of the runs for the interval of a figure."""
+"""Number of bootstrap resamples of the runs for the interval of a figure."""
 NAN = math.nan
 
 

@@ -17,7 +17,7 @@ from ..errors import StudyError
 Keys = Mapping[str, Any]
 
 PROCESSING = ("signal", "least_squares", "delay", "parameters")
-"""Tables of an experiment that say how a log is processed: they do not change the simulated log."""
+"""Tables of an experiment that control the processing of a log; they do not change the simulated log."""
 
 
 @dataclass(frozen=True)

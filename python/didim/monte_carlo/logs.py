@@ -28,7 +28,7 @@ from .tasks import random_numbers
 NOISE, STARTS = 0, 1
 """Purposes of random numbers."""
 OTHER_SAMPLES = 1000
-"""Samples of the other motion."""
+"""Number of samples of the other motion."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from ..methods.method import Method
 from ..methods.table import method_class
 
 OBJECTS = ("signal", "checkpoint", "progress")
-"""Settings that plain data cannot hold, or that a study has other keys for."""
+"""Settings that are not plain data, or that a study sets by other keys."""
 
 
 def method_of(

@@ -20,10 +20,10 @@ from .worker import ERROR, FAILED, LOST, SEAL, TRUTH, seal_of
 Row = dict[str, Any]
 
 NO_FIT = (FAILED, ERROR, LOST)
-"""Status of a row without a result, which has a sentence instead."""
+"""Statuses of rows without a result; they have a sentence instead."""
 
 Line = tuple[int, Row | None]
-"""Number of a line of a file, from 1, and its row; None for a line that is not one."""
+"""Number of a line, from 1, and its row; None if the line is not a row."""
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ KINDS: dict[str, Callable[[object], bool]] = {
     "a whole number": _is_whole,
     "a whole number or null": lambda value: value is None or _is_whole(value),
 }
-"""Kinds of values, as the sentences name them."""
+"""Test of each kind of value, by the name that messages use."""
 HEAD = {
     "id": "text",
     "scenario": "text",
@@ -251,7 +251,7 @@ HEAD = {
     "seed": "a whole number or null",
     "status": "text",
 }
-"""Keys that every row has."""
+"""Kinds of the keys of every row."""
 FIT = {
     "beta": "a list of numbers",
     "std": "a list of numbers",
@@ -259,6 +259,7 @@ FIT = {
     "torque_error": "a number or null",
     "simulations": "a whole number",
 }
+"""Kinds of the keys of a row with a result."""
 
 
 def _check(row: Row, kinds: dict[str, str], where: str) -> None:
@@ -297,7 +298,7 @@ def _check_row(row: Row, where: str) -> None:
 
 
 OPENING = b'{"id":'
-"""How a row begins."""
+"""First bytes of a row."""
 
 
 class RowFile:

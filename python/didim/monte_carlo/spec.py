@@ -24,8 +24,9 @@ from .keys import Keys
 SCHEMA = 1
 """Version of the file format that this code reads."""
 MOST_SEEDS = 10_000_000
+"""Upper bound of the seeds of a study: more are a mistake."""
 MOST_SCENARIOS = 100_000
-"""More are a mistake in a grid."""
+"""Upper bound of the scenarios of a study: more are a mistake in a grid."""
 
 
 @dataclass(frozen=True, kw_only=True)

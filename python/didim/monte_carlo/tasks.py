@@ -16,12 +16,12 @@ from .keys import Keys, parts_of
 from .spec import MethodSpec, Scenario, StudySpec, canonical, digest
 
 Task = dict[str, Any]
-"""Keys: ``id``, ``version``, ``scenario``, ``method``, ``seed``; ``shared`` is common to all tasks and has a ``digest``; modules of
-one's own are looked for in ``folders``."""
+"""Keys: ``id``, ``version``, ``scenario``, ``method``, ``seed``; ``shared`` is common to all tasks and has a ``digest``;
+``folders`` are searched for the user's own modules."""
 
 
 CHUNK = 10
-"""Seeds of a scenario that follow each other, before those of the next scenario."""
+"""Number of consecutive seeds of one scenario before those of the next."""
 
 
 def tasks(spec: StudySpec) -> Iterator[Task]:

@@ -23,7 +23,7 @@ HEAD = (
     "simulations",
     "seconds",
 )
-"""Headings of the table; docs/studies.md explains them."""
+"""Headings of the table, see docs/studies.md."""
 NOTES = (
     "bias, rms: errors in reported standard deviations; rms is 1 and coverage 95 % when these are right",
     "torque error: on another motion, median run; parameters: |beta - truth| / |truth|, median run, and that of the mean estimate",

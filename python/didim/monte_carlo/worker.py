@@ -35,9 +35,9 @@ from .tasks import Task
 DIGITS = 12
 """Significant digits of the numbers in a row."""
 SEAL = "digest"
-"""Key of a row that has the digest of the others."""
+"""Key of a row's digest over its other keys."""
 KEPT_SCENARIOS = 16
-"""Simulated logs that a worker keeps."""
+"""Number of simulated logs that a worker caches."""
 FAILED, ERROR, LOST, TRUTH = "FAILED", "ERROR", "LOST", "TRUTH"
 """Status of rows: an error of didim, an unexpected error, a task whose workers died, and the truth of a scenario."""
 

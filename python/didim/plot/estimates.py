@@ -24,14 +24,16 @@ else:  # matplotlib is optional, and slow to load
 
 
 ROWS_PER_COLUMN = 20
+"""Largest number of parameters in one column of the figure."""
 ROW_IN = 0.19
+"""Height of a parameter's row (inches)."""
 LINEAR_PERCENT = 1.0
-"""Share of the torque below which the axis of standardised parameters is linear."""
+"""Share of the torque (%) up to which the axis of standardised parameters is linear."""
 LOWEST_PERCENT, HIGHEST_PERCENT = 0.01, 1000.0
 POINT_SPREAD = 0.5
 """Share of a row over which the points of several methods are spread."""
 MOST_SIGMAS = 8.0
-"""Deviations beyond are drawn on the edge."""
+"""Largest deviation (sigma) on the axis; larger ones are drawn at its edge."""
 
 
 def estimate_correlation(fit: Identification) -> tuple[tuple[str, ...], Array]:

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_POSES = 60
-"""Poses of the picture of the swept space."""
+"""Largest number of poses in the picture of the swept space."""
 PER_ROW = 3
-"""Joints side by side."""
+"""Number of joints side by side."""
 
 
 @styled

@@ -15,6 +15,7 @@ else:  # matplotlib is optional, and slow to load
     Figure = Any
 
 PANEL_IN = 1.5
+"""Height of a joint's panel (inches)."""
 
 
 @styled

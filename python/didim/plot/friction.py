@@ -17,9 +17,11 @@ else:  # matplotlib is optional, and slow to load
     Figure = Any
 
 PANELS_PER_ROW = 3
+"""Number of panels side by side."""
 PANEL_IN = 2.5
+"""Height of a panel (inches)."""
 MOST_MARKS = 120
-"""Rows of the log that a panel shows."""
+"""Largest number of rows of the log in a panel."""
 
 
 @styled

@@ -23,17 +23,20 @@ else:  # matplotlib is optional, and slow to load
 
 
 Pieces = list[tuple[Array, Array, Array]]
-"""Times, measured and modelled values, (n,) and (n, n_dof), of each window."""
+"""Times (n,), measured and modelled values (n, n_dof) of each window."""
 
 CONFIDENCE = 1.96
-"""Standard deviations on either side of 95 % of a normal distribution."""
+"""Half width of a normal distribution's 95 % interval, in standard deviations."""
 MOST_BAND_POINTS = 300
-"""Points of a prediction band: it varies slowly."""
+"""Largest number of points of a prediction band: it varies slowly."""
 MOST_LAGS = 40
+"""Largest lag of an autocorrelation (rows)."""
 PANELS_PER_ROW = 2
+"""Number of panels side by side."""
 SMALL_PANELS_PER_ROW = 3
+"""Number of small panels side by side."""
 SMALLEST_CORRELATION_AXIS = 0.3
-"""Least extent of an axis of autocorrelation to either side: white noise of a few hundred rows fills a third of it."""
+"""Smallest extent of an autocorrelation's axis to either side: white noise of a few hundred rows fills a third of it."""
 
 
 @styled

@@ -24,14 +24,15 @@ else:  # matplotlib is optional, and slow to load
     Axes = Figure = Any
 
 PANELS_PER_ROW = 3
+"""Number of panels side by side."""
 FEWEST_SPECTRUM_ROWS = 32
-"""Rows of a window whose spectrum is drawn."""
+"""Smallest number of rows of a window whose spectrum is drawn."""
 LONGEST_DRAWN_PIECE = 512
-"""Rows of a piece whose spectrum is taken: the spectrum is the mean over such pieces."""
+"""Largest number of rows of a piece: the drawn spectrum is the mean over such pieces."""
 FEWEST_PIECES = 4
-"""Pieces of the shortest window, at least: one alone has a spectrum of spikes."""
+"""Smallest number of pieces of the shortest window: the spectrum of a single piece is full of spikes."""
 LOWEST_SHARE = 1e-4
-"""Share of the largest amplitude at which the axis ends: below are the stop bands of the decimation."""
+"""Lower end of the axis, as a share of the largest amplitude: below it lie the stop bands of the decimation."""
 
 
 @styled

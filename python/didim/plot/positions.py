@@ -18,7 +18,9 @@ else:  # matplotlib is optional, and slow to load
     Figure = Any
 
 PANEL_IN = 1.9
+"""Height of a panel (inches)."""
 MOST_PANELS_PER_ROW = 3
+"""Largest number of panels side by side."""
 
 
 @styled

@@ -20,8 +20,9 @@ else:  # matplotlib is optional, and slow to load
 
 
 AXIS_SHARE = 0.13
-"""Length of a joint's axis, as a share of the picture."""
+"""Length of a drawn joint axis, as a share of the picture."""
 MOST_PATH_POINTS = 400
+"""Largest number of points of a drawn path."""
 
 
 @styled

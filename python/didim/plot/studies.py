@@ -20,9 +20,11 @@ else:  # matplotlib is optional, and slow to load
     Axes = Figure = Any
 
 MOST_PANELS = 12
+"""Largest number of panels of a figure."""
 MOST_IN_ROW = 3
+"""Largest number of panels side by side."""
 MOST_TEXT = 70
-"""Characters of a name in a picture."""
+"""Largest number of characters of a name in a picture."""
 
 
 def _styles(study: StudyResults) -> dict[str, tuple[str, str]]:

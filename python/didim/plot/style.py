@@ -27,13 +27,16 @@ _Result = TypeVar("_Result")
 # From the palette of Okabe and Ito, beside a grey for what was measured.
 MEASURED, MODEL, RESIDUAL, GOOD, FAINT = "#9aa1ab", "#0072b2", "#d55e00", "#009e73", "#d9dce1"
 CYCLE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+"""Colours of the curves, in order (palette of Okabe and Ito)."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+"""Markers of the methods, in order."""
 
 WIDTH_IN = 11.0
+"""Width of a figure (inches)."""
 NOTEBOOK_DPI = 80
-"""Dots per inch of a figure that a notebook displays."""
+"""Resolution of a figure in a notebook (dots per inch)."""
 MOST_POINTS = 1200
-"""Points of a line; beyond them a picture shows lowest and highest values instead, which look the same."""
+"""Largest number of points of a line; longer ones are drawn by lowest and highest values, which look the same."""
 
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",

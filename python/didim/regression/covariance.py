@@ -24,9 +24,9 @@ from .linear_system import LinearSystem
 from .settings import LeastSquaresSettings
 
 SMALLEST_ROWS_SHARE = 0.05
-"""A joint with fewer expected squares than this share of its rows takes the variance of all joints."""
+"""Smallest ratio of a joint's expected squares to its rows for a variance of its own; otherwise it gets that of all joints."""
 CORRELATED_ERRORS = 0.1
-"""Correlation of neighbouring errors from which they no longer count as white."""
+"""Correlation of neighbouring errors from which they are not treated as white."""
 
 
 def covariance(

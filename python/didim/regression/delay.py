@@ -30,17 +30,18 @@ from .jackknife import Factors, intervals, jackknife
 from .linear_system import LinearSystem
 
 SIGNIFICANT = 3.0
-"""Distance, in standard deviations, from which a delay differs from zero, or that of a joint from the others."""
+"""Difference of a delay from zero, or of a joint's delay from the others, in standard deviations, from which it is
+significant."""
 SMALLEST_DIFFERENCE = 0.1
-"""Difference, in samples, below which joints share one delay."""
+"""Difference of delays, in samples, below which joints share one delay."""
 REACH_MARGIN = 3
-"""Samples beyond the reach that interpolation and the last whole shift take."""
+"""Number of samples beyond the largest delay that interpolation and the last whole shift need."""
 MOST_STEPS = 10
-"""Upper bound of the number of linearisations; two or three settle."""
+"""Upper bound of the number of linearisations; two or three suffice."""
 SETTLED_SAMPLES = 0.005
-"""Step, in samples, below which the delays have settled."""
+"""Step, in samples, below which the delays have converged."""
 NO_MOTION = 1e-9
-"""Share of a joint's torque below which its derivative carries no delay."""
+"""Share of a joint's torque below which its derivative does not identify a delay."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ from .._tools.arrays import Array
 from .jackknife import Factors
 
 Progress = Callable[[int, Array, Array], bool]
-"""Called with the number of a solution, from 1, its estimate and its residual; True stops the solver."""
+"""Callback with the number of a solution (from 1), its estimate and its residual; True stops the solver."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,14 +31,15 @@ from .settings import BLOCKS
 Rows = NDArray[np.intp]
 
 FEWEST_ROWS = 3
-"""Rows of a joint in a block: shorter blocks of correlated noise are no longer independent."""
+"""Smallest number of rows per joint in a block: shorter blocks of correlated noise are not independent."""
 FEWEST_BLOCKS = 5
-"""Blocks of a log with few rows: with fewer the spread of the estimates is that of too few numbers."""
+"""Smallest number of blocks of a short log: the spread of fewer estimates is too uncertain."""
 DECISIVE_SHARE = 0.9
-"""Share of the information on a parameter from which a single block determines it: without the block its standard deviation
-is more than three times as large, and the spread of the estimates is that of a single number."""
+"""Share of the information on a parameter in one block from which that block determines it. Without it the standard deviation
+is three times as large, and the spread of the estimates rests on a single number."""
 LARGEST_EIGENVALUE = 1.0 - 1e-9
-"""Eigenvalue of ``Q_i^T Q_i`` from which the other blocks do not determine a direction: the estimate keeps its value there."""
+"""Eigenvalue of ``Q_i^T Q_i`` from which the other blocks do not determine a direction: the estimate then stays unchanged
+there."""
 
 
 @dataclass(frozen=True, eq=False)

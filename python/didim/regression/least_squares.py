@@ -30,7 +30,7 @@ from .settings import LeastSquaresSettings
 from .weights import joint_sigma, per_row
 
 NEGLIGIBLE_COEFFICIENT = 1e-6
-"""Coefficients of a dependence below this size are rounding noise and left out of its sentence."""
+"""Coefficient of a linear dependence below which it is rounding and omitted from the sentence."""
 
 
 def solve(

@@ -13,10 +13,12 @@ Variance = Literal["r-b", "r-1"]
 UncertaintyKind = Literal["jackknife", "decimated", "white"]
 
 MOST_REWEIGHTINGS = 1000
-"""Upper bound of the reweightings: the weights settle within a few solutions."""
+"""Upper bound of the reweightings: the weights converge within a few solutions."""
 BLOCKS = 20
-"""Default number of blocks of the jackknife: 10 to 20 serve alike on real logs, the 30 of a log of 9 s are not independent."""
+"""Default number of blocks of the jackknife: on real logs 10 to 20 serve equally; 30 blocks of a log of 9 s are not
+independent."""
 MOST_BLOCKS = 1000
+"""Upper bound of the number of blocks: more would be shorter than the correlation of any log's residual."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -54,9 +54,9 @@ SOLVERS: dict[str, str | Solver | RobotSolver] = {
     "ridge": "didim.regression.classical.solvers:Ridge",
     "consistent": "didim.regression.consistent.solver:CONSISTENT",
 }
-"""Solvers by name, or where they are, as "module:object": loaded when the solver is asked for. A class has its default settings."""
+"""Solvers by name, or their location "module:object", imported when they are used. A class has its default settings."""
 MOVED = {"total": "didim.contrib.total:Total"}
-"""Solvers of 0.2.0 that are not in the table any more, and where they are."""
+"""Solvers of 0.2.0 that left the table, and their present location."""
 
 
 def check_solver(choice: object) -> None:

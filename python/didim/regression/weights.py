@@ -11,7 +11,7 @@ from .._tools.arrays import Array
 from .linear_system import LinearSystem
 
 SMALLEST_RELATIVE_RESIDUAL = 1e-9
-"""Lower bound of a joint's residual as a share of its torque: rounding noise would get an infinite weight."""
+"""Lower bound of a joint's residual, as a share of its torque: weights stay finite on logs without noise."""
 
 
 def joint_sigma(system: LinearSystem, residual: Array) -> Array:

@@ -17,7 +17,8 @@ from .fit import aligned_rows, provenance_section, robot_section, well_identifie
 from .page import Html, Level, Text, page, paragraph, picture, section, table, verdict
 
 FAR_OFF = 3.0
-"""Standard deviations beyond which an estimate is marked: with 60 parameters one in six lists has one by chance."""
+"""Distance in standard deviations from which an estimate is marked: of 60 correct ones, one in six lists has such an
+estimate."""
 
 
 def comparison_page(comparison: Comparison) -> str:

@@ -27,11 +27,15 @@ from ..studies.prediction import Prediction, predict, relative_errors
 from .page import Html, Level, Text, beside, code, details, page, paragraph, picture, section, table, verdict
 
 STRONG_CORRELATION = 0.8
+"""Absolute correlation of two estimates from which the report lists the pair."""
 MOST_PAIRS = 10
+"""Largest number of correlated pairs in a report."""
 MOST_HISTORY_ROWS = 40
+"""Largest number of rows in the table of iterations."""
 LONG_LIST = 24
+"""Number of parameters beyond which their table is split into two, side by side."""
 LEVELS: dict[State, Level] = {State.SOUND: "good", State.DOUBTFUL: "caution", State.WRONG: "bad"}
-"""Colour of a verdict."""
+"""Colour of each verdict."""
 
 
 def fit_page(fit: Identification, experiment: Experiment) -> str:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Level = Literal["good", "caution", "bad"]
 
 DENSE = 10
-"""Columns of a table beyond which its print is smaller, so that all of them fit a screen of 1280 pixels."""
+"""Number of columns beyond which a table is set smaller, to fit a screen of 1280 pixels."""
 
 STYLE = """\
 :root {
@@ -105,7 +105,7 @@ h2 { scroll-margin-top: 12px; }
 """
 
 WIDE_PX = 700
-"""Width of a picture from which a phone pushes it aside."""
+"""Width of a picture (pixels) from which it scrolls sideways on a phone."""
 
 # Nothing may be fetched, whatever a file name or a message holds.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"

@@ -12,7 +12,7 @@ from ..plot.studies import cost, coverage, errors
 from .page import Html, Level, page, paragraph, picture, section, table, verdict
 
 MOST_SENTENCES = 12
-"""Sentences of failures that a report lists."""
+"""Largest number of failure messages in a report."""
 
 
 def study_page(study: StudyResults) -> str:

@@ -27,7 +27,7 @@ from .uncertainty import Uncertainty
 from .verdict import Use
 
 LARGE = 1.0
-"""Half squared distance per estimated parameter beyond which noise does not explain that an estimate is no robot."""
+"""Half the squared distance per estimated parameter beyond which noise does not explain a physically inconsistent estimate."""
 
 
 def recorded_robot(name: str, settings: Mapping[str, Any]) -> Robot:

@@ -22,9 +22,10 @@ from ..errors import FitError
 from .identification import Identification
 from .uncertainty import student_factor
 
-SAME_TIME_S = 0.25
-"""Share of a block by which the edges of the blocks of two results may differ: methods keep rows that differ at the ends."""
+SAME_TIME = 0.25
+"""Largest difference of the blocks' edges of two results, as a share of a block: methods drop different rows at the ends."""
 MOST_NAMED = 4
+"""Largest number of parameters that a sentence names."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -202,7 +203,7 @@ def contrast(first: Identification, second: Identification, *, level: float = 0.
     ]
     same = len(one.blocks) == len(two.blocks) and all(
         (a.recording, a.window) == (b.recording, b.window)
-        and abs(a.start_s - b.start_s) + abs(a.stop_s - b.stop_s) <= SAME_TIME_S * (a.stop_s - a.start_s)
+        and abs(a.start_s - b.start_s) + abs(a.stop_s - b.stop_s) <= SAME_TIME * (a.stop_s - a.start_s)
         for a, b in zip(one.blocks, two.blocks, strict=True)
     )
     if data[0] != data[1] or not same:

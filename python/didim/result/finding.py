@@ -14,7 +14,7 @@ from .._tools.pickling import Pickled
 from .sentences import advice_of, sentence_of
 
 Grade = Literal["wrong", "doubtful", "note"]
-"""How grave a finding is; a note alone leaves a result sound."""
+"""Severity of a finding; notes alone leave a result sound."""
 GRADES: tuple[Grade, ...] = get_args(Grade)
 
 

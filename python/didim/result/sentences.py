@@ -166,7 +166,7 @@ LAWS = {
     "load": "grows with the load",
     "dahl": "has a memory (Dahl)",
 }
-"""What friction laws do that a model may lack."""
+"""Description of friction laws that a model may lack."""
 
 
 def _friction(f: Told) -> str:
@@ -235,7 +235,7 @@ def _contradiction(f: Told) -> str:
 
 
 Words = tuple[Callable[[Told], str], Callable[[Told], str]]
-"""Sentence and advice of a finding."""
+"""Functions that write the sentence and the advice of a finding."""
 
 
 def _always(text: str) -> Callable[[Told], str]:
@@ -347,4 +347,4 @@ WORDS: dict[str, Words] = {
     ),
     "gain-unchecked": (_gain_unchecked, _always("")),
 }
-"""Words of the other findings, by code."""
+"""Sentence and advice of the other findings, by code."""

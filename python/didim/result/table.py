@@ -13,19 +13,19 @@ from .._tools.arrays import Array
 from .._tools.words import counted
 from ..robot.placement import limbs
 
-# The paper calls a parameter well identified below this relative standard deviation.
 WELL_IDENTIFIED_PERCENT = 20.0
-"""Relative standard deviation (%) above which a parameter is not well identified."""
+"""Largest relative standard deviation (%) of a parameter that the paper calls well identified."""
 
-# Beyond it a relative sigma says no more than that nothing is known.
 LARGEST_PERCENT = 999
+"""Largest relative standard deviation (%) that is printed: beyond it nothing is known."""
 
 PARAMETER_HEAD = ("parameter", "unit", "estimate", "sigma", "sigma %", "95 % low", "95 % high", "/ white", "")
 """Heading of the table of parameters; the last column is for remarks."""
 
-# Decimals, and size, up to which numbers are printed in fixed point.
 MOST_PLACES = 9
+"""Largest number of decimals of a number in fixed point."""
 LARGEST_FIXED_POINT = 1e9
+"""Size up to which numbers are printed in fixed point."""
 
 
 def parameter_rows(

@@ -16,9 +16,9 @@ from ..errors import FitError
 from ..regression.friction.alarm import FrictionAlarm
 
 Kind = Literal["jackknife", "decimated", "white", "correlated", "draws"]
-"""Where the standard deviations come from: the delete-block jackknife, (10) with the correlation of decimated noise, (10)
-itself, the correlation that the errors of a closed-loop output-error method show, or draws of an estimate by its own standard
-deviations, each moved to the nearest robot."""
+"""Source of the standard deviations: the delete-block jackknife, (10) with the correlation of decimated noise, (10) itself, the
+correlation of a closed-loop output-error method's errors, or draws of the estimate with its standard deviations, each projected
+to the nearest robot."""
 
 
 LAWS = {
@@ -27,7 +27,7 @@ LAWS = {
     "load": "friction that grows with the load",
     "dahl": "friction with memory (Dahl)",
 }
-"""Names of the families of friction laws that a residual is tested for."""
+"""Names of the friction laws that a residual is tested for."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ class State(StrEnum):
 
 
 Reason = Finding
-"""A finding, as a reason of a verdict."""
+"""Finding as a reason of a verdict."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class Verdict:
 
 
 DERIVED = frozenset({"not-converged", "interrupted", "remark"})
-"""Codes of findings that follow from other fields of a result."""
+"""Codes of findings that repeat other fields of a result."""
 
 
 def derived(status: Status, warnings: Iterable[str], remarks: Iterable[str]) -> list[Finding]:

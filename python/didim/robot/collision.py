@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from .._tools.toml import Table
 
 NEIGHBOURS = 1
-"""Capsules of links at most so far apart along the chain touch at their common joint, and are not checked against each other."""
+"""Largest distance along the chain of two links whose capsules touch at their common joint and are not checked against each
+other."""
 
 
 @dataclass(frozen=True, kw_only=True)

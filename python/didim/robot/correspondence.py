@@ -17,7 +17,7 @@ Pose = tuple[tuple[float, ...], ...]
 """First three rows of a homogeneous matrix."""
 
 ROTATION_TOLERANCE = 1e-9
-"""Largest entry of ``R R' - 1`` of a pose that is read: it was written with all digits."""
+"""Largest entry of ``R R' - 1`` of a pose in a file: poses are written with all digits."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -33,7 +33,7 @@ NAMES: dict[str, str] = {
     "cylinder": "Cf",
     "cylinder_rate": "Ck",
 }
-"""Name of the parameter of each law, before the joint's number."""
+"""Parameter name of each law, without the joint's number."""
 STANDARD_NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "Ia", "Fv", "Fc", "Off")
 """Names of the other parameters of a joint."""
 KEYS: dict[str, str] = {
@@ -48,25 +48,25 @@ KEYS: dict[str, str] = {
 }
 """Key of each law in ``[friction]``."""
 SPRINGS: dict[str, tuple[Law, ...]] = {"linear": ("spring",), "gravity": ("sine", "cosine")}
-"""Laws of each key of ``[springs]`` that names joints."""
+"""Laws of the keys of ``[springs]`` that name joints."""
 CYLINDER: tuple[Law, Law] = ("cylinder", "cylinder_rate")
-"""Laws of a cylinder: its constant force and its stiffness."""
+"""Laws of a cylinder: constant force and stiffness."""
 OF_POSITION: frozenset[str] = frozenset((*SPRINGS["linear"], *SPRINGS["gravity"], *CYLINDER))
-"""Laws whose column is a function of the position alone."""
+"""Laws whose column depends on the position alone."""
 STIFF: frozenset[str] = frozenset(("spring", "cylinder_rate"))
-"""Springs whose parameter is a stiffness, which is not negative."""
+"""Springs whose parameter is a stiffness, which cannot be negative."""
 START_VELOCITY = {"revolute": 0.1, "prismatic": 0.01}
-"""Velocity (rad/s, m/s) that a law has until its own is estimated."""
+"""Velocity (rad/s, m/s) of a law before its own is estimated."""
 START_WIDTH = {"revolute": 1e-3, "prismatic": 1e-4}
-"""Displacement (rad, m) that Dahl's memory has until its own is estimated."""
+"""Displacement (rad, m) of Dahl's memory before its own is estimated."""
 SCALED: dict[str, tuple[str, Mapping[str, float]]] = {
     "atan": ("velocity", START_VELOCITY),
     "stribeck": ("velocity", START_VELOCITY),
     "dahl": ("width", START_WIDTH),
 }
-"""Laws with a number that is not linear: its name in files, and where its search starts."""
+"""Laws with a nonlinear parameter: its name in files and the start of its search."""
 FEWEST_SPEEDS = 4
-"""Fewest speeds of a law that is given by its values."""
+"""Smallest number of speeds of a law given by a table of values."""
 
 
 @dataclass(frozen=True, kw_only=True)

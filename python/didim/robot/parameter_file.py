@@ -26,7 +26,7 @@ from ..errors import FitError
 from .robot import Robot
 
 SUFFIXES = (".toml", ".npz")
-"""Kinds of files that are written."""
+"""Suffixes of the formats that can be written."""
 
 
 def check_path(path: Path) -> None:

@@ -30,9 +30,9 @@ from .rigid_body import (
 from .robot import Robot
 
 LARGEST = 1e9
-"""Metres, kilograms and kg.m^2 of links, payloads and flanges are at most these: powers of larger ones leave floating point."""
+"""Upper bound of a link's, payload's or flange's numbers (m, kg, kg.m^2): powers of larger ones overflow."""
 NOTHING = "none"
-"""Name of the payload that is not there."""
+"""Name of the empty payload."""
 UNITS = dict(zip(INERTIAL, ["kg.m^2"] * 6 + ["kg.m"] * 3 + ["kg"], strict=True))
 """Unit of each of the ten inertial parameters."""
 

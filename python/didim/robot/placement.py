@@ -18,7 +18,7 @@ from .right_angles import RIGHT_ANGLE_ROUNDING, nearest_right_angle
 from .rigid_body import mdh_pose, pose
 
 ALONG = 1e-12
-"""Largest sine of the angle between two z axes that rounding explains: they count as parallel."""
+"""Largest sine of the angle between two z axes that count as parallel: rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)

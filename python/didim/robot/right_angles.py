@@ -9,20 +9,20 @@ from __future__ import annotations
 import math
 
 SNAP = 1e-4
-"""Default largest angle (rad) that is snapped: files with four decimals are off by up to 5e-5."""
+"""Default of the largest deviation (rad) that is snapped to a right angle: files with four decimals deviate by up to 5e-5."""
 
 SUSPICIOUS = 2e-3
-"""Angles (rad) up to which a right angle was probably meant: 1.57 is off by 8e-4, calibrated axes by up to 2e-3."""
+"""Largest deviation (rad) at which a right angle was probably meant: 1.57 deviates by 8e-4, calibrated axes by up to 2e-3."""
 
 NEARLY_PARALLEL = 0.02
-"""Nobody designs axes with a smaller angle (rad) than this; a calibration finds them."""
+"""Smallest angle (rad) between two axes by design; smaller ones come from calibration."""
 
 PARALLEL = 1e-9
-"""Axes with an angle below this (rad) are parallel: its effect is below that of rounding."""
+"""Angle (rad) below which axes count as parallel: its effect is below rounding."""
 
 
 RIGHT_ANGLE_ROUNDING = 1e-12
-"""Largest distance from a right angle (rad) at which an angle is a right angle to the core."""
+"""Largest deviation (rad) from a right angle that the core treats as exact."""
 
 
 def nearest_right_angle(angle: float) -> float:

@@ -24,7 +24,7 @@ BODY_TOLERANCE = 1e-12
 """Largest negative eigenvalue of the central second moments that rounding explains, as a share of their trace."""
 
 EXACT = 1e-12
-"""Cosines and sines below this belong to right angles, as in the core."""
+"""Bound of cosines and sines that count as zero, that is as right angles, as in the core."""
 
 
 def pose(rotation: Array, place: Array | Sequence[float] = (0.0, 0.0, 0.0)) -> Array:

@@ -27,10 +27,10 @@ from .standard_dh import StandardTable, read_lengths
 from .transmission import read_followers, reduction_matrix
 
 MOST_JOINTS = 40
-"""Most joints of a robot, as in the core."""
+"""Largest number of joints, as in the core."""
 
 PACKAGED = Path(__file__).parents[1] / "packaged" / "robots"
-"""Folder of the robots that come with the package."""
+"""Folder of the included robots."""
 
 
 def load_robot(

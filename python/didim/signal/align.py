@@ -21,10 +21,10 @@ from .._tools.words import counted
 from ..errors import FitError
 
 Shift = float | Sequence[float]
-"""How far torques are moved back, in samples: of all joints, or of each."""
+"""Shift of the torques towards earlier samples, in samples: of all joints, or of each."""
 
-# Neighbours of a sample that cubic interpolation takes: one before, two after.
 CUBIC = (-1, 0, 1, 2)
+"""Offsets of the samples that cubic interpolation uses: one before, two after."""
 
 
 @dataclass(frozen=True, kw_only=True)

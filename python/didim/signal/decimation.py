@@ -22,10 +22,12 @@ from .processing import Convention, SignalProcessing
 Stage = tuple[Array, Array, int, int, int]
 """A filter of the core: sections (s, 6), their steady states (s, 2), padding, factor, first kept sample."""
 
-# The Chebyshev I filter of both ``decimate``: order, ripple, cut-off over the new Nyquist frequency.
-DECIMATION_ORDER = 8  # as in _squared_gain
+DECIMATION_ORDER = 8
+"""Order of the Chebyshev I filter of both ``decimate``, as in `_squared_gain`."""
 DECIMATION_RIPPLE_DB = 0.05
+"""Passband ripple (dB) of the Chebyshev filter."""
 DECIMATION_BAND = 0.8
+"""Cut-off of the Chebyshev filter, as a share of the new Nyquist frequency."""
 
 
 def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:

@@ -23,14 +23,14 @@ from ..errors import SignalError
 from .processing import Convention, Ends, Form, SignalProcessing, check_order
 
 EXTENSION_PERIODS = 8.0
-"""Length of an extension that keeps the curvature, in periods of the cut-off: the response has decayed to 1e-8 by then."""
+"""Length of an extension with continuous curvature, in periods of the cut-off: the response has then decayed to 1e-8."""
 CURVATURE_PERIODS = 2.0
-"""Length of the samples that the curvature at an end is estimated from, in periods of the cut-off: with fewer it has more noise
-than the filtered accelerations, with many more a cubic no longer follows the motion."""
+"""Length of the samples that the curvature at an end is estimated from, in periods of the cut-off: with fewer it is noisier
+than the filtered accelerations, with many more a cubic does not follow the motion."""
 CURVATURE_DEGREE = 3
-"""Degree of the polynomial that is fitted to them."""
+"""Degree of the polynomial fitted for the curvature."""
 LARGEST_POLE_ERROR = 1e-5
-"""How far rounding may move a pole, as a share of its distance from the unit circle."""
+"""Largest shift of a pole by rounding, as a share of its distance from the unit circle."""
 
 
 def zero_phase_butterworth(

@@ -13,21 +13,21 @@ from .decimation import DECIMATION_BAND, DECIMATION_RIPPLE_DB
 from .processing import SignalProcessing
 
 _CIRCLE = 2048
-"""Points of a spectrum at the last rate; half as many lags of a correlation."""
+"""Number of points of a spectrum at the last rate; a correlation has half as many lags."""
 
 
 CHANGE_ROUNDING = 1e-9
-"""Smallest change between values of a signal that is more than rounding, as a share of their size or range."""
+"""Smallest change between values of a signal, as a share of their size or range, that is more than rounding."""
 FEWEST_GAPS = 20
-"""Gaps between levels of a signal below which its step is not read off."""
+"""Smallest number of gaps between a signal's levels from which its step is estimated."""
 WIDEST_GAP = 50.0
-"""Widest gap that is compared with multiples of the step, in steps: the error of the step adds up in wider ones."""
+"""Widest gap, in steps, compared with multiples of the step: in wider ones the step's own error dominates."""
 OFF_GRID = 0.1
-"""Largest distance of a gap from a multiple of the step, in steps, that printed digits explain."""
+"""Largest distance of a gap from a multiple of the step, in steps, that rounding of printed digits explains."""
 ON_GRID = 0.95
-"""Smallest share of the gaps that are multiples of the step: by chance it is a fifth."""
+"""Smallest share of gaps that must be multiples of the step: by chance it is a fifth."""
 MOST_CHANGES = 0.9
-"""Share of samples that may differ from the one before in a signal that counts as quantised."""
+"""Largest share of samples that differ from their predecessor in a quantised signal."""
 LARGEST_DECIMATION = 10_000
 """Upper bound of the product of the decimation factors: the spectrum of decimated noise has 2048 times as many points."""
 

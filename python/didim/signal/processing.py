@@ -16,7 +16,7 @@ Spikes = Literal["hampel"]
 
 
 LARGEST_ORDER = 10
-"""Upper bound of the order of the Butterworth filter: above it nothing is gained but ringing and rounding."""
+"""Upper bound of the Butterworth filter's order: higher orders only add ringing and rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)

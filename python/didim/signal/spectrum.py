@@ -10,16 +10,16 @@ from .._tools.arrays import Array
 from ..log.recording import Recording
 
 ABOVE_NOISE = 10.0
-"""Smallest ratio of the power spectrum to that of the noise of the positions at which a frequency counts as motion."""
+"""Smallest ratio of the power spectrum to that of the position noise at which a frequency counts as motion."""
 LONGEST_PIECE = 16384
-"""Samples of a piece whose spectrum is taken."""
+"""Largest number of samples of a piece whose spectrum is computed."""
 PIECES = 16
-"""Half overlapping pieces of a window whose spectra are averaged for `contiguous_band`: noise of 16 hardly ever exceeds
-`ABOVE_NOISE`, and that of a single piece does so in one of a thousand frequencies."""
+"""Number of half overlapping pieces of a window whose spectra `contiguous_band` averages: the noise of 16 hardly ever exceeds
+`ABOVE_NOISE`, that of a single piece does at one frequency in a thousand."""
 SHORTEST_PIECE = 64
-"""Samples of a piece below which there are too few frequencies to tell motion from noise."""
+"""Smallest number of samples of a piece: shorter ones have too few frequencies to separate motion from noise."""
 BAND = 0.99
-"""Share of the power of the velocity that lies in the band."""
+"""Share of the velocity's power that lies within its band."""
 
 
 def motion_band(recording: Recording) -> float:

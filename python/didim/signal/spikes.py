@@ -15,17 +15,18 @@ from .._tools.arrays import Array
 from .processing import SignalProcessing
 
 WINDOW = 11
-"""Samples of the sliding window: short beside the motion, long enough for a median of noise."""
+"""Number of samples of the sliding window: short beside the motion, long enough for a median of noise."""
 SPIKE_THRESHOLD = 4.0
-"""Robust standard deviations from the median beyond which a sample is a spike."""
+"""Distance from the median, in robust standard deviations, beyond which a sample is a spike."""
 TAIL = 5.0
-"""Bend of a single sample over the one that 95 % of the samples stay below, from which it is off."""
+"""Ratio of a sample's bend to the bend that 95 % of the samples stay below, from which the sample may be a spike."""
 CERTAIN = 10.0
-"""Robust standard deviations from the median beyond which a sample is a spike in any log: normal noise does not get there."""
+"""Distance from the median, in robust standard deviations, beyond which a sample is a spike in any log: normal noise does not
+reach it."""
 NORMAL_MAD = 1.4826
-"""Standard deviation of normal noise over its median absolute deviation."""
+"""Ratio of standard deviation to median absolute deviation of normal noise."""
 AT_ONCE = 16384
-"""Samples whose windows are sorted at once, which bounds the memory."""
+"""Number of samples whose windows are sorted at once, which bounds the memory."""
 
 
 def hampel(

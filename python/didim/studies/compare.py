@@ -24,9 +24,9 @@ from .comparison import Comparison
 from .simulated_log import LOG_REFINEMENT, packaged_experiment, simulated_log
 
 PHYSICAL = "didim_physical"
-"""Name of the parameter set that is nearest to the paper's among those of robots that can be built."""
+"""Parameter set nearest to the paper's among those of robots that can be built."""
 SHORT_SIMPLEX = 1000
-"""Iterations of the simplex in a comparison that is to be over within minutes."""
+"""Upper bound of the simplex's iterations in a comparison, so that it takes minutes."""
 
 
 def all_methods(

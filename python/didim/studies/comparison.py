@@ -31,13 +31,14 @@ SHORT_TITLES = {
     "cloe-nelder-mead": "CLOE simplex",
     "cloe-levenberg-marquardt": "CLOE",
 }
-"""Titles of at most 12 characters, as heads of the columns of the table of parameters."""
+"""Titles of at most 12 characters, for the headings of the table of parameters."""
 FEW = 10
-"""Number of base parameters in the short table, spread over the robot's list: enough to see what a row is."""
+"""Number of base parameters in the short table, spread evenly over the robot's list."""
 COLUMNS = 100
-"""Largest number of characters of a line, so that the table fits a terminal and a page."""
+"""Largest width of a line in characters, so that the table fits a terminal and a page."""
 FAR = 3.0
-"""Distance of an estimate from the truth, in standard deviations, that few right estimates exceed: the table says how many."""
+"""Distance of an estimate from the truth, in standard deviations, that few correct estimates exceed; the table counts those
+that do."""
 
 
 @dataclass(frozen=True, eq=False)

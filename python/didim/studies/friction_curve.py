@@ -22,7 +22,7 @@ from .loaded import same_parameters, standard_in, with_gains_of
 from .prediction import fitted_experiment, with_friction_of
 
 SPEEDS = 401
-"""Speeds of a curve, from the fastest one way to the fastest the other way."""
+"""Number of speeds of a curve, from the largest negative to the largest positive one."""
 LOADS = (5.0, 50.0, 95.0)
 """Percentiles of the torque of links and rotors: light, median and heavy load."""
 

@@ -25,7 +25,7 @@ from ..methods.positions.problem import LEFT_OUT_S, LEFT_OUT_SHARE, start_state
 from ..result.identification import Identification
 
 MOST_STEP_S = 0.02
-"""Longest step (s) that a replay takes: servos swing within some hundredths of a second."""
+"""Longest time step (s) of a replay: servos oscillate within some hundredths of a second."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from ..robot.payload import NOTHING
 from ..robot.robot import Robot
 
 FRICTION = re.compile(r"(F[a-z]+|Off|Rest)\d+[+-]?")
-"""Names of standard parameters of friction."""
+"""Pattern of the names of friction parameters."""
 MOST_NAMES = 4
 """Largest number of parameters that a message names."""
 

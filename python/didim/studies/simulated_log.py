@@ -16,13 +16,13 @@ from ..experiment.experiment import Experiment
 from ..log.recording import Recording
 
 PACKAGED = Path(__file__).parents[1] / "packaged" / "experiments"
-"""Folder of the experiments that come with the package, by robot."""
+"""Folder of the included experiments, by robot."""
 
 
 MOST_PILOTS = 6
-"""Runs of a log: its steps are fine where the velocities of the run before were near zero."""
+"""Upper bound of a log's simulation runs: each refines the steps where the velocities of the previous run were near zero."""
 LOG_REFINEMENT = 4
-"""The log is simulated with steps so many times finer than those of the identification."""
+"""Ratio of the identification's time steps to those with which the log is simulated."""
 
 
 def packaged_experiment(robot: str) -> Experiment:

@@ -19,11 +19,11 @@ from .playback import Playback
 from .shapes import Shape, reach
 
 FRAME_S = 1.0 / 30.0
-"""Time between two drawn poses (s): a film's rate, which a local page follows without falling behind."""
+"""Time (s) between two drawn poses: the rate of a film, which a local page can follow."""
 GHOST_OPACITY = 0.3
-"""Opacity of the second motion, so that the first one shows through it."""
+"""Opacity of the second motion: the first one shows through it."""
 HIDDEN_AT_FIRST = ("capsules", "prior", "prior: centres of mass")
-"""Layers that begin hidden beside an estimate, since they would cover it; the first one always does."""
+"""Layers that are hidden at first beside an estimate, since they would cover it; the first one is always hidden at first."""
 FULL_COLOUR_SHARE = 0.1
 """Residual, as a share of the largest torque, that is drawn in full colour."""
 

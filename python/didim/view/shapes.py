@@ -30,9 +30,9 @@ ESTIMATE: Colour = (0, 158, 115)
 PRIOR: Colour = (150, 155, 163)
 CAPSULE: Colour = (230, 159, 0)
 SKELETON_SHARE = 0.022
-"""Radius of the skeleton as a share of the robot's reach: thick enough to see, thin enough to show a wrong row."""
+"""Radius of the skeleton, as a share of the robot's reach: thick enough to see, thin enough to show a wrong row."""
 AXIS_SHARE = 0.09
-"""Half the length of a drawn joint axis as a share of the robot's reach."""
+"""Half the length of a drawn joint axis, as a share of the robot's reach."""
 SMALLEST_M = 1e-9
 """Length (m) below which a segment has no direction and is not drawn."""
 

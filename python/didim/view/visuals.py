@@ -21,7 +21,7 @@ from .shapes import LINK, Colour, Shape
 
 BODY: Colour = (188, 194, 203)
 ENDINGS = (".stl", ".obj", ".ply", ".glb", ".gltf", ".dae")
-"""Endings of mesh files that trimesh reads; COLLADA needs pycollada beside it."""
+"""Suffixes of mesh files that trimesh reads; COLLADA also needs pycollada."""
 
 
 def visuals(robot: Robot, path: Path, folders: tuple[Path, ...] = ()) -> tuple[list[Shape], list[str]]:

@@ -37,7 +37,7 @@ EXAMPLES = (
 """Examples of the help."""
 
 STUDY_PROGRESS_S = 2.0
-"""Seconds between lines of progress."""
+"""Time (s) between two progress lines of a study."""
 
 
 def add(commands: Commands) -> None:

@@ -14,7 +14,7 @@ BOLD, RED, GREEN, YELLOW, CYAN = "1", "1;31", "1;32", "1;33", "36"
 """Codes of Select Graphic Rendition."""
 
 VERDICTS = {"sound": GREEN, "doubtful": YELLOW, "wrong": RED}
-"""Colours by verdict."""
+"""Colour of each verdict."""
 
 _TITLE = re.compile(r"^(usage|[A-Za-z][A-Za-z ,]*)(?=:)", re.MULTILINE)
 

@@ -213,4 +213,4 @@ def _quoted(text: str) -> str:
 
 
 SCRIPTS: dict[str, Callable[[Sequence[Command]], str]] = {"bash": bash, "zsh": zsh, "fish": fish}
-"""Writers of scripts by shell."""
+"""Function that writes the completion script, by shell."""

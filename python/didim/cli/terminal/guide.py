@@ -13,10 +13,10 @@ from .messages import message
 from .width import columns, wrapped
 
 WIDEST_HELP = 100
-"""Columns of help on a wide terminal."""
+"""Largest width of the help (columns); longer lines are hard to read."""
 
 EXAMPLES = "examples:\n"
-"""Begin of the text below the options, whose lines stay as they are."""
+"""First line of the examples below the options; their line breaks are preserved."""
 
 COMMANDS = {
     "from a log to parameters": ("example", "init", "check", "identify", "validate"),
@@ -24,7 +24,7 @@ COMMANDS = {
     "robots and motions": ("robots", "robot", "base", "excite"),
     "methods": ("methods", "compare", "study"),
 }
-"""Commands by what they are for, in the order in which people need them. All others are listed last."""
+"""Commands by purpose, in the order in which they are needed. Commands that are not listed here follow at the end."""
 
 
 class Formatter(argparse.HelpFormatter):

@@ -9,7 +9,7 @@ from .color import CYAN, RED, YELLOW, painted
 from .width import columns, wrapped
 
 KINDS = {"": RED, "warning": YELLOW, "open": YELLOW, "note": CYAN}
-"""Kinds of messages with their colours; errors have no word of their own."""
+"""Colour of each kind of message; errors have no label."""
 
 
 def message(text: str, kind: str = "") -> None:

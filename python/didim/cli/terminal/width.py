@@ -18,10 +18,10 @@ NARROWEST, WIDEST = 60, 160
 """Columns: narrower terminals break lines themselves, and longer lines are hard to read."""
 
 OPTIONAL = ("/ white",)
-"""Headings of columns that a narrow terminal does without."""
+"""Headings of columns that a narrow terminal omits."""
 
 NARROWEST_TEXT = 24
-"""Columns: the text of a last column is not wrapped into fewer."""
+"""Smallest width (columns) to which the text of a last column is wrapped."""
 
 _NUMBER_AND_UNIT = re.compile(
     r"(?<=\d) (?=%|N\.m|N\b|Hz|m?s\b|m?m\b|rad|deg|kg|A\b)|(?<=N\.m) (?=or N\b)|(?<=or) (?=N\b)"

@@ -13,9 +13,9 @@ from ..rows import LogRows
 from .hypothesis import Hypothesis, best_factor
 
 SMALLEST_LENGTH_M = 5e-3
-"""Length (m) below which a row changes no torque that a log shows."""
+"""Length (m) below which a row of the robot file has no visible effect on the torques."""
 GRAVITY = 9.81
-"""Size of gravity where the robot file declares none (m/s^2)."""
+"""Gravity (m/s^2) where the robot file declares none."""
 
 
 def with_geometry(robot: Robot, **changes: object) -> Robot:

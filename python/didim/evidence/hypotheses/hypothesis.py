@@ -11,10 +11,10 @@ from ..._tools.arrays import Array
 from ...robot.robot import Robot
 
 FACTORS = (0.3, 0.5, 0.7, 0.85, 0.96, 1.0, 1.04, 1.18, 1.4, 2.0, 3.3)
-"""Factors of a length, a gear or an encoder that are tried; the best one is refined between its neighbours, and an end is no
-estimate."""
+"""Factors of a length, a gear or an encoder that are tried; the best is refined between its neighbours, and the first and last
+are not estimates."""
 PROMISING = 0.98
-"""Squared error of a factor over that of none, mean of the channels, below which it is refined."""
+"""Ratio of a factor's squared error to that without it, mean of the channels, below which it is refined."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

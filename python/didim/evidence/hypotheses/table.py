@@ -11,12 +11,12 @@ from .positions import exchanged, positions, scales, sides, units
 from .torques import exchanges, gains, signs
 
 Family = Callable[[LogRows], Iterator[Hypothesis]]
-"""Makes the hypotheses of a family for the rows of a log."""
+"""Generator of a family's hypotheses for the rows of a log."""
 OF_TORQUES: tuple[Family, ...] = (signs, gains, exchanges)
-"""Families that keep the columns: two milliseconds a hypothesis."""
+"""Families that do not change the columns: two milliseconds per hypothesis."""
 OF_SIGNS: tuple[Family, ...] = (positions,)
-"""Families on the way a joint turns, which friction knows too."""
+"""Families about a joint's direction of rotation, which friction also determines."""
 OF_READINGS: tuple[Family, ...] = (units, sides, exchanged, scales)
-"""Families on how the columns of the log are read, for `check` and for logs that are explained badly."""
+"""Families about how the log's columns are read, for `check` and for logs with large residuals."""
 OF_ROBOT: tuple[Family, ...] = (gravities, conventions, twists, lengths)
-"""Families on the robot file; known parameters say nothing of these. A rougher look rules out most."""
+"""Families about the robot file, independent of known parameters; a cheap screening excludes most hypotheses."""

@@ -12,9 +12,9 @@ from ..products import Declared
 from .hypothesis import Hypothesis, best_factor, diagonal
 
 GAINS = (0.2, 0.35, 0.6, 0.8, 1.0, 1.25, 1.7, 2.9, 5.0)
-"""Gains that are tried; the best one is refined between its neighbours, and an end of the list is no estimate."""
+"""Gains that are tried; the best is refined between its neighbours, and the first and last are not estimates."""
 SMALLEST = 0.05
-"""Logarithm of a factor below which an error of the model is as likely as one of a gain, a gear or an encoder."""
+"""Logarithm of a factor below which a model error is as likely as a wrong gain, gear or encoder."""
 
 
 def signs(rows: Declared) -> Iterator[Hypothesis]:

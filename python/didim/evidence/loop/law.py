@@ -21,19 +21,19 @@ from ...result.finding import Finding
 from .law_rows import LawRows
 
 AGREES = 0.03
-"""Share of a joint's torque that the declared law may leave beside the white noise of the torque: that of filters."""
+"""Largest error of the declared law, as a share of the joint's torque beside its white noise: that of filters."""
 EXPLAINS = 0.5
-"""Share of the squared error that another law must not exceed to be named."""
+"""Ratio of squared errors below which another law is named."""
 ASTRAY = 0.3
-"""Share of the torque beyond which a law that nothing explains makes the result wrong."""
+"""Error of the declared law, as a share of the torque, from which the result is wrong if no other law explains it."""
 GAIN = 0.03
-"""A gain nearer to the declared one is not worth a sentence."""
+"""Smallest relative difference of a gain from the declared one that is reported."""
 GAIN_SIGMAS = 5.0
-"""And it must be significant by so many standard deviations."""
+"""Smallest difference of a gain, in its standard deviations, that is reported."""
 LAGS = (-3.0, -1.5, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0)
-"""Delays that are tried, in samples."""
+"""Delays that are tried (samples)."""
 LIMITS = (0.75, 0.85, 0.9, 0.94, 0.97, 1.0)
-"""Limits that are tried, as shares of the largest measured torque, which noise makes larger than the limit."""
+"""Torque limits that are tried, as shares of the largest measured torque, which noise raises above the limit."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ from ...signal.processing import SignalProcessing
 from ...signal.spikes import without_lone
 
 LARGEST_LAG = 12
-"""Samples at the ends of a window that are left out, because signals are shifted against each other."""
+"""Number of samples dropped at the ends of a window, because signals are shifted against each other."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,20 +25,21 @@ from ...signal.processing import SignalProcessing
 from .law import declared_loop, made_up
 
 POSITION = 0.005
-"""Share of a joint's motion that the simulated motion may miss: correct loops miss up to 0.01 %, or 0.1 % with
-a tight filter, and wrong ones 0.3 to 60 %."""
+"""Largest error of the simulated motion, as a share of the joint's motion: correct loops have up to 0.01 %, or 0.1 % with a
+tight filter, and wrong ones 0.3 to 60 %."""
 ASTRAY = 0.1
-"""Share beyond which the result is wrong."""
+"""Error of the simulated motion, as a share of the joint's motion, from which the result is wrong."""
 SLOPE = 0.005
-"""Deviation of the slope from 1 that is worth a sentence: correct results of CLOE reach 0.0026, with gains 1 % off it is 0.01."""
+"""Smallest deviation of the slope from 1 that is reported: correct results of CLOE reach 0.0026, gains that are 1 % off cause
+0.01."""
 SLOPE_SIGMAS = 6.0
-"""Standard deviations by which it must be significant, over intervals of time."""
+"""Smallest deviation of the slope that is reported, in standard deviations over intervals of time."""
 INTERVALS = 20
-"""Intervals of time, as those of the jackknife."""
+"""Number of time intervals, as in the jackknife."""
 WORSE = 1.5
-"""Error over that of IDIM-LS that is worth a sentence: correct results reach 1.06, and a gain 10 % off 1.9."""
+"""Ratio of the error to that of IDIM-LS from which it is reported: correct results reach 1.06, and a gain 10 % off 1.9."""
 NEGLIGIBLE = 0.003
-"""Share of a joint's torque below which more error than IDIM-LS has is that of simulation and filter."""
+"""Excess of the error over that of IDIM-LS, as a share of the joint's torque, that simulation and filter explain."""
 
 
 @dataclass(frozen=True, eq=False)

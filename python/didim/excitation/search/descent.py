@@ -18,15 +18,15 @@ Objective = Callable[[Array], tuple[float, Array]]
 """Value and gradient at a point."""
 
 MEMORY = 60
-"""Pairs of steps and changes of the gradient that are kept."""
+"""Number of pairs (step, change of the gradient) stored for the quasi-Newton direction."""
 DECREASE = 1e-4
-"""Share of the decrease that the slope promises which a step must reach (Armijo)."""
+"""Share of the decrease predicted by the slope that a step must achieve (Armijo)."""
 LINE_SEARCH_HALVINGS = 15
-"""Shortenings of a step before the memory is given up."""
+"""Largest number of times a step is halved before the stored pairs are discarded."""
 CURVED = 1e-10
-"""Smallest cosine between a step and the change of the gradient: below it the pair says nothing on the curvature."""
+"""Smallest cosine between a step and the change of the gradient for a pair to be stored: below it the curvature is rounding."""
 CONVERGED = 1e-9
-"""Relative decrease in one step from which the descent has converged."""
+"""Relative decrease in one step below which the descent has converged."""
 
 
 class Descent:

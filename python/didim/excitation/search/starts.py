@@ -20,31 +20,31 @@ from ..series import POWERS
 from .descent import Descent
 
 WEIGHTS = (100.0, 2000.0)
-"""Weights of the penalties, one after the other: the second leaves violations of parts in a thousand."""
+"""Weights of the penalties, in succession: after the second, limits are violated by a few parts in a thousand."""
 TRIALS, TRIAL = 3, 0.08
 """Random motions of each start, and the share of the iterations that each gets; the best of them goes on."""
 FIRST = 0.24
-"""Share of the iterations of the first descent, after its trial."""
+"""Share of the iterations for the first descent, after its trial."""
 HOP, HOPS = 40, 3.0
 """Evaluations after each perturbation, and all of them together as a share of the iterations. Twenty are too few to get back to
 the height of the motion that was perturbed."""
 KICK = 0.12
-"""Length of a perturbation over that of the joint's amplitudes: five of six lead higher. 0.2 gains less for the same time, and 0.5
-leads away from what the best motion has reached."""
+"""Length of a perturbation, as a share of the joint's amplitudes: five of six end higher. 0.2 gains less in the same time; 0.5
+loses the best motion so far."""
 LAST = 0.3
-"""Share of the iterations with the second weight, on the whole grid."""
+"""Share of the iterations for the second weight, on the whole grid."""
 REPAIRS, REPAIR = 8, 0.06
 """Largest number of repetitions with tighter limits, until the fine grid keeps them, and the share of iterations of each."""
 THINNED = 4
-"""Every fourth sample of the grid counts until the last descent, five per period of the highest harmonic: a third of the time, and
-starts end as high as with every second."""
+"""Stride of the thinned grid, used until the last descent: five samples per period of the highest harmonic. It takes a third of
+the time and starts end as high as with a stride of 2."""
 THINNED_COST = 1.0 / 3.0
-"""Time of an evaluation on the thinned grid over that on the whole one."""
+"""Time of an evaluation on the thinned grid, as a share of that on the whole grid."""
 POLL_S = 0.2
-"""Seconds between looks at the keyboard."""
+"""Time (s) between two checks for Ctrl-C."""
 
 Progress = Callable[[int, int, float], None]
-"""Called with the start (from 1), the evaluation and the value of the criterion so far."""
+"""Callback with the number of the start (from 1), the number of the evaluation and the best value of the criterion so far."""
 
 
 class _StopSearchError(Exception):

@@ -30,7 +30,7 @@ _CALLS = {
     "abs": "fabs",
 }
 _LONGEST = 90
-"""Characters of an expression that is not given a name of its own."""
+"""Largest number of characters of an expression without a variable of its own."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 Node = tuple[str, tuple[object, ...]]
-"""Name of an operation, and what it takes: numbers of nodes, or what a leaf is."""
+"""Operation and its operands: numbers of other nodes, or the content of a leaf."""
 
 _FOLD: dict[str, Callable[..., float]] = {
     "+": lambda a, b: a + b,

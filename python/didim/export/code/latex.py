@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     import sympy
 
 MOST_JOINTS = 3
-"""Joints of the largest robot whose equations are written: those of more fill pages."""
+"""Largest number of joints whose equations are written: those of more joints fill pages."""
 
 LARGEST_DENOMINATOR = 12
-"""Largest denominator of a number that is written as a fraction."""
+"""Largest denominator for which a number is written as a fraction."""
 
 _REFUSED = {
     "load": "depends on the load",

@@ -22,7 +22,7 @@ from ..array_file import ArrayFile
 from ..ros_bag import EXPANDED, mcap_content
 
 CHANNEL = 4
-"""Record of an MCAP file that describes a topic."""
+"""Opcode of the MCAP record that describes a topic."""
 
 
 class McapJsonFile(ArrayFile):

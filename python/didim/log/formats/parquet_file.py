@@ -21,7 +21,7 @@ from ...errors import RecordingError
 from ..array_file import ArrayFile
 
 INFO = Path("meta") / "info.json"
-"""Description of a LeRobot dataset, in its folder."""
+"""Path of a LeRobot dataset's description within its folder."""
 
 
 class ParquetFile(ArrayFile):

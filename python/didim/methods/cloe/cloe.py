@@ -29,9 +29,10 @@ from .settings import CLOESettings
 from .simplex import SimplexSearch
 
 START_SPREAD = 0.3
-"""Further starts are off by normal numbers times what changes the torques by this share of their size."""
+"""Standard deviation of a further start, in changes of the parameters, given as the share of the torques that each change
+makes."""
 SAME_OPTIMUM = 1e-3
-"""Costs that differ by less belong to the same optimum."""
+"""Relative difference of two costs below which they belong to the same optimum."""
 
 
 @dataclass(frozen=True, kw_only=True)

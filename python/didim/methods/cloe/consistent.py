@@ -31,11 +31,12 @@ from .output_error import OutputError
 from .settings import CLOESettings
 
 NEAREST = 100.0
-"""Weight of a random point beside the prior, per change that doubles the torques: the robot stays near the point."""
+"""Weight of a random point beside the prior, per change that doubles the torques: the projected robot stays near the point."""
 UNDAMPED = 1e-8
-"""Damping of corrections by finer steps: each is smaller than a standard deviation or two, and needs none."""
+"""Damping of the corrections with finer steps: they are at most a standard deviation or two and need none."""
 AT_OPTIMUM = 1e-4
-"""Share of the cost that the linear model promises at most at an optimum; a change of all parameters by a sigma is more."""
+"""Largest decrease of the cost, as a share, that the linear model predicts at an optimum: less than moving every parameter by
+one sigma."""
 
 
 class ConsistentSteps:

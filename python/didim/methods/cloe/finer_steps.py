@@ -19,9 +19,9 @@ from ..._tools.arrays import Array
 from .output_error import OutputError
 
 STEP_PARTS = 2
-"""Parts that each step of the search is divided into."""
+"""Number of parts that each step of the search is divided into."""
 SHORTEST_CORRECTION = 0.01
-"""Length of a correction, in standard deviations of the estimate, from which the optimum counts as reached."""
+"""Length of a correction, in standard deviations of the estimate, below which the optimum is reached."""
 MOST_CORRECTIONS = 5
 """Upper bound of the corrections (A): two are usual, and each takes one simulation with divided steps."""
 

@@ -28,16 +28,16 @@ from .output_error import OutputError
 DAMPINGS = np.array([1e-4, 1e-2, 1.0, 1e2])
 """Factors of the damping that are tried at once, one in each lane."""
 GRADIENT = 0.03
-"""Cosine of the residual and the derivatives below which the gradient counts as zero."""
+"""Cosine between the residual and the Jacobian's columns below which the gradient counts as zero."""
 SINGULAR_NORMAL_MATRIX = 1e-14
-"""Largest ratio of the extreme eigenvalues of the scaled normal matrix that counts as singular: rounding is about 1e-16 of it."""
+"""Smallest ratio of the extreme eigenvalues of the scaled normal matrix for it to be regular: rounding is about 1e-16."""
 MOST_ITERATIONS = 100
 """Default upper bound of the iterations; the packaged experiment takes four."""
 NOISE_SAMPLES = 5
-"""Fifth differences need more samples than these."""
+"""Number of samples below which the noise is not estimated: fifth differences need more."""
 
 Advance = Callable[[Array, Array], Array]
-"""A candidate after one correction, of a candidate and its errors."""
+"""Function that corrects a candidate once, given the candidate and its errors."""
 
 
 class Steps(Protocol):

@@ -40,11 +40,11 @@ from .checkpoint import Checkpoint
 from .settings import CLOESettings, Output
 
 CHECKED_POSITIONS = 200
-"""Positions at which M(q) is kept positive definite."""
+"""Number of positions at which M(q) must stay positive definite."""
 TOGETHER = 64
-"""Candidates whose trajectories are held in memory at once."""
+"""Largest number of candidates whose trajectories are held in memory at once."""
 DERIVATIVE_STEP = 1e-4
-"""Parameter step of a derivative: what changes the torques by this share of their size."""
+"""Parameter step of a finite difference, as the share of the torques that it changes."""
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,13 @@ from .nelder_mead import Simplex, edged_simplex, literal_simplex, minimise, star
 from .output_error import OutputError
 
 EDGE = 0.3
-"""First edge of a scaled simplex: what changes the outputs by this share of the norm."""
+"""First edge of the scaled simplex, as the share of the error norm that it changes in the outputs."""
 PATIENCE, PROGRESS = 5, 0.1
 """A simplex that has not improved by the second, relative, over the first times n iterations has lost its shape."""
 COLLAPSED_SHARE = 1e-4
-"""A simplex has collapsed when it spans this share of its first edges and of the initial norm; fminsearch's 1e-4 otherwise."""
+"""Size of a collapsed simplex, as a share of its first edges and of the initial norm; fminsearch's 1e-4 otherwise."""
 WORTH = 1e-6
-"""A restart that improves the norm by less, relative, is the last one."""
+"""Relative improvement of the norm below which a restart is the last."""
 TOLD_EVERY = 100
 """Iterations between two entries of the history, and between two checkpoints."""
 

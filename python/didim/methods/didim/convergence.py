@@ -17,13 +17,13 @@ from ..._tools.arrays import Array
 from ..._tools.words import counted
 
 MOST_STEPS = 8
-"""Steps that the contraction rate is estimated from; earlier ones are far from the end."""
+"""Number of last steps that the contraction rate is estimated from; earlier ones are far from the limit."""
 SLOW = 0.3
-"""Remaining distance, in standard deviations, beyond which a result says that the iteration contracts slowly."""
+"""Remaining distance, in standard deviations, beyond which the result reports slow contraction."""
 LARGEST_RATE = 0.95
-"""Upper bound of a rate that is expected to rise: the distance must stay an estimate."""
+"""Upper bound of a contraction rate that is expected to rise, so that the remaining distance stays finite."""
 SAFETY = 1.5
-"""Factor on the remaining distance: the slowest direction shows late in the ratio of the steps."""
+"""Safety factor on the remaining distance: the slowest direction shows late in the ratio of the steps."""
 
 
 @dataclass(frozen=True)

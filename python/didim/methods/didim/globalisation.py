@@ -19,13 +19,13 @@ from .problem import ConsistentProblem, Problem
 from .windows import Iterate, Simulated, Solved, Step, checked_positions
 
 MOST_HALVINGS = 20
-"""How often a step is halved when the simulation after it does not reach its end."""
+"""Largest number of times a step is halved when the simulation after it ends early."""
 SHORTEST = 0.3
-"""Shortest secant step."""
+"""Shortest secant step, as a share of the full step."""
 RISE = 1.02
-"""Factor by which the cost of the simulated torques may rise in a step."""
+"""Largest ratio by which the cost of the simulated torques may rise in a step."""
 FEWER_HALVINGS = 4
-"""How often a step is halved whose run ends early or whose cost rises."""
+"""Largest number of times a secant step is halved when its run ends early or its cost rises."""
 
 
 class Globalisation(Protocol):

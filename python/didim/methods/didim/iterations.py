@@ -29,7 +29,7 @@ from .slack import Attempts, Loop, settled
 from .windows import Iterate, Solved, Step
 
 ROUNDING = 1e-10
-"""Share of the torques below which a residual is rounding."""
+"""Residual, as a share of the torques, below which it is rounding."""
 
 
 class Iterations:

@@ -44,11 +44,11 @@ from .simulator import LogSimulator, RateSimulator
 from .windows import Iterate, Simulated, Solved, segments_of
 
 RECORDED = ("tolerance", "sigma_fraction", "max_iterations", "gain_updating", "margin")
-"""Settings in the record of a result, beside the start."""
+"""Settings that a result records, in addition to the start."""
 POSITIONS = 60
-"""Positions of the log at which rates and inertias are looked at."""
+"""Number of positions of the log at which rates and inertias are evaluated."""
 STARTS = ("consistent", "idim-ls")
-"""Names of the consistent solution along the measured motion: the robot nearest to the estimate of IDIM-LS."""
+"""Names of the start at the physically consistent robot nearest to the estimate of IDIM-LS, along the measured motion."""
 
 
 class Problem:

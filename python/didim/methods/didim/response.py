@@ -32,12 +32,13 @@ from ...regression.settings import LeastSquaresSettings
 from ..uncertainty import velocity_columns
 
 DIFFERENCE = 1.0
-"""Change of the weighted torques along a difference, in standard deviations of a row: far below what bends the response."""
+"""Change of the weighted torques in a finite difference, in standard deviations of a row: small enough for a linear
+response."""
 LARGEST_CONDITION = 1e7
-"""Condition number of G beyond which the log does not tell the fixed point."""
+"""Condition number of G beyond which the log does not determine the fixed point."""
 
 Rows = Callable[[Sequence[Array]], list[Array] | None]
-"""Torques of the simulated robot in the rows of (7), (r,) each, after changes of the estimated parameters, (n,) each; None where a
+"""Torques of the simulated robot in the rows of (7), (r,) each, for changes of the estimated parameters, (n,) each; None if a
 simulation ends early."""
 
 

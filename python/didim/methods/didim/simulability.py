@@ -27,13 +27,13 @@ from ...regression.settings import LeastSquaresSettings
 from ...robot.robot import Robot
 
 RATE = 1.5
-"""Largest product of the fastest rate and the step; Runge-Kutta's fourth order is stable to 2.78."""
+"""Largest product of the fastest rate and the time step; fourth-order Runge-Kutta is stable up to 2.78."""
 LEAST_STEP = 2e-6
-"""Smallest step that rates may ask for (s)."""
+"""Smallest time step (s) that rates may require."""
 COST = 5e-3
-"""Share of the weighted squares that conditions (B) may cost; a robot that is stiffer than that needs smaller steps."""
+"""Largest increase of the weighted squares by the conditions (B), as a share; a stiffer robot needs smaller steps instead."""
 HALVINGS = 4
-"""How often the step of (B) is halved before the conditions are given up."""
+"""Largest number of times the step of (B) is halved before the conditions are dropped."""
 
 
 def damping_of(controller: Controller) -> Array:

@@ -29,7 +29,7 @@ from .windows import Simulated, Window, checked_positions, segments_of, simulate
 CAREFUL = 2
 """Divisor of the smallest step when a simulation fails; the run is repeated with that uniform step."""
 SAME = 1e-9
-"""Logarithm of a factor of the gains below which it is 1."""
+"""Largest logarithm of a gain's factor that counts as a factor of 1."""
 
 
 class LogSimulator:

@@ -27,25 +27,25 @@ from .response import Response, noise_of, share_moved
 from .windows import Simulated, Window, segments_of, simulated_all
 
 SLACK = 0.5
-"""Size of J (`share_moved`) from which the loop is slack."""
+"""Smallest size of J (`share_moved`) of a slack loop."""
 FAST = 0.5
-"""Ratio of the last steps from which it is so whatever a random direction says."""
+"""Contraction rate of the last steps above which the loop counts as slack without the random test."""
 NOTABLE = 0.3
-"""What an iteration leaves of the slowest direction, from which a result speaks of it."""
+"""Contraction rate along the slowest direction from which a result reports it."""
 NEAR = 0.1
-"""Distance from the fixed point that Newton's method ends at, in standard deviations."""
+"""Distance from the fixed point, in standard deviations, at which Newton's method ends."""
 MOST_STEPS = 6
-"""Most steps of Newton's method."""
+"""Upper bound of the steps of Newton's method."""
 MOST_HALVINGS = 3
-"""Most lengths that a step of Newton's method is tried with."""
+"""Upper bound of the lengths tried for a step of Newton's method."""
 MOST_SOLUTIONS = 10
-"""Most solutions of (7), without a simulation, for the fixed point that a response predicts."""
+"""Upper bound of the solutions of (7), without a simulation, for the fixed point that a response predicts."""
 PREDICTED = 0.01
-"""Change in standard deviations below which that fixed point is found."""
+"""Change, in standard deviations, below which the predicted fixed point has converged."""
 MOST_ATTEMPTS = 2
-"""Most attempts of a run at its fixed point: each costs a simulation a parameter."""
+"""Upper bound of a run's attempts at its fixed point: each costs one simulation per parameter."""
 SAFETY = 1.5
-"""Factor on the distance: the response is that of an iterate, and the robot's conditions bend the way."""
+"""Safety factor on the distance: the response is that of one iterate, and physical bounds make it nonlinear."""
 
 
 @dataclass

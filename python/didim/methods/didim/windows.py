@@ -23,9 +23,9 @@ from ...signal.spikes import without_spikes
 from ..job import Delay, Job, ratio
 
 ABREAST = 8
-"""Candidates that are simulated at once: a few lanes of the core for each thread, and no more memory than they need."""
+"""Number of candidates that are simulated at once: a few lanes of the core per thread, in bounded memory."""
 CHECKED_POSITIONS = 500
-"""Positions along a simulated motion at which M(q) is kept positive definite."""
+"""Number of positions along a simulated motion at which M(q) must stay positive definite."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from ...loop.controller import Controller
 from ...model.limbs import Limb
 
 NEVER_NEGATIVE = frozenset({"Ia", "Fv", "Fc"})
-"""Parameters of joints that physics bounds below by zero."""
+"""Parameters of joints with a lower bound of zero."""
 
 
 @dataclass(frozen=True)

@@ -35,19 +35,21 @@ if TYPE_CHECKING:
 MOST_ITERATIONS = 40
 """Default upper bound of the iterations: from the centre of wide bounds a quadruped takes six."""
 TOLERANCE = 1e-4
-"""Fall of the cost, as a share, below which a search ends: then the parameters move by a hundredth of their deviations."""
+"""Relative decrease of the cost below which a search ends: the parameters then move by a hundredth of their standard
+deviations."""
 BAD_ROLLOUT = 5.0
-"""Error of a rollout over the median of all, beyond which it counts less: a push or a contact, which no friction explains."""
+"""Ratio of a rollout's error to the median of all, beyond which its weight is reduced: a push or a contact, which friction does
+not explain."""
 FEWEST_ROLLOUTS = 4
-"""Fewest rollouts of which a single one can be called bad."""
+"""Smallest number of rollouts for a single one to be called bad."""
 UNLIKE = 3.0
-"""Deviations by which a joint differs from its siblings."""
+"""Distance of a joint from its siblings, in standard deviations, from which it is reported."""
 UNLIKE_SHARE = 0.4
-"""Least difference as a share of the siblings' median: joints of one kind differ by a third on a real quadruped."""
+"""Smallest distance, as a share of the siblings' median: joints of one kind differ by a third on a real quadruped."""
 LARGE_ERROR = 0.3
-"""Error as a share of the tracking error that the file's own values leave: above, the model explains little of the log."""
+"""Ratio of the error to the tracking error with the file's own values, above which the model explains little of the log."""
 GRAVE = frozenset({"kp", "kv", "delay_s", "lag_s"})
-"""Unknowns of drives whose held value decides what other parameters come out as."""
+"""Unknowns of drives whose fixed value strongly affects other estimates."""
 
 
 def identify_positions(

@@ -18,11 +18,11 @@ from .problem import Problem
 from .search import Search, bounded_step, normal_of
 
 STRETCHES = (24, 8)
-"""Numbers of stretches that a log without rollouts is cut into, one after the other."""
+"""Numbers of stretches that a log without rollouts is divided into, in the order in which they are tried."""
 LEAST_STRETCH_S = 1.0
-"""Shortest stretch (s): errors of positions last for about as long as a move."""
+"""Shortest stretch (s): errors of positions are correlated for about the duration of a move."""
 FEWEST = 4
-"""Fewest blocks that a covariance is made of."""
+"""Smallest number of blocks for a covariance."""
 
 
 @dataclass(frozen=True)

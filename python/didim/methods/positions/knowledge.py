@@ -24,25 +24,24 @@ from .search import Search, normal_of
 NULL_SHARE, NULL_M = 0.02, 1e-6
 """An unknown whose whole range moves the joints (rms) by less than this share of the errors, or by this (rad, m), has no effect."""
 ALONE: Mapping[str, float] = {"delay_s": 20.0, "lag_s": 20.0, "bias_rad": 1e3}
-"""`f` below which an unknown of a drive is told apart from the others whatever the errors. On the Go2 log the delay has 12, and a
-curve of the errors that has its least value at zero; biases have a sentence of their own where gravity does not show them."""
+"""Largest `f` at which an unknown of a drive is separated from the others, whatever the errors. On the Go2 log the delay has
+12, with an error curve whose minimum is at zero; biases have their own sentence where gravity does not show them."""
 USUALLY_ALONE = 3.0
-"""The same of all other unknowns."""
+"""Largest `f` at which any other unknown is separated."""
 SHARE = {"kp": 0.5, "kv": 1.0, "saturation": 0.5}
-"""Change of an unknown, as a share, whose unique effect must be larger than the errors: what the others do not make up for; of
-delays and lags it is a sample of the log.
-On the Go2 log, where kp is 20 N.m/rad and a free one ends between 17.5 and 19.7 with Fv at zero, half of kp has 0.04 to 0.24 of
-the errors; on a simulated hobby arm whose steps saturate, 1.7 to 13 times the errors."""
+"""Change of an unknown, as a share, whose unique effect must exceed the errors; for delays and lags it is one sample of the
+log. On the Go2 log, where kp is 20 N.m/rad and a free one ends between 17.5 and 19.7 with Fv at zero, half of kp has 0.04 to
+0.24 of the errors; on a simulated hobby arm whose steps saturate, 1.7 to 13 times the errors."""
 MOST_PLACES = 3
-"""Most joints that a sentence names one by one."""
+"""Largest number of joints that a sentence names one by one."""
 LEAST_ERROR = 1e-4
-"""Errors (rad or m) below this are those of no robot: with them all that is not singular would be told."""
+"""Lower bound of the errors (rad or m): no robot has smaller ones, and all regular unknowns would count as identified."""
 SINGULAR = 1e3
-"""`f` from which an unknown of any kind counts as exchangeable with others."""
+"""Smallest `f` of an unknown, of any kind, that is exchangeable with others."""
 WEAK, MOST_WEAK = 5.0, 6
 """`f` from which a result says with what an unknown is exchanged, and the most sentences of that kind."""
 SMALLEST = 1e-13
-"""Smallest eigenvalue of the scaled matrix that is inverted: rounding below it."""
+"""Smallest eigenvalue of the scaled matrix that is inverted; below it is rounding."""
 
 
 @dataclass(frozen=True)

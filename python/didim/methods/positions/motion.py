@@ -26,19 +26,19 @@ from .problem import Problem, build
 from .search import begun, normal_of
 
 SWING = {"revolute": 0.3, "prismatic": 0.05}
-"""Largest distance (rad, m) from the middle, where the limits of a joint allow more: errors of links and gears stay small."""
+"""Largest distance (rad, m) from the middle, if the joint's limits allow it: errors of links and gears stay small."""
 SHARE_OF_RANGE = 0.4
-"""Largest distance from the middle as a share of the range of a joint."""
+"""Largest distance from the middle, as a share of the joint's range."""
 SLOWEST_HZ, BEYOND = 0.2, 1.5
 """First frequency of a chirp, and its last one as a multiple of the bandwidth of the loop."""
 HOLD = 3.0
-"""Shortest time between two steps, in time constants of the loop: the robot then has come to rest but for a twentieth."""
+"""Shortest time between two steps, in time constants of the loop: 95 % of the motion is then over."""
 FAMILIES = ("ramps", "steps", "chirps", "steps and chirps")
-"""Motions that are compared."""
+"""Kinds of motions that are compared."""
 SEEDS = 2
-"""Motions of each family."""
+"""Number of motions of each family."""
 MODEL_ERROR = 1e-3
-"""Error (rad or m) that friction models leave on good robots: what moves a joint by less is not told."""
+"""Position error (rad or m) of friction models on good robots: smaller effects on a joint are not identifiable."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,15 +22,15 @@ from ...robot.robot import Robot
 from .columns import Column, Steps, Values, columns_of, file_values
 
 SMOOTHING = 0.01
-"""Velocity (rad/s or m/s) of the tanh of Coulomb friction where neither robot nor [simulation] has one."""
+"""Velocity (rad/s or m/s) of Coulomb friction's tanh if neither robot nor [simulation] declares one."""
 STEP_S, FINE_STEP_S = 2e-3, 5e-4
 """Steps (s) of the simulation, and near velocity zero, by default."""
 LEFT_OUT_S, LEFT_OUT_SHARE = 0.5, 0.25
 """Time (s) at the start of a rollout that is not compared, for its initial velocity is a guess; at most this share of it."""
 START_S = 0.02
-"""Time (s) over which a line gives the initial position and velocity of a rollout."""
+"""Duration (s) of the line fitted for a rollout's initial position and velocity."""
 FEWEST_START_SAMPLES = 5
-"""Fewest samples of that line."""
+"""Smallest number of samples of that line."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from .search import Search, begun, normal_of
 MODEL_ERROR, LASTS_S = 1e-3, 0.2
 """Error (rad or m) that friction models leave on good robots, and the time (s) that it lasts: a quadruped's hips have 2 mrad."""
 POOR = 0.5
-"""Half interval over value from which a log counts as saying little of a parameter."""
+"""Ratio of half the interval to the value, from which a parameter is poorly identified."""
 
 
 @dataclass(frozen=True)

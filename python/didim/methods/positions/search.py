@@ -25,9 +25,9 @@ FIRST_DAMPING, LEAST_DAMPING = 1e-4, 1e-9
 RAISE, LOWER = 10.0, 10.0
 """Factors of the damping after a step that was refused, and after one that was taken."""
 MOST_RAISES = 10
-"""Raises in a row after which no step is taken to help."""
+"""Number of damping increases in a row after which the search ends."""
 TINY = 1e-12
-"""Scaled distance to a bound below which a parameter counts as at the bound."""
+"""Scaled distance to a bound below which a parameter counts as being at the bound."""
 
 
 @dataclass(eq=False)

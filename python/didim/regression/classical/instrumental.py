@@ -28,9 +28,9 @@ from ..settings import LeastSquaresSettings
 from ..weights import joint_sigma, per_row
 
 DEPENDENT_INSTRUMENT = 1e-9
-"""Share of a column, or of the largest singular value, below which it adds nothing to the others."""
+"""Share of a column, or of the largest singular value, below which an instrument depends on the others."""
 ROWS_AT_ONCE = 2000
-"""Rows of matrices that are made for the diagnosis alone: 2 MB with 120 columns."""
+"""Number of rows of the matrices that only the diagnosis needs: 2 MB with 120 columns."""
 
 
 @dataclass(frozen=True, eq=False)

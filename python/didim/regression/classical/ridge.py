@@ -19,7 +19,7 @@ from ..._tools.arrays import Array
 Rows = NDArray[np.intp]
 
 STRENGTHS = tuple(10.0**power for power in np.arange(-8.0, 0.01, 0.5))
-"""Grid of strengths, as shares of the squared norm of a column."""
+"""Ridge strengths that are compared, as shares of a column's squared norm."""
 
 
 def ridge(a: Array, y: Array, strength: float, prior: Array | None = None) -> Array:

@@ -25,13 +25,13 @@ from ...signal.spikes import NORMAL_MAD
 Loss = Literal["huber", "bisquare"]
 
 CONSTANTS: dict[str, float] = {"huber": 1.345, "bisquare": 4.685}
-"""Tuning constants for an efficiency of 95 % with normal noise."""
+"""Tuning constants with 95 % efficiency under normal noise."""
 SETTLED_ESTIMATE = 1e-8
-"""Change of the estimate, relative to its column's share of the torques, at which the iteration ends."""
+"""Change of an estimate, in torques relative to its column's share of them, below which the iteration has converged."""
 MOST_REWEIGHTINGS = 500
-"""Upper bound of the solutions with changed weights."""
+"""Upper bound of the number of reweightings."""
 SMALLEST_STD_SHARE = 1e-9
-"""Lower bound of a robust standard deviation as a share of the joint's torque: weights stay finite without noise."""
+"""Lower bound of a robust standard deviation, as a share of the joint's torque: weights stay finite without noise."""
 
 
 @dataclass(frozen=True, eq=False)

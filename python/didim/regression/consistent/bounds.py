@@ -16,7 +16,7 @@ from ...model.consistency import Cone, cone, link_cones, places_of
 from ...robot.robot import Robot
 
 Span = tuple[float, float]
-"""Lowest and highest value."""
+"""Lower and upper bound."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from ..fit import Fit
 
 CONTRADICTION = 1.5
-"""Ratio of the constrained to the plain residual beyond which a cause is looked for."""
+"""Ratio of the constrained to the plain residual above which a cause is sought."""
 JOINT_CONTRADICTIONS = ((2.0, 0.1), (1.2, 0.5))
-"""The same at a single joint: a ratio, and the relative error beyond which it counts."""
+"""Pairs for a single joint: ratio of the constrained to the plain residual, and relative error, above which a cause is
+sought."""
 NOTHING = 0.5
-"""Relative error of a constrained fit beyond which the model explains hardly anything."""
+"""Relative error of a constrained fit above which the model explains hardly anything."""
 
 
 @dataclass(frozen=True)

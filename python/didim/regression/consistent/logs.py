@@ -22,7 +22,7 @@ from ..logs.parameters import ColumnBlock, LogParameters
 from .prior import drawn
 
 MASS_KG = 1.0
-"""Mass of the solid at the last frame that a payload is drawn to."""
+"""Mass (kg) of the prior solid of a payload, at the last frame."""
 
 
 def log_conditions(logs: LogParameters, gamma: float, drives: Sequence[Cone]) -> list[Cone]:

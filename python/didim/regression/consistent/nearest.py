@@ -25,20 +25,21 @@ from .prior import Prior, prior_of
 from .problem import ConstrainedProblem
 
 GAMMA = 1e-2
-"""Weight of the prior beside an honest covariance (nats)."""
+"""Weight (nats) of the prior beside an honest covariance."""
 NEAREST_DRAWS = 200
-"""Draws of the estimate."""
+"""Number of draws of the estimate."""
 OTHER_PRIORS = (0.5, 2.0)
-"""Factors of mass and of second moments of the priors that an identified parameter does not feel."""
+"""Factors on mass and second moments of the alternative priors, which an identified parameter does not depend on."""
 FROM_PRIOR = 0.3
-"""Deviations by which another prior moves a parameter that comes from it; beyond, intervals hold the truth too seldom."""
+"""Shift of a parameter under another prior, in standard deviations, from which it is reported as coming from the prior: beyond
+it, intervals contain the truth too seldom."""
 HELD = 1.2
-"""Deviation by the curvature over that of the draws from which the log does not hold a parameter. Draws of a parameter that the log
-knows have both alike, but for the error of a few hundred draws; those of the TX40 that it does not know begin at 3."""
+"""Ratio of the curvature's standard deviation to that of the draws from which a parameter is not identified. Both agree for an
+identified parameter but for the error of a few hundred draws; unidentified ones of the TX40 start at 3."""
 LEAST_FREEDOM = 3.0
-"""Degrees of freedom at least: with two or fewer Student's distribution has no variance."""
+"""Lower bound of the degrees of freedom: with two or fewer, Student's distribution has no variance."""
 IDENTIFIED_SHARE = 1e-9
-"""Changes below this share of the largest parameter of the same kind are rounding."""
+"""Change, as a share of the largest parameter of the same kind, below which it is rounding."""
 
 
 @dataclass(frozen=True, eq=False)

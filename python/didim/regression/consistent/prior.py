@@ -23,15 +23,15 @@ from ..linear_system import LinearSystem
 from ..selection import Selection
 
 RADIUS_SHARE = 0.08
-"""Radius of gyration of a generic solid, as a share of the length of the arm."""
+"""Radius of gyration of a generic solid, as a share of the arm's length."""
 LEAST_LENGTH = 0.1
-"""Length of an arm whose geometry has none (m)."""
+"""Length (m) assumed for an arm without extent."""
 LEAST_MASS = 0.1
-"""Mass of a generic solid at least (kg): a log without gravity may give none."""
+"""Smallest mass (kg) of a generic solid: a log without gravity may yield none."""
 DEFAULT_MASS = 3.0
-"""Mass of a generic solid where no log is at hand (kg)."""
+"""Mass (kg) of a generic solid without a log."""
 INNER = 1e-2
-"""Share of a generic solid that is mixed into the bodies of a given robot: plates and rods have no volume."""
+"""Share of a generic solid mixed into the bodies of a given robot: plates and rods have no volume."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,13 +28,14 @@ from .logs import log_conditions, log_start
 from .prior import Prior, drawn
 
 FRICTION_WEIGHT = 1e-3
-"""Weight of the log-det terms of friction (nats): no effect on an estimate, and the solver stays inside."""
+"""Weight (nats) of the log-det terms of friction: it keeps the solver inside the constraints without effect on the estimate."""
 CURVATURE_ROUNDING = 1e-15
-"""Smallest eigenvalue of a scaled curvature that is more than rounding, as a share of the largest."""
+"""Smallest eigenvalue of a scaled curvature, as a share of the largest, that is more than rounding."""
 FEASIBLE = 1e-12
-"""Eigenvalue of a condition, as a share of its terms, below which rounding decides: the infeasibility that the solver allows."""
+"""Eigenvalue of a condition, as a share of its terms, down to which rounding decides: the infeasibility that the solver
+allows."""
 LEAST_WEIGHT = 3e-8
-"""Weight of the log-det term of every condition at least (nats), for a unique solution."""
+"""Lower bound of the weight (nats) of each condition's log-det term, for a unique solution."""
 
 
 @dataclass(frozen=True)

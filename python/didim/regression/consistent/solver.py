@@ -28,11 +28,11 @@ from .prior import Prior, prior_of
 from .problem import ConstrainedProblem, Simulability
 
 GAMMA = 1e-2
-"""Weight of the prior beside the information of a log (nats)."""
+"""Weight (nats) of the prior beside the information of a log."""
 MOST_INFLATION = 6.0
-"""Correlated residuals raise the weight by this factor at most."""
+"""Upper bound of the factor by which correlated residuals raise the prior's weight."""
 UNIDENTIFIED_SINGULAR_VALUE = 1e-10
-"""Singular values below this share of the largest belong to combinations that the log does not identify."""
+"""Singular value, as a share of the largest, below which a combination is not identified by the log."""
 
 
 @dataclass(frozen=True, kw_only=True)

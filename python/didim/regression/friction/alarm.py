@@ -39,34 +39,36 @@ from ..linear_system import LinearSystem
 from .velocity import decimated
 
 STRIBECK = (0.05, 0.1, 0.2, 0.4)
-"""Stribeck velocities of the hypotheses (rad/s), each about where a factor of two changes the column."""
+"""Stribeck velocities (rad/s) of the hypotheses; a factor of two changes the column clearly."""
 ATAN = (0.05, 0.2, 0.8)
-"""Velocities of the arctangents among the hypotheses (rad/s)."""
+"""Velocities (rad/s) of the arctangents among the hypotheses."""
 WIDTHS = (0.003, 0.01, 0.03, 0.1)
-"""Displacements of Dahl's memory among the hypotheses (rad)."""
+"""Displacements (rad) of Dahl's memory among the hypotheses."""
 PRISMATIC = 0.1
-"""Velocities and displacements of a prismatic joint (m/s, m) over those of a revolute one (rad/s, rad)."""
+"""Ratio of velocities and displacements of a prismatic joint (m/s, m) to those of a revolute one (rad/s, rad)."""
 RESOLVED_STEPS = 20.0
-"""Steps of the encoder within the smallest of `WIDTHS`, at least: quantisation by coarser steps looks like memory of any width."""
+"""Smallest number of encoder steps within the smallest of `WIDTHS`: quantisation by coarser steps looks like memory of any
+width."""
 TIME_BLOCKS = 20
-"""Stretches of time whose signs are flipped: long against the correlation of residuals, many enough for a probability of 1 %."""
+"""Number of time stretches whose signs are flipped: long against the residual's correlation, many enough for a probability of 1
+%."""
 FEWEST_BLOCKS = 8
-"""Blocks below which flips have too few patterns (2^7) for a probability of 1 %: no test then."""
+"""Number of blocks below which flips have too few patterns (2^7) for a probability of 1 %, and there is no test."""
 FEWEST_ROWS = 3
-"""Rows of a stretch between two reversals; shorter ones join the next."""
+"""Smallest number of rows of a stretch between two reversals; shorter ones join the next."""
 FLIPS = 3999
-"""Random patterns of signs beside the observed one; the smallest probability is 1 in 4 000."""
+"""Number of random sign patterns beside the observed one; the smallest probability is 1 in 4 000."""
 MEMORY_SHARE = 0.25
-"""Share of the false alarms that memory laws may have; the other laws, tested apart, have the rest."""
+"""Share of the false alarms allotted to memory laws; the other laws, tested separately, get the remainder."""
 SEED = 20261
-"""Seed of the patterns, so that the same log always has the same probability."""
+"""Seed of the patterns: the same log always gets the same probability."""
 VISIBLE = 6.0
-"""Score, in its deviation without the law, that a law needs to be seen nearly always: with the law itself in the deviation of 20
-blocks it counts as 3.6."""
+"""Score, in its standard deviation without the law, that makes a law detectable: with the law included in the deviation of 20
+blocks it is 3.6."""
 LEVEL = 0.01
-"""False alarms of a test over all joints of a log, at most: the level is divided by the joints."""
+"""Largest false alarm rate of a test over all joints of a log: it is divided by the number of joints."""
 ROUNDING = 1e-8
-"""Share of a column left after the columns of A are taken out, below which the model has the column already."""
+"""Norm of a column outside the span of A, as a share, below which the model already contains the column."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

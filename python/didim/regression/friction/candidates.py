@@ -22,19 +22,19 @@ from ..linear_system import LinearSystem
 from .velocity import decimated
 
 ATAN = tuple(np.geomspace(0.01, 2.0, 10).tolist())
-"""Velocities of atan among the candidates (rad/s)."""
+"""Velocities (rad/s) of atan among the candidates."""
 STRIBECK = (0.02, 0.05, 0.12, 0.3)
-"""Velocities of Stribeck's law among the candidates (rad/s)."""
+"""Velocities (rad/s) of Stribeck's law among the candidates."""
 DAHL = (3e-4, 6e-4, 1.2e-3, 2.5e-3, 5e-3, 1e-2, 2e-2)
-"""Displacements of Dahl's memory among the candidates (rad); on real arms wider ones fit the log and predict no other."""
+"""Displacements (rad) of Dahl's memory among the candidates; on real arms wider ones fit the log but predict no other."""
 PRISMATIC = 0.1
-"""Velocities and displacements of a sliding joint (m/s, m) over those of a revolute one (rad/s, rad)."""
+"""Ratio of velocities and displacements of a prismatic joint (m/s, m) to those of a revolute one (rad/s, rad)."""
 LEAST_DEAD_ZONES = 2.0
-"""Smallest velocity of a law over the dead zone of its joint: a slower one repairs the torque at rest."""
+"""Smallest velocity of a law, in dead zones of its joint: a slower law only corrects the torque at rest."""
 LEAST_STANDSTILL = 0.01
-"""Smallest share of the samples at standstill for a torque there to be a candidate."""
+"""Smallest share of samples at standstill for a standstill torque to be a candidate."""
 LEAST_STEPS = 10.0
-"""Steps of the encoder in the smallest displacement that it tells: quantisation by coarser ones looks like memory."""
+"""Number of encoder steps in the smallest resolved displacement: quantisation by coarser steps looks like memory."""
 
 
 @dataclass(frozen=True, kw_only=True)

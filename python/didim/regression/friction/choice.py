@@ -27,7 +27,7 @@ from .screen import Folds, Move, Screen
 from .velocity import VelocityEstimate, settled
 
 LARGEST_MISFIT = 0.3
-"""Relative error of held-out blocks beyond which no terms are chosen: what is left then is more than friction."""
+"""Relative error of held-out blocks above which no terms are chosen: it is more than friction."""
 
 
 @dataclass(frozen=True, kw_only=True)

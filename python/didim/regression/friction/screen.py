@@ -20,22 +20,23 @@ from ..linear_system import LinearSystem
 from .candidates import Candidate
 
 HELD_OUT_BLOCKS = 5
-"""Held-out blocks: contiguous parts of the log, all joints together."""
+"""Number of held-out blocks: contiguous parts of the log, all joints together."""
 BLOCK_GAP_ROWS = 5
-"""Rows beside a held-out block that are not fitted either: neighbouring residuals are correlated."""
+"""Number of rows beside a held-out block that are not fitted either: neighbouring residuals are correlated."""
 LEAST_SIGNIFICANCE = 1.0
-"""Smallest gain of a term over its standard error between the blocks."""
+"""Smallest gain of a term, in its standard error between the blocks."""
 SMALLEST_GAIN = 1e-3
-"""Smallest gain of a term, as a share of the squared held-out error of all joints: less is not worth a parameter."""
+"""Smallest gain of a term, as a share of the squared held-out error of all joints: less does not justify a parameter."""
 SPRING_GAIN = 0.1
-"""Smallest gain of a spring, as a share of the squared held-out error: a counterbalance carries a good part of gravity, and what is
-less follows gravity's own columns. Chosen on the real TX40, where springs of 1 to 3 % move its parameters away from Table II."""
+"""Smallest gain of a spring, as a share of the squared held-out error: a counterbalance carries much of gravity, and smaller
+gains follow gravity's own columns. Chosen on the real TX40, where springs with a gain of 1 to 3 % move its parameters away from
+Table II."""
 WORSE = 5e-3
-"""Largest share of the squared error of a recording, predicted from the others, by which a term may raise it."""
+"""Largest share by which a term may raise the squared error of a recording predicted from the others."""
 REFINEMENTS = 3
-"""Most sweeps that take terms away and move velocities after the choice."""
+"""Upper bound of the sweeps that remove terms and refine velocities after the choice."""
 RIDGE = 1e-12
-"""Share of the diagonal that is added to products of unit columns, so that dependent ones do no harm."""
+"""Addition to products of unit columns, as a share of their diagonal: dependent columns then stay solvable."""
 
 
 @dataclass(frozen=True)

@@ -26,27 +26,28 @@ from ..linear_system import LinearSystem, linear_system
 from ..selection import Selection, select
 
 RANGE = {"revolute": (0.003, 2.0), "prismatic": (0.0005, 0.2)}
-"""Velocities that the search covers (rad/s, m/s): below, a law is Coulomb friction, above, it is viscous friction."""
+"""Velocities covered by the search (rad/s, m/s): below them a law is Coulomb friction, above them viscous friction."""
 WIDTHS = {"revolute": (1e-4, 0.05), "prismatic": (1e-5, 0.005)}
-"""Displacements of Dahl's memory that the search covers (rad, m): below, it is a sign, above, a spring between reversals."""
+"""Displacements of Dahl's memory covered by the search (rad, m): below them it is a sign, above them a spring between
+reversals."""
 WIDTH_CHANGE = 1e-4
-"""Relative change of a displacement, both ways, for the derivative of Dahl's state by it."""
+"""Relative change of a displacement, both ways, in the finite difference of Dahl's state."""
 GRID = 41
-"""Velocities of the grid, equidistant in their logarithm: a factor of 1.18 apart."""
+"""Number of grid velocities, equidistant in their logarithm: a factor of 1.18 apart."""
 GRID_SWEEPS = 2
-"""Number of times that the grid goes through all joints; a joint's valley hardly moves with the velocities of the others."""
+"""Number of sweeps of the grid over all joints; a joint's optimum hardly depends on the other joints' velocities."""
 VELOCITY_STEPS = 12
-"""Most Gauss-Newton steps."""
+"""Upper bound of the Gauss-Newton steps."""
 LOAD_PASSES = 12
-"""Most passes of the fixed point of the load."""
+"""Upper bound of the fixed-point iterations for the load."""
 SETTLED_VELOCITY = 1e-6
-"""Relative change of velocities and parameters below which nothing moves any more."""
+"""Relative change of velocities and parameters below which they have converged."""
 SETTLED_DEVIATIONS = 1e-3
-"""Step of a velocity, in its standard deviations, that is the last: the next one is its square."""
+"""Step of a velocity, in its standard deviations, that is the last: the error after it is its square."""
 FARTHEST = 4.0
-"""Largest factor by which a velocity that held-out blocks chose is refined; one that goes farther has a flat profile."""
+"""Largest factor by which a velocity chosen on held-out blocks is refined; one that moves further has a flat profile."""
 CLEAR_VELOCITY_GAIN = 4.0
-"""Smallest gain of a law, in squared weighted residual, for its velocity to be identified: that of two standard deviations."""
+"""Smallest reduction of the squared weighted residual by a law for its velocity to be identified: two standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True)

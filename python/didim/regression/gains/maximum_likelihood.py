@@ -21,17 +21,17 @@ from ..settings import LeastSquaresSettings
 from .currents import Currents
 
 GAIN_STEPS = 100
-"""Most Gauss-Newton steps."""
+"""Upper bound of the Gauss-Newton steps."""
 SETTLED_LOG_GAIN = 1e-10
-"""Change of log K below which nothing moves any more."""
+"""Change of log K below which the iteration has converged."""
 LARGEST_STEP = 0.5
 """Largest change of log K in a step."""
 GAIN_HALVINGS = 12
-"""How often a step is halved that does not lower the cost."""
+"""Largest number of times a step is halved while the cost does not decrease."""
 SINGULAR = 1e-11
-"""Smallest singular value of the scaled Jacobian, over the largest, of a problem that the log determines."""
+"""Smallest singular value of the scaled Jacobian, as a share of the largest, for the log to determine the gains."""
 WEAK_GAIN_PERCENT = 20.0
-"""Expected standard deviation of a gain from which the known load hardly reaches its joint."""
+"""Expected standard deviation of a gain (%) from which the known load hardly acts on its joint."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,15 +16,15 @@ from ...errors import FitError
 from ...robot.rigid_body import body_pseudo_inertia, pose, pseudo_inertia, ten_parameters
 
 GAMMA = 1e-2
-"""Weight of the prior (nats)."""
+"""Weight (nats) of the prior."""
 RADIUS_M = 0.06
-"""Radius of gyration of the prior body: that of a load the size of a fist to a head."""
+"""Radius of gyration (m) of the prior body: that of a load between a fist and a head in size."""
 LEAST_MASS_KG = 0.05
-"""Mass of the prior body at least."""
+"""Lower bound of the prior body's mass (kg)."""
 BODY_STEPS = 200
-"""Most Newton steps."""
+"""Upper bound of the Newton steps."""
 SETTLED_NATS = 1e-10
-"""Newton decrement, in nats, at which a body has been found."""
+"""Newton decrement (nats) below which the iteration has converged."""
 
 
 def nearest_bodies(

@@ -26,13 +26,14 @@ from ..linear_system import LinearSystem
 Kind = Literal["offset", "friction"]
 
 FALSE_DRIFTS = 1e-3
-"""Probability that logs without drift are reported, all columns together."""
+"""Probability of a false alarm on logs without drift, over all columns."""
 NEGLIGIBLE_DRIFT = 0.05
-"""Share of a joint's residual below which a difference is not worth parameters of its own."""
+"""Difference, as a share of a joint's residual, below which a recording needs no parameters of its own."""
 FEWEST = 3
-"""Intervals of a log at least: with fewer nothing is said."""
+"""Smallest number of intervals of a log for the test."""
 DEPENDENT_EIGENVALUE = 1e-9
-"""Share of the largest eigenvalue of ``C~^T C~`` below which a combination of the columns is one of the shared parameters."""
+"""Eigenvalue of ``C~^T C~``, as a share of the largest, below which a combination of the columns equals one of the shared
+parameters."""
 
 
 @dataclass(frozen=True)

@@ -24,11 +24,11 @@ from ..linear_system import LinearSystem
 from .drift import DEPENDENT_EIGENVALUE, FEWEST
 
 FALSE_LOADS = 1e-4
-"""Probability that a log without a load is reported."""
+"""Probability of a false alarm on a log without a load."""
 EXPLAINED = 0.2
-"""Share of the squared residual of the log that the load must explain: less is an error of the model."""
+"""Smallest share of the log's squared residual that a load must explain: less is model error."""
 KNOWN = 0.99
-"""Length of the mass's direction in the space that the log identifies, from which the mass is told."""
+"""Length of the mass's direction in the identifiable space from which the mass is reported."""
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ Kind = Literal["payload", "offset", "friction", "gain"]
 
 ESTIMATED: Role = "estimated"
 DEPENDENT_COLUMN = 1e-9
-"""Share of a column, of unit length, that is left beside others when it depends on them: rounding."""
+"""Norm of a unit column's component orthogonal to the others below which it depends on them: rounding."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 KEY = "positions"
-"""Key of the record in the settings of a result."""
+"""Key of this record in a result's settings."""
 
 
 @dataclass(frozen=True)

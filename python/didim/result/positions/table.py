@@ -13,7 +13,7 @@ from ..._tools.words import counted
 from .record import PositionRecord
 
 LIMB_COLUMNS = 6
-"""Most limbs that are printed side by side."""
+"""Largest number of limbs printed side by side."""
 
 
 def position_lines(record: PositionRecord, name: str, robot: str) -> list[str]:

@@ -37,7 +37,7 @@ Cause = tuple[
     Callable[[tuple[int, ...], Any, Any], str],
     str,
 ]
-"""What looks wrong and what to do, of joints, value and facts; and the experiment that would decide."""
+"""Functions of joints, value and facts that write the suspected fault and its fix, and the experiment that would decide."""
 CAUSES: dict[str, Cause] = {
     "torque-sign": (
         lambda j, v, f: (
@@ -144,4 +144,4 @@ CAUSES: dict[str, Cause] = {
         "measure it",
     ),
 }
-"""Words of the hypotheses that name a cause."""
+"""Sentences of the hypotheses that name a cause."""

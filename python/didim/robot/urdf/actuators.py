@@ -30,10 +30,10 @@ SHORTCUTS = (
 """Elements of ``<actuator>`` and of its defaults."""
 
 KEPT = ("forcerange", "ctrlrange", "forcelimited", "ctrllimited", "gear")
-"""Attributes that all kinds of actuators have."""
+"""Attributes common to all kinds of actuators."""
 
 SAME = 1e-9
-"""Largest difference of gain and bias, as a share of the gain, at which both are one gain on the position error."""
+"""Largest difference of gain and bias, as a share of the gain, at which an actuator has one gain on the position error."""
 
 
 @dataclass(frozen=True)

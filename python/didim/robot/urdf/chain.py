@@ -22,13 +22,13 @@ from ..rigid_body import pose, turn
 from .description import MOVING, Description, UrdfJoint
 
 LARGEST_CHAIN = 40
-"""Most joints of a robot."""
+"""Largest number of joints of a robot."""
 
 WHOLE = ""
-"""The ``tip`` that stands for the whole tree."""
+"""Value of ``tip`` for the whole tree."""
 
 ARM = 3
-"""Joints of a branch from which on it counts as an arm of its own, not as a finger."""
+"""Smallest number of joints of a branch that counts as an arm, not as a finger."""
 
 
 @dataclass(frozen=True, eq=False)

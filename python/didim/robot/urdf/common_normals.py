@@ -20,7 +20,7 @@ from ..right_angles import PARALLEL, RIGHT_ANGLE_ROUNDING, nearest_right_angle
 from ..rigid_body import inverse, mdh_pose, pose
 
 LENGTH_ROUNDING = 1e-10
-"""Lengths below this (m) are zero: what rounded numbers of a file leave of axes that meet."""
+"""Length (m) below which a distance is zero: the rounded numbers of a file separate axes that meet."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ GRAVITY = (0.0, 0.0, -9.81)
 """Gravity in the root link of a URDF (m/s^2)."""
 
 LARGEST = 1e9
-"""Largest number of a description (m, rad, kg, kg.m^2, N.m): no robot has a larger one."""
+"""Upper bound of the numbers of a description (m, rad, kg, kg.m^2, N.m): no robot has a larger one."""
 
 KNOWN = (
     *MOVING,
@@ -38,13 +38,13 @@ KNOWN = (
     "gearbox",
     "revolute2",
 )
-"""Types of joints that descriptions have; those that neither move by one coordinate nor are fixed are held at zero."""
+"""Types of joints in descriptions; those that are neither fixed nor have one coordinate are fixed at zero."""
 
 NOT_FINITE = ("nan", "inf", "infinity", "-nan(ind)", "nan(ind)", "1.#qnan", "1.#inf")
-"""Texts of numbers that are none, as programs write them (small letters, without sign)."""
+"""Spellings of nan and infinity by various programs (lower case, without sign)."""
 
 EXPANDED = ("xacro:property", "xacro:arg")
-"""Elements of xacro that an expanded file may still have, and that make no links or joints."""
+"""Xacro elements that an expanded file may still contain, and that define neither links nor joints."""
 
 
 @dataclass(frozen=True, eq=False)

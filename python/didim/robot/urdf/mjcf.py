@@ -28,10 +28,10 @@ WORLD = "world"
 """Name of MuJoCo's outermost body."""
 
 KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "spherical", "free": "floating"}
-"""Types of joints, and what a URDF calls them."""
+"""URDF name of each MJCF joint type."""
 
 UNREAD = ("replicate", "composite", "flexcomp", "attach")
-"""Elements that make bodies which this reader does not make."""
+"""Elements that generate bodies and are not supported by this reader."""
 
 
 @dataclass(frozen=True)

@@ -35,10 +35,10 @@ from .summation import Body, bodies, made_up_bodies, random_states, torques_by_s
 from .xml_spans import parse_xml
 
 URDF_SET = "urdf"
-"""Name of the parameter set that has the inertias of a URDF."""
+"""Name of the parameter set with the inertias of a URDF."""
 
 MJCF_SET = "mjcf"
-"""The same of an MJCF."""
+"""Name of the parameter set with the inertias of an MJCF."""
 
 SMALLEST_TORQUE_SHARE = 1e-6
 """Lower bound of a joint's largest torque in the self-test, as a share of that of all joints."""

@@ -33,7 +33,7 @@ def _cube() -> Array:
 
 
 CUBE = _cube()
-"""Rotations with right angles only."""
+"""All rotations by right angles."""
 
 
 @dataclass(frozen=True)

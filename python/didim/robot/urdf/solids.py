@@ -13,13 +13,13 @@ from ..rigid_body import pose, turn
 from .description import Inertial
 
 DENSITY = 1000.0
-"""Density of a geom that gives neither mass nor density (kg/m^3), as in MuJoCo."""
+"""Density (kg/m^3) of a geom with neither mass nor density, as in MuJoCo."""
 
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
-"""Numbers that the size of each solid needs; with ``fromto`` the length is not among them."""
+"""Number of sizes of each solid; ``fromto`` replaces the length."""
 
 NO_SOLID = ("plane", "hfield", "sdf")
-"""Types of geoms without a mass of their own."""
+"""Types of geoms without mass."""
 
 
 def solid_inertial(given: Mapping[str, str], frame: Array, where: str) -> Inertial:

@@ -18,7 +18,7 @@ from .chain import Member
 from .description import Inertial
 
 STATES = 50
-"""Random states of the self-test."""
+"""Number of random states of the self-test."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,17 +11,18 @@ from ..._tools.arrays import Array
 from ...robot.rigid_body import INERTIAL
 
 APART_S = 0.15
-"""Events that are closer are one."""
+"""Gap (s) below which two events are one."""
 SHORTEST_S = 0.004
-"""Shortest time (s) of a contact, whatever the noise."""
+"""Shortest contact (s), whatever the noise."""
 HIGH = 1.5
-"""Share of its limit from which a torque is a contact however short it is: at 6 sigma noise exceeds its limit by a few percent."""
+"""Torque, as a multiple of its limit, from which it is a contact of any duration: at 6 sigma, noise exceeds the limit by a few
+percent."""
 SOKAL = 5.0
-"""Lags, in correlation times, over which an autocorrelation is summed (Sokal, 1997): further ones only add their noise."""
+"""Number of lags, in correlation times, over which an autocorrelation is summed (Sokal, 1997): further lags only add noise."""
 CHANGE_TIMES = 400
-"""Number of times at which a change of the payload is looked for."""
+"""Number of candidate times of a payload change."""
 CLEAR_PAYLOAD_GAIN = 60.0
-"""Gain in squared weighted residual of a change of the payload, of which ten parameters, for it to be reported."""
+"""Reduction of the squared weighted residual by a payload change, which has ten parameters, from which it is reported."""
 CLEAR_SHARE = 0.3
 """Share of the squared residual after the change that it must explain."""
 CLEAR_SIGMA = 5.0

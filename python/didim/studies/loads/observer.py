@@ -20,11 +20,11 @@ from ...model.dynamics import inverse_dynamics
 from ...robot.robot import Robot
 
 BANDWIDTH_HZ = 8.0
-"""Bandwidth of the observer: a step is followed to 63 % in 20 ms."""
+"""Bandwidth (Hz) of the observer: it follows a step to 63 % in 20 ms."""
 CUTOFF_HZ = 100.0
-"""Cut-off of the causal filter that velocities come from; at most a fifth of the rate."""
+"""Cut-off (Hz) of the causal filter of the velocities; at most a fifth of the sampling rate."""
 STEP_S = 1e-4
-"""Time along which the derivative of the momentum at fixed speed is taken."""
+"""Time (s) of the finite difference of the momentum at constant speed."""
 
 
 @dataclass(frozen=True, eq=False)

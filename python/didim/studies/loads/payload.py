@@ -34,13 +34,13 @@ from ..validation import same_robot
 from .payload_result import PayloadEstimate
 
 UNNAMED = "payload"
-"""Name of the payload of a log that names none."""
+"""Name of a log's payload without a name."""
 WEIGHT_PASSES = 4
-"""Solutions, each with the weights of the one before."""
+"""Number of solutions, each with the weights of its predecessor."""
 PAYLOAD_DRAWS = 400
-"""Draws of the estimate for the intervals of mass, centre and inertia."""
+"""Number of draws of the estimate for the intervals of mass, centre and inertia."""
 EXACT_VARIANCE = 1e-14
-"""Share of the largest variance, each parameter in units of its own, below which a direction of the robot is exact."""
+"""Variance, as a share of the largest with each parameter in its own unit, below which a direction of the robot is exact."""
 
 
 @dataclass(frozen=True, eq=False)

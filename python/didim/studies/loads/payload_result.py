@@ -18,10 +18,11 @@ from ...robot.payload import UNITS
 from ...robot.rigid_body import INERTIAL
 
 BODY = ("mass", "centre x", "centre y", "centre z", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-"""Numbers of a body; the inertia is about the centre of mass."""
+"""Names of a body's ten numbers; the inertia is about the centre of mass."""
 BODY_UNITS = ("kg", "mm", "mm", "mm", *("kg.m^2",) * 6)
+"""Units of `BODY` in tables."""
 BODY_FACTORS = np.array([1.0, *(1e3,) * 3, *(1.0,) * 6])
-"""SI to the units of pendants."""
+"""Factors from SI to the units of teach pendants."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -49,13 +49,13 @@ from .observer import BANDWIDTH_HZ, low_pass, observe, stamp_gain
 from .payload import identify_payload
 
 CONTACT_THRESHOLD = 6.0
-"""Standard deviations from which the observer reports a torque from outside."""
+"""External torque, in standard deviations, from which the observer reports a contact."""
 SETTLING = 5.0
-"""Time constants of the observer after the start of a window that are not judged."""
+"""Time after the start of a window that is ignored, in time constants of the observer."""
 NORMAL = 1.4826
-"""Standard deviation over median absolute deviation of normal noise."""
+"""Ratio of standard deviation to median absolute deviation of normal noise."""
 SLOW = 0.02
-"""Share of a joint's largest speed in the window below which the sign of its friction is not known."""
+"""Speed, as a share of the joint's largest in the window, below which the sign of its friction is unknown."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 FOLDER = Path(__file__).parent
 HEAVIER = (1.0, 1.12, 0.9, 1.1, 1.0, 1.0)
-"""Bodies of the links, over those of the URDF."""
+"""Masses and inertias of the links as multiples of those of the URDF."""
 TOOL_KG, TOOL_AT_M, TOOL_INERTIA = 1.5, np.array([0.0, 0.02, 0.12]), 0.003
 """A ball on the last link, in frame 6: mass, centre, inertia about the centre (kg.m^2)."""
 FURTHER = {
@@ -28,7 +28,7 @@ FURTHER = {
     "Fc": (9.0, 10.0, 7.0, 2.5, 2.4, 2.2),
     "Off": (0.3, -0.2, 0.1, 0.05, 0.0, 0.05),
 }
-"""Rotors and friction by joint: kg.m^2, N.m.s/rad, N.m."""
+"""Rotor inertias and friction by joint: kg.m^2, N.m.s/rad, N.m."""
 
 
 def true_parameters(robot: didim.Robot) -> Array:
