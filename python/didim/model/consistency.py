@@ -1,4 +1,4 @@
-"""What makes standard parameters those of a robot: pseudo-inertias, rotors and friction that stay positive.
+"""Conditions for standard parameters to belong to a robot: positive pseudo-inertias, rotors and friction.
 
 A condition is a `Cone`, ``F(x) = K + sum_i x_i B_i >= 0`` with small symmetric matrices. That of a link is its pseudo-inertia (12),
 4 x 4 (Wensing, Kim, Slotine 2017; Traversaro 2016); those of the drives are in ``drive_cones.py``. `violations` checks
@@ -27,7 +27,7 @@ class Cone:
     Attributes
     ----------
     label : str
-        What it is about, such as "link 3", "Ia4" or "Fv5-6".
+        Subject of the condition, such as "link 3", "Ia4" or "Fv5-6".
     indices : tuple of int
         Standard parameters that it depends on, k of them.
     basis : (k, m, m) array
@@ -60,7 +60,7 @@ class Cone:
 
 
 def places_of(robot: Robot) -> dict[str, int]:
-    """Return where each standard parameter stands."""
+    """Return the index of each standard parameter by name."""
     return {name: index for index, name in enumerate(robot.parameter_names)}
 
 
@@ -70,7 +70,7 @@ def cone(
     terms: Mapping[str, Array | float],
     constant: Array | float = 0.0,
 ) -> Cone:
-    """Return the condition of matrices, or numbers, by the name of their parameter."""
+    """Return the condition given by a matrix, or a number, per parameter name."""
     matrices = {name: np.atleast_2d(np.asarray(term, dtype=np.float64)) for name, term in terms.items()}
     matrices = {name: matrix for name, matrix in matrices.items() if matrix.any()}
     order = len(next(iter(matrices.values())))
@@ -106,12 +106,12 @@ def pseudo_inertias(robot: Robot, x: Array) -> list[Array]:
 
 
 def violations(conditions: Sequence[Cone], x: Array, tolerance: float = EIGENVALUE_ROUNDING) -> list[str]:
-    """Name the conditions that parameters do not meet, with the smallest eigenvalue of each.
+    """List the violated conditions, with the smallest eigenvalue of each.
 
     Parameters
     ----------
     conditions : sequence of Cone
-        Such as ``[*link_cones(robot), *drive_cones(robot)]``.
+        Conditions such as ``[*link_cones(robot), *drive_cones(robot)]``.
     x : (p,) array
         Standard parameters.
     tolerance : float

@@ -1,6 +1,6 @@
 """Conditions on the drives: rotors, friction that only dissipates, and rates that a simulation can follow.
 
-Joints that share motors form a group; a joint of its own is a group of one. In a group the rotors, the viscous friction and
+Joints that share motors form a group; any other joint is a group of one. In a group the rotors, the viscous friction and
 the slope of the Coulomb friction are matrices that are linear in the parameters, as ``friction.rs`` writes them:
 
     R = diag(Ia) + sum_m Ia_m N_m,    V = diag(Fv) + sum_m Fvm_m N_m,    N_m = c_m c_m^T - diag(c_m^2),
@@ -124,9 +124,9 @@ def drive_cones(robot: Robot) -> list[Cone]:
 
 
 def _of_followers(robot: Robot) -> list[Cone]:
-    """Return that rotors and friction of joints that follow others are not negative, and small: their leaders have the rest.
+    """Return the conditions that rotors and friction of coupled joints are small and not negative.
 
-    Each in units of `SHARE`, to which a log-det term draws it: nothing else tells it from that of its leader.
+    A log-det term draws each to `SHARE`: the log cannot separate it from the parameter of its leader.
     """
     places = places_of(robot)
     found = []
@@ -142,12 +142,12 @@ def _of_followers(robot: Robot) -> list[Cone]:
 
 
 def rotor_cones(drives: Drives) -> list[Cone]:
-    """Return ``Ja >= 0``: what remains of each ``Ia`` without the coupled motors that it contains."""
+    """Return ``Ja >= 0``: each ``Ia`` less the coupled motors that it contains."""
     found = []
     for group in drives.groups:
         motors = drives.motors(group)
         if any(drives.coupling[m, k] != 0.0 for m in motors for k in motors if k != m):
-            # Coupled motors that turn each other: the matrix as a whole.
+            # Motors coupled both ways: the condition is on the whole matrix.
             found.append(drives.cone("Ia", group, drives.rotors(group)))
             continue
         for j in group:
@@ -167,7 +167,7 @@ def simulable_cones(
     Parameters
     ----------
     drives : Drives
-        Of the robot.
+        Drives of the robot.
     step_s : float
         Step of the integration (s).
     rate : float
@@ -182,7 +182,7 @@ def simulable_cones(
     for group in drives.groups:
         motors = drives.motors(group)
         gains = -factor * np.diag([damping[j] for j in group])
-        # Where a motor is coupled, slow joints may lower the rate that a slow shaft raises: every corner counts.
+        # With a coupled motor, slow joints may lower the rate that a slow shaft raises, so every corner is a condition.
         corners = (1.0, 0.0) if motors else (1.0,)
         for sides in drives.choices(group):
             for joints in itertools.product(corners, repeat=len(group)):
@@ -215,11 +215,11 @@ def friction_cones(drives: Drives) -> list[Cone]:
 def further_cones(drives: Drives) -> list[Cone]:
     """Return the conditions on the terms beyond viscous and Coulomb friction, so that the sum still dissipates at every speed.
 
-    At a joint with a motor of its own, negative atan terms and forward friction share what ``Fv`` takes:
+    At a joint with its own motor, negative atan terms and forward friction share the dissipation of ``Fv``:
     ``Fv + sum Fa/v + Ff >= 0`` for every choice of them, since ``atan(x) <= x``; Stribeck terms share ``Fc``:
     ``Fc + sum Fs >= 0``. With ``Fv, Fc >= 0`` that is sufficient. Load friction, roots, and all terms of joints that share
-    motors must not be negative themselves, nor must the stiffness of a spring. A torque at standstill has no power; a law of one's
-    own and forces that depend on the position have no condition.
+    motors must not be negative themselves, nor must the stiffness of a spring. A torque at standstill has no power;
+    user-defined laws and forces that depend on the position have no condition.
     """
     shared = {j for group in drives.groups if drives.motors(group) for j in group}
     laws = [term for term in drives.terms if term.law not in FREE]
@@ -241,7 +241,7 @@ def further_cones(drives: Drives) -> list[Cone]:
                     shares = {
                         term.parameter: 1.0 / term.velocity if term.law == "atan" else 1.0 for term in chosen
                     }
-                    # Entries of order one: a single atan term counts by its own size.
+                    # Scaled to entries of order one.
                     size = max(shares.values())
                     shares[f"{beside}{joint + 1}{side}"] = 1.0
                     add(
@@ -252,9 +252,9 @@ def further_cones(drives: Drives) -> list[Cone]:
 
 
 def _coulomb_cones(drives: Drives, group: Sequence[int]) -> list[Cone]:
-    """Return the rays on which the power of the Coulomb friction of a group must not be negative.
+    """Return the rays along which the Coulomb friction of a group must not generate power.
 
-    The power is linear between the planes on which a joint or a shaft rests, so its rays decide.
+    The power is linear between the planes of resting joints or shafts, so the rays suffice.
     """
     n, motors = len(group), drives.motors(group)
     planes = np.vstack([np.eye(n), *(drives.row(m, group)[None] for m in motors)])

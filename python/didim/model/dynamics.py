@@ -24,8 +24,8 @@ def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, 
     robot : Robot
         The robot.
     q, dq, ddq : (n_samples, n_dof) arrays
-        Positions (rad or m), velocities and accelerations, joint side; of consecutive samples, where friction remembers
-        (``hold``, ``dahl``).
+        Positions (rad or m), velocities and accelerations, joint side; consecutive samples if friction has memory (``hold``,
+        ``dahl``).
     x : (n_parameters,) array
         Standard parameters in the order of ``robot.parameter_names``.
 
@@ -37,7 +37,7 @@ def inverse_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, 
     Raises
     ------
     ShapeError
-        For a wrong shape, or a NaN, with its place.
+        For a wrong shape, or a NaN; the message gives its position.
     """
     q, dq, ddq = _motion(robot, q, dq, ddq)
     vector = standard_vector(robot, x)
@@ -72,9 +72,9 @@ def regressor(
     q, dq, ddq : (n_samples, n_dof) arrays
         Positions (rad or m), velocities and accelerations, joint side.
     x : (n_parameters,) array, optional
-        Standard parameters from which load friction takes the torque of links and rotors; a robot with such friction needs them.
+        Standard parameters, needed for load friction: they give the torque of links and rotors.
     out : (n_samples, n_dof, n_parameters) array, optional
-        Contiguous memory for the result: batches that use it again and fit the cache take less time.
+        Contiguous memory for the result: reuse saves time for batches that fit the cache.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def regressor(
     Raises
     ------
     ShapeError
-        For a wrong shape, or a NaN, with its place.
+        For a wrong shape, or a NaN; the message gives its position.
     """
     q, dq, ddq = _motion(robot, q, dq, ddq)
     load = None
@@ -123,7 +123,7 @@ def gravity(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
     Parameters
     ----------
     robot : Robot
-        The robot; its file says where gravity points.
+        The robot; its file gives the direction of gravity.
     q : (n_samples, n_dof) array
         Positions (rad or m), joint side.
     x : (n_parameters,) array
@@ -137,7 +137,7 @@ def gravity(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
     Raises
     ------
     ShapeError
-        For a wrong shape, or a NaN, with its place.
+        For a wrong shape, or a NaN; the message gives its position.
     """
     positions = _matrix(robot, "q", q)
     rest, vector = np.zeros_like(positions), standard_vector(robot, x)
@@ -151,7 +151,7 @@ def gravity(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
 
 
 def friction_places(robot: Robot) -> tuple[int, ...]:
-    """Return where the standard parameters of friction and offset stand."""
+    """Return the indices of the standard parameters of friction and offset."""
     inertial = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "Ia")
     return tuple(
         place for place, name in enumerate(robot.parameter_names) if name.rstrip("0123456789") not in inertial
@@ -180,7 +180,7 @@ def inertia_matrix(robot: Robot, q: ArrayLike, x: ArrayLike) -> Array:
     Raises
     ------
     ShapeError
-        For a wrong shape, or a NaN, with its place.
+        For a wrong shape, or a NaN; the message gives its position.
     """
     positions = _matrix(robot, "q", q)
     vector = standard_vector(robot, x)
@@ -215,9 +215,9 @@ def direct_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, x
     Raises
     ------
     ShapeError
-        For a wrong shape, or a NaN, with its place.
+        For a wrong shape, or a NaN; the message gives its position.
     IndefiniteError
-        When ``M(q)`` is not positive definite: such a robot does not exist; names the sample and the joint.
+        When ``M(q)`` is not positive definite, as for no real robot; the message names sample and joint.
     """
     positions, velocities = _matrix(robot, "q", q), _matrix(robot, "dq", dq)
     torques, vector = _matrix(robot, "tau", tau), standard_vector(robot, x)

@@ -1,8 +1,8 @@
 """Frames of a robot in a pose: the geometric model of modified Denavit-Hartenberg rows (Khalil and Kleinfinger).
 
 Frame j follows the frame before, in a tree that of its antecedent, by ``Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)``. The
-position of the joint adds to theta (revolute) or to r (prismatic). The dynamics have their own way through the joints, in the
-core; this one is for pictures. ``test_plot.py`` compares with the frames of Pinocchio.
+position of the joint adds to theta (revolute) or to r (prismatic). The core has its own recursion for the dynamics; this one is
+for pictures. ``test_plot.py`` compares with the frames of Pinocchio.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def frames(robot: Robot, q: ArrayLike) -> Array:
     Parameters
     ----------
     robot : Robot
-        Gives the rows.
+        Robot with its rows.
     q : (n_samples, n_dof) array
         Positions (rad or m), joint side.
 

@@ -1,4 +1,4 @@
-"""Limbs: groups of joints that share no link and no motor with the others, so that on a fixed base each moves by itself.
+"""Limbs: groups of joints that share neither link nor motor with the others; on a fixed base they are decoupled.
 
 The inertia matrix has no entry between two limbs, ``M_ij = 0``, and no torque of one depends on the motion of the other:
 ``tests/test_positions.py`` compares torques of the whole robot and of its limbs.
@@ -23,13 +23,13 @@ class Limb:
     Attributes
     ----------
     name : str
-        What the names of its joints have in common, or "joints 1 to 3".
+        Common part of its joints' names, or "joints 1 to 3".
     joints : tuple of int
-        Its joints among those of the robot, from 0.
+        Numbers of its joints in the robot, from 0.
     robot : Robot
-        The limb as a robot of its own.
+        The limb as a separate robot.
     indices : (n_limb_parameters,) array
-        Its standard parameters among those of the robot.
+        Indices of its standard parameters in the robot.
     """
 
     name: str

@@ -1,16 +1,17 @@
-r"""Dahl's memory: friction that depends on the way since the last reversals, exact in displacement.
+r"""Dahl's memory: friction that depends on the path since the last reversals, exact in displacement.
 
 The state z of a joint follows its position alone, with the sign s = +-1 of its motion and the displacement h,
 
     dz/dq = (s - z) s / h,        z(q) = s - (s - z_0) exp(-|q - q_0| / h)        between two reversals
 
-so that a step along the log is exact whatever its length, and never stiff. What a start z_0 leaves is linear:
+A step along the log is therefore exact for any length, and never stiff. The effect of the start z_0 is linear:
 ``z = z|_(z_0 = 0) + z_0 exp(-path / h)`` with the length of the path since the start.
 
-A sign that is kept through rest (``hold``) is the same state with a displacement far below that of any presliding: it turns with
-the position, not with a velocity, and needs no dead zone. Friction between the shafts of coupled motors (``Fcm``) keeps its sign.
+A sign held at rest (``hold``) is the same state with a displacement far below any presliding: it changes with the position, not
+with the velocity, and needs no dead zone. Friction between the shafts of coupled motors (``Fcm``) keeps its sign.
 
-The core knows no path: `memory_columns` is what memory adds to its columns. Source: Dahl (1968), with the exponent one. Tested in
+The core does not know the path: `memory_columns` adds the effect of memory to its columns. Source: Dahl (1968), with the
+exponent one. Tested in
 ``tests/test_friction_memory.py``.
 """
 
@@ -70,7 +71,7 @@ def states(q: Array, widths: Array) -> Array:
     moving = np.flatnonzero(moves)
     if not moving.size:
         return out
-    # Rest keeps the state: a stretch goes on until the next motion in the other direction.
+    # Rest does not change the state: a stretch ends at the next motion in the other direction.
     turns = moving[1:][moves[moving[1:]] != moves[moving[:-1]]]
     edges = [0, *turns.tolist(), q.size - 1]
     signs = [moves[moving[0]], *moves[turns]]
@@ -83,7 +84,7 @@ def states(q: Array, widths: Array) -> Array:
 
 
 def start_column(q: Array, width: ArrayLike) -> Array:
-    """Compute what a unit state at the first sample leaves along positions: ``exp(-path / h)``.
+    """Compute the effect of a unit state at the first sample along positions: ``exp(-path / h)``.
 
     Parameters
     ----------
@@ -102,12 +103,12 @@ def start_column(q: Array, width: ArrayLike) -> Array:
 
 
 def direction(robot: Robot, q: Array, dq: Array) -> Array:
-    """Compute the sign that the friction of each joint has along a motion, as the model takes it.
+    """Compute the sign of each joint's friction along a motion, as in the model.
 
     Parameters
     ----------
     robot : Robot
-        Its friction says which sign is smooth, has a dead zone, or is kept through rest.
+        Robot whose friction defines for each joint whether the sign is smooth, has a dead zone, or is held at rest.
     q, dq : ndarray, shape (n_samples, n_dof)
         Positions (rad or m) and velocities of consecutive samples.
 
@@ -139,7 +140,7 @@ def held_sign(q: Array, first: float, kind: str) -> Array:
 
 
 def sliding(robot: Robot, x: Array) -> tuple[Robot, Array]:
-    """Return a robot without memory, and its parameters, whose friction is that of joints that slide on for long: ``z = s``."""
+    """Return the robot without memory, and its parameters, in steady sliding: ``z = s``."""
     terms = robot.friction.terms
     plain = robot.with_terms([term for term in terms if term.law not in ("hold", "dahl")])
     values = dict(zip(robot.parameter_names, x, strict=True))
@@ -155,12 +156,12 @@ def sliding(robot: Robot, x: Array) -> tuple[Robot, Array]:
 def memory_columns(
     robot: Robot, q: Array, dq: Array, load: Array | None = None
 ) -> Iterator[tuple[str, int, Array]]:
-    """Yield what the path adds to the columns of the core, which knows each sample alone.
+    """Yield the terms that memory adds to the columns of the core, which treats each sample separately.
 
     Parameters
     ----------
     robot : Robot
-        Without memory nothing is yielded.
+        Robot; without memory nothing is yielded.
     q, dq : ndarray, shape (n_samples, n_dof)
         Positions (rad or m) and velocities of consecutive samples.
     load : ndarray, shape (n_samples, n_dof), optional
@@ -173,11 +174,11 @@ def memory_columns(
     joint : int
         Row of its column, from 0.
     column : ndarray, shape (n_samples,)
-        To be added to the column of the core, per unit of the parameter.
+        Addition to the column of the core, per unit of the parameter.
 
     Notes
     -----
-    ``test_friction_memory.py`` compares the torques of a robot that holds its sign, or remembers, with their formula.
+    ``test_friction_memory.py`` compares the torques of robots with ``hold`` and ``dahl`` with their formula.
     """
     friction = robot.friction
     for term in friction.terms:
@@ -212,7 +213,7 @@ def memory_columns(
 
 
 def _held(robot: Robot) -> list[int]:
-    """Return the joints whose sign is kept through rest."""
+    """Return the joints whose sign is held at rest."""
     return [term.joint for term in robot.friction.terms if term.law == "hold"]
 
 

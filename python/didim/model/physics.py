@@ -1,8 +1,8 @@
 """Flags on estimates that physics forbids: negative friction or inertia, M(q) not positive definite.
 
-A base parameter is a sum of standard parameters. Where all of them are of a kind that cannot be negative
+A base parameter is a sum of standard parameters. If all of them cannot be negative
 (masses, moments of inertia, rotor inertias, friction) and enter with positive coefficients, neither can the
-sum. And the inertia matrix must be positive definite at every configuration, those of the log at least.
+sum. Moreover, the inertia matrix must be positive definite, at least in the configurations of the log.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ NOISE_SIGMAS = 2.0
 
 @dataclass(frozen=True)
 class Flag:
-    """Something in an estimate that no robot has.
+    """A property of an estimate that no robot has.
 
     Attributes
     ----------
     sentence : str
-        What it is.
+        Description of the property.
     parameters : tuple of str
         Base parameters concerned; empty for M(q).
     sigmas : float
-        By how many standard deviations it is beyond zero; infinite where none are known.
+        Distance beyond zero in standard deviations; infinite if these are unknown.
     """
 
     sentence: str
@@ -49,12 +49,12 @@ class Flag:
 def physical_flags(
     robot: Robot, beta: Array, covariance: Array, q: Array, unknown: Collection[str] = ()
 ) -> tuple[Flag, ...]:
-    """Return what the estimate has that no robot can have.
+    """Return the properties of an estimate that no robot can have.
 
     Parameters
     ----------
     robot : Robot
-        Gives names and groupings.
+        Robot with names and groupings.
     beta : ndarray, shape (b,)
         Base parameters.
     covariance : ndarray, shape (b, b)
@@ -107,7 +107,7 @@ def _indefinite(robot: Robot, beta: Array, covariance: Array, q: Array) -> list[
     x = robot.base_parameters.lift(beta)
     matrices = inertia_matrix(robot, q[chosen], x)
     try:
-        np.linalg.cholesky(matrices)  # far less work than the eigenvalues, which say how bad it is
+        np.linalg.cholesky(matrices)  # much cheaper than the eigenvalues, which are only needed for the size
     except np.linalg.LinAlgError:
         smallest = np.linalg.eigvalsh(matrices)[:, 0]
     else:

@@ -1,4 +1,4 @@
-"""Pose of the last frame at q = 0, and how far it reaches: a wrong robot file shows there at once.
+"""Pose of the last frame at q = 0, and the longest reach: both reveal a wrong robot file at once.
 
 Tested in ``tests/test_reach.py``.
 """

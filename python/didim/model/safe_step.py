@@ -1,4 +1,4 @@
-"""How far a step may go: parameters on the way to a target that still belong to a robot.
+"""Length of a step towards a target for which the parameters still belong to a robot.
 
 Tested in ``tests/test_identities.py``, ``tests/test_didim.py`` and ``tests/test_cloe.py``.
 """
@@ -21,23 +21,23 @@ SMALLEST_INERTIA_SHARE = 0.1
 def safe_step(
     robot: Robot, q: Array, x: Array, target: Array, margin: float = SMALLEST_INERTIA_SHARE
 ) -> float:
-    """Return the share of the way to a target that keeps M(q) positive definite.
+    """Return the share of the step to a target for which M(q) stays positive definite.
 
     Parameters
     ----------
     robot : Robot
-        Its geometry.
+        Robot with its geometry.
     q : (n, n_dof) array
-        Positions at which M(q) is looked at (rad or m).
+        Positions at which M(q) is evaluated (rad or m).
     x, target : (n_parameters,) arrays
-        Standard parameters of the way's two ends.
+        Standard parameters at the two ends of the step.
     margin : float
         A step that must be shortened keeps at least this share of M(q) at `x`, at every position.
 
     Returns
     -------
     float
-        1 where the target keeps the share ``POSITIVE`` of it.
+        Share of the step; 1 if M(q) at the target has at least the share ``POSITIVE`` of that at `x`.
     """
     if _core.largest_safe_step(robot.core, q, x, target, POSITIVE) == 1.0:
         return 1.0
@@ -45,5 +45,5 @@ def safe_step(
 
 
 def thinned(q: Array, most: int) -> Array:
-    """Return every so many positions: at least `most` where there are as many, and fewer than twice that."""
+    """Return evenly spaced positions: at least `most` if there are so many, and fewer than twice as many."""
     return np.ascontiguousarray(q[:: max(1, len(q) // most)])

@@ -22,7 +22,7 @@ class BaseParameters(Pickled):
     """The base parameters of a robot.
 
     The columns of the regressor are scanned in the order of the standard parameters, and a column that
-    depends on those kept so far regroups into them: on the TX40 this gives the 60 names of Table II
+    depends on the independent ones before it regroups into them: on the TX40 this gives the 60 names of Table II
     (``tests/test_base_parameters.py``).
 
     Attributes
@@ -32,11 +32,11 @@ class BaseParameters(Pickled):
     units : tuple of str
         Units, joint side.
     indices : tuple of int
-        The standard parameter that each base parameter is named after.
+        Standard parameter that gives each base parameter its name.
     groupings : tuple of str
         One sum per base parameter, such as ``ZZ1R = ZZ1 + Ia1 + YY2``.
     unidentifiable : tuple of str
-        Standard parameters that no motion shows.
+        Standard parameters without any effect on the torques.
     matrix : (n_base, n_parameters) array
         ``beta = matrix @ x``.
     """
@@ -81,7 +81,7 @@ class BaseParameters(Pickled):
         return pandas().DataFrame(columns, index=pandas().Index(self.names, name="parameter"))
 
     def lift(self, beta: ArrayLike) -> Array:
-        """Return standard parameters with the same torques: the kept take the base values, the others zero.
+        """Return standard parameters with the same torques: those of `indices` take the base values, the others zero.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Capsules that stand for the links of a robot: the tables ``[[collision]]`` of a robot file.
+"""Capsules as collision geometry of the links: the tables ``[[collision]]`` of a robot file.
 
     [[collision]]
     link = 3                    # 0 is the base; coordinates are those of the link's frame, as for MX MY MZ
@@ -61,7 +61,7 @@ def _point(table: Table, key: str) -> tuple[float, float, float]:
 
 
 def checked_pairs(capsules: Sequence[Capsule], parents: Sequence[int | None]) -> NDArray[np.intp]:
-    """Pairs of capsules that must not touch, ``(n_pairs, 2)``: those of links that are no neighbours.
+    """Return the pairs of capsules that must not touch, ``(n_pairs, 2)``: those of links that are not neighbours.
 
     Links are neighbours by the joints between them: the thighs of two legs on one trunk have two.
     """
@@ -76,7 +76,7 @@ def checked_pairs(capsules: Sequence[Capsule], parents: Sequence[int | None]) ->
 
 
 def _carriers(parents: Sequence[int | None], link: int) -> set[int]:
-    """Links that carry a link, itself among them, from 1; 0, the base, stands for nothing."""
+    """Return the links from the base to a link, which is included, numbered from 1; 0, the base, is left out."""
     found: set[int] = set()
     while link:
         found.add(link)

@@ -22,7 +22,7 @@ ROTATION_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class LinkPlace:
-    """What of the URDF moves with one joint of the robot.
+    """Links of the URDF that move with one joint of the robot.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class LinkPlace:
     lumped : tuple of str
         Other links that are fixed to it.
     locked : tuple of str
-        Other links that hang on it by joints that were locked.
+        Other links attached to it by locked joints.
     """
 
     joint: str

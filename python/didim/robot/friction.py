@@ -147,7 +147,7 @@ class FrictionTerm:
         fastest: float,
         speeds: int = 401,
     ) -> FrictionTerm:
-        """Make a term of a law of your own.
+        """Make a term of a user-defined law.
 
         Parameters
         ----------
@@ -156,10 +156,10 @@ class FrictionTerm:
         joint : int
             Joint, from 0.
         torque : callable
-            Torque per unit of the parameter at speeds (rad/s or m/s), an array in and an array out; smooth, where the robot is
-            to be simulated.
+            Torque per unit of the parameter at speeds (rad/s or m/s), array in, array out; it must be smooth if the robot is to
+            be simulated.
         fastest : float
-            The law is tabulated between this speed and its negative; beyond them the straight line goes on.
+            The law is tabulated between this speed and its negative, and extrapolated linearly beyond them.
         speeds : int
             Speeds of the table; cubics connect them.
 
@@ -198,7 +198,7 @@ class FrictionTerm:
 
 @dataclass(frozen=True, kw_only=True)
 class Friction:
-    """Shape of the friction of a robot, and how its sign is taken near standstill.
+    """Friction model of a robot, and its sign near standstill.
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ class Friction:
     terms : tuple of FrictionTerm
         Further terms; their parameters are the last standard parameters, in this order.
     auto : bool
-        An identification chooses further terms by itself (``terms = "auto"``).
+        An identification chooses the further terms (``terms = "auto"``).
     """
 
     model: str
@@ -248,12 +248,12 @@ class Friction:
 
     @property
     def open(self) -> bool:
-        """Whether an identification has to choose terms, or velocities of terms, before the rest."""
+        """Whether an identification must choose terms, or velocities of terms, before it solves for the parameters."""
         return self.auto or bool(self.estimated)
 
     @staticmethod
     def terms_of(saved: Sequence[Mapping[str, object]]) -> tuple[FrictionTerm, ...]:
-        """Return terms as a result's JSON has them."""
+        """Return the terms as read from a result's JSON."""
         return tuple(
             FrictionTerm(**{**term, "values": tuple(term.get("values", ()))})  # type: ignore[arg-type]
             for term in saved
@@ -261,7 +261,7 @@ class Friction:
 
 
 def read_friction(table: Table, kinds: Sequence[str], default: Friction | None) -> Friction:
-    """Read ``[friction]``; what it does not name is that of `default`, or symmetric Coulomb friction without smoothing."""
+    """Read ``[friction]``; missing keys take the value of `default`, or symmetric Coulomb friction without smoothing."""
     nothing = (0.0,) * len(kinds)
     default = default or Friction(
         model="symmetric", coulomb="sign", coupling="shaft", smoothing=nothing, dead_zone=nothing
@@ -284,7 +284,7 @@ def read_friction(table: Table, kinds: Sequence[str], default: Friction | None) 
 
 
 def read_springs(table: Table, kinds: Sequence[str], friction: Friction) -> Friction:
-    """Read ``[springs]`` into the terms of a robot's friction: a key that is there replaces the springs of its kind."""
+    """Read ``[springs]`` into the terms of a robot's friction: a given key replaces the springs of its kind."""
     terms = list(friction.terms)
     for key, laws in SPRINGS.items():
         joints = _joints(table, key, len(kinds))
@@ -314,7 +314,7 @@ def read_springs(table: Table, kinds: Sequence[str], friction: Friction) -> Fric
 
 
 def _terms(table: Table, kinds: Sequence[str], default: tuple[FrictionTerm, ...]) -> tuple[FrictionTerm, ...]:
-    """Further terms, law by law: a key that is there replaces the terms of its law."""
+    """Further terms, law by law: a given key replaces the terms of its law."""
     terms = list(default)
     for law, key in KEYS.items():
         name, starts = SCALED.get(law, ("", {}))
@@ -337,7 +337,7 @@ def _terms(table: Table, kinds: Sequence[str], default: tuple[FrictionTerm, ...]
 def _own_laws(
     table: Table, kinds: Sequence[str], terms: tuple[FrictionTerm, ...]
 ) -> tuple[FrictionTerm, ...]:
-    """Laws of one's own, ``[[friction.law]]``, by a function or by values: a law replaces the terms of its name."""
+    """User-defined laws, ``[[friction.law]]``, given by a function or by values: a law replaces the terms of its name."""
     parts = table.tables("law", [])
     given_names = {part.text("name") for part in parts}
     found = [term for term in terms if term.name not in given_names]
@@ -405,7 +405,7 @@ def scale_units(key: str) -> tuple[tuple[str, str], tuple[str, str]]:
 def _scales(
     table: Table, key: str, kinds: Sequence[str], starts: Mapping[str, float]
 ) -> tuple[float, ...] | None:
-    """Velocities or widths of a law per joint, or None where they are estimated from the log."""
+    """Velocities or widths of a law per joint, or None if they are to be estimated from the log."""
     given = any(table.has(f"{key}_{unit}") for unit, _ in scale_units(key))
     values = _per_joint(table, key, kinds, [starts[kind] for kind in kinds])
     if given and not all(values):

@@ -30,12 +30,12 @@ SUFFIXES = (".toml", ".npz")
 
 
 def check_path(path: Path) -> None:
-    """Refuse a file name whose ending is not that of a parameter file.
+    """Refuse a file name without the suffix of a parameter file.
 
     Raises
     ------
     FitError
-        The message names the endings that are known.
+        The message names the valid suffixes.
     """
     if path.suffix not in SUFFIXES:
         raise FitError(f"a file of parameters ends in {' or '.join(SUFFIXES)}, and '{path.name}' does not")
@@ -43,14 +43,14 @@ def check_path(path: Path) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Estimates:
-    """Numbers of a result that a file of parameters holds; SI units, joint side.
+    """Numbers of a result for a parameter file; SI units, joint side.
 
     Attributes
     ----------
     title : str
-        What they are and where they come from, for a comment.
+        Description and origin of the numbers, for a comment.
     comments : tuple of str
-        More sentences for comments.
+        Further comments.
     names, units, roles : tuple of str
         Of the base parameters.
     beta, std : (b,) arrays
@@ -83,17 +83,17 @@ def write_parameters(estimates: Estimates, path: str | Path, made_of: Iterable[s
     estimates : Estimates
         Numbers of any result.
     path : str or Path
-        ``.toml``: a set that is named after the file, base parameters by name, standard deviations in comments; of a physically
-        consistent result all standard parameters. It may be pasted into the robot file. ``.npz``: ``names``, ``units``,
-        ``roles``, ``beta`` (b,), ``std`` (b,), ``covariance`` (b, b), and of the standard parameters ``parameter_names`` and
+        ``.toml``: a set named after the file with the base parameters (all standard parameters of a physically consistent
+        result) and their standard deviations in comments; it can be pasted into the robot file. ``.npz``: ``names``, ``units``,
+        ``roles``, ``beta`` (b,), ``std`` (b,), ``covariance`` (b, b), and the standard parameters as ``parameter_names`` and
         ``parameters`` (p,). SI units, joint side.
     made_of : iterable of str
-        SHA-256 of the files that the result was computed from, which are not written over.
+        SHA-256 of the result's input files, which are never overwritten.
 
     Raises
     ------
     FitError
-        When the name has another ending.
+        When the name has another suffix.
     OSError
         When the file cannot be written.
     """
@@ -109,9 +109,10 @@ def load_parameters(robot: Robot, path: str | Path) -> Array:
     Parameters
     ----------
     robot : Robot
-        Whose parameters are read.
+        Robot of the parameters.
     path : str or Path
-        ``.toml`` with one set ``[parameters.NAME]``, where what is not named is zero; ``.npz`` of `save_parameters`; ``.json`` of
+        ``.toml`` with one set ``[parameters.NAME]``, parameters not named there are zero; ``.npz`` of `save_parameters`;
+        ``.json`` of
         `Identification.save`.
 
     Returns
@@ -124,7 +125,7 @@ def load_parameters(robot: Robot, path: str | Path) -> Array:
     FitError
         When the file is none of these, or of another robot.
     RobotError
-        When the set names a parameter that the robot has not.
+        When the set names a parameter that the robot does not have.
     OSError
         When the file cannot be read.
     """
@@ -143,7 +144,7 @@ def load_parameters(robot: Robot, path: str | Path) -> Array:
 
 
 def is_file(source: str) -> bool:
-    """Whether a text that stands for parameters is the path of a file, and not the name of a set."""
+    """Whether a text is the path of a parameter file rather than the name of a set."""
     return source.endswith((*SUFFIXES, ".json"))
 
 
@@ -154,7 +155,7 @@ def _toml(fit: Estimates, name: str) -> str:
     lines += ["# SI units, joint side.", f"[parameters.{key}]"]
     percents = relative_percent(fit.std, fit.beta)
     values = zip(fit.names, fit.units, fit.roles, fit.beta, fit.std, percents, strict=True)
-    # A consistent result has more than the base parameters: these are comments then, beside all standard parameters.
+    # A consistent result writes all standard parameters; the base parameters are then comments.
     whole = bool(np.count_nonzero(fit.parameters) > np.count_nonzero(fit.beta))
     mark = "# " if whole else ""
     for parameter, unit, role, value, std, percent in values:
@@ -189,7 +190,7 @@ def _npz(fit: Estimates) -> bytes:
 
 
 def _set(path: Path) -> tuple[dict[str, float], str]:
-    """Values of the only set of a file, and how messages on it open."""
+    """Values of a file's only set, and the prefix of messages on it."""
     table = Table(read_toml(path, FitError), path.name, FitError)
     sets = table.table("parameters")
     table.done()
@@ -210,9 +211,7 @@ def _arrays(path: Path) -> tuple[Sequence[str], Array]:
         raise
     except KeyError as error:
         raise FitError(f"{path}: not a file of parameters, {error.args[0]}") from None
-    except (
-        Exception
-    ) as error:  # whatever the reader of archives meets in damaged ones: sizes, compressions, encryption
+    except Exception as error:  # damaged archives raise errors of many types: sizes, compressions, encryption
         raise FitError(f"{path}: not an npz file of parameters ({error or type(error).__name__})") from None
     if parameters.shape != (len(names),) or not np.isfinite(parameters).all():
         raise FitError(f"{path}: parameters must be {len(names)} finite numbers, one per name")

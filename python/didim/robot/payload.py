@@ -1,7 +1,7 @@
-"""Payloads: a rigid body fixed to the flange, and what is known of it. Tested in ``tests/test_payload_parameters.py``.
+"""Payloads: rigid bodies fixed to the flange, partly or fully known. Tested in ``tests/test_payload_parameters.py``.
 
-A payload adds to the ten inertial parameters of the last link. What is known of it splits the ten into a known part and
-columns of the unknown ones:
+A payload adds to the ten inertial parameters of the last link. They split into a known part and columns for the unknown
+parameters:
 
     chi = chi_0 + V theta                    in the frame of the flange
     x = x_robot + E T(chi)                   T: flange to frame n, E: places of the last link
@@ -39,12 +39,12 @@ UNITS = dict(zip(INERTIAL, ["kg.m^2"] * 6 + ["kg.m"] * 3 + ["kg"], strict=True))
 
 @dataclass(frozen=True, kw_only=True)
 class Payload:
-    """What is known of a payload; None for what is to be estimated.
+    """A payload with its known properties; those that are None are estimated.
 
     Parameters
     ----------
     name : str
-        Name that recordings give it.
+        Name of the payload in recordings.
     mass_kg : float, optional
         Mass.
     com_m : (float, float, float), optional
@@ -55,7 +55,7 @@ class Payload:
     Raises
     ------
     ExperimentError
-        For values that belong to no body.
+        For values that no rigid body has.
     """
 
     name: str
@@ -99,7 +99,7 @@ class Payload:
 
     @property
     def split(self) -> tuple[Array, Array, tuple[str, ...]]:
-        """Known part of the ten parameters, (10,), columns of the unknown ones, (10, k), and their names.
+        """Return the known part of the ten parameters, (10,), the columns of the unknown ones, (10, k), and their names.
 
         With a known centre and an unknown mass one column is the mass with its first moments.
         """
@@ -109,7 +109,7 @@ class Payload:
         if self.com_m is not None:
             for name in ("MX", "MY", "MZ"):
                 del columns[name]
-            # The mass has its first moments with it; second moments about the flange are unknown as a whole.
+            # With a known centre the mass determines the first moments; all second moments about the flange are unknown.
             columns["M"] = np.array([0.0] * 6 + [*self.com_m, 1.0])
             if self.inertia_kg_m2 is not None:
                 known = ten_parameters(self._body(0.0))
@@ -122,7 +122,7 @@ class Payload:
 
     @property
     def known(self) -> bool:
-        """Whether nothing is left to estimate."""
+        """Whether all parameters are known."""
         return not self.split[2]
 
 
@@ -162,7 +162,7 @@ def flange_in_last_frame(robot: Robot, flange: Pose | None = None) -> Array:
     Parameters
     ----------
     robot : Robot
-        The flange is its last own frame: that of the last link of a URDF or of the maker's table, or frame n.
+        Robot whose flange is its last own frame: that of the last link of a URDF or of the maker's table, otherwise frame n.
     flange : 3 x 4 tuple of float, optional
         Pose of the flange in that frame, from `read_flange`.
     """
@@ -171,12 +171,12 @@ def flange_in_last_frame(robot: Robot, flange: Pose | None = None) -> Array:
 
 
 def moved(ten: Array, frame: Array) -> Array:
-    """Return ten inertial parameters about another frame, in which their own frame has the pose `frame`, (4, 4)."""
+    """Return ten inertial parameters in another frame, where `frame`, (4, 4), is the pose of their present frame."""
     return ten_parameters(frame @ pseudo_inertia(ten) @ frame.T)
 
 
 def last_link(robot: Robot, frame: Array) -> Array:
-    """Return what a payload adds to the standard parameters: (p, 10), for ten parameters in a frame with a pose in frame n.
+    """Return the matrix (p, 10) from a payload's ten parameters, in a frame with this pose in frame n, to the standard parameters.
 
     Raises
     ------
@@ -194,5 +194,5 @@ def last_link(robot: Robot, frame: Array) -> Array:
 
 
 def to_flange(ten: Array, frame: Array) -> Array:
-    """Return ten inertial parameters of frame n about the flange, whose pose in frame n is `frame`."""
+    """Return ten inertial parameters of frame n in the frame of the flange, whose pose in frame n is `frame`."""
     return moved(ten, inverse(frame))

@@ -1,4 +1,4 @@
-"""Placements of the joints of a tree: antecedents, and the part of a modified row that chains do without.
+"""Placements of the joints of a tree: antecedents, and the parameters of a modified row that chains do not need.
 
 Khalil and Kleinfinger (1986): frame j follows the frame of its antecedent a(j) by ``Trans(shift) Rot(z, gamma) Trans(z, b)`` and
 then as in a chain, ``Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)``. Any pose is such a row with ``b = d = r = 0``: the
@@ -23,7 +23,7 @@ ALONG = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Mount:
-    """The joint that a joint stands on, and the part of its row that chains do without.
+    """Antecedent of a joint, and the parameters of its row that chains do not need.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Mount:
     b : float
         Distance along z of the antecedent (m).
     shift : tuple of float
-        Displacement in the frame of the antecedent (m), of a placement that was taken as it is.
+        Displacement in the frame of the antecedent (m), for a placement copied from the description.
     """
 
     parent: int | None
@@ -44,7 +44,7 @@ class Mount:
 
     @property
     def matrix(self) -> Array:
-        """Pose (4, 4) in the frame of the antecedent that the rest of the row starts from."""
+        """Pose (4, 4), in the frame of the antecedent, in front of ``Rot(x, alpha)``."""
         turned = mdh_pose(0.0, 0.0, self.gamma, self.b)
         turned[:3, 3] += self.shift
         return turned
@@ -83,13 +83,13 @@ def carriers(parents: Sequence[int | None], joint: int) -> list[int]:
 
 
 def as_row(placement: Array, parent: int | None) -> tuple[Mount, float, float]:
-    """Return mount, alpha and theta (rad) of a placement (4, 4) that is taken as it is."""
+    """Return mount, alpha and theta (rad) of a placement (4, 4) copied from the description."""
     rotation, (x, y, z) = placement[:3, :3], placement[:3, 3]
     sine = math.hypot(rotation[0, 2], rotation[1, 2])
-    # Of parallel axes only the sum or the difference of gamma and theta is defined.
+    # For parallel axes only the sum or the difference of gamma and theta is defined.
     gamma = _right(math.atan2(rotation[0, 2], -rotation[1, 2])) if sine > ALONG else 0.0
     alpha = _right(math.atan2(sine, rotation[2, 2]))
-    # Of nearly parallel axes gamma has few digits: theta makes up for them.
+    # For nearly parallel axes gamma is inaccurate; theta compensates for its error.
     rest = (mdh_pose(0.0, 0.0, gamma, 0.0) @ mdh_pose(alpha, 0.0, 0.0, 0.0))[:3, :3].T @ rotation
     theta = _right(math.atan2(rest[1, 0], rest[0, 0]))
     shift = (float(x) + 0.0, float(y) + 0.0, float(z) + 0.0)
@@ -103,9 +103,9 @@ def placed(mount: Mount, row: Sequence[float]) -> Array:
 
 
 def frame_along(axis: Array) -> Array:
-    """Return a frame (4, 4) with z along a unit axis: the identity for z, else the nearest turn."""
+    """Return a frame (4, 4) with z along a unit axis: the identity for z, else the smallest rotation."""
     x, y, z = axis
-    if z < -0.5:  # about x by pi first, away from the singular turn
+    if z < -0.5:  # first by pi about x, away from the singularity
         half = np.diag([1.0, -1.0, -1.0])
         return pose(half @ frame_along(half @ axis)[:3, :3])
     factor = 1.0 / (1.0 + z)

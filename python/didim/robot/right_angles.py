@@ -1,7 +1,7 @@
-"""Right angles, and how near to one an angle must be to be meant as one.
+"""Right angles, and the tolerance within which a rounded angle is taken for one.
 
-A twist of 1.5708 rad in place of pi/2 gives base parameters that no log identifies: 59 in place of 58 on an arm like a UR, where
-the 59th has a standard deviation beyond all bounds. Tested in ``tests/test_urdf_snap.py``.
+A twist of 1.5708 rad instead of pi/2 creates base parameters that no log identifies: an arm like a UR has 59 instead of 58, and
+the standard deviation of the additional one is huge. Tested in ``tests/test_urdf_snap.py``.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def nearest_right_angle(angle: float) -> float:
 
 
 class RightAngles:
-    """Snaps the angles of a robot file, and remembers which.
+    """Snaps the angles of a robot file, and records which.
 
     Parameters
     ----------
@@ -46,16 +46,16 @@ class RightAngles:
         self.suspicious = 0.0
 
     def follow_file(self, tolerance: float | None) -> None:
-        """Snap by the angle (rad) that a robot file names, unless another was asked for."""
+        """Snap within the angle (rad) of a robot file, unless the caller has set another."""
         if tolerance is not None and not self.chosen:
             self.tolerance, self.chosen = tolerance, True
 
     def snapped(self, angle: float) -> float:
-        """Return an angle (rad), or the right angle that it is nearly."""
+        """Return an angle (rad), or the right angle within the tolerance of it."""
         right = nearest_right_angle(angle)
         away = abs(angle - right)
         if away <= self.tolerance:
-            # What the core takes for a right angle is one already.
+            # The core already treats such an angle as a right one.
             self.largest = max(self.largest, away if away > RIGHT_ANGLE_ROUNDING else 0.0)
             return right
         if away <= SUSPICIOUS:
@@ -63,13 +63,13 @@ class RightAngles:
         return angle
 
     def notes(self, where: str) -> list[str]:
-        """Return a sentence on what was snapped."""
+        """Return a sentence on the snapped angles."""
         if not self.largest:
             return []
         return [f"{where}: rounded right angles were snapped, by {self.largest:.1e} rad at most"]
 
     def suspicion(self, where: str) -> str:
-        """Return the sentence on angles that are nearly right ones, and were not snapped."""
+        """Return the sentence on nearly right angles that were not snapped."""
         return (
             f"{where}: angles are nearly right ones, off by up to {self.suspicious:.1e} rad, which may add base parameters that no "
             f"log identifies; write them with all digits or in degrees, or load the robot with snap={SUSPICIOUS:g}"

@@ -28,7 +28,7 @@ EXACT = 1e-12
 
 
 def pose(rotation: Array, place: Array | Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
-    """Return the homogeneous matrix of a rotation (3, 3) and a place (3,), m."""
+    """Return the homogeneous matrix of a rotation (3, 3) and a position (3,), m."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, place
     return matrix
@@ -162,7 +162,7 @@ def central(pseudo: Array) -> tuple[float, Array, Array]:
 
 
 def why_no_body(pseudo: Array) -> str | None:
-    """Return why a pseudo-inertia belongs to no body, as the end of a sentence, or None for a body.
+    """Return why no body has a pseudo-inertia, as the end of a sentence, or None if one has.
 
     Its mass must be positive, and the second moments about its centre must not be negative in any direction (the triangle
     inequalities of the principal moments of inertia).

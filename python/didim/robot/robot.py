@@ -50,7 +50,7 @@ class JointLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class Geometry:
-    """Modified Denavit-Hartenberg rows, gravity and transmission: what the core builds a robot from.
+    """Modified Denavit-Hartenberg rows, gravity and transmission: the input of the core.
 
     Attributes
     ----------
@@ -63,9 +63,9 @@ class Geometry:
     coupling : tuple of tuple of float
         ``C``: rotor speeds in joint-side units are ``C dq`` (rows are motors), (22).
     mounts : tuple of Mount
-        What each joint of a tree stands on; empty for joints in a line.
+        Antecedent of each joint of a tree; empty for a chain.
     followers : tuple of Follower
-        The last joints, where they follow driven ones.
+        Joints coupled to driven ones; they have the last numbers.
     """
 
     kinds: tuple[str, ...]
@@ -80,12 +80,12 @@ class Geometry:
 
     @property
     def n_driven(self) -> int:
-        """Number of joints that follow no others."""
+        """Number of driven joints."""
         return len(self.kinds) - len(self.followers)
 
     @property
     def outwards(self) -> tuple[int, ...]:
-        """All joints, each behind the one that it stands on."""
+        """All joints, each after its antecedent."""
         found: list[int] = []
         waiting = [joint for joint in reversed(range(len(self.kinds))) if self.parents[joint] is None]
         while waiting:
@@ -97,17 +97,17 @@ class Geometry:
 
     @property
     def parents(self) -> tuple[int | None, ...]:
-        """The joint that each joint stands on, from 0; None for the base."""
+        """Antecedent of each joint, from 0; None for the base."""
         return tuple(mount.parent for mount in self.mounts) or in_line(len(self.kinds))
 
     @property
     def core_mounts(self) -> list[tuple[int | None, float, float, tuple[float, float, float]]] | None:
-        """The mounts as the core takes them; None for joints in a line."""
+        """The mounts in the format of the core; None for a chain."""
         return [(mount.parent, mount.gamma, mount.b, mount.shift) for mount in self.mounts] or None
 
     @property
     def in_line(self) -> bool:
-        """Whether each joint stands on the one before it, and none follows others."""
+        """Whether the robot is a chain without coupled joints."""
         return self.parents == in_line(len(self.kinds)) and not self.followers
 
     def placement(self, joint: int) -> Array:
@@ -118,12 +118,12 @@ class Geometry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Robot(Pickled):
-    """A robot with a fixed base: joints in a line or a tree. Made by `load_robot`.
+    """A robot with a fixed base: a chain or a tree. Made by `load_robot`.
 
     Attributes
     ----------
     name, description : str
-        What the file says.
+        Name and description in the file.
     path : Path
         The file.
     digest : str
@@ -131,7 +131,7 @@ class Robot(Pickled):
     geometry : Geometry
         Frames, gravity and coupling.
     friction : Friction
-        Shape of the friction.
+        Friction model.
     limits : tuple of JointLimits
         One per joint.
     reduction : (n_dof, n_dof) array or None
@@ -139,15 +139,15 @@ class Robot(Pickled):
     gains : tuple of float or None
         Drive gains (N.m/A or N/V), motor side.
     joint_names : tuple of str
-        Names of the joints, as recordings and other files have them; empty where the file has none.
+        Names of the joints in recordings and other files; empty where the file has none.
     correspondence : Correspondence or None
-        How the robot goes back into the URDF that it was read from.
+        Correspondence with the URDF that the robot was read from.
     standard : StandardTable or None
-        The table of a robot that was given by a standard Denavit-Hartenberg table.
+        Standard Denavit-Hartenberg table of a robot that was defined by one.
     collision : tuple of Capsule
-        Capsules that stand for the links, where the file has any.
+        Collision capsules of the links, if the file has any.
     notes : tuple of str
-        Sentences on what reading the file changed, such as angles that were snapped to right ones.
+        Sentences on changes made while reading the file, such as snapped right angles.
     actuators : tuple of Actuator or None
         Gains and limits of the joints' actuators, which an MJCF declares; empty where the file declares none.
     """
@@ -240,7 +240,7 @@ class Robot(Pickled):
 
     @property
     def n_joints(self) -> int:
-        """Number of joints and links, those that follow others among them; these have the last numbers."""
+        """Number of joints and links, coupled joints included; these have the last numbers."""
         return len(self.geometry.kinds)
 
     @property
@@ -250,19 +250,19 @@ class Robot(Pickled):
 
     @property
     def all_joint_names(self) -> tuple[str, ...]:
-        """Names of all joints, those that follow others last; empty where the file has none."""
+        """Names of all joints, coupled ones last; empty where the file has none."""
         return self.joint_names and (*self.joint_names, *(item.name for item in self.geometry.followers))
 
     def joint_label(self, joint: int) -> str:
-        """Return how messages and reports call a joint, from 0: ``joint 3``, or ``joint 3 (elbow_joint)``."""
+        """Return the label of a joint, from 0, in messages and reports: ``joint 3``, or ``joint 3 (elbow_joint)``."""
         name = f" ({self.all_joint_names[joint]})" if self.joint_names else ""
         return f"joint {joint + 1}{name}"
 
     @property
     def own_frames(self) -> tuple[Array, ...]:
-        """Frames of the description that the robot was made of, each (4, 4) in frame j of the model.
+        """Frames of the robot's original description, each (4, 4) in frame j of the model.
 
-        They are those of the maker's standard table or of the links of a URDF, and those of the model where the file has no others.
+        They come from the maker's standard table or the links of a URDF; without either they are the frames of the model.
         """
         if self.correspondence is not None:
             return tuple(link.matrix for link in self.correspondence.links)
@@ -271,9 +271,9 @@ class Robot(Pickled):
     def to_own_frames(self, x: ArrayLike) -> Array:
         """Return standard parameters with those of each link in its own frame (`own_frames`), ``(n_parameters,)``.
 
-        The model keeps parameters in its own modified frames; masses stay, moments and inertias change. Only whole bodies
-        have a meaning there: base parameters lifted with zeros (`fit.parameters`) give the same torques and no body, so
-        that ``fit.consistent().parameters`` is what to convert. ``test_standard_dh.py`` checks both directions.
+        The model stores parameters in its own modified frames; a change of frame preserves masses and changes moments and
+        inertias. It needs complete bodies, so convert ``fit.consistent().parameters``: base parameters lifted with zeros
+        (`fit.parameters`) give the same torques, but are not bodies. ``test_standard_dh.py`` checks both directions.
 
         Raises
         ------
@@ -283,7 +283,7 @@ class Robot(Pickled):
         return in_other_frames(self.parameter_names, self._checked(x), self.own_frames, to_frame)
 
     def from_own_frames(self, x: ArrayLike) -> Array:
-        """Return the model's standard parameters of those in the links' own frames: the inverse of `to_own_frames`."""
+        """Return the model's standard parameters for parameters in the links' own frames: the inverse of `to_own_frames`."""
         return in_other_frames(self.parameter_names, self._checked(x), self.own_frames, from_frame)
 
     def _checked(self, x: ArrayLike) -> Array:
@@ -319,7 +319,7 @@ class Robot(Pickled):
     def sets(self) -> Mapping[str, Array]:
         """Named parameter sets of the file as full vectors of standard parameters, ``(n_parameters,)``.
 
-        Sets that name friction parameters which the robot's friction model does not have are left out.
+        Sets with friction parameters that are not in the robot's friction model are left out.
         """
         known = {*self.parameter_names, *self.base_parameters.names}
         fitting = [name for name, values in self._named.items() if known.issuperset(values)]
@@ -371,17 +371,17 @@ class Robot(Pickled):
         Parameters
         ----------
         values : mapping of str to float
-            Standard or base parameters, SI units, joint side; what is not named is zero.
+            Standard or base parameters, SI units, joint side; all others are zero.
         where : str
-            How the message of an error opens.
+            Prefix of error messages.
 
         Raises
         ------
         RobotError
-            For a name that the robot has not, and for a base parameter beside the standard one it is named after.
+            For an unknown name, and for a base parameter together with the standard parameter of the same name.
         """
         places = {parameter: index for index, parameter in enumerate(self.parameter_names)}
-        if not places.keys() >= values.keys():  # finding the base parameters of large robots takes seconds
+        if not places.keys() >= values.keys():  # the base parameters of large robots take seconds
             base = self.base_parameters
             places = {**dict(zip(base.names, base.indices, strict=True)), **places}
         x = np.zeros(len(self.parameter_names))
@@ -432,7 +432,7 @@ class Robot(Pickled):
     def with_friction_table(self, table: Table) -> Robot:
         """Return the same robot with the friction options of a table, whose errors name its file."""
         friction = read_friction(table, self.joint_kinds, self.friction)
-        # What is known of this robot by now, such as its base parameters, need not be found again.
+        # Cached properties of this robot, such as its base parameters, stay valid.
         return self if friction == self.friction else replace(self, friction=friction)
 
     def with_spring_table(self, table: Table) -> Robot:

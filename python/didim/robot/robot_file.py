@@ -47,23 +47,23 @@ def load_robot(
     Parameters
     ----------
     name : str or Path
-        Name of a packaged robot (``tx40``, ``ur10e``; `packaged_robots` has all), path of a robot file, of a URDF
+        Name of a packaged robot (``tx40``, ``ur10e``; `packaged_robots` lists all), path of a robot file, of a URDF
         or of an MJCF (``.xml``).
     tip, base : str, optional
-        Last and first link of the chain of a URDF. By default the chain from the root to the end of the only path that moves; where
-        several arms, legs or fingers of three joints and more move, the whole tree. ``tip=""`` takes the whole tree in any case.
+        Last and first link of the chain of a URDF. By default the chain from the root to the end of the only moving path, or
+        the whole tree if several branches have three joints or more. ``tip=""`` always takes the whole tree.
     lock : mapping of str to float, optional
-        Joints of a URDF that stand still, with their position (rad or m).
+        Joints of a URDF to be locked, with their position (rad or m).
     gravity : sequence of 3 float, optional
         Acceleration of gravity in the base link of a URDF (m/s^2); by default the z axis of the root link points up.
     snap : float, optional
         Largest angle (rad) by which rounded right angles are snapped, 0 for none; by default ``snap_rad`` of the file, or
-        1e-4. Given, there is no warning.
+        1e-4. An explicit value suppresses the warning.
 
     Returns
     -------
     Robot
-        Its ``notes`` say what reading the file changed.
+        Robot whose ``notes`` list the changes made while reading the file.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def load_robot(
     Warns
     -----
     RobotWarning
-        When angles are nearly right ones, and too far from them to be snapped (``tests/test_urdf_snap.py``).
+        When angles are nearly right ones but outside the tolerance (``tests/test_urdf_snap.py``).
     """
     path = Path(name)
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf"):
@@ -105,18 +105,18 @@ def load_robot(
 def read_robot(
     content: Mapping[str, Any], path: Path, *, digest: str, angles: RightAngles | None = None
 ) -> Robot:
-    """Make a robot of the content of a robot file; the file itself need not exist.
+    """Make a robot from the content of a robot file; the file itself need not exist.
 
     Parameters
     ----------
     content : mapping
-        Tables of the file, as `tomllib` gives them.
+        Tables of the file, as parsed by `tomllib`.
     path : Path
-        Names the file in messages.
+        File name for messages.
     digest : str
         SHA-256 of the content, for the record of results.
     angles : RightAngles, optional
-        Snaps rounded right angles, and notes which.
+        Snaps rounded right angles, and records which.
 
     Raises
     ------
@@ -124,19 +124,19 @@ def read_robot(
         As for `load_robot`.
     """
     robot = _robot(Table(content, path.name, RobotError), path, angles or RightAngles(), digest)
-    for parameter_set in robot._named:  # now, so that a wrong description is an error of loading
+    for parameter_set in robot._named:  # evaluated now, because a wrong description must fail on loading
         robot.parameter_set(parameter_set)
     robot.core  # noqa: B018 - likewise, for a robot without sets
     return robot
 
 
 def packaged_robots() -> dict[str, Robot]:
-    """Return the robots that come with the package by name (``tests/test_packaged_robots.py``)."""
+    """Return the included robots by name (``tests/test_packaged_robots.py``)."""
     return {file.stem: load_robot(file.stem) for file in sorted(PACKAGED.glob("*.toml"))}
 
 
 def _no_robot(path: Path, packaged: Mapping[str, Path]) -> str:
-    """Sentence on what is neither a packaged robot nor a path that ends in .toml."""
+    """Sentence on a name that is neither an included robot nor a path that ends in .toml."""
     if path.is_file():
         return f"{path}: the name of a robot file must end in .toml, or .urdf for a URDF; rename it"
     if Path(f"{path}.toml").is_file():
@@ -230,10 +230,10 @@ def _sub_table(table: Table, key: str) -> Table:
 def _row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, float, float]:
     """Alpha, d, theta, r of one row (rad, m)."""
     alpha, theta = _angle(joint, "alpha"), _angle(joint, "theta")
-    # The offset of a revolute joint only says where its zero is: any angle is as good as another.
+    # The offset of a revolute joint only defines its zero and may be any angle.
     d, r = joint.number("d_m", 0.0), joint.number("r_m", 0.0)
     _check_lengths(joint, d_m=d, r_m=r)
-    if joint.has("shift_m"):  # a placement that was taken as it is has its angles snapped already
+    if joint.has("shift_m"):  # the angles of a copied placement are snapped already
         return alpha, d, theta, r
     return angles.snapped(alpha), d, theta if kind == "revolute" else angles.snapped(theta), r
 
@@ -241,9 +241,9 @@ def _row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, fl
 def _mounts(
     joints: Sequence[Table], angles: RightAngles, convention: str, coupled: bool
 ) -> tuple[Mount, ...]:
-    """Return what each joint stands on; nothing where all stand on the joint before, as in a chain.
+    """Return the mount of each joint; nothing for a chain.
 
-    Where the last joints follow others, a joint may stand on one of those.
+    A coupled joint, one of the last, may be an antecedent too.
     """
     found = []
     for number, joint in enumerate(joints, start=1):
@@ -274,7 +274,7 @@ def _distal_row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, fl
 
 
 def _check_lengths(joint: Table, **lengths: float) -> None:
-    """Refuse lengths of no robot, whose powers would leave floating point."""
+    """Refuse lengths whose powers would overflow; no robot is so large."""
     for key, length in lengths.items():
         if abs(length) > LARGEST:
             joint.fail(f"{key} must be at most {LARGEST:g} in size, got {length:g}")
@@ -289,7 +289,7 @@ def _in_own_frames(table: Table, standard: StandardTable | None) -> bool:
 
 
 def _joint_names(table: Table, joints: Sequence[Table]) -> tuple[str, ...]:
-    """Names of the joints, of all or of none."""
+    """Names of the joints; either all joints have one, or none."""
     names = [joint.text("name", None) for joint in joints]
     given = [name for name in names if name is not None]
     if not given:

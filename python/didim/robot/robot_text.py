@@ -1,4 +1,4 @@
-"""A robot as the text of a robot file: what `load_robot` reads back as the same robot, digit by digit.
+"""A robot as the text of a robot file, which `load_robot` reads back as the same robot, digit by digit.
 
 Tested in ``tests/test_urdf.py``.
 """
@@ -85,7 +85,7 @@ def robot_text(robot: Robot) -> str:
 
 
 def _snaps(robot: Robot) -> bool:
-    """Whether reading the robot's angles by default would snap some of them, which were kept when it was made."""
+    """Whether reading the file with the default tolerance would snap angles that were left unsnapped in this robot."""
     geometry = robot.geometry
     alphas = geometry.alpha if robot.standard is None else robot.standard.alpha
     gammas = [mount.gamma for mount in geometry.mounts]
@@ -97,7 +97,7 @@ def _snaps(robot: Robot) -> bool:
 
 
 def _mount(mount: Mount, joint: int, taken: bool) -> list[str]:
-    """Return what a joint stands on, where that is not as in a chain."""
+    """Return the lines of a joint's mount, if it differs from a chain's."""
     lines = []
     if mount.parent != (joint - 1 if joint else None):
         lines.append(f"antecedent = {0 if mount.parent is None else mount.parent + 1}")
@@ -105,7 +105,7 @@ def _mount(mount: Mount, joint: int, taken: bool) -> list[str]:
         lines.append(_angle("gamma", mount.gamma))
     if mount.b:
         lines.append(f"b_m = {_number(mount.b)}")
-    if taken:  # all have a shift where the placements were taken as they are, which says that no angle is to be snapped
+    if taken:  # copied placements all have a shift; it prevents their angles from being snapped
         lines.append(f"shift_m = {_numbers(mount.shift)}")
     return lines
 
@@ -160,7 +160,7 @@ def _springs(robot: Robot) -> list[str]:
 
 
 def _own_law(robot: Robot, term: FrictionTerm) -> list[str]:
-    """Law of one's own, by its values."""
+    """Lines of a user-defined law, as a table of values."""
     unit = "rad_s" if robot.joint_kinds[term.joint] == "revolute" else "m_s"
     return [
         "",

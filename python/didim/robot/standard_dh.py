@@ -1,4 +1,4 @@
-"""Standard (distal) Denavit-Hartenberg tables, as makers print them, and the way between their frames and those of the model.
+"""Standard (distal) Denavit-Hartenberg tables, as makers print them, and the transformation to the frames of the model.
 
 Frame j of such a table is reached by ``Rot(z, theta_j) Trans(z, d_j) Trans(x, a_j) Rot(x, alpha_j)``, and lies at the end of
 link j. Frame j of the model has its z axis along joint axis j. The two share their motion, so one is constant in the other:
@@ -20,7 +20,7 @@ from .rigid_body import INERTIAL, inverse, mdh_pose, pseudo_inertia, ten_paramet
 
 @dataclass(frozen=True, kw_only=True)
 class StandardTable:
-    """The columns of a standard table that are not in the rows of the model as they are.
+    """Columns of a standard table that differ from the rows of the model.
 
     Attributes
     ----------
@@ -40,17 +40,17 @@ class StandardTable:
 
     @property
     def rows(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Columns alpha and d of the modified table: those of the row before."""
+        """Columns alpha and d of the modified table: those of the preceding row."""
         return (0.0, *self.alpha[:-1]), (0.0, *self.a[:-1])
 
 
 def read_lengths(joint: Table) -> tuple[float, float]:
-    """Return a and d of a row (m), which a standard table has both: nothing is taken for the other convention's keys.
+    """Return a and d of a row (m), both mandatory in a standard table: the keys of the other convention are refused.
 
     Raises
     ------
     DidimError
-        Of the table's class, when one is missing, or `r_m` of the modified convention is there.
+        Error of the table's class, when one is missing, or `r_m` of the modified convention is there.
     """
     for key, meant in (
         ("a", "a_m"),
@@ -107,7 +107,7 @@ def from_frame(pose: Array, pseudo: Array) -> Array:
 
 
 def correspondence_lines(poses: Sequence[Array], joints: Sequence[str]) -> list[str]:
-    """Return one line per joint: where its own frame lies in frame j of the model (mm, degrees)."""
+    """Return one line per joint: the pose of its own frame in frame j of the model (mm, degrees)."""
     width = max([len("joint"), *(len(name) for name in joints)])
     lines = [f"   {'joint':{width}}  {'x mm':>9}  {'y mm':>9}  {'z mm':>9}  {'turn deg':>8}  about"]
     for j, (pose, name) in enumerate(zip(poses, joints, strict=True)):
@@ -126,7 +126,7 @@ def _axis(rotation: Array) -> tuple[str, float]:
     vector = np.array(
         [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
     )
-    if np.linalg.norm(vector) < 1e-7:  # half a turn: the axis is the column that is not turned round
+    if np.linalg.norm(vector) < 1e-7:  # half a turn: the axis is the column that the rotation preserves
         symmetric = 0.5 * (rotation + np.eye(3))
         vector = symmetric[:, int(np.argmax(np.diag(symmetric)))]
     unit = vector / np.linalg.norm(vector)

@@ -1,7 +1,8 @@
-"""What lies between commands and joints: actuators of a description, reductions of motors, joints that follow others.
+"""Transmissions between commands and joints: actuators of a description, motor reductions, coupled joints.
 
-Of joints ``q = G q_a + q_0`` with constant G, such as fingers, telescopes and parallelograms, only the driven ones have a torque, a
-controller and a column in a log; they have the first numbers. The torques are ``G^T tau(q, dq, ddq)``, the regressor is ``G^T W``
+Coupled joints ``q = G q_a + q_0`` with constant G occur in fingers, telescopes and parallelograms. Only the driven joints have
+a torque, a controller and a column in a log; they have the first numbers. The torques are ``G^T tau(q, dq, ddq)``, the
+regressor is ``G^T W``
 and the inertia matrix ``G^T M G``, by the core. Tested in ``tests/test_mjcf.py``, ``tests/test_recording.py`` and
 ``tests/test_couplings.py``, there against Pinocchio.
 """
@@ -20,7 +21,7 @@ from .._tools.toml import Table
 
 @dataclass(frozen=True, kw_only=True)
 class Actuator:
-    """What drives a joint: ``tau = kp (command - q) - kv dq``, limited; joint side, after the gear.
+    """Position servo or torque source of a joint: ``tau = kp (command - q) - kv dq``, limited; joint side, after the gear.
 
     Attributes
     ----------
@@ -65,7 +66,7 @@ def reduction_matrix(table: Table, n_dof: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, kw_only=True)
 class Follower:
-    """A joint that follows driven ones: ``q = sum of factor times q_leader, + offset``.
+    """A joint coupled to driven ones: ``q = sum of factor times q_leader, + offset``.
 
     Attributes
     ----------
@@ -83,7 +84,7 @@ class Follower:
 
 
 def joint_motion(followers: Sequence[Follower], driven: Array, position: bool = False) -> Array:
-    """Return the motion of all joints, ``(n_samples, n_joints)``, of that of the driven ones; with the offsets of positions."""
+    """Return the motion of all joints, ``(n_samples, n_joints)``, from that of the driven ones; positions include the offsets."""
     if not followers:
         return driven
     columns = [
@@ -95,7 +96,7 @@ def joint_motion(followers: Sequence[Follower], driven: Array, position: bool = 
 
 
 def driven_part(followers: Sequence[Follower], joints: Array) -> Array:
-    """Return what the driven joints have of a torque or a derivative of each joint, ``G^T v``, along the last axis."""
+    """Return a torque or derivative of all joints reduced to the driven ones, ``G^T v``, along the last axis."""
     n = joints.shape[-1] - len(followers)
     found = joints[..., :n].copy()
     for k, follower in enumerate(followers):
@@ -112,14 +113,14 @@ def read_followers(
     Parameters
     ----------
     tables : sequence of Table
-        One for each joint that follows others.
+        One table per coupled joint.
     kinds, names : sequence of str
         Of all joints; `names` may be empty.
 
     Raises
     ------
     RobotError
-        When the joints that follow are not the last of the file, or their leaders are not before them.
+        When the coupled joints are not the last of the file, or a leader does not precede its follower.
     """
     n = len(kinds)
     driven = n - len(tables)

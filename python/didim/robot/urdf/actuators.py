@@ -1,6 +1,6 @@
 """Actuators of an MJCF: gains and limits of ``position``, ``velocity``, ``motor`` and ``general``, on the joint's side of the gear.
 
-All kinds of one class share their defaults, as in MuJoCo: a shortcut is a way to write a general actuator, whose force is
+All kinds of one class share their defaults, as in MuJoCo: a shortcut is an abbreviation of a general actuator with the force
 ``gain command + bias0 + bias1 length + bias2 velocity``. Tested in ``tests/test_mjcf.py`` against MuJoCo.
 """
 
@@ -38,7 +38,7 @@ SAME = 1e-9
 
 @dataclass(frozen=True)
 class Setting:
-    """An actuator as MuJoCo keeps it, in front of the gear.
+    """An actuator in MuJoCo's form, on the motor's side of the gear.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Setting:
     bias : tuple of float
         First three parameters of the bias.
     ratio : bool
-        Whether the file has a damping ratio, of which MuJoCo computes the gain on the velocity.
+        Whether the file has a damping ratio, from which MuJoCo computes the velocity gain.
     other : mapping of str to str
         Attributes of `KEPT`.
     """
@@ -68,7 +68,7 @@ class Setting:
 
     @property
     def is_position(self) -> bool:
-        """Whether the force is a gain times the position error, and damping."""
+        """Whether the force is a gain times the position error plus damping."""
         fits = self.gaintype == "fixed" and self.biastype == "affine" and self.bias[0] == 0.0
         return fits and self.gain > 0.0 and abs(self.gain + self.bias[1]) <= SAME * self.gain
 
@@ -145,7 +145,7 @@ Defaults = dict[str, Setting]
 
 
 def actuator_defaults(sections: list[Element], where: str) -> Defaults:
-    """Return what the classes of a file say of actuators."""
+    """Return the actuator settings of a file's classes."""
     found = {"main": Setting()}
 
     def read(element: Element, name: str) -> None:
@@ -188,7 +188,7 @@ def actuator_settings(sections: list[Element], where: str) -> dict[str, tuple[El
 def read_actuators(
     sections: list[Element], own_limits: Mapping[str, float], autolimits: bool, where: str
 ) -> tuple[dict[str, Actuator], list[str]]:
-    """Return the actuator of each joint that has one, and sentences on those that are not read.
+    """Return the actuator of each joint that has one, and sentences on unsupported ones.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def read_actuators(
 
 
 def _on_joint(setting: Setting, own_limit: float | None, autolimits: bool) -> Actuator:
-    """Return an actuator on the joint's side: gains times the square of the gear, torques times the gear."""
+    """Return an actuator in joint-side quantities: gains times the squared gear ratio, torques times the gear ratio."""
     gear = setting.gear
     force = setting.limit("forcerange", autolimits)
     if force is None and setting.gaintype == "fixed" and setting.biastype == "none":

@@ -1,9 +1,9 @@
 """The chain or tree of a URDF that becomes the robot, and the links that move with each of its joints.
 
-Without a ``tip`` the chain follows, from the base on, the only child that moves anything. It ends where several do, as at the
-fingers of a gripper; where one of those is an arm of its own, the robot is the whole tree. Links behind fixed joints belong to
-the moving link that carries them, links behind other joints too, and those joints are locked. Floating, planar and spherical
-joints are held at zero. A joint that mimics another follows it, and stands still where that one does.
+Without a ``tip`` the chain follows, from the base on, the only child with moving joints. It ends at a branching, such as the
+fingers of a gripper; if one of the branches is an arm, the robot is the whole tree. Links behind fixed joints belong to the
+moving link that carries them. So do links behind moving joints outside the chain, which are locked. Floating, planar and
+spherical joints are fixed at zero. A joint that mimics another follows it, and is locked if that one is.
 Tested in ``tests/test_urdf_chain.py``, ``tests/test_trees.py`` and ``tests/test_couplings.py``.
 """
 
@@ -63,7 +63,7 @@ class Chain:
     joints : tuple of UrdfJoint
         Moving joints.
     parents : tuple of int or None
-        The joint that each one stands on, from 0; None for the base.
+        Antecedent of each joint, from 0; None for the base.
     origins : tuple of (4, 4) array
         Pose of each moving link at position zero in the moving link that it stands on, or in the base.
     axes : tuple of (3,) array
@@ -71,9 +71,9 @@ class Chain:
     groups : tuple of tuple of Member
         Links that move with each joint, the moving link first.
     locked : mapping of str to float
-        Positions of the joints that do not move although they could (rad or m).
+        Positions of the locked joints (rad or m).
     mimics : mapping of str to (str, float, float)
-        Driven joint, multiplier and offset of the joints that follow one.
+        Driven joint, multiplier and offset of each coupled joint.
     """
 
     base: str
@@ -89,11 +89,11 @@ class Chain:
 
     @property
     def driven(self) -> tuple[UrdfJoint, ...]:
-        """Joints that follow no others."""
+        """Joints that are not coupled to others."""
         return tuple(joint for joint in self.joints if joint.name not in self.mimics)
 
     def numbered(self) -> Chain:
-        """Return the same with the joints that follow others behind all driven ones, which have the first numbers."""
+        """Return the chain with driven joints numbered first, coupled ones last."""
         order = self.order
         places = {joint: place for place, joint in enumerate(order)}
         return replace(
@@ -141,14 +141,14 @@ def choose_chain(
     base : str, optional
         First link, the root by default.
     tip : str, optional
-        Last link; by default the end of the only path that moves, or `WHOLE` where several do that are arms of their own.
+        Last link; by default the end of the only moving path, or `WHOLE` if several branches are arms.
     lock : mapping of str to float, optional
-        Positions (rad or m) of joints that are to be locked; joints off the chain are locked at zero by default.
+        Positions (rad or m) of joints to be locked; joints outside the chain are locked at zero by default.
 
     Raises
     ------
     RobotError
-        For an unknown name, no moving joint or more than 40, and joints on the path to a `tip` that no robot has.
+        For an unknown name, no moving joint or more than 40, and unsupported joint types on the path to a `tip`.
     """
     where = description.where
     lock = dict(lock or {})
@@ -185,14 +185,14 @@ def choose_chain(
 def _mimics(
     joints: Mapping[str, UrdfJoint], moving: list[UrdfJoint], lock: dict[str, float]
 ) -> dict[str, tuple[str, float, float]]:
-    """Find driven joint, multiplier and offset of each joint that follows one; those whose leader stands still join `lock`."""
+    """Return driven joint, multiplier and offset of each coupled joint; those with a locked leader join `lock`."""
     names = {joint.name for joint in moving}
     found: dict[str, tuple[str, float, float]] = {}
     for joint in joints.values():
         if joint.mimic is None or joint.kind not in MOVING or joint.name in lock:
             continue
         leader, factor, offset, seen = joint, 1.0, 0.0, {joint.name}
-        # A leader may follow another one in its turn.
+        # A leader may itself be coupled to another joint.
         while leader.mimic is not None and leader.name not in lock:
             offset += factor * leader.offset
             factor *= leader.multiplier
@@ -222,7 +222,7 @@ def _branches(description: Description, base: str) -> list[UrdfJoint]:
 
 
 def _heaviest(description: Description, moving: list[UrdfJoint]) -> list[UrdfJoint]:
-    """As many joints as a robot can have: outermost joints that carry least, such as those of fingers and wheels, are left out."""
+    """Return at most 40 joints: the outermost ones with the lightest load, as of fingers and wheels, are dropped."""
     if len(moving) <= LARGEST_CHAIN:
         return moving
     mass: dict[str, float] = {}
@@ -231,7 +231,7 @@ def _heaviest(description: Description, moving: list[UrdfJoint]) -> list[UrdfJoi
         mass[link] = (own.mass if own is not None else 0.0) + sum(
             mass[joint.child] for joint in description.outgoing.get(link, ())
         )
-    # A joint carries more than those behind it, and of joints that carry the same the last of the file goes first.
+    # A joint carries more than those behind it; of equal loads the last joint of the file is dropped first.
     order = sorted(range(len(moving)), key=lambda k: (-mass[moving[k].child], k))
     kept = sorted(order[:LARGEST_CHAIN])
     return [moving[k] for k in kept]
@@ -249,7 +249,7 @@ def _check_joints(where: str, moving: list[UrdfJoint]) -> None:
 
 
 def _tip(description: Description, base: str, lock: Mapping[str, float]) -> str:
-    """Last link of the only path that moves, followed from the base; `WHOLE` where several move that are arms of their own."""
+    """Return the last link of the only moving path from the base; `WHOLE` if several branches are arms."""
     reach = _reach(description, lock)
     link = base
     seen = 0
@@ -268,7 +268,7 @@ def _free(joint: UrdfJoint, lock: Mapping[str, float]) -> bool:
 
 
 def _reach(description: Description, lock: Mapping[str, float]) -> dict[str, int]:
-    """For each link, the most moving joints on a path that begins with the joint of which it is the child."""
+    """Return for each link the largest number of moving joints on a path that begins with its parent joint."""
     reach: dict[str, int] = {}
     for link in reversed(description.order):
         beyond = max((reach[joint.child] for joint in description.outgoing.get(link, ())), default=0)
@@ -301,7 +301,7 @@ def _assemble(
     def gather(link: str) -> tuple[Member, ...]:
         """All links that move with one, itself first."""
         group = [Member(link, np.eye(4), False)]
-        for member in group:  # which grows meanwhile
+        for member in group:  # the list grows during the loop
             for joint in description.outgoing.get(member.link, ()):
                 if joint.name in names:
                     continue
@@ -329,7 +329,7 @@ def _assemble(
     base_pose = np.eye(4)
     for joint in before:
         base_pose = base_pose @ _still(joint, lock)
-    # Joints before the first moving one stand still as well.
+    # Joints before the first moving one are locked too.
     for joint in path:
         if joint.moves and joint.name not in names:
             locked[joint.name] = lock.get(joint.name, 0.0)

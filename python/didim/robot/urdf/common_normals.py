@@ -1,7 +1,7 @@
 """From axes in space to the rows of a modified Denavit-Hartenberg table: the common normals of Khalil and Kleinfinger.
 
 Frame j has its z axis along joint axis j and its x axis along the common normal of axes j and j+1. Frame 0 is frame 1 at position
-zero, and the last frame continues the x axis before it. Trees, and axes that are nearly parallel, do without common normals.
+zero, and the last frame continues the x axis before it. Trees and nearly parallel axes do not use common normals.
 Tested in ``tests/test_urdf.py`` against Pinocchio.
 """
 
@@ -35,7 +35,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class MdhTable:
-    """A modified Denavit-Hartenberg table, and how the frames lie to those it was made from.
+    """A modified Denavit-Hartenberg table, and the poses of its frames relative to the original ones.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class MdhTable:
     link_poses : tuple of (4, 4) array
         Pose of each moving link in its frame j, for every position of the joints.
     mounts : tuple of Mount
-        What the joints of a tree stand on; empty for a chain along common normals.
+        Mounts of a tree's joints; empty for a chain along common normals.
     """
 
     rows: tuple[Row, ...]
@@ -83,7 +83,7 @@ def common_normals(origins: Sequence[Array], axes: Sequence[Array]) -> MdhTable:
 
 
 def as_they_are(origins: Sequence[Array], axes: Sequence[Array], parents: Sequence[int | None]) -> MdhTable:
-    """Return the rows of placements that need no common normals; each frame lies in its moving link, with z along the axis."""
+    """Return the rows that copy placements without common normals; each frame is that of its moving link, with z along the axis."""
     frames = [frame_along(axis) for axis in axes]
     mounts, rows = [], []
     for frame, origin, parent in zip(frames, origins, parents, strict=True):
@@ -95,10 +95,10 @@ def as_they_are(origins: Sequence[Array], axes: Sequence[Array], parents: Sequen
 
 
 def _frames(points: Sequence[Array], z: Sequence[Array], x_hint: Array) -> list[Array]:
-    """Poses of the frames at position zero; `x_hint` decides about x of the first where nothing else does."""
+    """Poses of the frames at position zero; `x_hint` is x of the first frame where no normal defines it."""
     n = len(points)
     frames = []
-    foot = points[0]  # where the normal before meets this axis
+    foot = points[0]  # intersection of the previous normal with this axis
     x = _across(z[0], x_hint)
     for j in range(n - 1):
         normal = np.cross(z[j], z[j + 1])
@@ -108,14 +108,14 @@ def _frames(points: Sequence[Array], z: Sequence[Array], x_hint: Array) -> list[
             a, _, b = np.linalg.solve(np.column_stack([z[j], normal, -z[j + 1]]), points[j + 1] - points[j])
             origin, next_foot = points[j] + a * z[j], points[j + 1] + b * z[j + 1]
         else:
-            # Any common normal will do: the one through the foot before makes r zero.
+            # Any common normal is valid: the one through the previous foot makes r zero.
             origin = foot
             apart = points[j + 1] - origin
             apart = apart - (apart @ z[j]) * z[j]
             length = float(np.linalg.norm(apart))
             next_foot = origin + apart
             normal = apart / length if length > LENGTH_ROUNDING else _across(z[j], x)
-        # Of the two directions of a normal, the one that turns by 0 and not by pi.
+        # Of the two directions of a normal, the one with an angle of 0 instead of pi.
         if j and normal @ x < 0.0 and np.linalg.norm(np.cross(normal, x)) < PARALLEL:
             normal = -normal
         x = normal
@@ -126,7 +126,7 @@ def _frames(points: Sequence[Array], z: Sequence[Array], x_hint: Array) -> list[
 
 
 def _across(z: Array, x: Array) -> Array:
-    """Part of `x` across `z`, of unit length; any direction across `z` where `x` lies along it."""
+    """Return the unit component of `x` perpendicular to `z`; any perpendicular direction if `x` is along `z`."""
     for candidate in (x, np.roll(np.eye(3)[int(np.argmax(np.abs(z)))], 1)):
         across = candidate - (candidate @ z) * z
         length = float(np.linalg.norm(across))

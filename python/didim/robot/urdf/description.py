@@ -1,4 +1,4 @@
-"""What a URDF says: links with their inertia, joints with their place, axis, limits and friction.
+"""Content of a URDF: links with their inertia; joints with their origin, axis, limits and friction.
 
 Tested in ``tests/test_urdf.py``.
 """
@@ -84,19 +84,19 @@ class UrdfJoint:
     axis : (3,) array
         Unit vector in the child link's frame.
     lower, upper, velocity, effort : float or None
-        Limits (rad or m, rad/s or m/s, N.m or N); None where the file has none, or a zero that stands for none.
+        Limits (rad or m, rad/s or m/s, N.m or N); None where the file has none, or a zero in its place.
     damping, friction : float
         Viscous (N.m.s/rad or N.s/m) and Coulomb (N.m or N) friction.
     mimic : str or None
-        The joint that it follows; an empty name for one that stands still.
+        Name of its leader; an empty name for a locked joint.
     multiplier, offset : float
-        Its position is the multiplier times that of the joint that it follows, plus the offset (rad or m).
+        The position is the multiplier times that of the leader, plus the offset (rad or m).
     armature : float
-        Rotor inertia (kg.m^2 or kg), which only an MJCF has a place for.
+        Rotor inertia (kg.m^2 or kg), only in an MJCF.
     zero : float
         Position (rad or m) at which an MJCF draws the joint.
     actuator : Actuator or None
-        Gains and limit of what drives the joint, which only an MJCF has a place for.
+        Gains and limit of the joint's drive, only in an MJCF.
     """
 
     name: str
@@ -120,7 +120,7 @@ class UrdfJoint:
 
     @property
     def moves(self) -> bool:
-        """Whether its type has a degree of freedom, of its own or not."""
+        """Whether its type has a degree of freedom, driven or coupled."""
         return self.kind != "fixed"
 
 
@@ -145,7 +145,7 @@ class Description:
     gravity : tuple of float
         Acceleration of gravity in the root (m/s^2): a URDF has its z axis point up.
     notes : tuple of str
-        Sentences on what of the file is left out.
+        Sentences on ignored parts of the file.
     """
 
     where: str
@@ -159,19 +159,19 @@ class Description:
 
     @cached_property
     def order(self) -> tuple[str, ...]:
-        """Links that the root carries, each behind its parent; then those of other roots."""
+        """Links of the root's tree, each after its parent; then those of other roots."""
         others = [link for link in self.links if link not in self.joints and link != self.root]
         return tuple(self.carried(self.root, *others))
 
     def carried(self, *links: str) -> list[str]:
-        """Links, and all that they carry, each behind its parent."""
+        """Return links and their descendants, each after its parent."""
         found = list(links)
         for link in found:  # which grows meanwhile
             found += [joint.child for joint in self.outgoing.get(link, ())]
         return found
 
     def path(self, base: str, tip: str) -> list[UrdfJoint] | None:
-        """Joints from one link to another that it carries, or None where it does not carry it."""
+        """Return the joints from a link to a descendant, or None if it is not one."""
         joints = []
         link = tip
         while link != base:
@@ -195,7 +195,7 @@ def read_description(data: bytes, where: str) -> Description:
     Raises
     ------
     RobotError
-        For XML that is broken or of another kind, a link or joint without what it needs, and links that do not form a tree.
+        For XML that is broken or of another kind, a link or joint with missing elements, and links that do not form a tree.
     """
     outermost = parse_xml(data, where)
     if outermost.tag != "robot":
@@ -253,7 +253,7 @@ def read_description(data: bytes, where: str) -> Description:
 
 
 def _of_largest_tree(description: Description, roots: list[str], notes: list[str]) -> Description:
-    """Take the root that carries most joints that move, the first of several; the other trees are left out, and said to be."""
+    """Choose the root with the most moving joints, the first of several; a note reports the other trees, which are ignored."""
     if len(roots) > 1:
         moving = {
             root: sum(
@@ -298,7 +298,7 @@ def _numbers(element: Element | None, key: str, default: tuple[float, ...], wher
 
 
 def _bound(limit: Element, key: str, where: str) -> float | None:
-    """Return a number of a ``<limit>``; None where it is so large that it stands for none."""
+    """Return a number of a ``<limit>``; None if it is so large that it means no limit."""
     text = limit.attributes[key]
     try:
         value = float(text)
@@ -308,7 +308,7 @@ def _bound(limit: Element, key: str, where: str) -> float | None:
 
 
 def _limit(limit: Element | None, key: str, where: str) -> float | None:
-    """Return a limit of speed or effort; None where there is none, or a zero that stands for none."""
+    """Return a limit of speed or effort; None if it is missing or zero."""
     if limit is None or key not in limit.attributes:
         return None
     value = _bound(limit, key, where)
@@ -321,7 +321,7 @@ def _number(element: Element | None, key: str, where: str) -> float:
 
 
 def _lacks(inertial: Element | None) -> str | None:
-    """Return what an ``<inertial>`` lacks to be one, or None: a program that exports robots may write half of it, or NaN."""
+    """Return the missing part of an ``<inertial>``, or None if it is complete: exporters may write half of it, or NaN."""
     if inertial is None:
         return None
     wanted = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")}
@@ -372,7 +372,7 @@ def _joint(element: Element, where: str) -> UrdfJoint:
     axis = np.array(_numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), where))
     length = float(np.linalg.norm(axis))
     if kind in MOVING and not length > 0.0:
-        kind = f"{kind} about no axis"  # held at zero, as joints of any other type
+        kind = f"{kind} about no axis"  # fixed at zero, as joints of unknown type
     limit, dynamics, mimic = (element.find(tag) for tag in ("limit", "dynamics", "mimic"))
     lower = upper = None
     if kind != "continuous" and limit is not None and {"lower", "upper"} <= set(limit.attributes):

@@ -1,4 +1,4 @@
-"""Where an MJCF keeps the drives of its joints: the elements whose attributes an export changes.
+"""Elements of an MJCF that define the drives of its joints: an export changes their attributes.
 
 Tested in ``tests/test_export_drives.py``.
 """
@@ -25,11 +25,11 @@ class DriveElements:
     joints : mapping of str to UrdfJoint
         Armature, damping and friction of each joint, with the defaults of its class.
     elements : mapping of str to Element
-        Its element; joints of included files have none.
+        Element of the joint; joints of included files have none.
     settings : mapping of str to (Element, Setting)
-        Actuator of the joint, likewise.
+        Element and setting of the joint's actuator; those of included files are missing.
     actuators : mapping of str to Actuator
-        Its gains and limit on the joint's side.
+        Gains and limit of the actuator, joint side.
     integrator : str
         Integrator of ``<option>``: "Euler", "implicit", "implicitfast" or "RK4".
     """

@@ -1,4 +1,4 @@
-"""The chain of a tree that a log is of: the one whose joints it names. Tested in ``tests/test_init_files.py``."""
+"""The chain of a tree that a log belongs to: the one whose joints it names. Tested in ``tests/test_init_files.py``."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ def chain_of_names(path: Path, names: Sequence[str]) -> tuple[str, list[str]] | 
     path : Path
         URDF.
     names : sequence of str
-        Names in a log, each with the name of a joint in it or without: ``arm_1_joint_position``.
+        Names in a log; they may contain the name of a joint: ``arm_1_joint_position``.
 
     Returns
     -------
     (str, list of str) or None
-        Link behind the last named joint, and moving joints before it that no name has; None where no joint is named, or those that
-        are do not lie on one chain.
+        Link behind the last named joint, and moving joints before it that are not named; None if no joint is named, or if the
+        named joints do not lie on one chain.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def chain_of_names(path: Path, names: Sequence[str]) -> tuple[str, list[str]] | 
 
 
 def _longest(name: str, joints: Sequence[str]) -> str | None:
-    """Longest name of a joint that stands in a text between other than letters and digits."""
+    """Return the longest joint name in a text that is delimited by characters other than letters and digits."""
     there = [
         joint
         for joint in joints

@@ -1,7 +1,7 @@
-"""What an MJCF says, as the description that a URDF gives: bodies with inertia, joints with axis, limits, rotor and friction.
+"""Content of an MJCF as the description of a URDF: bodies with inertia; joints with axis, limits, rotor and friction.
 
-Defaults and classes, the compiler's angles and ``include`` are resolved here. A body with several joints becomes several links, of
-which the last has the inertia; free and ball joints are held. Inertias that MuJoCo would compute from meshes are not known here.
+Defaults and classes, the compiler's angles and ``include`` are resolved here. A body with several joints becomes several links,
+the last of which has the inertia; free and ball joints are fixed. Inertias that MuJoCo computes from meshes are not supported.
 Tested in ``tests/test_mjcf.py`` against MuJoCo.
 """
 
@@ -36,7 +36,7 @@ UNREAD = ("replicate", "composite", "flexcomp", "attach")
 
 @dataclass(frozen=True)
 class Compiler:
-    """Settings of ``<compiler>`` that matter here.
+    """Settings of ``<compiler>`` that affect the description.
 
     Attributes
     ----------
@@ -80,14 +80,14 @@ class Reader:
         return math.radians(value) if self.compiler.degrees else value
 
     def attributes(self, element: Element, childclass: str) -> dict[str, str]:
-        """Attributes of an element, those of its class below its own."""
+        """Return the attributes of an element; its own override those of its class."""
         name = element.attributes.get("class", childclass)
         if name not in self.defaults:
             raise RobotError(f"{self.where}: line {element.line}: there is no default class {name!r}")
         return {**self.defaults[name].get(element.tag, {}), **element.attributes}
 
     def numbers(self, element: Element, attributes: Mapping[str, str], key: str, *default: float) -> Array:
-        """Numbers of an attribute; as many as in the default."""
+        """Return the numbers of an attribute, as many as its default has."""
         text = attributes.get(key)
         if text is None:
             return np.array(default)
@@ -134,7 +134,7 @@ class Reader:
         return np.eye(3)
 
     def walk(self, parent: Element, link: str, before: Array, childclass: str) -> None:
-        """Read what stands on a link, `before` the pose of the element's frame in that of the link."""
+        """Read the bodies on a link; `before` is the pose of the element's frame in that of the link."""
         for element in parent.children:
             if element.tag in UNREAD:
                 raise RobotError(
@@ -148,12 +148,12 @@ class Reader:
                 self.body(element, link, before @ self.frame(element, element.attributes), own)
 
     def body(self, body: Element, parent: str, origin: Array, childclass: str) -> None:
-        """Read a body: a link for each of its joints, the last one its own."""
+        """Read a body: one link per joint, the last of which is the body itself."""
         name = body.attributes.get("name", f"body_{len(self.links)}")
         if name in self.links:
             raise RobotError(f"{self.where}: line {body.line}: there are two bodies {name!r}")
         joints = [child for child in body.children if child.tag in ("joint", "freejoint")]
-        # Each joint turns about an anchor: the links between have their frames there.
+        # Each joint turns about an anchor, where the intermediate links have their frames.
         for number, element in enumerate(joints, start=1):
             joint, anchor = self._joint(element, name, number, len(joints), childclass)
             last = number == len(joints) and not anchor.any()
@@ -176,7 +176,7 @@ class Reader:
     def _joint(
         self, element: Element, body: str, number: int, count: int, childclass: str
     ) -> tuple[UrdfJoint, Array]:
-        """Return a joint without its ends, and its anchor in the body's frame."""
+        """Return a joint without parent and child, and its anchor in the body's frame."""
         free = element.tag == "freejoint"
         given = {"type": "free", **element.attributes} if free else self.attributes(element, childclass)
         kind = KINDS.get(given.get("type", "hinge"))
@@ -259,12 +259,12 @@ def read_mjcf(data: bytes, path: Path) -> Description:
     data : bytes
         Content of the file.
     path : Path
-        The file; its name opens each message, and files that it includes lie beside it.
+        The file, whose name prefixes each message; included files are relative to its folder.
 
     Raises
     ------
     RobotError
-        For XML that is broken, wrong numbers, unknown classes, and elements that make bodies of their own.
+        For XML that is broken, wrong numbers, unknown classes, and elements that generate bodies.
     """
     where = path.name
     outermost, sections, reader = walked(data, path)
@@ -371,7 +371,7 @@ def _defaults(sections: list[Element]) -> Defaults:
 def _with_actuators(
     sections: list[Element], reader: Reader, where: str
 ) -> tuple[dict[str, UrdfJoint], list[str]]:
-    """Joints with their actuators, and sentences on actuators that are not read."""
+    """Return the joints with their actuators, and sentences on unsupported actuators."""
     actuators, unread = read_actuators(sections, reader.own_limits, reader.compiler.autolimits, where)
     joints = {
         child: replace(joint, actuator=found, effort=found.effort)
@@ -401,7 +401,7 @@ def _fixed(name: str) -> UrdfJoint:
 
 
 def _to_zero(joint: UrdfJoint) -> Array:
-    """Motion of a joint from its reference position, at which the file draws it, to zero."""
+    """Return the motion of a joint from its reference position, in which the file draws it, to zero."""
     if not joint.zero:
         return np.eye(4)
     if joint.kind == "prismatic":
@@ -410,7 +410,7 @@ def _to_zero(joint: UrdfJoint) -> Array:
 
 
 def _together(inertials: list[Inertial]) -> Inertial | None:
-    """One inertial of several, about their common centre of mass."""
+    """Return the sum of several inertials about their common centre of mass."""
     mass = sum(inertial.mass for inertial in inertials)
     if not mass > 0.0:
         return None

@@ -10,7 +10,7 @@ from .xml_spans import Element
 
 
 def tied(sections: list[Element], joints: dict[str, UrdfJoint], where: str) -> dict[str, UrdfJoint]:
-    """Joints with the one that an ``equality/joint`` ties them to, by a line; others stand still."""
+    """Return the joints with the leader that a linear ``equality/joint`` ties them to; nonlinear ties lock the joint."""
     zeros = {joint.name: joint.zero for joint in joints.values()}
     ties: dict[str, tuple[str, float, float]] = {}
     for section in sections:
@@ -22,7 +22,7 @@ def tied(sections: list[Element], joints: dict[str, UrdfJoint], where: str) -> d
                 except ValueError:
                     raise RobotError(f"{where}: line {element.line}: polycoef must be five numbers") from None
                 name, leader = (element.attributes.get(key, "") for key in ("joint1", "joint2"))
-                # Both positions count from where the file draws the joints.
+                # Both positions are relative to the pose in which the file draws the joints.
                 at_zero = zeros.get(name, 0.0) + rest
                 line = not any(more) and leader in zeros
                 ties[name] = (leader, slope, at_zero - slope * zeros[leader]) if line else ("", 0.0, at_zero)

@@ -1,7 +1,6 @@
 """From a URDF to a robot: chain or tree, right angles, frames, inertias, limits, and the proof that the dynamics are the same.
 
-A chain gets modified rows along common normals. The placements of a tree, and of axes that are nearly parallel, are taken as they
-are.
+A chain gets modified rows along common normals. The placements of a tree, and of nearly parallel axes, are copied.
 Tested in ``tests/test_urdf.py`` against Pinocchio, on real descriptions and on random chains.
 """
 
@@ -49,7 +48,7 @@ LARGEST_DIFFERENCE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class UrdfReading:
-    """A robot read from a URDF, and what there is to say about it.
+    """A robot read from a URDF, with the results of its self-test.
 
     Attributes
     ----------
@@ -64,7 +63,7 @@ class UrdfReading:
     made_up : bool
         Whether the self-test used made-up inertias, because the file has none.
     suspicion : str or None
-        Sentence on angles that are nearly right ones, and were not snapped.
+        Sentence on nearly right angles that were not snapped.
     """
 
     robot: Robot
@@ -84,16 +83,16 @@ def read_urdf(
     gravity: Sequence[float] | None = None,
     snap: float = SNAP,
 ) -> UrdfReading:
-    """Make a robot of a URDF or an MJCF.
+    """Make a robot from a URDF or an MJCF.
 
     Parameters
     ----------
     path : Path
         The file.
     tip, base : str, optional
-        Last and first link of the chain, as `load_robot` takes them.
+        Last and first link of the chain, see `load_robot`.
     lock : mapping of str to float, optional
-        Joints that stand still, with their position (rad or m).
+        Joints to be locked, with their position (rad or m).
     gravity : sequence of 3 float, optional
         Acceleration of gravity in the base link (m/s^2); by default that of an MJCF, and for a URDF the z axis of the root link
         points up.
@@ -127,7 +126,7 @@ def read_urdf(
         and not chain.mimics
         and not any(found.parallel and found.joint for found in snapped.left)
     )
-    # Common normals lose digits where axes are far apart: then the placements are taken as they are.
+    # Common normals lose digits where axes are far apart; the placements are then copied.
     for table in (common_normals(snapped.origins, snapped.axes), as_given) if straight else (as_given,):
         geometry = _geometry(chain, table, down)
         exact, as_written = _self_test(geometry, chain, snapped, table, links, down)
@@ -169,7 +168,7 @@ def read_urdf(
         actuators=tuple(joint.actuator for joint in chain.joints) if _driven(chain) else (),
         _named={set_name: named} if named else {},
     )
-    robot.core  # noqa: B018 - now, so that a wrong description is an error of loading
+    robot.core  # noqa: B018 - a wrong description must fail on loading
     return UrdfReading(robot, table, exact, as_written, made_up, suspicion)
 
 
@@ -192,7 +191,7 @@ def _gravity(gravity: Sequence[float] | None, description: Description, chain: C
 
 
 def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) -> list[str]:
-    """Sentences on joints that stand still without having been asked to."""
+    """Return sentences on joints that were locked without a request."""
     free = [name for name in chain.locked if name not in asked]
     joints = {joint.name: joint for joint in description.joints.values()}
     held = [f"{name} ({joints[name].kind})" for name in free if joints[name].kind not in MOVING]
@@ -251,7 +250,7 @@ def _geometry(chain: Chain, table: MdhTable, down: Array) -> Geometry:
     rows = table.rows
     n = len(rows)
     gravity = table.frame_0[:3, :3].T @ down
-    # Gravity along an axis is meant to be along it.
+    # Gravity nearly along an axis is meant to be along it.
     gravity[np.abs(gravity) < 1e-12 * np.linalg.norm(gravity)] = 0.0
     return Geometry(
         kinds=tuple("prismatic" if joint.kind == "prismatic" else "revolute" for joint in chain.joints),
@@ -306,7 +305,7 @@ def _limits(chain: Chain) -> tuple[JointLimits, ...]:
 def _parameters(
     description: Description, chain: Chain, table: MdhTable, set_name: str
 ) -> tuple[dict[str, float], list[str]]:
-    """Return the standard parameters of the file by name, and sentences on what it has not."""
+    """Return the standard parameters of the file by name, and sentences on missing ones."""
     pseudos = chain.pseudo_inertias(description)
     names = [group[0].link for group in chain.groups]
     # The links between the joints of one body of an MJCF have no inertia, and need none.
@@ -395,7 +394,7 @@ def _self_test(
     differences = []
     for origins, axes in ((snapped.origins, snapped.axes), (chain.origins, chain.axes)):
         expected = torques_by_summation(geometry.kinds, origins, axes, links, down, states, chain.parents)
-        # A joint that carries nothing has torques of rounding alone.
+        # The torque of a joint without load is pure rounding.
         largest = np.maximum(np.abs(expected).max(axis=0), SMALLEST_TORQUE_SHARE * np.abs(expected).max())
         differences.append(float((np.abs(tau - expected).max(axis=0) / largest).max()))
     return differences[0], differences[1] if snapped.joints else differences[0]

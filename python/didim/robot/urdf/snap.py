@@ -1,8 +1,8 @@
 """Right angles that a file has rounded: pi as 3.1416, or 1.570796327.
 
 A twist of 1.5708 rad instead of pi/2 adds a base parameter that no log identifies, and axes that are almost parallel have their
-common normal metres or kilometres away. Angles are therefore snapped to the right angle that was meant. Lengths are never
-changed. Tested in ``tests/test_urdf_snap.py``.
+common normal metres or kilometres away. Such angles are therefore snapped to the right angle. Lengths are never changed. Tested
+in ``tests/test_urdf_snap.py``.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ CUBE = _cube()
 
 @dataclass(frozen=True)
 class NearlyRight:
-    """Two consecutive axes whose angle is nearly, and not quite, a right angle.
+    """Two consecutive axes at nearly a right angle.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Snapped:
     joints : tuple of int
         Joints of which an angle was snapped, from 0.
     left : tuple of NearlyRight
-        Angles that are nearly right and were not snapped.
+        Nearly right angles that were not snapped.
     """
 
     origins: tuple[Array, ...]
@@ -89,8 +89,8 @@ def snap_chain(
 ) -> Snapped:
     """Snap the angles of a chain or a tree that are within a tolerance of right angles.
 
-    First each rotation between moving links, and each axis, to those of a cube; then the angle between consecutive axes, which
-    catches a rounded right angle beside an angle that is not one.
+    First, each rotation between moving links and each axis is snapped to those of a cube. Then the angle between consecutive
+    axes is snapped, which detects a rounded right angle next to a general one.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def snap_chain(
     tolerance : float
         Largest angle that is snapped (rad); rounding errors (1e-9) always are.
     parents : sequence of int or None, optional
-        As in `Chain`; by default each joint stands on the one before.
+        As in `Chain`; by default those of a chain.
     """
     tolerance = max(tolerance, PARALLEL)
     parents = in_line(len(origins)) if parents is None else parents

@@ -32,7 +32,7 @@ def solid_inertial(given: Mapping[str, str], frame: Array, where: str) -> Inerti
     frame : (4, 4) array
         Pose of the geom in the body (m).
     where : str
-        Opens each message.
+        Prefix of each message.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def _unit_inertia(kind: str, size: list[float]) -> tuple[float, Array]:
     across, along = r * r / 4.0 + h * h / 3.0, r * r / 2.0
     if kind == "cylinder":
         return cylinder, np.array([across, across, along])
-    # Two half balls at the ends, their centres of mass 3/8 r beyond.
+    # Two hemispheres at the ends, with centres of mass 3/8 r beyond them.
     ball = 4.0 / 3.0 * math.pi * r**3
     of_ball = 2.0 / 5.0 * r * r
     whole = cylinder + ball
@@ -84,7 +84,7 @@ def _unit_inertia(kind: str, size: list[float]) -> tuple[float, Array]:
 
 
 def _along(direction: Array) -> Array:
-    """Return a rotation (3, 3) that takes z to a direction."""
+    """Return a rotation (3, 3) that maps z to a direction."""
     length = float(np.linalg.norm(direction))
     z = direction / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
     across = np.array([-z[1], z[0], 0.0])

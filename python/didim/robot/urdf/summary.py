@@ -1,4 +1,4 @@
-"""What became of a description, in words: one line per joint, and the self-test of a URDF.
+"""Summary of a robot read from a description: one line per joint, and the self-test of a URDF.
 
 Tested in ``tests/test_urdf.py`` and ``tests/test_standard_dh.py``.
 """
@@ -18,7 +18,7 @@ from .summation import STATES
 
 
 def summary(reading: UrdfReading) -> str:
-    """Return one line per joint of what became of a URDF, and the self-test, as ``didim robot`` prints it."""
+    """Return one line per joint of a URDF, and the self-test, as ``didim robot`` prints them."""
     robot = reading.robot
     places = robot.correspondence
     assert places is not None
@@ -50,12 +50,12 @@ def summary(reading: UrdfReading) -> str:
 
 
 def _extent(places: Correspondence) -> str:
-    """Where the joints lie: between two links, or in the tree on one."""
+    """Return the extent of the robot: between two links, or the tree of one."""
     return f"from {places.base} to {places.tip}" if places.tip else f"in the tree on {places.base}"
 
 
 def rows_and_frames(robot: Robot) -> str:
-    """Return the modified rows of a robot and where the frames of its own table lie, as ``didim robot`` prints them."""
+    """Return the modified rows of a robot and the poses of its own table's frames, as ``didim robot`` prints them."""
     names = robot.all_joint_names or tuple(f"joint {j + 1}" for j in range(robot.n_joints))
     width = max(len(name) for name in (*names, "joint"))
     gravity = " ".join(f"{value:g}" for value in robot.geometry.gravity)

@@ -1,7 +1,7 @@
 """Inverse dynamics of a URDF by direct summation over its links: the proof that a robot made from it is the same robot.
 
-Every link, lumped or not, is moved as the file places it, from the numbers of its ``<inertial>``: its inertial force and moment,
-and their work on each joint axis (d'Alembert). No frame, pseudo-inertia or recursion of the robot model takes part.
+Each link moves as the file places it. Its ``<inertial>`` gives the inertial force and moment, and these the work on each joint
+axis (d'Alembert). No frame, pseudo-inertia or recursion of the robot model is used.
 Tested in ``tests/test_urdf.py``.
 """
 
@@ -91,12 +91,12 @@ def torques_by_summation(
     states : States
         The motion.
     parents : sequence of int or None, optional
-        As in `Chain`; by default each joint stands on the one before.
+        As in `Chain`; by default those of a chain.
     """
     n_states, n_dof = states.q.shape
     parents = in_line(n_dof) if parents is None else parents
     zero = np.zeros((n_states, 3))
-    # Of each link: rotation, origin, angular velocity and acceleration, acceleration of the origin (the base falls upwards).
+    # Per link: rotation, origin, angular velocity and acceleration, acceleration of the origin (the base accelerates upwards).
     base = (
         np.broadcast_to(np.eye(3), (n_states, 3, 3)),
         zero,
@@ -145,7 +145,7 @@ def torques_by_summation(
 def _effort(
     body: Body, rotation: Array, place: Array, speed: Array, turning: Array, acceleration: Array
 ) -> tuple[Array, Array, Array]:
-    """Force on a body, moment about its centre of mass, and that centre, (n_states, 3) each."""
+    """Return force on a body, moment about its centre of mass, and this centre, (n_states, 3) each."""
     frame = body.pose @ body.inertial.frame
     arm = rotation @ frame[:3, 3]
     force = body.inertial.mass * (
@@ -159,7 +159,7 @@ def _effort(
 
 
 def _turns(axis: Array, angles: Array) -> Array:
-    """Rotations by several angles about one axis, (n, 3, 3)."""
+    """Return the rotations by several angles about one axis, (n, 3, 3)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     sine, versine = np.sin(angles)[:, None, None], (1.0 - np.cos(angles))[:, None, None]

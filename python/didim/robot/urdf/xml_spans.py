@@ -1,6 +1,6 @@
-"""XML as a tree whose elements know their bytes, so that a part of a file can be exchanged and the rest left as it is.
+"""XML as a tree of elements with their byte ranges: a part of a file can be replaced without changing any other byte.
 
-Names are read without namespaces: real descriptions have prefixes that nobody declared, at which other parsers stop.
+Namespaces are ignored: real descriptions use undeclared prefixes, at which other parsers stop.
 Tested in ``tests/test_urdf_xml.py``.
 """
 
@@ -87,7 +87,7 @@ def parse_xml(data: bytes, where: str) -> Element:
         raise RobotError(f"{where}: neither UTF-8 nor Latin-1; save it as UTF-8")
     blank = len(data) - len(data.lstrip())
     if blank and data[blank:].startswith(b"<?xml"):
-        # Other parsers take blank lines before the declaration. Exchanged, they keep each byte where it is.
+        # Other parsers accept blank lines before the declaration. Replacing them by spaces preserves the byte positions.
         behind = data.find(b"?>", blank) + 2
         data = data[blank:behind] + data[:blank] + data[behind:]
     parser = xml.parsers.expat.ParserCreate()
@@ -125,7 +125,7 @@ def parse_xml(data: bytes, where: str) -> Element:
         raise RobotError(
             f"{where}: not well-formed XML, {reason} (line {error.lineno}, column {error.offset + 1})"
         ) from None
-    except ValueError as error:  # an encoding that the parser does not know
+    except ValueError as error:  # unknown encoding
         raise RobotError(f"{where}: not readable as XML ({error})") from None
     return outermost[0]
 
