@@ -1,4 +1,4 @@
-"""Motions that identify a robot well: designed by the information they give, within the limits of the robot."""
+"""Design of motions with maximum information on a robot's parameters, within its limits."""
 
 from ..robot.collision import Capsule as Capsule
 from .clearance import Workspace as Workspace

@@ -1,7 +1,8 @@
 """Clearance of a motion: distances between capsules, from the floor and from the walls of a box, with their gradients.
 
-A capsule is a segment and a radius, so its distance from another follows from the nearest points of two segments in closed form,
-and the derivative is that of these points alone. Tested in ``tests/test_clearance.py``, against the geometry of Pinocchio too.
+A capsule is a segment with a radius. The distance of two capsules follows in closed form from the nearest points of their
+segments, and its derivative from the velocities of these points. Tested in ``tests/test_clearance.py``, against the geometry of
+Pinocchio too.
 """
 
 from __future__ import annotations
@@ -24,16 +25,16 @@ TINY = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Workspace:
-    """Where the robot may be, in frame 0.
+    """Bounds of the robot's workspace, in frame 0.
 
     Attributes
     ----------
     lowest, highest : tuple of float or None
-        Corners of the box that holds all links (m); infinite where there is no wall.
+        Corners of the box for all links (m); infinite without a wall.
     floor : float or None
-        Height that links 1 to n stay above (m).
+        Smallest height of links 1 to n (m).
     clearance : float
-        Distance that links keep from each other, from the floor and from the walls (m).
+        Smallest distance of links from each other, from the floor and from the walls (m).
     """
 
     lowest: tuple[float, float, float] | None = None
@@ -48,11 +49,11 @@ class Clearance:
     Parameters
     ----------
     robot : Robot
-        Gives the frames.
+        Robot with its frames.
     capsules : sequence of Capsule
         Links as capsules. Without any, the walls bound the origins of the frames.
     workspace : Workspace
-        Walls, floor, and the distance to keep.
+        Walls, floor and clearance.
     """
 
     def __init__(self, robot: Robot, capsules: Sequence[Capsule], workspace: Workspace) -> None:
@@ -91,7 +92,7 @@ class Clearance:
         return np.asarray(turned + frame[:, :, None, :3, 3])
 
     def distances(self, q: Array) -> Array:
-        """Distances less the one to keep (m), ``(n_samples, n_distances)``: pairs of capsules first, then walls."""
+        """Return distances less the clearance (m), ``(n_samples, n_distances)``: pairs of capsules first, then walls."""
         points = self._points(frames(self.robot, q))
         return self._parts(points)[0]
 
@@ -111,9 +112,9 @@ class Clearance:
         return distances, (s, t, direction)
 
     def penalty(self, q: Array, scale: float, extra: float = 0.0) -> tuple[float, Array]:
-        """Sum of squared shortfalls in units of `scale` (m), and its gradient with respect to q, ``(n_samples, n_dof)``.
+        """Return the sum of squared shortfalls in units of `scale` (m), and its gradient with respect to q, ``(n_samples, n_dof)``.
 
-        `extra` is added to the distance to keep (m).
+        `extra` is added to the clearance (m).
         """
         found = frames(self.robot, q)
         points = self._points(found)
@@ -167,7 +168,7 @@ class Clearance:
         return value, gradient
 
     def describe(self, column: int) -> str:
-        """Words for a column of `distances`."""
+        """Describe a column of `distances`."""
         n_pairs = len(self.pairs)
         if column < n_pairs:
             i, j = (int(self.links[k]) for k in self.pairs[column])
@@ -187,7 +188,7 @@ def _along(ends: Array, share: Array) -> Array:
 
 
 def _nearest(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:
-    """Shares of the segments ``a b`` and ``c d`` at which they are nearest; arrays ``(..., 3)``."""
+    """Return the positions of the nearest points on ``a b`` and ``c d``, as shares of their lengths; arrays ``(..., 3)``."""
     u, v, w = b - a, d - c, a - c
     uu, vv, uv = (u * u).sum(-1), (v * v).sum(-1), (u * v).sum(-1)
     uw, vw = (u * w).sum(-1), (v * w).sum(-1)
@@ -198,6 +199,6 @@ def _nearest(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array]:
     s = np.where(uu > TINY, np.clip(s, 0.0, 1.0), 0.0)
     t = np.where(vv > TINY, (uv * s + vw) / safe_v, 0.0)
     clipped = np.clip(t, 0.0, 1.0)
-    # Where t leaves its segment, s follows from its end.
+    # If t is outside its segment, s follows from the nearer end.
     s = np.where((t != clipped) | (vv <= TINY), np.clip((uv * clipped - uw) / safe_u, 0.0, 1.0), s)
     return np.where(uu > TINY, s, 0.0), clipped

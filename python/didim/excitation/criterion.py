@@ -1,8 +1,8 @@
 """Criteria of a design as functions of the information matrix, with their derivatives.
 
-The information on the base parameters is ``M = M_0 + sum W' Sigma^-1 W``. Its log determinant (D-optimality) depends neither on
-units nor on the choice of base parameters; the condition number of W depends on both and is here for comparison
-(docs/excitation.md). Tested in ``tests/test_excitation.py``.
+The information on the base parameters is ``M = M_0 + sum W' Sigma^-1 W``. The optimum of its log determinant (D-optimality)
+depends neither on units nor on the choice of base parameters. That of the condition number of W depends on both; it is included
+for comparison (docs/excitation.md). Tested in ``tests/test_excitation.py``.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ def criterion(name: Name, wanted: Array | None = None) -> Criterion:
     Parameters
     ----------
     name : {"information", "condition"}
-        Log determinant of the information, or less the logarithm of the condition number of W.
+        Log determinant of the information, or the negative logarithm of the condition number of W.
     wanted : array of int, optional
-        Columns of the parameters that count (D_s-optimality): the information on them when all others are unknown.
+        Columns of the parameters of interest (D_s-optimality): the information on them with all others unknown.
     """
     if name == "condition":
         return _condition
@@ -45,11 +45,11 @@ def criterion(name: Name, wanted: Array | None = None) -> Criterion:
 
 @np.errstate(over="ignore", invalid="ignore")  # the variance of a column that is nearly zero may be infinite
 def log_determinant(matrix: Array) -> tuple[float, Array]:
-    """Log determinant and inverse of a symmetric positive definite matrix; eigenvalues lost in rounding count as the floor."""
+    """Return log determinant and inverse of a symmetric positive definite matrix; eigenvalues below `FLOOR` are raised to it."""
     # With a unit diagonal the eigenvalues do not depend on units.
     scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     unit = matrix / np.outer(scale, scale)
-    # Eigenvalues take ten times as long, on every thread of the linear algebra: only where a factor is near singular.
+    # Eigenvalues take ten times as long, on every thread of the linear algebra, so only for a nearly singular factor.
     factor, lost = dpotrf(unit, lower=1)
     if not lost and float(np.diag(factor).min()) > CLEAR_PIVOT:
         half, _ = dtrtri(factor, lower=1)
@@ -64,7 +64,7 @@ def log_determinant(matrix: Array) -> tuple[float, Array]:
 
 
 def _of_some(matrix: Array, wanted: Array) -> tuple[float, Array]:
-    """Log determinant of the Schur complement, ``log det M - log det M_others``."""
+    """Return the log determinant of the Schur complement, ``log det M - log det M_others``."""
     value, derivative = log_determinant(matrix)
     others = np.setdiff1d(np.arange(len(matrix)), wanted)
     if others.size:
@@ -76,7 +76,7 @@ def _of_some(matrix: Array, wanted: Array) -> tuple[float, Array]:
 
 
 def _condition(matrix: Array) -> tuple[float, Array]:
-    """Less the logarithm of the condition number of W, half that of W' W."""
+    """Return the negative logarithm of the condition number of W, half that of W' W."""
     values, vectors = np.linalg.eigh(matrix)
     low = max(float(values[0]), FLOOR * float(values[-1]))
     value = 0.5 * float(np.log(low) - np.log(values[-1]))
@@ -85,6 +85,6 @@ def _condition(matrix: Array) -> tuple[float, Array]:
 
 
 def condition_number(matrix: Array) -> float:
-    """Condition number of W from ``W' W``."""
+    """Return the condition number of W from ``W' W``."""
     values = np.linalg.eigvalsh(matrix)
     return float(np.sqrt(values[-1] / max(float(values[0]), np.finfo(float).tiny)))

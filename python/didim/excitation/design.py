@@ -1,4 +1,4 @@
-"""The result of a design: the motion, what it tells of each parameter, and how much of each limit it uses.
+"""The result of a design: the motion, the expected standard deviations, and its use of each limit.
 
 Tested in ``tests/test_excitation.py``.
 """
@@ -35,38 +35,38 @@ class Excitation(Pickled, Printed):
     Attributes
     ----------
     robot : Robot
-        With the friction model of the design.
+        Robot with the friction model of the design.
     settings : ExcitationSettings
-        What was asked for.
+        Settings of the design.
     reference : Reference
-        The motion without its ramps, as `simulate` and experiments take it.
+        The motion without its ramps, for `simulate` and experiments.
     tables : mapping
         Entries of its table ``[reference]``.
     ramps : (Ramp or None, Ramp or None)
-        From home and back.
+        Ramps from home and back.
     limits : MotionLimits
         Limits, margins taken off.
     x : (n_parameters,) array or None
-        Parameters that torques and relative deviations are computed with.
+        Parameters for torques and relative deviations.
     names, units : tuple of str
-        Of the base parameters.
+        Names and units of the base parameters.
     information : (n_base, n_base) array
         Information of the motion and of earlier logs.
     random_information : (n_base, n_base) array
         The same for the random motion that the design is compared with, scaled to the same limits.
     condition_number, random_condition_number : float
-        Of W along both motions.
+        Condition number of W along the motion, and along the random one.
     log_det : float
         Log determinant of the information of the motion.
     starts : tuple of float
-        Value of the criterion that each start reached.
+        Value of the criterion reached by each start.
     use : mapping of str to (n_dof,) arrays
         Largest share of each of the user's limits, by kind, on a grid 20 times finer than the optimiser's: at most `margin` of
         the settings.
     nearest : (str, float) or None
-        What comes nearest, and the distance that is left beyond the one to keep (m).
+        Nearest pair, and its distance beyond the clearance (m).
     remarks : tuple of str
-        Sentences on what was assumed.
+        Sentences on assumptions.
     interrupted : bool
         Whether the user stopped the search.
     elapsed : float
@@ -102,7 +102,7 @@ class Excitation(Pickled, Printed):
 
     @property
     def random_std(self) -> Array:
-        """Those of the random motion."""
+        """Expected standard deviations with the random motion, ``(n_base,)``."""
         return standard_deviations(self.random_information)
 
     @property
@@ -123,11 +123,11 @@ class Excitation(Pickled, Printed):
         return whole_motion(self.reference, *self.ramps, rate)
 
     def weak(self) -> tuple[str, ...]:
-        """Sentences on the parameters that stay weak, and why."""
+        """Return sentences on weak parameters and the reasons."""
         percent = self.relative_std_percent
         std = self.std
         correlation = _inverse(self.information) / np.outer(std, std)
-        with np.errstate(divide="ignore"):  # infinite for a parameter that the motion does not show at all
+        with np.errstate(divide="ignore"):  # infinite for a parameter without any effect along the motion
             alone = 1.0 / np.sqrt(np.diag(self.information))
         sentences: list[str] = []
         faint: list[str] = []
@@ -135,7 +135,7 @@ class Excitation(Pickled, Printed):
         for k, name in enumerate(self.names):
             inflated = std[k] > INFLATED * alone[k]
             if percent is None or np.isnan(percent[k]):
-                # Without a value, or where it is zero, only what cannot be told apart is weak for certain.
+                # Without a nonzero value only an inseparable parameter is certainly weak.
                 weak, words = std[k] > INFLATED**2 * alone[k] or np.isinf(alone[k]), name
             else:
                 weak, words = not percent[k] <= WEAK_PERCENT, f"{name} ({percent[k]:.3g} %)"
@@ -161,9 +161,9 @@ class Excitation(Pickled, Printed):
 
     @property
     def gain(self) -> str:
-        """What the design gains, in words."""
+        """Return the sentence on the gain by the design."""
         text = f"standard deviations are {self.ratio:.2f} of those of the random motion in the geometric mean"
-        # Earlier logs tell both motions the same: their length does not make up for it.
+        # Earlier logs add the same information to both motions, whose length does not replace it.
         return text if self.settings.prior else f"{text}, as after {1.0 / self.ratio**2:.1f} times its length"
 
     def __str__(self) -> str:
@@ -213,11 +213,11 @@ class Excitation(Pickled, Printed):
 
 def _inverse(matrix: Array) -> Array:
     scale = np.sqrt(np.diag(matrix))
-    # A parameter that the motion does not show at all has a row of zeros, and its eigenvalue is zero in any unit.
+    # A parameter without any effect has a row of zeros and an eigenvalue of zero in any unit.
     scale = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     scaled = vectors / scale[:, None]
-    # What rounding has made zero or less stays unknown: its standard deviation is beyond all bounds.
+    # Eigenvalues that rounding made zero or negative mean an infinite standard deviation.
     return np.asarray((scaled / np.maximum(values, np.finfo(float).eps * values[-1])) @ scaled.T)
 
 

@@ -1,4 +1,4 @@
-"""Design a motion that identifies a robot well, within its limits.
+"""Design of a motion with maximum information, within the robot's limits.
 
 Tested in ``tests/test_excitation.py``; ``benches/excitation.py`` has the study (docs/excitation.md).
 """
@@ -54,16 +54,15 @@ def excite(
     Parameters
     ----------
     robot : Robot, str or Path
-        The robot, its packaged name, or its file.
+        The robot, the name of an included one, or its file.
     settings : ExcitationSettings, str or Path, optional
-        What is asked for, or the file that says it (``excite.toml``).
+        Settings of the design, or their file (``excite.toml``).
     progress : callable, optional
-        Called with start, evaluations and value, from the threads of the starts.
+        Callback with start, evaluations and value, called in the threads of the starts.
     executor : Executor, optional
         Runs the starts of a Fourier series instead of threads: any of `concurrent.futures`, without progress.
     verbose : bool, optional
-        By default a terminal or a notebook shows one line with the time that is left, and removes it at the end; False shows
-        nothing.
+        By default a terminal or a notebook shows one line with the remaining time, and removes it at the end; False hides it.
 
     Returns
     -------
@@ -73,7 +72,7 @@ def excite(
     Raises
     ------
     ExcitationError
-        For limits without room, and for settings that contradict each other; one sentence.
+        For limits without room for a motion, and for contradictory settings; one sentence.
     """
     began = time.perf_counter()
     if not isinstance(robot, Robot):
@@ -160,7 +159,7 @@ def _series(task: Task, progress: Progress | None, executor: Executor | None) ->
 
 
 def _random_shape(basis: SeriesBasis, limits: MotionLimits, offset: Array, seed: int) -> Array:
-    """Coefficients of the random motion of a seed about an offset, within the kinematic limits, ``(n_free, n_dof)``."""
+    """Return the coefficients of a seed's random motion about an offset, within the kinematic limits, ``(n_free, n_dof)``."""
     random = Reference.random_fourier(
         harmonics=basis.harmonics,
         period_s=basis.period_s,
@@ -174,7 +173,7 @@ def _random_shape(basis: SeriesBasis, limits: MotionLimits, offset: Array, seed:
 
 
 def _end(problem: Problem, variables: Array) -> Series | None:
-    """Motion of the best variables within all limits; None where there is none."""
+    """Return the motion of the best variables within all limits, or None."""
     series = problem.exact(problem.series.build(variables)[0])
     if problem.keeps(series):
         return series
@@ -242,7 +241,7 @@ def _result(
     interrupted: bool,
     duration: float,
 ) -> Excitation:
-    """Collect what a reader wants to know of a motion."""
+    """Collect the properties of a motion in a result."""
     robot, settings, limits = task.robot, task.settings, task.limits
     whole = limits.whole
     use = whole.use(*fine)

@@ -29,14 +29,14 @@ def save(design: Excitation, path: str | Path) -> None:
     design : Excitation
         The motion.
     path : str or Path
-        The ending says what is written, at the controller's rate and with ramps: ``.csv`` a table of times, positions,
+        The suffix selects the format, at the controller's rate and with ramps: ``.csv`` a table of times, positions,
         velocities and accelerations; ``.toml`` the ``[reference]`` of an experiment (without ramps); ``.script`` a URScript
         program; ``.yaml`` a JointTrajectory of ROS 2.
 
     Raises
     ------
     ExcitationError
-        For another ending, and for a URScript program of a robot that does not have six revolute joints.
+        For another suffix, and for a URScript program of a robot that does not have six revolute joints.
     OSError
         When the file cannot be written.
     """
@@ -51,7 +51,7 @@ def check_path(path: Path, robot: Robot) -> None:
     Raises
     ------
     ExcitationError
-        The message names the endings that are known.
+        The message names the valid suffixes.
     """
     if path.suffix not in WRITERS:
         raise ExcitationError(f"'{path.name}': the file of a motion ends in one of {listing(WRITERS)}")

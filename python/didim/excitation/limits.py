@@ -21,7 +21,7 @@ ACCELERATION_TIME = 0.25
 
 @dataclass(frozen=True, kw_only=True)
 class MotionLimits:
-    """Limits that a motion has to keep, joint side, margins taken off; infinite where there is none.
+    """Limits of a motion, joint side, reduced by the margins; infinite without a limit.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class MotionLimits:
     velocity, acceleration, jerk, torque : (n_dof,) arrays
         Largest absolute values (per s, s^2, s^3; N.m or N).
     margin : float
-        Share of the user's limits that these are, of a position's range about its middle.
+        Ratio of these limits to the user's, for positions about the middle of the range.
     assumed : tuple of str
-        Sentences on limits that were not given.
+        Sentences on missing limits.
     """
 
     lowest: Array
@@ -60,7 +60,7 @@ class MotionLimits:
         )
 
     def use(self, q: Array, dq: Array, ddq: Array, jerk: Array) -> dict[str, Array]:
-        """Largest share of each limit that a motion uses, per joint; a position counts from the middle of its range."""
+        """Return the largest use of each limit, as a share per joint; positions count from the middle of the range."""
         middle, half = (self.highest + self.lowest) / 2.0, (self.highest - self.lowest) / 2.0
         return {
             "position": np.asarray(np.abs((q - middle) / half).max(axis=0)),
@@ -88,7 +88,7 @@ def motion_limits(
     Parameters
     ----------
     robot : Robot
-        Its file's limits stand in for those that are not given.
+        Robot whose limits replace missing ones.
     position : sequence of (float, float), optional
         Lowest and highest position of each joint (rad or m).
     velocity, acceleration, jerk, torque : float or sequence of float, optional
@@ -146,7 +146,7 @@ def motion_limits(
 
 
 def _values(robot: Robot, name: str, given: Values, known: Sequence[float | None]) -> Array:
-    """One positive number per joint, infinite where there is none."""
+    """Return one positive number per joint, infinite without a limit."""
     if given is None:
         values = np.array([np.inf if value is None or value <= 0.0 else value for value in known])
     else:

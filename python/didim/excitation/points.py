@@ -1,8 +1,7 @@
 """Motions from point to point for controllers that cannot play a table: the points are chosen by exchange.
 
-The information of such a motion is the sum over its moves, so a point that is exchanged changes two summands. Each point in turn
-is replaced by the random candidate that increases the criterion most (Fedorov's exchange). Tested in
-``tests/test_excitation.py``.
+The information of such a motion is the sum over its moves, so the exchange of a point changes two summands. Each point in turn
+is replaced by the random candidate with the largest criterion (Fedorov's exchange). Tested in ``tests/test_excitation.py``.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ samples."""
 
 @dataclass(frozen=True)
 class _Move:
-    """A move from one point to the next: its information, its length (s), and whether it keeps the limits."""
+    """A move from one point to the next: its information, its duration (s), and whether it respects the limits."""
 
     matrix: Array
     duration: float
@@ -54,7 +53,7 @@ class PointDesign:
     log_rate_hz : float
         Logged samples per second.
     seconds : float
-        Measuring time for which the information is compared.
+        Duration (s) for which the information is compared.
     """
 
     def __init__(
@@ -74,18 +73,18 @@ class PointDesign:
         )
 
     def move(self, a: Array, b: Array) -> _Move:
-        """Information of a move with its rests, and whether it keeps torques and clearances on the coarse grid."""
+        """Return the information of a move with its rests, and whether it respects the limits on the coarse grid."""
         reference = self.reference(np.stack([a, b]))
         motion = _sampled(reference, MOVE_RATE_HZ)
         matrix = self.problem.information.own(*motion, reference.duration * self.rate)
         return _Move(matrix, reference.duration, self.keeps(*motion))
 
     def verified(self, a: Array, b: Array) -> bool:
-        """Whether a move keeps torques and clearances on the fine grid too."""
+        """Whether torques and clearances of a move are within limits on the fine grid too."""
         return self.keeps(*_sampled(self.reference(np.stack([a, b])), FINE * MOVE_RATE_HZ), WITHIN)
 
     def keeps(self, q: Array, dq: Array, ddq: Array, share: float = 1.0) -> bool:
-        """Whether a motion keeps a share of the torque limits, and clearances."""
+        """Whether a motion respects a share of the torque limits, and the clearances."""
         torques = self.problem.torques((q, dq, ddq, ddq)) if self.problem.limited else None
         if torques is not None and (np.abs(torques) > share * self.limits.torque).any():
             return False
@@ -93,7 +92,7 @@ class PointDesign:
         return clearance.empty or float(clearance.distances(q).min()) >= 0.0
 
     def search(self, seed: int, first: Array | None) -> tuple[Array, Array, bool]:
-        """Return points that identify well, the random ones that the exchange began with, and whether Ctrl-C ended it.
+        """Return the best points, the random ones at the start of the exchange, and whether Ctrl-C ended it.
 
         Points have the shape ``(count, n_dof)``. After Ctrl-C they are the best so far.
 
@@ -112,7 +111,7 @@ class PointDesign:
         return points, random, False
 
     def _exchange(self, points: Array, rng: np.random.Generator, first: Array | None) -> None:
-        """Exchange points, in place, for random ones that identify more."""
+        """Exchange points, in place, for random ones with more information."""
         moves = [self.move(a, b) for a, b in pairwise(points)]
         best = self.value(moves)
         last = self.count if first is None else self.count - 1
@@ -137,14 +136,14 @@ class PointDesign:
         return self.move(a, b).feasible and self.verified(a, b)
 
     def value(self, moves: Sequence[_Move]) -> float:
-        """Criterion of moves that are repeated for as long as the design is to last: quick moves are worth more."""
+        """Return the criterion of moves repeated for the duration of the design, which favours quick moves."""
         seconds = sum(move.duration for move in moves)
         matrix = np.sum([move.matrix for move in moves], axis=0)
         return self.problem.criterion(self.problem.information.prior + self.seconds / seconds * matrix)[0]
 
     def _draw(self, rng: np.random.Generator, count: int) -> Array:
         low, high = self.limits.lowest, self.limits.highest
-        # The ends of the range are worth most: candidates are drawn more densely there.
+        # The ends of the range give most information, so candidates are drawn more densely there.
         share = 0.5 - 0.5 * np.cos(np.pi * rng.random((count, len(low))))
         return np.asarray(low + share * (high - low))
 
@@ -153,7 +152,7 @@ class PointDesign:
         middle = (self.limits.lowest + self.limits.highest) / 2.0
         while len(points) < self.count - (first is not None):
             for shrink in np.linspace(1.0, 0.2, TRIES):
-                # Nearer and nearer to the point before, so that there is one that can be reached.
+                # Candidates approach the previous point until one is reachable.
                 at = points[-1] if points else middle
                 candidate = at + shrink * (self._draw(rng, 1)[0] - at)
                 if not points:
@@ -175,6 +174,6 @@ class PointDesign:
 
 
 def _sampled(reference: Reference, rate_hz: float) -> tuple[Array, Array, Array]:
-    """Positions, velocities and accelerations in the middle of equal parts: no sample falls on a corner of the velocity."""
+    """Return positions, velocities and accelerations in the middle of equal parts, away from corners of the velocity."""
     count = max(8, round(reference.duration * rate_hz))
     return reference.at((np.arange(count) + 0.5) * (reference.duration / count))

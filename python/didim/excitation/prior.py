@@ -1,4 +1,4 @@
-"""What earlier logs tell: information matrices of results and of experiments, and the noise of their torques.
+"""Prior information of earlier logs: information matrices of results and experiments, and the noise of their torques.
 
 Tested in ``tests/test_excitation.py``.
 """
@@ -29,14 +29,14 @@ def prior_information(source: Prior, robot: Robot, sigma: Array, log_rate_hz: fl
     Parameters
     ----------
     source : Identification, Experiment or path
-        A result gives the inverse of its covariance. An experiment gives the information of its recorded motion, also where the
-        log alone identifies nothing because a joint stood still.
+        A result gives the inverse of its covariance. An experiment gives the information of its recorded motion, which may be
+        singular, for example if a joint did not move.
     robot : Robot
         The robot, with the friction model of the design.
     sigma : (n_dof,) array
         Noise of the torques at each sample of `log_rate_hz` (N.m or N); used for experiments.
     log_rate_hz : float
-        Its rate: logs at other rates have the same noise per unit of time.
+        Rate of `sigma` (Hz): logs at other rates have the same noise per unit of time.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def _of_result(fit: Identification, robot: Robot) -> Array:
         )
     estimated = np.flatnonzero([role == "estimated" for role in fit.roles])
     covariance = fit.covariance[np.ix_(estimated, estimated)]
-    # By standard deviations, whose units differ.
+    # Scaled by standard deviations, because units differ.
     std = np.sqrt(np.diag(covariance))
     if not ((std > 0.0) & np.isfinite(std)).all():
         name = names[estimated[int(np.argmin((std > 0.0) & np.isfinite(std)))]]
@@ -78,7 +78,7 @@ def _of_result(fit: Identification, robot: Robot) -> Array:
     values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
     scaled = vectors / std[:, None]
     information = np.zeros((len(names), len(names)))
-    # What two estimates have in common to the last digits is not information.
+    # An agreement of two estimates to the last digits is not information.
     information[np.ix_(estimated, estimated)] = (scaled / np.maximum(values, 1e-12)) @ scaled.T
     return information
 
@@ -94,8 +94,8 @@ def _check_robot(experiment: Experiment, robot: Robot) -> None:
 def noise_from(source: Experiment | str | Path, robot: Robot, log_rate_hz: float) -> Array:
     """Estimate the standard deviation of each joint's torque noise per logged sample from an earlier log, ``(n_dof,)``.
 
-    The residuals of its least squares problem (7) have the noise that is left after decimation. Noise is taken as white up to the
-    rate after decimation, so that the variance grows with the rate.
+    The residuals of its least squares problem (7) contain the noise after decimation, which is assumed to be white up to the
+    rate after decimation: the variance then grows with the rate.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def noise_from(source: Experiment | str | Path, robot: Robot, log_rate_hz: float
     residual = system.y - system.w @ solution[0]
     kept = len(system.y) // robot.n_dof
     seconds = sum(len(part.q) / part.rate_hz for part in parts)
-    # Each joint loses the same share of its degrees of freedom.
+    # Degrees of freedom are reduced by the same share at each joint.
     share = 1.0 - int(solution[2]) / len(system.y)
     if share <= 0.0:
         raise ExcitationError(

@@ -26,12 +26,12 @@ FINE = 20
 
 @dataclass(frozen=True, kw_only=True)
 class Information:
-    """How a motion's information on the base parameters is counted.
+    """Information of a motion on the base parameters.
 
     Attributes
     ----------
     robot : Robot
-        With the friction that the criterion sees.
+        Robot with the friction model of the criterion.
     sigma : (n_dof,) array
         Standard deviation of the torques' noise at each of the logged samples (N.m or N).
     samples : float
@@ -51,11 +51,11 @@ class Information:
         return list(self.robot.base_parameters.indices)
 
     def matrix(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Information of a motion given on any uniform grid, the prior included."""
+        """Return the information of a motion on any uniform grid, prior included."""
         return self.prior + self.own(q, dq, ddq, self.samples)
 
     def own(self, q: Array, dq: Array, ddq: Array, samples: float) -> Array:
-        """Information of a motion alone, given on any uniform grid and logged with so many samples."""
+        """Return the information of a motion on any uniform grid, logged with a number of samples, without the prior."""
         weights = samples / len(q) / self.sigma**2
         return _core.information(self.robot.core, q, dq, ddq, self.columns, weights)
 
@@ -68,13 +68,13 @@ class Problem:
     series : ScaledSeries
         Variables and limits.
     information : Information
-        What is counted.
+        Information of a motion.
     criterion : Criterion
         Function of the information, to be maximised.
     x : (n_parameters,) array or None
         Standard parameters for the torques; None where torques are not limited.
     clearance : Clearance
-        Distances to keep.
+        Clearances.
 
     Attributes
     ----------
@@ -93,13 +93,13 @@ class Problem:
         self.series, self.information, self.criterion = series, information, criterion
         self.x, self.clearance = x, clearance
         self.limited = x is not None and bool(np.isfinite(series.limits.torque).any())
-        # What the penalties let pass: `tighten` takes off what the fine grid asks for.
+        # Tolerance of the penalties, reduced by `tighten` according to the fine grid.
         self.torque_share, self.extra_clearance = np.ones(series.n), 0.0
-        # Every sample of the grid counts, or every k-th.
+        # Every sample of the grid is used, or every k-th.
         self.thinning = 1
 
     def value(self, v: Array, weight: float) -> tuple[float, Array]:
-        """Objective to be minimised, and its gradient; `weight` is that of the penalties."""
+        """Return the objective to be minimised and its gradient; `weight` is that of the penalties."""
         motion, way = self.series.build(v)
         q, dq, ddq = (values[:: self.thinning] for values in motion.motion()[:3])
         information = self.information
@@ -131,7 +131,7 @@ class Problem:
         return objective, self.series.back(way, *(self._whole(values) for values in (gq, gdq, gddq)))
 
     def _whole(self, values: Array) -> Array:
-        """Gradient on the whole grid: samples that do not count have none."""
+        """Return the gradient on the whole grid, zero at unused samples."""
         if self.thinning == 1:
             return values
         found = np.zeros((self.series.basis.samples, self.series.n))
@@ -145,7 +145,7 @@ class Problem:
         return inverse_dynamics(self.information.robot, *motion[:3], self.x)
 
     def excess(self, series: Series) -> tuple[Array, float]:
-        """By how much a motion exceeds each torque limit (relative) and falls short of clearances (m), on the fine grid."""
+        """Return the excess over each torque limit (relative) and the missing clearance (m) of a motion, on the fine grid."""
         motion = series.motion(FINE)
         torque, clearance = np.zeros(self.series.n), 0.0
         torques = self.torques(motion) if self.limited else None
@@ -156,22 +156,23 @@ class Problem:
         return torque, clearance
 
     def keeps(self, series: Series) -> bool:
-        """Whether a motion keeps torque limits and clearances on the fine grid."""
+        """Whether a motion respects torque limits and clearances on the fine grid."""
         torque, clearance = self.excess(series)
         return clearance == 0.0 and not torque.any()
 
     def tighten(self, series: Series) -> bool:
-        """Tighten the limits of the penalties by what a motion exceeds them on the fine grid; False if it keeps them."""
+        """Tighten the limits of the penalties by a motion's excess on the fine grid; False if it respects them."""
         torque, clearance = self.excess(self.exact(series))
         self.torque_share = self.torque_share * (1.0 - np.minimum(0.5, TIGHTER * torque))
         self.extra_clearance += TIGHTER * clearance
         return clearance > 0.0 or bool(torque.any())
 
     def feasible(self, series: Series) -> Series:
-        """Scale a motion to its limits, exactly, as they are on the fine grid.
+        """Scale a motion exactly to its limits on the fine grid.
 
-        First each joint by itself (`exact`); then, where torques or clearances ask for it, all joints together towards the
-        offset. Gravity does not shrink with the motion, so the largest scale that keeps the limits is found by steps.
+        First each joint is scaled separately (`exact`). Then, if torques or clearances require it, all joints are scaled
+        together about the offset. Gravity does not decrease with the motion, so the largest admissible scale is found by
+        search.
         """
         exact = self.exact(series)
         factor = 1.0
@@ -182,9 +183,10 @@ class Problem:
         return scaled(exact, 0.0)
 
     def exact(self, series: Series) -> Series:
-        """Scale each joint so that no kinematic limit is exceeded on the fine grid, and one is met if it was on the coarse one."""
+        """Scale each joint to its kinematic limits on the fine grid, up to a limit if one was reached on the coarse grid."""
         coarse, fine = (self._use(series, factor) for factor in (1, FINE))
-        # A joint that shrinks for the sake of torques or walls stays as it is, unless it goes too far between the samples.
+        # A joint reduced because of torques or walls is not enlarged, only reduced further if it exceeds a limit between the
+        # samples.
         full = np.where(coarse > FULL, 1.0, coarse)
         return scaled(series, full / np.maximum(fine, np.finfo(float).tiny) * (1.0 - BETWEEN))
 
@@ -192,7 +194,7 @@ class Problem:
         limits = self.series.limits
         q, dq, ddq, jerk = series.motion(factor)
         away = q - series.offset
-        # Distances from the offset: they are what a scale changes.
+        # A scale changes the distances from the offset.
         up, down = limits.highest - series.offset, series.offset - limits.lowest
         position = np.maximum((away / up).max(axis=0), (-away / down).max(axis=0))
         others = [

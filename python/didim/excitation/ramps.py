@@ -1,4 +1,4 @@
-"""The whole motion that a controller plays: a ramp from the robot's home, the periods, and a ramp back.
+"""The whole motion for a controller: a ramp from the robot's home, the periods, and a ramp back.
 
 Tested in ``tests/test_excitation.py``.
 """
@@ -58,7 +58,7 @@ def ramp(
     clearance: Clearance,
     torques: object = None,
 ) -> Ramp | None:
-    """Return the shortest quintic within all limits, or None where nothing has to move.
+    """Return the shortest quintic within all limits, or None if start and end coincide.
 
     Parameters
     ----------
@@ -67,14 +67,14 @@ def ramp(
     limits : MotionLimits
         Velocities, accelerations, jerks, torques.
     clearance : Clearance
-        Distances to keep.
+        Clearances.
     torques : callable or None
-        Torques of ``q dq ddq``; None where they are not limited.
+        Torques of ``q dq ddq``; None if they are not limited.
 
     Raises
     ------
     ExcitationError
-        When the way itself is outside the limits; the sentence names the joint, or what it comes too near to.
+        When the path itself violates the limits; the sentence names the joint or the obstacle.
     """
     way = np.abs(end - start)
     if not way.any():

@@ -2,8 +2,8 @@
 
 A joint follows ``q(t) = offset + sum_k a_k sin(k w t) + b_k cos(k w t)``. The amplitudes lie in the null space of position at
 the offset, velocity zero and acceleration zero at ``t = 0``, hence also after each period. Each joint's shape is divided by its
-largest relative use of the four limits, taken as a p-norm: every set of variables is a motion within its limits, and no
-constraint is left for the optimiser. Tested in ``tests/test_excitation.py``.
+largest relative use of the four limits, taken as a p-norm: every set of variables is a motion within its limits, and the
+optimisation is unconstrained. Tested in ``tests/test_excitation.py``.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class SeriesBasis:
                 np.concatenate([zero, k]),
             ]
         )
-        # In terms of weighted amplitudes `k a_k`, whose velocities are of one size: the optimiser converges faster.
+        # Weighted amplitudes `k a_k` have velocities of equal size, and the optimiser converges faster.
         rest /= np.linalg.norm(rest, axis=1)[:, None]
         weighted = np.linalg.svd(rest)[2][3:].T
         return np.asarray(weighted / np.concatenate([k, k])[:, None])
@@ -105,7 +105,7 @@ class Series:
         return q + self.offset, dq, ddq, jerk
 
     def _transformed(self, samples: int) -> tuple[Array, ...]:
-        """Position from the offset, to jerk: Fourier transforms are 20 times as fast as sines and cosines on a fine grid."""
+        """Return position from the offset, to jerk, by Fourier transforms: 20 times as fast as sines and cosines on a fine grid."""
         sine, cosine = self.amplitudes()
         spectrum = 0.5 * samples * (cosine - 1j * sine)
         step = 2j * np.pi / self.basis.period_s * np.arange(1.0, self.basis.harmonics + 1.0)[:, None]
@@ -125,7 +125,7 @@ def _norm(values: Array, power: int) -> tuple[Array, Array]:
     """p-norm of each column of non-negative values, and its derivative with respect to them; `power` is a power of two."""
     size = values.max(axis=0)
     relative = values / size
-    # relative ** (power - 1), by squares: a general power takes longer than the rest of a motion.
+    # relative ** (power - 1) by squaring: a general power takes longer than all other computations of a motion.
     powers, square = relative.copy(), relative
     for _ in range(power.bit_length() - 2):
         square = square * square
@@ -136,7 +136,7 @@ def _norm(values: Array, power: int) -> tuple[Array, Array]:
 
 
 class ScaledSeries:
-    """Variables of the optimiser, the motion that they stand for, and the way back of a gradient.
+    """Variables of the optimiser, the motion that they define, and backpropagation of gradients.
 
     Parameters
     ----------
@@ -145,9 +145,9 @@ class ScaledSeries:
     limits : MotionLimits
         Largest positions, velocities, accelerations and jerks.
     start : (n_dof,) array or None
-        Fixed offset; None where the optimiser chooses it.
+        Fixed offset; None if the optimiser chooses it.
     shrinks : bool
-        Whether amplitudes may be smaller than the limits allow: where torques or the workspace bound the motion too.
+        Whether amplitudes may be smaller than the kinematic limits allow, because torques or the workspace bound the motion too.
     """
 
     def __init__(self, basis: SeriesBasis, limits: MotionLimits, start: Array | None, shrinks: bool) -> None:
@@ -162,7 +162,7 @@ class ScaledSeries:
         return self.n * (self.free + (self.start is None) + self.shrinks)
 
     def pack(self, shape: Array, place: Array | None = None) -> Array:
-        """Variables of a shape ``(n_free, n_dof)`` and, for free offsets, of their places: 0 the middle of what is possible."""
+        """Return the variables of a shape ``(n_free, n_dof)`` and of free offsets, 0 being the middle of their range."""
         parts = [shape.ravel()]
         if self.start is None:
             parts.append(np.zeros(self.n) if place is None else place)
@@ -171,7 +171,7 @@ class ScaledSeries:
         return np.concatenate(parts)
 
     def perturbed(self, v: Array, size: float, rng: np.random.Generator) -> Array:
-        """Variables with a random change of each joint's shape, `size` times as long as the shape; offsets stay."""
+        """Return the variables with a random change of each joint's shape, of relative length `size`; offsets do not change."""
         count = self.free * self.n
         shape = v[:count].reshape(self.free, self.n)
         change = rng.standard_normal(shape.shape)
@@ -179,7 +179,7 @@ class ScaledSeries:
         return np.concatenate([(shape + change).ravel(), v[count:]])
 
     def build(self, v: Array) -> tuple[Series, _Way]:
-        """Return the motion of the variables, and what `back` needs."""
+        """Return the motion of the variables, and the intermediate values for `back`."""
         limits, n = self.limits, self.n
         shape = v[: self.free * n].reshape(self.free, n)
         rest = v[self.free * n :]
@@ -211,7 +211,7 @@ class ScaledSeries:
         scale = kappa / use
         offset, share = self.start, None
         if place is not None:
-            with np.errstate(over="ignore"):  # far outside the share is zero
+            with np.errstate(over="ignore"):  # the share vanishes far outside
                 share = 1.0 / (1.0 + np.exp(-place))
             room = width - scale * (above + below)
             offset = limits.lowest + scale * below + share * room
@@ -222,7 +222,7 @@ class ScaledSeries:
         return series, way
 
     def back(self, way: _Way, gq: Array, gdq: Array, gddq: Array) -> Array:
-        """Gradient with respect to the variables from gradients with respect to the motion on the grid."""
+        """Return the gradient with respect to the variables from gradients with respect to the motion on the grid."""
         position, velocity, acceleration, _ = self.basis.grid
         scaled = position.T @ gq + velocity.T @ gdq + acceleration.T @ gddq
         shape, scale = way.shape, way.scale

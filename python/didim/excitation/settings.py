@@ -1,4 +1,4 @@
-"""What a design is asked for. Tested in ``tests/test_excitation.py``."""
+"""Settings of a design. Tested in ``tests/test_excitation.py``."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ rounding."""
 
 @dataclass(frozen=True, kw_only=True)
 class ExcitationSettings:
-    """Settings of a design, joint side, SI units. What is None comes from the robot file, or is not limited.
+    """Settings of a design, joint side, SI units. For None the robot file gives the value, or there is no limit.
 
     Attributes
     ----------
     kind : {"fourier", "point-to-point"}
-        A Fourier series, or moves from point to point with trapezoidal velocity.
+        Fourier series, or moves from point to point with trapezoidal velocity.
     duration_s : float
-        Period of the series (s). Moves from point to point are compared as if repeated for as long.
+        Period of the series (s). Moves from point to point are compared as if repeated for this time.
     harmonics : int
         Harmonics of the series, at least 4.
     points : int
@@ -46,15 +46,15 @@ class ExcitationSettings:
     dwell_s : float
         Rest at each point (s).
     seed, starts : int
-        Searches, and the seed of their random motions and perturbations.
+        Number of searches, and the seed of their random motions and perturbations.
     iterations : int
-        Measure of the length of a start, which evaluates about four times as many motions, most of them on a coarse grid.
+        Length of a start, which evaluates about four times as many motions, most of them on a coarse grid.
     threads : int, optional
-        Threads for the starts; those of the machine by default. The result does not depend on them.
+        Number of threads for the starts; by default that of the machine. The result does not depend on it.
     criterion : {"information", "condition"}
         Log determinant of the information (D-optimality), or condition number of W.
     wanted : sequence of str
-        Base parameters that count (D_s-optimality); all by default.
+        Base parameters of interest (D_s-optimality); all by default.
     start : (n_dof,) sequence or None
         Position at the start and the end (rad or m); chosen by the optimiser by default.
     home : (n_dof,) sequence or None
@@ -68,7 +68,7 @@ class ExcitationSettings:
     torque_noise : float or sequence of float, optional
         Standard deviation of the torques' noise at each logged sample (N.m or N).
     noise_of : Experiment or path, optional
-        Earlier experiment whose residuals give the noise instead.
+        Earlier experiment whose residuals determine the noise instead.
     margin : float
         Share of every limit that the motion may use.
     position : sequence of (float, float), optional
@@ -76,17 +76,17 @@ class ExcitationSettings:
     velocity, acceleration, jerk, torque : float or sequence of float, optional
         Largest absolute values.
     parameters : array, str, Identification or None
-        Standard parameters for the torques: a vector, a set of the robot, a file. By default the set ``urdf`` where there is one.
+        Standard parameters for the torques: a vector, a set of the robot, a file. By default the set ``urdf``, if there is one.
     prior : sequence
         Earlier information.
     friction : mapping
         Keys of a table ``[friction]``: the model whose parameters are to be identified; that of the robot by default.
     smoothing : float
-        Velocity of the tanh in place of the sign of the velocity while the motion is optimised (rad/s or m/s).
+        Velocity of the tanh that replaces the sign of the velocity during the optimisation (rad/s or m/s).
     capsules : sequence of Capsule
-        Links as capsules, beside those of the robot file.
+        Links as capsules, in addition to those of the robot file.
     workspace : Workspace
-        Walls, floor, and the distance to keep.
+        Walls, floor and clearance.
 
     Raises
     ------

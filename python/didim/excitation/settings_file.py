@@ -59,9 +59,9 @@ def read_excitation(path: str | Path, robot: Robot) -> ExcitationSettings:
     Parameters
     ----------
     path : str or Path
-        The file; files that it names are looked for beside it.
+        The file; paths in it are relative to its folder.
     robot : Robot
-        Gives the number of joints and their kinds.
+        Robot with the number of joints and their kinds.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def _per_joint(table: Table, key: str, robot: Robot, per: str = "") -> list[floa
 
 
 def _forces(table: Table, key: str, robot: Robot) -> list[float] | None:
-    """Read the same of torques and forces: ``torque_noise_n_m`` and ``torque_noise_n``."""
+    """Read one number per joint of the keys ``..._n_m`` (torques) and ``..._n`` (forces)."""
     found: list[float | None] = [None] * robot.n_dof
     for unit, kind in (("n_m", "revolute"), ("n", "prismatic")):
         numbers = table.spread(f"{key}_{unit}", robot.n_dof, None)

@@ -1,4 +1,4 @@
-"""What all starts of a design share: limits, parameters, noise, earlier information, and poses at which the robot can rest.
+"""Common data of a design's starts: limits, parameters, noise, prior information, and poses in which the robot can rest.
 
 Tested in ``tests/test_excitation.py``.
 """
@@ -31,7 +31,7 @@ LARGEST_PARAMETER = 1e30
 
 
 class Task:
-    """What all starts share."""
+    """Common data of all starts."""
 
     def __init__(self, robot: Robot, settings: ExcitationSettings) -> None:
         self.robot, self.settings = robot, settings

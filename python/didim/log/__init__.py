@@ -1,1 +1,1 @@
-"""What was measured."""
+"""Recordings: readers of data files, units, sampling and resampling."""

@@ -46,19 +46,19 @@ class ArrayFile(ABC):
             self.names = self.variables()
         except RecordingError:
             raise
-        except Exception:  # a foreign parser may raise anything on bytes of another kind
+        except Exception:  # third-party parsers may raise anything on invalid bytes
             self.fail(f"this is not a readable {self.kind} file")
 
     @abstractmethod
     def variables(self) -> list[str]:
-        """Names of the arrays; any error means that the file is of another kind."""
+        """Names of the arrays; any error means that the file has another format."""
 
     @abstractmethod
     def array(self, name: str) -> Any:
         """Array of one of these names, of real numbers."""
 
     def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
-        """Announce columns; arrays are read one by one, so that only their names are checked."""
+        """Check the names of columns; arrays are only read in `get`."""
         for name in self._plan(columns, variable, count)[0]:
             self._check_name(name)
 
@@ -82,7 +82,7 @@ class ArrayFile(ABC):
     def _plan(
         self, columns: Sequence[Column] | None, variable: str | None, count: int
     ) -> tuple[list[str], list[int] | None]:
-        """Variables to read, and the numbers of the columns wanted of a matrix (None for all)."""
+        """Return the variables to read, and the numbers of a matrix's requested columns (None for all)."""
         if variable is None and columns is not None:
             names = [column for column in columns if isinstance(column, str)]
             if len(names) != len(columns):
@@ -132,7 +132,7 @@ class ArrayFile(ABC):
 
     def _vector(self, name: str) -> Array:
         matrix = self._matrix(name)
-        # MATLAB keeps a vector as a matrix of one row or of one column: either is the same vector.
+        # MATLAB stores a vector as a matrix of one row or one column; both mean the same vector.
         if 1 not in matrix.shape:
             self.fail(f"variable {name!r} must be a vector, its shape is {matrix.shape}")
         return matrix.reshape(-1)
@@ -182,18 +182,18 @@ class MatFile(ArrayFile):
     kind = "MATLAB version 5"
 
     def variables(self) -> list[str]:
-        """Names of the variables; of a structure those of its fields, as MATLAB writes them: ``rec.position``."""
+        """Return the names of the variables and of a structure's fields, in MATLAB's notation ``rec.position``."""
         from scipy.io import whosmat
 
         check_expanded(_inflated(self.raw), len(self.raw), self.name, RecordingError)
-        # Any, because scipy-stubs know paths only; the file is not read a second time.
+        # Any, because scipy-stubs only accept paths; the bytes avoid a second read of the file.
         stream: Any = io.BytesIO(self.raw)
         try:
             entries: list[Any] = list(whosmat(stream))
-        except TypeError:  # an object of a class of MATLAB stands among the variables
+        except TypeError:  # an object of a MATLAB class is among the variables
             every = [(name, value) for name, value in self._loaded().items() if not name.startswith("__")]
             entries = [(name, np.shape(value), _class_of(value)) for name, value in every]
-        # Whole numbers are stored in one byte each. The size of a sparse matrix is not that of its content.
+        # Integers may take one byte each. The shape of a sparse matrix exceeds its content.
         size = sum(8 * prod(shape) for _, shape, kind in entries if kind != "sparse")
         check_expanded(size, len(self.raw), self.name, RecordingError)
         self._structures = {
@@ -206,7 +206,7 @@ class MatFile(ArrayFile):
         ]
 
     def array(self, name: str) -> Any:
-        """Variable of a name, or field of a structure."""
+        """Return the variable of a name, or a field of a structure."""
         first, _, rest = name.partition(".")
         if first not in self._structures:
             return self._load(name)
@@ -242,7 +242,7 @@ MAT_HEADER, MAT_COMPRESSED = 128, 15
 
 
 def _inflated(raw: bytes) -> int:
-    """Bytes of the compressed elements of a mat file of version 5, counted without keeping them; 0 for any other file."""
+    """Return the uncompressed size (bytes) of a version 5 mat file's elements, without storing them; 0 for any other file."""
     order = {b"IM": "<", b"MI": ">"}.get(raw[126:MAT_HEADER])
     place, size = MAT_HEADER, 0
     while order is not None and place + 8 <= len(raw):

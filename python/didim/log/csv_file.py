@@ -1,4 +1,4 @@
-"""Text with one sample a line: each fault is named by row and column.
+"""Text with one sample a line; errors name row and column.
 
 Rows count from 1 and leave the header out. Tested in ``tests/test_recording.py``.
 """
@@ -22,7 +22,7 @@ from .._tools.words import counted, known_names, nearest
 from ..errors import RecordingError
 from .data_format import LONGEST_LINE, LOST_SAMPLE, MOST_COLUMNS, Column
 
-# A number as they are written where the decimal sign is a comma.
+# A number with a decimal comma.
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 
@@ -45,7 +45,7 @@ class CsvFile:
     delimiter
         One character; a blank stands for any white space.
     header
-        Whether the first line holds names; None finds out, and refuses a first line that is half of each.
+        Whether the first line holds names; None detects it, and refuses a first line of both names and numbers.
     decimal
         Decimal sign of the numbers: a point or a comma.
     """
@@ -56,7 +56,7 @@ class CsvFile:
         self.name = name
         self.sha256 = hashlib.sha256(raw).hexdigest()
         self._check_text(raw)
-        # Line ends and blanks behind the last sample mean nothing; a tab may be a separator.
+        # Line ends and blanks after the last sample are ignored; a tab may be a separator.
         self._body = raw.removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n ")
         self._delimiter = delimiter
         end = self._body.find(b"\n")
@@ -78,7 +78,7 @@ class CsvFile:
                     f"the first line is neither names nor numbers ({odd!r} is not a number)"
                     + (self._delimiter_hint() or "; say header = true or header = false")
                 )
-        # NumPy writes its header behind a comment sign.
+        # NumPy writes its header after a comment sign.
         self.names = [cells[0].removeprefix("#").strip(), *cells[1:]] if header else None
         self._n_rows = self._body.count(b"\n") + (not header)
         self._wanted: dict[int, None] = {}
@@ -105,7 +105,7 @@ class CsvFile:
         raise RecordingError(f"{self.name}: {text}")
 
     def _check_text(self, raw: bytes) -> None:
-        """Refuse a file that is not text in UTF-8, and line ends that would be taken for parts of a line."""
+        """Refuse a file that is not UTF-8 text, and unusual line ends."""
         if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
             self._fail("the file is UTF-16 text; save it as UTF-8")
         zero = raw.find(b"\0")
@@ -115,7 +115,7 @@ class CsvFile:
             self._fail("lines end with a carriage return alone; save the file with LF or CR LF line ends")
 
     def _decoded(self, start: int, end: int, line: int) -> str:
-        """Text of a line, refused when it is no line of a log."""
+        """Return the text of a line; refuse one that cannot belong to a log."""
         if end - start > LONGEST_LINE:
             self._fail(
                 f"line {line} has {(end - start) / 1e6:.3g} MB; is the file binary, or are its line ends missing?"
@@ -157,9 +157,9 @@ class CsvFile:
         return cells if header else points
 
     def _delimiter_hint(self) -> str:
-        """End of a sentence that names another delimiter where the first line looks like it."""
+        """Return the end of a sentence that suggests another delimiter if the first line seems to use it."""
         for other in (";", "\t", ",", " "):
-            # Names may hold commas and blanks: these are likely only where nothing else separates.
+            # Names may contain commas and blanks: these are likely delimiters only if there is no other.
             if other in self._first and other != self._delimiter and (other in ";\t" or self._n_columns == 1):
                 return f"; is delimiter = {json.dumps(other)} meant?"
         return ""
@@ -168,7 +168,7 @@ class CsvFile:
         return repr(self.names[index]) if self.names else str(index + 1)
 
     def _row(self, row: int) -> str:
-        """Row counted from 1, with the line of the file where the two differ."""
+        """Return the row, from 1, and the line of the file if it differs."""
         return f"row {row} (line {row + 1})" if self.names else f"row {row}"
 
     def _indices(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> list[int]:
@@ -204,7 +204,7 @@ class CsvFile:
         return self.names.index(column)
 
     def _load(self, usecols: list[int]) -> Array:
-        """Parse the wanted columns; only when something looks wrong, walk the lines and name it."""
+        """Parse the requested columns; only after a failure, search the lines for the fault."""
         if self._n_rows == 0:
             self._fail("there are no rows below the header")
         plain = self._parse_plain(usecols)
@@ -224,8 +224,8 @@ class CsvFile:
         except ValueError as reason:
             self._find_fault(usecols)
             self._fail(f"{reason}")
-        # The parser passes over blank lines and over cells beyond the wanted ones: both are lost samples or
-        # shifted columns, so the separators are counted.
+        # The parser ignores blank lines and additional cells. Both indicate lost samples or shifted columns, so the separators
+        # are counted.
         if len(values) != self._n_rows or quoted or not self._is_rectangular():
             self._find_fault(usecols)
         if not np.isfinite(values).all():
@@ -235,7 +235,7 @@ class CsvFile:
         return values
 
     def _parse_plain(self, usecols: list[int]) -> Array | None:
-        """Let the core parse text that is nothing but numbers; None for any other, for the way that has words for it."""
+        """Let the core parse text of numbers only; None for any other text, which the slower reader handles with error messages."""
         if not self._delimiter.isascii():
             return None
         begin = 0 if self.names is None else self._body.find(b"\n") + 1

@@ -1,6 +1,6 @@
-"""Data files: a format per suffix, and what a recording needs of any of them.
+"""Data files: one reader per suffix, with a common interface for recordings.
 
-A file is opened once, asked which columns are wanted, and read once. Tested in ``tests/test_recording.py``.
+A file is opened once; all columns are requested first, then it is read once. Tested in ``tests/test_recording.py``.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ PARQUET = ".parquet"
 
 
 def is_log(path: Path) -> bool:
-    """Whether a path has the name of a data file, or is the folder of a bag or of a dataset."""
+    """Whether a path has the suffix of a data file, or is the folder of a bag or of a dataset."""
     return path.suffix.lower() in (*TEXT, *READERS, *BAGS, PARQUET) or _is_bag(path) or _is_dataset(path)
 
 
@@ -68,10 +68,10 @@ def open_data_file(
     name
         Its name in messages and digests.
     topic
-        Of a ROS bag. Not for the other formats.
+        Topic of a ROS bag. Not for the other formats.
     delimiter, header
         Of a CSV file: separator (a comma by default; a blank stands for any white space), and whether the
-        first line holds names (found out by default). Not for the other formats.
+        first line holds names (detected by default). Not for the other formats.
     decimal
         Of a CSV file: its decimal sign, a point by default, or a comma.
 

@@ -1,6 +1,6 @@
-"""Data files as the tables of an experiment name them: each is opened once, whatever is read of it.
+"""Data files named by the tables of an experiment, each opened once.
 
-A ``[[recording]]`` whose file names have a ``*`` stands for one recording per match. Tested in ``tests/test_recording.py`` and
+A ``[[recording]]`` with a ``*`` in its file names is one recording per match. Tested in ``tests/test_recording.py`` and
 ``tests/test_containers.py``.
 """
 
@@ -59,7 +59,7 @@ class DataFolder:
         Parameters
         ----------
         kind
-            Name of the table, one of `SOURCES`: files that know their signals need not be told which is meant.
+            Name of the table, one of `SOURCES`: it selects the signal of files with named signals.
         table
             The table.
         count
@@ -85,7 +85,7 @@ class DataFolder:
         file = self._files[key]
         signals = getattr(file, "signals", None)
         if signals is not None:
-            # A log of named joints: by their names, in whatever order they were logged.
+            # Columns of named joints are found by name, in any order.
             variable = signals.get(kind) if variable is None else variable
             if columns is None and kind != "time":
                 if not joints:
@@ -99,14 +99,14 @@ class DataFolder:
 
 
 def expanded(recording: Table, name: str, folder: Path) -> list[tuple[Table, str]]:
-    """Return the recordings that a ``[[recording]]`` stands for, each with its name: several where file names have a ``*``.
+    """Return the recordings of a ``[[recording]]`` table with their names: several if its file names have a ``*``.
 
     Parameters
     ----------
     recording
         The table.
     name
-        Name of a recording that the table gives none.
+        Name of the recording if the table does not name it.
     folder
         Folder of the data files.
     """
@@ -178,7 +178,7 @@ def _columns(table: Table, count: int, joints: Sequence[str]) -> list[Column] | 
     if len(columns) != count:
         joint = ", one for each joint of the robot" if count > 1 else ""
         table.fail(f"columns must name {counted(count, 'column')}{joint}, got {len(columns)}")
-    # One file a column: the columns of several files may well have one name.
+    # One file per column: columns of different files may have the same name.
     if len(set(columns)) < count and not isinstance(table.raw("file"), list):
         table.fail(f"columns names a column twice: {columns!r}")
     return cast("list[Column]", columns)

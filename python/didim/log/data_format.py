@@ -1,4 +1,4 @@
-"""Columns of a data file, and what a reader of a format must do. Tested in ``tests/test_recording.py``."""
+"""Columns of a data file, and the interface of a reader. Tested in ``tests/test_recording.py``."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ LOST_SAMPLE = (
 
 
 class DataFile(Protocol):
-    """What a recording needs of a file of any format."""
+    """Interface of a data file of any format."""
 
     name: str
     sha256: str
 
     def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
-        """Announce columns, so that one reading of the file serves all; wrong names are raised here."""
+        """Request columns before the file is read once for all; wrong names raise here."""
 
     def get(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> Array:
         """Columns as (n_samples, count), in the file's unit, all finite."""

@@ -25,7 +25,7 @@ class Hdf5File(ArrayFile):
         sizes: list[int] = []
 
         def visit(name: str, item: Any) -> None:
-            # MATLAB keeps its own tables under names that begin with #.
+            # Names that begin with # are MATLAB's internal tables.
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and not name.startswith("#"):
                 names.append(name)
                 sizes.append(8 * prod(item.shape or ()))
@@ -55,7 +55,7 @@ class Hdf5File(ArrayFile):
 
 
 class Mat73File(Hdf5File):
-    """MATLAB's mat of version 7.3: HDF5 whose arrays stand column by column."""
+    """MATLAB's mat of version 7.3: HDF5 with arrays in column-major order."""
 
     kind = "MATLAB version 7.3"
 

@@ -38,37 +38,35 @@ class Recording(Pickled, Brief):
     q
         (n_samples, n_dof) joint positions in rad or m; NaN throughout without measured ones.
     dq
-        (n_samples, n_dof) measured joint velocities in rad/s or m/s, or None: they then take the place of differences of
-        the positions.
+        (n_samples, n_dof) measured joint velocities in rad/s or m/s, or None; they replace differences of the positions.
     tau
         (n_samples, n_dof) joint torques in N.m or forces in N, or None.
     external
-        (n_samples, n_dof) torques (N.m) or forces (N) that something outside the robot exerts on its joints, or None: the
-        model explains their sum with `tau`.
+        (n_samples, n_dof) external torques (N.m) or forces (N) on the joints, or None: the model explains their sum with `tau`.
     rate_hz
         Sampling rate.
     q_ref
         (n_samples, n_dof) reference positions in rad or m, or None.
     role
-        "fit", or "held-out" for a recording that only validates.
+        "fit", or "held-out" for a recording used for validation only.
     windows
         (start, stop) sample slices that are used, in order and without overlap; the whole record by default.
     has_positions
-        Whether positions were measured. A log without them needs reference positions, and DIDIM alone identifies it.
+        Whether positions were measured. A log without them needs reference positions and can only be identified by DIDIM.
     digests
         SHA-256 of each file read, by file name.
     notes
-        Sentences on what reading changed, such as time stamps that were resampled.
+        Sentences on changes made while reading, such as resampled time stamps.
     payload
         Name of the payload on the flange; "none" for none.
     own
-        What this recording has for itself, unlike the others: "offsets", "friction".
+        Parameters that only this recording has: "offsets", "friction".
     drives
         (n_dof, n_dof) reduction matrix R of a recording whose drive gains are unknown: `tau` then is ``R^T i`` of the motor
         currents i in A, joint side; None where `tau` is a torque.
     origin
-        How it was read, for the record of a result: the tables of the experiment file with the factors that
-        took their values to SI, and the reduction matrix of a log on the motor side; empty for arrays.
+        Source of the recording for a result: the tables of the experiment file with the factors to SI, and the reduction matrix
+        of a log on the motor side; empty for arrays.
 
     Raises
     ------
@@ -179,9 +177,9 @@ class Recording(Pickled, Brief):
         q_ref: ArrayLike | None = None,
         role: Role = "fit",
     ) -> Recording:
-        """Make a recording of arrays at hand, such as simulated ones: joint side, SI, (n_samples, n_dof).
+        """Make a recording from arrays, such as simulated ones: joint side, SI, (n_samples, n_dof).
 
-        `q` is None for a log that has reference positions and no measured ones.
+        `q` is None for a log with reference positions only.
         """
         rate = checked_rate(name, rate_hz)
         if q is None:
@@ -207,7 +205,7 @@ class Recording(Pickled, Brief):
         return self.tau if self.tau is None or self.external is None else self.tau + self.external
 
     def with_gains(self, gains: Array) -> Recording:
-        """Return the recording with torques in place of currents, by drive gains (n_dof,); itself where it has torques."""
+        """Return the recording with torques in place of currents, by drive gains (n_dof,); itself if it has torques."""
         if self.drives is None or self.tau is None:
             return self
         reduction = np.array(self.drives)
@@ -232,7 +230,7 @@ class Recording(Pickled, Brief):
         object.__setattr__(self, key, value)
 
     def _matrix(self, key: str, value: Array) -> Array:
-        # A copy, so that making it read-only leaves the caller's array alone.
+        # A copy, so the caller's array stays writable.
         matrix = np.array(real_array(f"{self.name}: {key}", value, RecordingError), order="C")
         if matrix.ndim != 2:
             raise RecordingError(f"{self.name}: {key} must have shape (n_samples, n_dof), got {matrix.shape}")

@@ -37,7 +37,7 @@ GAPS = "gaps"
 
 
 class _Robot(Protocol):
-    """What a log needs to know of a robot."""
+    """Properties of a robot that a log needs."""
 
     @property
     def name(self) -> str: ...
@@ -85,17 +85,17 @@ def read_recording(
     reduction
         (n_dof, n_dof) reduction matrix R, or None.
     folder
-        Where the data files are.
+        Folder of the data files.
     faults
-        Takes recording and fault of wrong time stamps, which are then no errors: the recording has the rate of the time
-        stamps, and without `windows_s` a window for each stretch between two gaps.
+        Callback that receives recording and fault of wrong time stamps, instead of an error: the recording then has the rate of
+        the time stamps and, without `windows_s`, one window for each stretch between two gaps.
 
     Raises
     ------
     ExperimentError
         On a wrong key or combination of keys.
     RecordingError
-        On a file that is not as the table says; the message names file, row and column.
+        On a file that contradicts its table; the message names file, row and column.
     """
     n_dof = len(robot.joint_kinds)
     name = table.text("name", name)
@@ -133,7 +133,7 @@ def read_recording(
     if rate is None and "time" not in sources:
         table.fail("either rate_hz or the table [recording.time] must be there")
 
-    # Without measured positions the reference has the samples that all else is compared with.
+    # Without measured positions the reference defines the samples of the recording.
     base = "position" if "position" in sources else "reference"
     by_column = rollouts is not None and rollouts != GAPS
     if by_column:
@@ -209,7 +209,7 @@ def read_recording(
 
 
 def _offer(fault: TimeFault, t: Array, rate_hz: float | None, file: str) -> str:
-    """End of the sentence on time stamps that resampling makes even, with what it does to the noise."""
+    """Return the end of the sentence that offers resampling, with its effect on the noise."""
     if fault.kind not in ("gap", "uneven"):
         return ""
     try:
@@ -229,7 +229,7 @@ def _inside(
     between_gaps: tuple[tuple[int, int], ...],
     rate_hz: float,
 ) -> tuple[tuple[int, int], ...]:
-    """Refuse a window that has a gap in it."""
+    """Refuse a window with a gap."""
     for start, stop in windows:
         if not any(first <= start and stop <= last for first, last in between_gaps):
             there = ", ".join(
@@ -243,10 +243,10 @@ def _inside(
 
 
 def _origin(sources: Mapping[str, Source], channels: Mapping[str, _Channel]) -> dict[str, Any]:
-    """Tables that were read, with what became of their units, as JSON knows it."""
+    """Return the tables with the factors of their units, as JSON data."""
     found: dict[str, Any] = {key: source.table.content for key, source in sources.items()}
     for key, channel in channels.items():
-        # Of counts and drive gains too, wherever these were written down.
+        # The factors include counts and drive gains, whichever file declares them.
         found[key]["factors_to_si"] = channel.factors.tolist()
         if np.any(channel.zeros):
             found[key]["zeros_si"] = np.asarray(channel.zeros).tolist()
@@ -257,7 +257,7 @@ def _origin(sources: Mapping[str, Source], channels: Mapping[str, _Channel]) -> 
 
 @dataclass(frozen=True)
 class _Channel:
-    """A source with its way to the joints: joint side = (values * factors) @ to_joint, from the reduction."""
+    """A source and its transformation to the joint side, ``(values * factors) @ to_joint``, by the reduction."""
 
     source: Source
     factors: Array
@@ -291,7 +291,7 @@ class _Channel:
             drives = np.eye(len(robot.joint_kinds)) if matrix is None else matrix
             source.table.done()
             return cls(source, np.array(factors), matrix, matrix, tuple(map(tuple, drives.tolist())))
-        # A robot file has the gains of the motors: they hold at the joints only when nothing is in between.
+        # The gains of a robot file are those of the motors; they are valid at the joints only without a reduction.
         gains = robot.gains if side == "motor" or reduction is None else None
         factors = effort_factors(source.table, side, robot.joint_kinds, gains)
         source.table.done()
@@ -304,7 +304,7 @@ class _Channel:
 
 
 def _to_joint(matrix: Array | None) -> Array | None:
-    """Matrix that takes rows of motor positions to the joints: ``q_motor = R q`` for columns; samples are rows here."""
+    """Return the matrix from rows of motor positions to joint positions: ``q_motor = R q`` for columns; samples are rows here."""
     return None if matrix is None else np.linalg.inv(matrix).T.astype(np.float64)
 
 
@@ -320,7 +320,7 @@ def _side(table: Table, reduction: Array | None) -> tuple[str, Array | None]:
 
 
 def _time_keys(source: Source) -> tuple[float, bool]:
-    """Return the unit of the time stamps in s, and whether they are to be made even."""
+    """Return the unit of the time stamps in s, and whether to resample them evenly."""
     unit = source.table.text("unit", "s", choices=list(TIME))
     resample = source.table.boolean("resample", False)
     source.table.done()

@@ -1,8 +1,8 @@
-"""Resampling of uneven time stamps: local cubic interpolation, whose effect on the noise is known exactly.
+"""Resampling of uneven time stamps by local cubic interpolation, with an exactly known effect on the noise.
 
-A sample between four time stamps is the value there of the cubic through their values: a weighted mean of four samples. White
-noise of variance one comes out with the sum of the squares of the weights, which is 1 on a time stamp and 0.64 half way between
-two even ones. Tested in ``tests/test_resampling.py``.
+A new sample is the value of the cubic through the four nearest samples, which is a weighted mean of them. White noise of
+variance one gets the sum of the squared weights as variance: 1 at a time stamp and 0.64 half way between two even ones. Tested
+in ``tests/test_resampling.py``.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Resampling:
     rate_hz : float
         Their rate.
     indices : (n, 4) array
-        Samples of the log that each is made of.
+        Four samples of the log for each new sample.
     weights : (n, 4) array
         Their weights.
     windows : tuple of (int, int)
@@ -44,7 +44,7 @@ class Resampling:
     noise_variance : float
         Variance of white noise after resampling, over that before it: the mean of all windows.
     repeated : int
-        Samples of the log left out because they repeat the time stamp before them.
+        Number of samples dropped because they repeat the preceding time stamp.
     kept : (m,) array
         Samples of the log that are used.
     """
@@ -61,7 +61,7 @@ class Resampling:
     def apply(self, values: Array) -> Array:
         """Resample signals, (n_samples, m)."""
         values = values[self.kept]
-        # Column by column of the stencil: the same order of additions on every processor.
+        # Columns of the stencil in sequence: the same order of additions on every processor.
         with np.errstate(over="ignore", invalid="ignore"):  # reported by Recording
             total = self.weights[:, 0, None] * values[self.indices[:, 0]]
             for k in range(1, STENCIL):
@@ -69,7 +69,7 @@ class Resampling:
         return np.asarray(total)
 
     def sentence(self, steps: str) -> str:
-        """Say what was done, and what it does to the noise."""
+        """Describe the resampling and its effect on the noise."""
         windows = f", in {counted(len(self.windows), 'window')} between gaps" if len(self.windows) > 1 else ""
         repeated = f"; {counted(self.repeated, 'repeated time stamp')} left out" if self.repeated else ""
         return (
@@ -79,7 +79,7 @@ class Resampling:
 
 
 def step_range(t: Array) -> str:
-    """Return the shortest and the longest time step as text, gaps left out."""
+    """Return the shortest and the longest time step outside gaps as text."""
     steps = np.diff(t)
     steps = steps[steps > 0.0]
     steps = steps[steps <= LONGEST_GAP_STEPS * np.median(steps)]
@@ -101,7 +101,7 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
     Raises
     ------
     RecordingError
-        When time runs backwards, the rate is far from that of the time stamps, or nothing lasts between gaps.
+        When time runs backwards, the rate is far from that of the time stamps, or no stretch between gaps is long enough.
     """
     kept = np.flatnonzero(np.r_[True, np.diff(t) != 0.0])
     stamps = t[kept]
@@ -128,7 +128,7 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
     right = np.clip(np.searchsorted(stamps, even, side="right"), 1, len(stamps) - 1)
     indices = np.clip(right[:, None] + np.arange(-2, 2), 0, len(stamps) - 1)
     weights = np.zeros((len(even), STENCIL))
-    # In a gap, which no window has: a straight line keeps the values small.
+    # In gaps, which are outside all windows, a straight line avoids large values.
     share = (even - stamps[right - 1]) / (stamps[right] - stamps[right - 1])
     weights[:, 1], weights[:, 2] = 1.0 - share, share
     windows = []
@@ -159,7 +159,7 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
 
 
 def _whole(rate: float) -> float:
-    """Time stamps are rounded: a whole number of Hz within a thousandth is meant."""
+    """Round a rate within a thousandth of a whole number of Hz: time stamps are rounded."""
     near = float(round(rate))
     return near if near > 0.0 and abs(rate - near) < RATE_TOLERANCE * rate else rate
 
@@ -170,7 +170,7 @@ def _even(stamps: Array, rate: float) -> Array:
 
 
 def _cubic(stamps: Array, indices: np.ndarray, even: Array) -> Array:
-    """Lagrange's weights of four samples."""
+    """Return Lagrange's weights of four samples."""
     places = stamps[indices]
     weights = np.ones((len(even), STENCIL))
     for j in range(STENCIL):

@@ -1,4 +1,4 @@
-"""ROS bags: joint states, controller states and trajectories, joints by name, in whatever order and topic they were logged.
+"""ROS bags: joint states, controller states and trajectories, with joints by name, in any order.
 
 Needs the extra ``ros`` (`rosbags`, which needs no ROS): folders of ROS 2 (SQLite and MCAP), single .mcap and .db3 files, and
 .bag files of ROS 1. Time is that of the header, not of the recorder. Tested in ``tests/test_ros_bag.py``.
@@ -62,7 +62,7 @@ class _Message:
 
 
 class RosBag:
-    """A bag, of which one topic is read.
+    """One topic of a bag.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class RosBag:
     Raises
     ------
     RecordingError
-        Without `rosbags`, for a bag that cannot be read, and where `topic` is needed or unknown.
+        Without `rosbags`, for an unreadable bag, and for a missing or unknown `topic`.
     """
 
     signals: Mapping[str, str] = SIGNALS
@@ -101,7 +101,7 @@ class RosBag:
         return any(len(message.values.get(signal, ())) for message in self._messages)
 
     def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
-        """Announce joints: messages that have not all of them, such as those of a gripper on the same topic, are left out."""
+        """Request joints; messages without all of them, such as those of a gripper on the same topic, are ignored."""
         if variable not in SIGNALS.values():
             self._fail(f"variable must be one of {listing(SIGNALS.values())}, got {variable!r}")
         if variable == "stamp":
@@ -127,7 +127,7 @@ class RosBag:
                 self._fail(
                     f"the headers of topic {self.topic} have no time; leave [recording.time] out and give rate_hz"
                 )
-            # Whole nanoseconds are subtracted: seconds since 1970 keep only 0.2 us.
+            # Integer nanoseconds are subtracted, because seconds since 1970 only resolve 0.2 us.
             return np.array([(message.stamp - first) / 1e9 for message in messages])[:, None]
         assert variable is not None
         names = [str(column) for column in columns or ()]
@@ -177,12 +177,12 @@ class RosBag:
             )
         if not found:
             self._fail(f"topic {self.topic} has no messages")
-        # The recorder stores messages as they arrive; the header knows when they were made.
+        # The recorder stores the time of arrival; the header has the time of the measurement.
         return sorted(found, key=lambda message: message.stamp)
 
     def _topic(self, types: Mapping[str, str], topic: str | None) -> str:
         states = [name for name, kind in types.items() if kind in (JOINT_STATE, CONTROLLER_STATE)]
-        # A trajectory is often a command: it is a log where nothing else is.
+        # A trajectory is often a command, so it is read only if the bag has no other topic.
         known = states or [name for name, kind in types.items() if kind == TRAJECTORY]
         self.ambiguous = len(known) > 1
         if topic is None:

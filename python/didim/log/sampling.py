@@ -1,4 +1,4 @@
-"""Even sampling, and the windows of a record: faults are reported, never repaired.
+"""Tests of even sampling, and windows of a record. Faults are reported, never repaired.
 
 Tested in ``tests/test_recording.py``.
 """
@@ -31,18 +31,18 @@ sampling."""
 
 @dataclass(frozen=True, kw_only=True)
 class TimeFault:
-    """What is wrong with time stamps.
+    """A fault of time stamps.
 
     Attributes
     ----------
     kind : {"order", "gap", "uneven", "rate"}
-        Time does not grow; samples are missing; a step differs otherwise; the declared rate is another.
+        Time does not increase; samples are missing; steps are uneven; the declared rate differs.
     sentence : str
-        With file and row.
+        Description with file and row.
     sample : int or None
         Last sample before the fault, from 0.
     rate_hz : float
-        What the time stamps say, gaps left out.
+        Rate of the time stamps outside gaps (Hz).
     """
 
     kind: Literal["order", "gap", "uneven", "rate"]
@@ -80,7 +80,7 @@ def check_time(t: Array, rate_hz: float | None, file: str) -> float:
 
 
 def time_faults(t: Array, rate_hz: float | None, file: str) -> Iterator[TimeFault]:
-    """Find all that `check_time` refuses, in the order of the rows."""
+    """Find all faults that `check_time` refuses, in the order of the rows."""
     with np.errstate(over="ignore"):  # an infinite step is an uneven one
         steps = np.diff(t)
     period = float(np.median(steps))
@@ -135,7 +135,7 @@ def stretches(last: Sequence[int], n_samples: int) -> tuple[tuple[int, int], ...
 
 
 def rollout_windows(n_samples: int, number: Array | None, t: Array | None) -> tuple[tuple[int, int], ...]:
-    """Return the half-open sample slices of the rollouts in a record, those too short for differences left out.
+    """Return the half-open sample slices of a record's rollouts that are long enough for differences.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def rollout_windows(n_samples: int, number: Array | None, t: Array | None) -> tu
     number
         (n_samples,) number of the rollout at each sample, such as the index of an episode; or None.
     t
-        (n_samples,) time stamps in s, at whose gaps and steps back a rollout ends where `number` is None.
+        (n_samples,) time stamps in s; if `number` is None, a rollout ends at their gaps and backward steps.
     """
     if number is not None:
         ends = np.flatnonzero(np.diff(number) != 0.0)
@@ -177,7 +177,7 @@ def slices(table: Table, windows_s: object, rate_hz: float, n_samples: int) -> t
             or not window[0] < window[1]
         ):
             table.fail(f"{wanted}, got {window!r}")
-        # Compared before it is rounded: an edge far out may be infinite in samples.
+        # Compared before rounding, because a distant edge may be infinite in samples.
         if window[0] * rate_hz <= -0.5 or window[1] * rate_hz >= n_samples + 0.5:
             table.fail(f"the window {window} s leaves the record, which lasts {n_samples / rate_hz:.6g} s")
         start, stop = (round(edge * rate_hz) for edge in window)

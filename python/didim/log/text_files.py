@@ -1,4 +1,4 @@
-"""Logs that are spread over files or lines: one column a file, one value a line. Tested in ``tests/test_containers.py``."""
+"""Logs with one column per file, or one value per line. Tested in ``tests/test_containers.py``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class OneValueALine:
     file
         The text, of one column.
     values_per_sample
-        Number of values that make a sample: the columns, which go by number from 1.
+        Number of values per sample: the columns, numbered from 1.
     """
 
     def __init__(self, file: DataFile, values_per_sample: int) -> None:
@@ -30,7 +30,7 @@ class OneValueALine:
         self._file, self._width = file, values_per_sample
 
     def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
-        """Announce columns."""
+        """Request columns."""
         self._numbers(columns, count)
         self._file.want(None, variable, 1)
 
@@ -78,7 +78,7 @@ class OneColumnAFile:
         self._files = files
 
     def want(self, columns: Sequence[Column] | None, variable: str | None, count: int) -> None:
-        """Announce columns."""
+        """Request columns."""
         if columns is not None and len(columns) != len(self._files):
             self._fail(
                 f"columns must be one for each of the {counted(len(self._files), 'file')}, or be left out"

@@ -1,7 +1,7 @@
 """PyTorch's ``.pt`` files, without PyTorch and without running code of the file. Tested in ``tests/test_torch_file.py``.
 
-A file is a zip of raw arrays, the storages, beside a pickle that says how tensors lie in them. The pickle is read by an
-interpreter that knows dictionaries, lists, numbers, texts and tensors, and refuses every other name.
+A file is a zip of raw arrays, the storages, and a pickle that describes the tensors in them. The pickle is read by an
+interpreter that accepts only dictionaries, lists, numbers, texts and tensors.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LARGEST_PICKLE = 10_000_000
 
 @dataclass(frozen=True)
 class _Storage:
-    """Numbers of tensors: member of the archive, their type and count."""
+    """Storage of tensors: member of the archive, type and count of its numbers."""
 
     member: str
     dtype: str
@@ -42,7 +42,7 @@ class _Storage:
 
 @dataclass(frozen=True)
 class _Tensor:
-    """How a tensor lies in its storage, in numbers."""
+    """Layout of a tensor in its storage, in elements."""
 
     storage: _Storage
     offset: int
@@ -61,7 +61,8 @@ class TorchFile(ArrayFile):
         Raises
         ------
         RecordingError
-            For files of PyTorch before 1.6, which are no archives, and for files with anything but tensors, numbers and texts.
+            For files of PyTorch before 1.6, which are not archives, and for files with other content than tensors, numbers and
+            texts.
         """
         if not zipfile.is_zipfile(io.BytesIO(self.raw)):
             self.fail("PyTorch files before version 1.6 are not read; load it there and save it again")
@@ -131,7 +132,7 @@ class _UnknownNameError(Exception):
 
 
 class _Reader(pickle.Unpickler):
-    """Pickle of a PyTorch file; a name beyond those of tensors is refused before it is looked up."""
+    """Unpickler of a PyTorch file; it refuses all names except those of tensors before it looks them up."""
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):
@@ -158,7 +159,7 @@ def _tensor(
 
 
 def _dictionary(*items: object) -> dict[Any, Any]:
-    """Return an empty dictionary, which the pickle fills; PyTorch writes the hooks of tensors as one."""
+    """Return an empty dictionary for the pickle to fill; PyTorch writes the hooks of tensors as one."""
     if items:
         _refuse()
     return {}

@@ -1,6 +1,6 @@
-"""Units of a log, their factors to SI, and the reduction to the joints: the only place that knows them.
+"""Units of a log: factors to SI, and the reduction to the joint side.
 
-Positions come out in rad or m, torques in N.m or N. Tested in ``tests/test_recording.py``.
+Results are in rad or m, N.m or N. Tested in ``tests/test_recording.py``.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def position_factors(
     joint_kinds
         "revolute" or "prismatic" for each joint.
     ranges
-        Lowest and highest position of each joint (rad or m), None where the robot has none.
+        Lowest and highest position of each joint (rad or m), None without limits.
     """
     n = len(joint_kinds)
     units = _units(table, [*POSITION, *SHARES, "count"], n)
@@ -148,7 +148,7 @@ def effort_factors(
     joint_kinds
         "revolute" or "prismatic" for each joint.
     robot_gains
-        Drive gains of the robot file, taken where the table has no `gain`.
+        Drive gains of the robot file, used if the table has no `gain`.
     """
     n = len(joint_kinds)
     units = _units(table, EFFORT, n)

@@ -1,9 +1,9 @@
-"""Alignment of motion and torque when one was recorded late, or held by a digital controller. Tested in ``tests/test_delay.py``.
+"""Alignment of motion with torques that were recorded late, or held by a digital controller. Tested in ``tests/test_delay.py``.
 
-A digital controller holds each output for its sample time T. The motion answers to the staircase, which is the logged output
-half a step late: along differentiated positions the torque of the model at a sample is the mean of the steps before and after it.
-Against measured motion the logged torque is therefore early by T/2, or by half a sample of a log that is faster than the
-controller. Simulated motion needs no such shift, as its accelerations belong to the torque that acts from the sample on.
+A digital controller holds each output for its sample time T. The motion responds to this staircase, which lags the logged
+output by half a step: the model torque from differentiated positions is the mean of the steps before and after a sample. The
+logged torque is therefore early by T/2 relative to measured motion, or by half a sample if the log is faster than the
+controller. Simulated motion needs no such shift, because its accelerations result from the torque that starts at the sample.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ CUBIC = (-1, 0, 1, 2)
 
 @dataclass(frozen=True, kw_only=True)
 class DelaySettings:
-    """What to do about a delay of the torque.
+    """Compensation of a torque delay.
 
     Parameters
     ----------
     compensate_samples : float, sequence of float, "hold" or "estimate"
-        Move the torque back by so many samples of its recording, of all joints or of each (a fraction is interpolated;
-        positive: the torque was recorded late). "hold", the default, accounts for the hold of the experiment's digital
-        controller along measured motion, and for nothing without one. "estimate" adds the delay that an estimate finds.
+        Delay in samples of the recording, of all joints or of each, by which the torque is moved back (fractions are
+        interpolated; positive: the torque was recorded late). "hold", the default, compensates for the hold of the experiment's
+        digital controller along measured motion, if there is one. "estimate" adds an estimated delay.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def _wrong(value: object) -> str:
 
 
 def hold_samples(sample_time_s: float, rate_hz: float) -> float:
-    """Return how early a held torque is logged against measured motion, in samples of a log.
+    """Return the lead of a held torque relative to measured motion, in samples of the log.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def hold_samples(sample_time_s: float, rate_hz: float) -> float:
     Returns
     -------
     float
-        Half the sample time, or half a sample where the log is faster than the controller.
+        Half the sample time, or half a sample if the log is faster than the controller.
 
     Notes
     -----
@@ -90,7 +90,7 @@ def hold_samples(sample_time_s: float, rate_hz: float) -> float:
 
 
 def align(motion: Sequence[Array], tau: Array, delay_samples: Shift) -> tuple[tuple[Array, ...], Array]:
-    """Move the torque back by its delay, and leave out the samples for which none is left.
+    """Move the torque back by its delay, and drop the samples that then lack a torque.
 
     Parameters
     ----------
@@ -141,14 +141,14 @@ def align(motion: Sequence[Array], tau: Array, delay_samples: Shift) -> tuple[tu
 
 
 def _move(delay: float) -> tuple[int, tuple[int, ...], tuple[float, ...]]:
-    """Whole samples of a delay, the neighbours that its fraction is interpolated from, and their weights."""
+    """Return the whole samples of a delay, and offsets and weights for the interpolation of its fraction."""
     whole = math.floor(delay)
     fraction = delay - whole
     return (whole, CUBIC, _lagrange(fraction)) if fraction else (whole, (0,), (1.0,))
 
 
 def _lagrange(fraction: float) -> tuple[float, ...]:
-    """Weights of the samples at -1, 0, 1, 2 for the value at ``fraction``."""
+    """Return the weights of the samples at -1, 0, 1, 2 for the value at ``fraction``."""
     return tuple(
         math.prod((fraction - other) / (node - other) for other in CUBIC if other != node) for node in CUBIC
     )

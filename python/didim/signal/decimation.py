@@ -43,7 +43,7 @@ def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:
     Returns
     -------
     list of Stage
-        One per factor, as the core takes them; empty without decimation.
+        One per factor, in the format of the core; empty without decimation.
 
     Raises
     ------
@@ -61,12 +61,12 @@ def decimation_stages(n_samples: int, signal: SignalProcessing) -> list[Stage]:
 
 
 def least_samples(signal: SignalProcessing) -> int:
-    """Return the samples below which `decimation_stages` refuses a record, or no row is left of it.
+    """Return the smallest number of samples for which `decimation_stages` leaves a row.
 
     Parameters
     ----------
     signal : SignalProcessing
-        Factors, convention and rows that are left out at the ends. Tested in ``tests/test_check_gaps.py``.
+        Factors, convention and rows dropped at the ends. Tested in ``tests/test_check_gaps.py``.
     """
     padlen = padding_length(DECIMATION_ORDER, signal.decimation_convention)
     least = 2 * signal.edge_rows + 1 if signal.decimation else 1
@@ -77,7 +77,7 @@ def least_samples(signal: SignalProcessing) -> int:
 
 @lru_cache(maxsize=64)
 def _stages(n_samples: int, factors: tuple[int, ...], convention: Convention) -> tuple[Stage, ...]:
-    """Stages of `decimation_stages`; designing them takes longer than a small log takes to filter, and `check` filters often."""
+    """Stages of `decimation_stages`, cached: their design takes longer than filtering a small log, and `check` filters often."""
     matlab = convention == "matlab"
     padlen = padding_length(DECIMATION_ORDER, convention)
     stages: list[Stage] = []
@@ -88,7 +88,7 @@ def _stages(n_samples: int, factors: tuple[int, ...], convention: Convention) ->
             raise SignalError(f"decimation by {factor} needs more than {needed} samples, {stage}")
         sos, zi = _decimation_filter(factor)
         kept = -(-n_samples // factor)
-        # MATLAB's grid ends on the last sample.
+        # MATLAB's grid ends at the last sample.
         first = n_samples - factor * (kept - 1) - 1 if matlab else 0
         stages.append((sos, zi, padlen, factor, first))
         n_samples = kept
@@ -109,7 +109,7 @@ def _decimation_filter(factor: int) -> tuple[Array, Array]:
 
 
 def decimate(x: Array, stages: Sequence[Stage]) -> Array:
-    """Filter and decimate signals as the columns of W are.
+    """Filter and decimate signals in the same way as the columns of W.
 
     Parameters
     ----------

@@ -1,10 +1,9 @@
 """Zero-phase filters, central differences and decimation: from a logged position to the rows of (6).
 
-Filters are designed by SciPy in second-order sections and applied by the core. A transfer function of order 8
-with its cut-off at 0.008 of the Nyquist frequency, which a decimation by 100 would need, is numerically
-unsound; its sections are not. Two conventions exist for the edges: MATLAB's ``filtfilt`` and ``decimate``,
-and SciPy's ``sosfiltfilt`` and ``decimate``. They differ in the padding and in which samples are kept, and
-published figures need the one they were made with.
+SciPy designs the filters in second-order sections and the core applies them. A transfer function of order 8 with its cut-off at
+0.008 of the Nyquist frequency, which a decimation by 100 would need, is numerically unsound; its sections are not. Two
+conventions exist for the edges: MATLAB's ``filtfilt`` and ``decimate``, and SciPy's ``sosfiltfilt`` and ``decimate``. They
+differ in the padding and in the samples that are retained. To reproduce a published figure, use its convention.
 """
 
 from __future__ import annotations
@@ -57,10 +56,10 @@ def zero_phase_butterworth(
     padding : {"scipy", "matlab"}
         Length of the odd extension, see `SignalProcessing`.
     form : {"sections", "transfer-function"}
-        How the filter is run, see `SignalProcessing`.
+        Implementation of the filter, see `SignalProcessing`.
     curved : bool
-        Keep the curvature of the signals in an extension of `EXTENSION_PERIODS`. An odd extension turns its sign at the ends, so
-        that the second derivative of what is filtered is zero there.
+        Extend the signals by `EXTENSION_PERIODS` with continuous curvature. An odd extension reverses the curvature at the
+        ends, which makes the second derivative of the filtered signal zero there.
 
     Returns
     -------
@@ -125,10 +124,10 @@ def zero_phase_butterworth(
 
 
 def _extended(x: Array, period: float, least: int) -> tuple[Array, int]:
-    """Extend signals at both ends, by odd extension and the parabola that keeps their curvature; also the samples added at each.
+    """Extend signals at both ends with continuous curvature, and return the number of samples added at each.
 
-    ``x[-k] = 2 x[0] - x[k] + c k^2`` with ``c`` the second derivative at the end, of a cubic fitted to the samples there: value and
-    three derivatives go on without a jump.
+    ``x[-k] = 2 x[0] - x[k] + c k^2`` with ``c`` the second derivative at the end, from a cubic fitted to the samples there: the
+    value and three derivatives are continuous.
     """
     n = len(x)
     added = int(min(max(np.ceil(EXTENSION_PERIODS * period), least), n - 1))
@@ -172,8 +171,8 @@ def central_differences(x: Array, dt: float, ends: Ends = "second-order") -> Arr
 
     Notes
     -----
-    ``test_signals.py`` checks that it is exact for parabolas, at the ends too: applied twice, differences of first order
-    give half of an acceleration at the first sample and three quarters at the second.
+    ``test_signals.py`` checks that it is exact for parabolas, including the ends. First-order differences, applied twice, give
+    half of the acceleration at the first sample and three quarters at the second.
     """
     x = checked_columns(x)
     least = 2 if ends == "first-order" else 3
@@ -197,8 +196,7 @@ def differentiate(
 ) -> tuple[Array, Array, Array]:
     """Derive velocities and accelerations from logged positions.
 
-    The positions are filtered once, then differentiated twice. Nothing is trimmed yet: the torque is aligned
-    with them first.
+    The positions are filtered once, then differentiated twice. Trimming comes later, after the alignment of the torque.
 
     Parameters
     ----------
@@ -207,9 +205,9 @@ def differentiate(
     rate_hz : float
         Sampling rate.
     signal : SignalProcessing
-        Filter; without a cut-off the positions stay as they are.
+        Filter; without a cut-off the positions are not filtered.
     dq : ndarray, shape (n_samples, n_dof), optional
-        Measured velocities (rad/s or m/s), filtered alike, in place of differences of the positions.
+        Measured velocities (rad/s or m/s), which are filtered too and replace differences of the positions.
 
     Returns
     -------
@@ -236,7 +234,7 @@ def differentiate(
 
 
 def _filtered(x: Array, rate_hz: float, signal: SignalProcessing) -> Array:
-    """Filter positions or measured velocities as the settings say."""
+    """Filter positions or measured velocities according to the settings."""
     assert signal.cutoff_hz is not None
     curved = signal.ends == "second-order" and signal.padding == "scipy"
     return zero_phase_butterworth(
@@ -245,12 +243,12 @@ def _filtered(x: Array, rate_hz: float, signal: SignalProcessing) -> Array:
 
 
 def padding_length(order: int, convention: Convention) -> int:
-    """Count the samples of odd extension at each end that SciPy or MATLAB would choose by themselves."""
+    """Return the default number of samples of SciPy's or MATLAB's odd extension at each end."""
     return 3 * order if convention == "matlab" else 3 * (order + 1)
 
 
 def poles_survive(poles: Array | NDArray[np.complex128], denominators: Iterable[Array]) -> bool:
-    """Whether the roots of the coefficients are still the poles that these were made of."""
+    """Whether the roots of the rounded coefficients still equal the designed poles."""
     margin = 1.0 - np.abs(poles)
     if not (margin > 0.0).all():
         return False
@@ -260,7 +258,7 @@ def poles_survive(poles: Array | NDArray[np.complex128], denominators: Iterable[
 
 
 def core_errors(run: Callable[[], Array]) -> Array:
-    """Run a function of the core, whose error is a sentence already."""
+    """Run a function of the core, and raise its error as a `SignalError`."""
     try:
         return run()
     except ValueError as reason:
@@ -268,7 +266,7 @@ def core_errors(run: Callable[[], Array]) -> Array:
 
 
 def checked_columns(x: Array) -> Array:
-    """Make contiguous (n_samples, m) floats, or raise the error that says what came instead."""
+    """Return contiguous (n_samples, m) floats, or raise an error with the given shape."""
     x = np.ascontiguousarray(real_array("signals", x, SignalError))
     if x.ndim != 2:
         raise SignalError(f"signals must have shape (n_samples, m), got {x.shape}")

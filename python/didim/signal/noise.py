@@ -33,10 +33,10 @@ LARGEST_DECIMATION = 10_000
 
 
 def white_noise(values: Array) -> Array:
-    """Estimate the white noise of a log from its fifth differences: motion hardly shows in them.
+    """Estimate the white noise of a log from its fifth differences, which hardly contain motion.
 
-    Samples at which a quantised signal rests are left out, and the estimate is at least the standard deviation of a
-    rounding to the smallest step of the signal: a joint that stands still on one encoder count is not known exactly.
+    Samples at which a quantised signal rests are ignored. The estimate is at least the standard deviation of rounding to the
+    signal's smallest step: a joint at rest on one encoder count is not known exactly.
 
     Parameters
     ----------
@@ -61,10 +61,10 @@ def white_noise(values: Array) -> Array:
 
 
 def stamp_noise(q: Array, rate_hz: float) -> float:
-    """Estimate the white noise of a log's time stamps: the part of the noise of its positions that grows with the speed.
+    """Estimate the white noise of a log's time stamps: the part of the position noise that grows with the speed.
 
-    A stamp that is late by ``dt`` moves all joints by their speeds times ``dt``. Stamps that were rounded, or taken by a busy
-    computer, make velocities and accelerations of fast joints noisy.
+    A stamp that is late by ``dt`` shifts all positions by speed times ``dt``. Rounded stamps, or those of a busy computer, add
+    noise to the velocities and accelerations of fast joints.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def stamp_noise(q: Array, rate_hz: float) -> float:
     Returns
     -------
     float
-        Standard deviation (s); zero where the noise does not grow with the speed.
+        Standard deviation (s); zero if the noise does not grow with the speed.
 
     Notes
     -----
@@ -95,28 +95,27 @@ def stamp_noise(q: Array, rate_hz: float) -> float:
 
 
 def _median_moving(differences: Array) -> float:
-    """Median of the differences that are not zero: reversals, where friction jumps, hardly change it."""
+    """Return the median of the nonzero differences: reversals, where friction jumps, hardly affect it."""
     moving = differences[differences > 0.0]
     return float(np.median(moving)) if moving.size else 0.0
 
 
 def encoder_step(q: Array) -> Array:
-    """Read the step of each joint's encoder off recorded positions: the distance of the values on whose grid all samples lie.
+    """Estimate the step of each joint's encoder: the spacing of the grid on which all recorded positions lie.
 
     Parameters
     ----------
     q : ndarray, shape (n_samples, n_dof)
-        Positions as they were recorded, not filtered (rad or m).
+        Recorded positions, not filtered (rad or m).
 
     Returns
     -------
     ndarray, shape (n_dof,)
-        Step in the unit of the positions; zero where the values lie on no grid, as those of coupled motors or of noisy
-        simulations.
+        Step in the unit of the positions; zero if the values do not lie on a grid, as with coupled motors or noisy simulations.
 
     Notes
     -----
-    ``test_noise.py`` reads the steps of quantised motions, fast ones too, and none off positions that are not quantised.
+    ``test_noise.py`` estimates the steps of slow and fast quantised motions, and zero for positions that are not quantised.
     """
     return np.array([_grid(column) for column in q.T])
 
@@ -134,7 +133,7 @@ def _grid(values: Array) -> float:
     for widest in (0.1 * WIDEST_GAP, WIDEST_GAP):
         small = gaps[gaps < widest * step]
         step = float(np.sum(small) / np.sum(np.round(small / step)))
-    # Of values on no grid the gaps are spread evenly, and few are near a multiple of the smallest.
+    # Without a grid the gaps are spread evenly, and few are near a multiple of the smallest.
     on_grid = np.abs(small / step - np.round(small / step)) < OFF_GRID
     return step if small.size >= 0.5 * gaps.size and np.mean(on_grid) > ON_GRID else 0.0
 
@@ -182,13 +181,13 @@ def noise_correlation(signal: SignalProcessing) -> Array | None:
 
 @lru_cache(maxsize=64)
 def _correlation(factors: tuple[int, ...]) -> Array:
-    """Correlation of `noise_correlation`, read-only: every linear system asks for it, and `check` makes hundreds."""
+    """Return `noise_correlation`, read-only and cached: `check` builds hundreds of linear systems, each of which needs it."""
     total = math.prod(factors)
     if total > LARGEST_DECIMATION:
         raise SignalError(f"a decimation by {total} in all is too large, {LARGEST_DECIMATION} is possible")
     power = np.ones(1)
     for factor in reversed(factors):
-        # Spectra at the rate before this stage, on the circle; the later stages see it folded, and act alike on each fold.
+        # Spectra at the rate before this stage, on the circle; the later stages act on its folds alike.
         power = np.tile(power, factor) if power.size > 1 else np.ones(_CIRCLE * factor)
         gain = _squared_gain(factor, power.size)
         power *= gain * gain
@@ -212,7 +211,7 @@ def row_noise(signal: SignalProcessing, rate_hz: float) -> tuple[float, float, f
     Returns
     -------
     tau, q, dq, ddq : float
-        Factors (1, 1, 1/s, 1/s^2): positions are filtered, differentiated and decimated, torques decimated alone.
+        Factors (1, 1, 1/s, 1/s^2): positions are filtered, differentiated and decimated, torques only decimated.
 
     Raises
     ------
@@ -230,7 +229,7 @@ def row_noise(signal: SignalProcessing, rate_hz: float) -> tuple[float, float, f
 def _row_noise(
     factors: tuple[int, ...], cutoff_hz: float | None, order: int, rate_hz: float
 ) -> tuple[float, float, float, float]:
-    """Factors of `row_noise`: maximum likelihood asks for them in every iteration, and the spectra are long."""
+    """Return the factors of `row_noise`, cached: maximum likelihood needs them in every iteration, and the spectra are long."""
     total = math.prod(factors)
     if total > LARGEST_DECIMATION:
         raise SignalError(f"a decimation by {total} in all is too large, {LARGEST_DECIMATION} is possible")
@@ -238,7 +237,7 @@ def _row_noise(
     power = np.ones(size)
     before = 1
     for factor in factors:
-        # A later stage sees the circle of its own rate, which repeats on that of the log.
+        # The response of a later stage is periodic in its own rate.
         power *= np.tile(_squared_gain(factor, size // before) ** 2, before)
         before *= factor
     angle = 2.0 * np.pi * np.arange(size) / size
@@ -262,7 +261,7 @@ def _squared_gain(factor: int, size: int) -> Array:
     """Squared gain of the filter before a decimation at ``size`` points of the circle, from DC on."""
     # Chebyshev I: 1 / (1 + e^2 T_8(x)^2), where x is the frequency over the cut-off as the bilinear transform warps both.
     x = np.arange(size // 2 + 1) * (np.pi / size)
-    np.tan(x, out=x)  # in place: the circle is long, and memory is touched once
+    np.tan(x, out=x)  # in place, because the circle is long
     x /= math.tan(0.5 * np.pi * DECIMATION_BAND / factor)
     with np.errstate(over="ignore"):  # towards half the rate, where the gain vanishes
         for _ in range(3):  # T_8(x) = T_2(T_2(T_2(x))), T_2(x) = 2 x^2 - 1

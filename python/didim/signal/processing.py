@@ -1,4 +1,4 @@
-"""Settings of the signal processing: how a recording becomes the rows of (6). Tested in ``tests/test_signals.py``."""
+"""Settings of the signal processing from a recording to the rows of (6). Tested in ``tests/test_signals.py``."""
 
 from __future__ import annotations
 
@@ -21,47 +21,45 @@ LARGEST_ORDER = 10
 
 @dataclass(frozen=True, kw_only=True)
 class SignalProcessing:
-    """How a recording becomes the rows of the linear system.
+    """Settings of the signal processing from a recording to the rows of the linear system.
 
     Attributes
     ----------
     cutoff_hz : float or None
-        Cut-off of the zero-phase Butterworth filter of the positions; None does not filter.
+        Cut-off of the positions' zero-phase Butterworth filter; None disables it.
     order : int
-        Its order, of one of the two passes: 1 to 10.
+        Order of one of its two passes: 1 to 10.
     padding : {"scipy", "matlab"}
         Samples of odd extension at each end: SciPy's 3 (order + 1), or MATLAB's 3 order. Where `ends` is "second-order", a longer
         extension that keeps the curvature takes the place of SciPy's.
     form : {"sections", "transfer-function"}
-        How the Butterworth filter is run. Second-order sections are the sound way. The transfer function is
-        that of MATLAB's ``filtfilt(b, a, x)``: where a joint stands still, its rounding noise decides the
-        sign of the velocity (docs/tx40_recipes.md), so that figures made with it need it.
+        Implementation of the Butterworth filter. Second-order sections are numerically sound. The transfer function is that of
+        MATLAB's ``filtfilt(b, a, x)``: at standstill its rounding noise decides the sign of the velocity
+        (docs/tx40_recipes.md), so it is needed to reproduce figures that were computed with it.
     ends : {"second-order", "first-order"}
-        Ends of a window: differences at the first and the last sample, and the extension by which the filter goes on beyond
-        them. One-sided differences of second order are exact for parabolas, and the extension keeps the curvature of the positions.
-        Differences of first order, applied twice, give half of the acceleration at an end and three quarters beside it,
-        and a plain odd extension makes it zero: for figures that were made so.
+        Differences at the first and last sample of a window, and extension of the signals beyond them. Second order: one-sided
+        differences that are exact for parabolas, and an extension with continuous curvature. First order: differences that,
+        applied twice, give half of the acceleration at an end and three quarters beside it, and a plain odd extension, which
+        makes it zero. It reproduces figures computed in this way.
     trim_start, trim_end : int
-        Samples left out at the ends once positions are differentiated: there the filter has only the
-        extension to go by.
+        Samples dropped at the ends after differentiation, where the filter relies on the extension.
     decimation : tuple of int
-        Factors of the parallel filter (6), one stage after the other; empty keeps every sample.
+        Factors of the parallel filter (6), one per stage; empty for no decimation.
     decimation_convention : {"scipy", "matlab"}
         Padding of the decimation filter, and the samples it keeps: SciPy keeps the first of the record,
         MATLAB the last.
     edge_rows : int
-        Kept samples left out at each end of a decimated window. Padding turns a signal about its first and last
-        samples, which pins the filter to their unfiltered noise: the first kept sample of white torque noise, decimated by 50,
-        has 40 times the variance of the others (``test_signals.py``), which spoils estimates and sigmas.
+        Rows dropped at each end of a decimated window. Padding mirrors a signal about its first and last sample, which ties the
+        filter to the unfiltered noise of both: the first kept sample of white torque noise, decimated by 50, has 40 times the
+        variance of the others (``test_signals.py``), which spoils estimates and sigmas.
 
     spikes : {"hampel"} or None
-        Replace spikes of the measured torques before anything else is done with them: Hampel's filter (`didim.signal.spikes`).
-        None leaves them as they are.
+        Replace spikes of the measured torques first of all, by Hampel's filter (`didim.signal.spikes`). None disables it.
 
     Raises
     ------
     SignalError
-        When a value makes no sense.
+        For an invalid value.
     """
 
     cutoff_hz: float | None = None
@@ -78,7 +76,7 @@ class SignalProcessing:
 
     @property
     def kept_rows(self) -> slice:
-        """Rows of a decimated window that are used."""
+        """Rows of a decimated window, without those dropped at its ends."""
         edge = self.edge_rows if self.decimation else 0
         return slice(edge, -edge if edge else None)
 

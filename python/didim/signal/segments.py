@@ -1,6 +1,6 @@
-"""Windows of a recording, each filtered, differentiated and trimmed by itself.
+"""Windows of a recording, each filtered, differentiated and trimmed separately.
 
-Nothing outside a window (a stop, a tool change) leaks in. Tested in ``tests/test_identify.py``.
+Samples outside a window (a stop, a tool change) have no influence. Tested in ``tests/test_identify.py``.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class Segment:
     Attributes
     ----------
     name : str
-        Recording that it is part of.
+        Name of its recording.
     place : str
-        Recording and window, as messages open.
+        Recording and window, for messages.
     rate_hz : float
         Rate of the recording.
     recording, window : int
@@ -64,7 +64,7 @@ def segments(
     signal : SignalProcessing
         Filter and trimming.
     delay_samples : float
-        How late the torque was recorded; it is moved back by as much.
+        Delay of the recorded torque, by which it is moved back.
     number : int
         Number of the recording in the experiment, from 0.
 
@@ -101,7 +101,7 @@ def segments(
 def motion_of(
     recording: Recording, window: tuple[int, int], signal: SignalProcessing
 ) -> tuple[Array, Array, Array]:
-    """Filter a window, and return ``q dq ddq``: measured velocities take the place of differences of the positions.
+    """Filter a window, and return ``q dq ddq``; measured velocities replace differences of the positions.
 
     Raises
     ------
@@ -116,12 +116,12 @@ def motion_of(
 def trimmed(
     recording: Recording, place: str, signal: SignalProcessing, motion: Sequence[Array], tau: Array
 ) -> Segment:
-    """Return the segment of aligned motion and torque, without the samples that trimming takes off its ends.
+    """Return the segment of aligned motion and torque, trimmed at its ends.
 
     Parameters
     ----------
     recording : Recording
-        Gives name and rate.
+        Recording with name and rate.
     place : str
         Recording and window, for messages.
     signal : SignalProcessing
@@ -144,12 +144,12 @@ def trimmed(
 
 
 def kept_samples(n_samples: int, place: str, signal: SignalProcessing) -> slice:
-    """Return the samples of a window that trimming leaves.
+    """Return the samples of a window after trimming.
 
     Raises
     ------
     FitError
-        When it leaves nothing; the sentence begins with `place`.
+        When none remain; the sentence begins with `place`.
     """
     kept = slice(signal.trim_start, n_samples - signal.trim_end)
     if kept.stop <= kept.start:
@@ -161,7 +161,7 @@ def kept_samples(n_samples: int, place: str, signal: SignalProcessing) -> slice:
 
 
 def place_of(recording: Recording, window: tuple[int, int]) -> str:
-    """Return recording and window as messages begin with them."""
+    """Return recording and window as the prefix of messages."""
     place = f"recording '{recording.name}'"
     if window != (0, len(recording.q)):
         place += f", window of samples {window[0]} to {window[1]}"
@@ -169,16 +169,16 @@ def place_of(recording: Recording, window: tuple[int, int]) -> str:
 
 
 def stretches(parts: Sequence[Segment], most_samples: int, least_samples: int = 1) -> list[Segment]:
-    """Return the parts, or three stretches of each, evenly apart, where a log has more samples than that.
+    """Return the parts of a log, or three evenly spaced stretches of each if it has more than `most_samples`.
 
     Parameters
     ----------
     parts : sequence of Segment
         Windows of a log.
     most_samples : int
-        About how many samples the stretches have together.
+        Approximate number of samples of all stretches together.
     least_samples : int
-        Samples that a stretch needs, for its filters: a part that has no three of them is taken whole.
+        Smallest number of samples of a stretch, for its filters; a part shorter than three stretches is returned whole.
     """
     total = sum(len(part.q) for part in parts)
     if total <= most_samples:
@@ -200,7 +200,7 @@ def stretches(parts: Sequence[Segment], most_samples: int, least_samples: int = 
 
 @contextmanager
 def at_place(place: str) -> Iterator[None]:
-    """Open the message of an error with the recording and window that it is about."""
+    """Prefix the message of an error with recording and window."""
     try:
         yield
     except (SignalError, FitError) as error:

@@ -1,4 +1,4 @@
-"""Spectrum of a motion: the band that it fills. Tested in ``tests/test_check.py`` and ``tests/test_init_filters.py``."""
+"""Spectrum and bandwidth of a motion. Tested in ``tests/test_check.py`` and ``tests/test_init_filters.py``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BAND = 0.99
 
 
 def motion_band(recording: Recording) -> float:
-    """Frequency below which 99 % of the power of the velocity is, of the joint that is highest there; in Hz, or 0."""
+    """Return the largest bandwidth of the joints' velocities (99 % of the power), in Hz, or 0."""
     found = 0.0
     for joint in range(recording.q.shape[1]):
         f, x, motion = spectrum(recording, joint)
@@ -34,23 +34,24 @@ def motion_band(recording: Recording) -> float:
 
 
 def contiguous_band(recording: Recording) -> float:
-    """Return the frequency below which 99 % of the velocity's power is, in one stretch of frequencies above the noise (Hz).
+    """Return the bandwidth (Hz) with 99 % of the velocity's power, within one contiguous stretch of frequencies above the noise.
 
-    Jitter of time stamps, rounding and noise of an encoder are white in the positions, so that their velocity grows with the square
-    of the frequency and exceeds that of a slow motion at 1 kHz. A test at each frequency by itself cannot tell the two: of 1 000
-    frequencies some exceed any fixed level by chance, far above the motion, and there each weighs the most. (A band of 0.4 Hz came
-    out as 402 Hz so, from the coherence of velocity and torque and from the spectrum of a jittered reference.) Motion is one
-    stretch of frequencies, from its largest velocity up to where it sinks into the noise; what lies above is left out.
+    Jitter of time stamps, rounding and encoder noise are white in the positions. The power of their velocity grows with the
+    square of the frequency and exceeds that of a slow motion at 1 kHz. A separate test at each frequency cannot distinguish the
+    two: of 1 000 frequencies some exceed any fixed level by chance, far above the motion, where each has the largest weight.
+    (Such tests, on the coherence of velocity and torque and on the spectrum of a jittered reference, gave 402 Hz instead of 0.4
+    Hz.) Motion is therefore one stretch of frequencies, from its largest velocity up to the noise; higher frequencies are
+    ignored.
 
     Parameters
     ----------
     recording : Recording
-        Positions, of which the longest window is taken.
+        Positions; the longest window is used.
 
     Returns
     -------
     float
-        That of the joint that is highest; 0 for a window that is too short. Tested in ``tests/test_init_filters.py``.
+        Largest bandwidth of all joints; 0 for a window that is too short. Tested in ``tests/test_init_filters.py``.
     """
     from scipy.signal import welch
 
@@ -79,7 +80,7 @@ def contiguous_band(recording: Recording) -> float:
 
 
 def spectrum(recording: Recording, joint: int) -> tuple[Array, Array, Array]:
-    """Return frequencies in Hz and in rad per sample, and the power of the position of a joint there, noise left out."""
+    """Return frequencies in Hz and in rad per sample, and the power of a joint's position, less the noise."""
     from scipy.signal import welch
 
     rate = recording.rate_hz
@@ -88,7 +89,7 @@ def spectrum(recording: Recording, joint: int) -> tuple[Array, Array, Array]:
         return np.zeros(0), np.zeros(0), np.zeros(0)
     powers, lengths = [], []
     for start, stop in recording.windows:
-        # Of the differences, because a drift of the position would leak into all of its spectrum.
+        # Spectrum of the differences, because a drift of the position would leak into its whole spectrum.
         steps = np.diff(recording.q[start:stop, joint])
         f, power = welch(steps, fs=rate, nperseg=size - 1, detrend=False)
         powers.append(power * len(steps))

@@ -1,9 +1,9 @@
-r"""Spikes in measured torques: found and replaced before the decimation, which would smear them over its rows.
+r"""Spikes in measured torques: detected and replaced before the decimation, which would smear them over its rows.
 
 Hampel's filter: a sample that is further from the median of its window than ``threshold`` robust standard deviations is a
 spike, and the median takes its place. The robust standard deviation is ``1.4826`` times the median absolute deviation from
-that median. Source: Hampel (1974); Davies and Gather (1993). After the decimation no weight finds a spike any more: each is part
-of several rows (docs/robust.md has the measurement).
+that median. Source: Hampel (1974); Davies and Gather (1993). After the decimation robust weights cannot detect a spike, because
+it is part of several rows (measured in docs/robust.md).
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def hampel(
 
 
 def without_spikes(tau: Array, signal: SignalProcessing) -> Array:
-    """Return measured torques, (n_samples, n_dof), without spikes where the settings say so."""
+    """Return measured torques, (n_samples, n_dof), without spikes if the settings ask for it."""
     return hampel(tau)[0] if signal.spikes == "hampel" else tau
 
 
@@ -89,20 +89,20 @@ def _medians(signal: Array, window: int) -> tuple[Array, Array]:
 
 
 def _resolution(signal: Array) -> float:
-    """Smallest step of a coarsely quantised signal, whose windows are mostly constant; 0 for others."""
+    """Return the smallest step of a coarsely quantised signal, whose windows are mostly constant; 0 for others."""
     steps = np.abs(np.diff(signal))
     moving = steps[steps > 0.0]
-    # Where half of the samples repeat the one before, the steps in between are the resolution of the recording. Steps that are
-    # rarer do not matter: the median of a window is then the level of its sample.
+    # If half of the samples repeat the preceding one, the other steps are the resolution of the recording. Rarer steps do not
+    # matter: the median of a window is then the level of its sample.
     coarse = 0.05 * steps.size < moving.size < 0.5 * steps.size
     return float(np.min(moving)) if coarse else 0.0
 
 
 def alone(tau: Array, threshold: float = CERTAIN) -> NDArray[np.bool_]:
-    """Return which samples of torques, (n_samples, n_dof), stand alone, far from those on both sides.
+    """Return a mask of isolated samples of torques, (n_samples, n_dof), far from both neighbours.
 
-    A sample that is off by s bends the signal by s there and by -s/2 on either side. A step of friction does not: the samples
-    beside it lie on either side of it, not both far away.
+    An error s of one sample changes the bend of the signal by s there and by -s/2 on either side. A friction step does not: its
+    neighbours lie on both sides of it.
     """
     found = np.zeros(tau.shape, dtype=bool)
     if len(tau) < WINDOW:
@@ -110,10 +110,10 @@ def alone(tau: Array, threshold: float = CERTAIN) -> NDArray[np.bool_]:
     bends = np.zeros(tau.shape)
     bends[1:-1] = tau[1:-1] - 0.5 * (tau[:-2] + tau[2:])
     size = np.abs(bends)
-    # Of a signal with coarse steps most bends are none.
+    # Most bends of a signal with coarse steps are zero.
     steps = np.array([_resolution(column) for column in tau.T])
     scale = np.maximum(NORMAL_MAD * np.median(size, axis=0), steps)
-    # Heavy tails of the noise are not single samples that are off.
+    # Heavy tails of the noise are not isolated errors.
     limit = np.maximum(threshold * scale, TAIL * np.quantile(size, 0.95, axis=0)) + 1e-12 * np.abs(tau).max(
         axis=0
     )
@@ -125,7 +125,7 @@ def alone(tau: Array, threshold: float = CERTAIN) -> NDArray[np.bool_]:
 
 
 def without_lone(tau: Array) -> Array:
-    """Return torques, (n_samples, n_dof), with the samples that stand alone replaced, for looks that these must not spoil."""
+    """Return torques, (n_samples, n_dof), with isolated samples replaced, for diagnoses that they would spoil."""
     lone = alone(tau)
     if not lone.any():
         return tau

@@ -1,8 +1,8 @@
 """Descent by a quasi-Newton method that can be paused and continued.
 
-Limited-memory BFGS in the two-loop form (Nocedal and Wright, algorithm 7.4) with a backtracking line search. SciPy's needs
-factorizations of twice its memory, for which linear algebra libraries start threads beside those of the other starts, and it
-cannot go on where it has stopped. Tested in ``tests/test_excitation_search.py``.
+Limited-memory BFGS in the two-loop form (Nocedal and Wright, algorithm 7.4) with a backtracking line search. SciPy's
+implementation factorizes matrices of twice its memory, for which linear algebra libraries start threads beside those of the
+other starts, and it cannot be resumed. Tested in ``tests/test_excitation_search.py``.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Descent:
     x, value : (n,) array, float
         Best point so far, and the objective there.
     converged : bool
-        Whether further evaluations would gain nothing.
+        Whether the descent has converged.
     """
 
     def __init__(self, objective: Objective, x: Array) -> None:
@@ -54,7 +54,7 @@ class Descent:
         self.converged = False
 
     def run(self, evaluations: int) -> None:
-        """Go on for so many evaluations of the objective, and those that end a step; less when it converges."""
+        """Continue for a number of evaluations of the objective, up to the end of a step; fewer if it converges."""
         while evaluations > 0 and not self.converged:
             evaluations -= self._step()
 
@@ -88,12 +88,12 @@ class Descent:
         self.x, self.value, self._gradient = x, value, gradient
 
     def _give_up(self) -> None:
-        """Begin anew with the steepest descent, which is the last resort."""
+        """Restart with the steepest descent, which is the last resort."""
         self.converged = not self._pairs
         self._pairs.clear()
 
     def _direction(self) -> Array:
-        """Direction of the next step: less the product of the inverse Hessian's estimate and the gradient."""
+        """Return the next direction: the negative product of the estimated inverse Hessian and the gradient."""
         way = self._gradient.copy()
         shares = []
         for step, change, inverse in reversed(self._pairs):

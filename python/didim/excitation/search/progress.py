@@ -1,4 +1,4 @@
-"""The line of progress of a design, with the time that is left. Tested in ``tests/test_progress.py``."""
+"""The progress line of a design, with the remaining time. Tested in ``tests/test_progress.py``."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from .starts import FIRST, HOPS, LAST, THINNED_COST, TRIAL, TRIALS
 
 
 def share_done(evaluations: int, iterations: int) -> float:
-    """Return the share of its time that a start of a Fourier series has behind it after so many evaluations, at most 1."""
+    """Return the elapsed share of a start's time after a number of evaluations, for a Fourier series, at most 1."""
     thinned = (TRIALS * TRIAL + FIRST + HOPS + TRIAL) * iterations
     spent = THINNED_COST * min(evaluations, thinned) + max(0.0, evaluations - thinned)
     return min(1.0, spent / (THINNED_COST * thinned + LAST * iterations))
 
 
 class DesignLine:
-    """Callback of a search (`Progress`) that shows one line for all its starts, which may run in several threads.
+    """Callback of a search (`Progress`) with one line for all its starts, which may run in several threads.
 
     Parameters
     ----------
     starts : int
-        Starts of the search.
+        Number of starts.
     iterations : int, optional
-        Those of each start; None for a search that reports each start once, at its end.
+        Iterations of each start; None for a search that reports a start only at its end.
     """
 
     def __init__(self, starts: int, iterations: int | None) -> None:
@@ -34,7 +34,7 @@ class DesignLine:
         self._values: dict[int, float] = {}
 
     def __call__(self, start: int, evaluations: int, value: float) -> None:
-        """Show how far the search is."""
+        """Update the line."""
         with self._lock:
             self._done[start] = 1.0 if self._iterations is None else share_done(evaluations, self._iterations)
             self._values[start] = value

@@ -1,9 +1,10 @@
 """Several starts in parallel, each a chain of descents with two weights of the penalties.
 
 The criterion has very many maxima, and a descent ends in one of them within some 150 evaluations. A perturbation of the best
-motion and a short descent from there nearly always end higher, so a start is mostly such perturbations (basin hopping): on the
-TX40 they raise the log determinant by ten, and bring all starts near each other. A start depends on its seed alone, so the
-result has the same bits for any number of threads. Tested in ``tests/test_excitation_search.py`` and ``tests/test_excitation.py``.
+motion and a short descent from it nearly always end higher, so a start mostly consists of such perturbations (basin hopping).
+On the TX40 they raise the log determinant by ten, and the starts end at similar values. A start only depends on its seed, so
+the result has the same bits for any number of threads. Tested in ``tests/test_excitation_search.py`` and
+``tests/test_excitation.py``.
 """
 
 from __future__ import annotations
@@ -64,17 +65,17 @@ def search(
     Parameters
     ----------
     problem : Problem
-        It is left with the limits that the search has tightened, and on its whole grid.
+        Problem; the search leaves it with tightened limits and on its whole grid.
     starts : sequence of (n,) arrays
         Variables of the random motions.
     iterations : int
-        Measure of the length: a start takes about four times as many evaluations, most of them on a coarse grid.
+        Length of the search: a start takes about four times as many evaluations, most of them on a coarse grid.
     seed : int
-        Of the perturbations.
+        Seed of the perturbations.
     stop : threading.Event
         Ends the search; the best variables so far are returned.
     progress : callable, optional
-        Called with evaluations and the least objective.
+        Callback with evaluations and the least objective.
     """
     return _Search(problem, iterations, seed, stop, progress).run(starts)
 
@@ -129,7 +130,7 @@ class _Search:
         best.run(self._evaluations(TRIAL))
 
     def _descend(self, share: float) -> None:
-        # The objective is another one: values from before say nothing.
+        # The objective has changed, so previous values are not comparable.
         start, self._least = self._best, np.inf
         Descent(self._value, start).run(self._evaluations(share))
 
@@ -166,9 +167,9 @@ def search_all(
     iterations : int
         As in `search`.
     seed : int
-        Of the first start; each has the next.
+        Seed of the first start; the others follow it.
     threads : int
-        Starts at a time.
+        Number of parallel starts.
     progress : callable, optional
         See `Progress`.
     executor : Executor, optional
@@ -177,8 +178,8 @@ def search_all(
     Returns
     -------
     found, problems, interrupted
-        The end of each start, its problem with the limits that the search has tightened, and whether the keyboard interrupted
-        them: every start keeps its best then. An executor elsewhere hears nothing of the keyboard and tells no progress.
+        Result of each start, its problem with tightened limits, and whether Ctrl-C interrupted them, in which case the results
+        are the best so far. A remote executor neither reacts to Ctrl-C nor reports progress.
     """
     if executor is not None:
         sent = [
@@ -211,7 +212,7 @@ def search_all(
             try:
                 pending = wait(pending, timeout=POLL_S).not_done
             except KeyboardInterrupt:
-                # A second interruption while the threads come to their end leaves as usual.
+                # A second Ctrl-C while the threads finish is raised as usual.
                 interrupted = True
                 stop.set()
         return [future.result() for future in futures], list(problems), interrupted
@@ -220,5 +221,5 @@ def search_all(
 def search_apart(
     problem: Problem, starts: Sequence[Array], iterations: int, seed: int
 ) -> tuple[Array, Problem]:
-    """Run one search in another process, and return its problem too: a search tightens its limits."""
+    """Run one search in another process, and return its problem too, because the search tightens its limits."""
     return search(problem, starts, iterations, seed, threading.Event()), problem

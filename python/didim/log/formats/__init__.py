@@ -1,1 +1,1 @@
-"""Readers of formats that need packages of their own: an extra of the project for each."""
+"""Readers of formats that need further packages, each an extra of the project."""

@@ -1,4 +1,4 @@
-"""MCAP files whose messages are JSON, as Foxglove and loggers without ROS write them. Needs the extra ``mcap``.
+"""MCAP files with JSON messages, as written by Foxglove and by loggers without ROS. Needs the extra ``mcap``.
 
 Messages of ROS 2 (CDR) in MCAP are bags, `didim.log.ros_bag`. A topic is a table: each number in its messages is a column, each
 list of numbers a matrix, and ``time`` the time at which it was logged (s). Tested in ``tests/test_mcap.py``.
@@ -31,7 +31,7 @@ class McapJsonFile(ArrayFile):
     Attributes
     ----------
     labels : mapping of str to sequence of str
-        Names of the columns of a matrix, where the messages have a list of names as long as it.
+        Names of a matrix's columns, if the messages have a list of names of the same length.
     """
 
     kind = "MCAP"
@@ -90,13 +90,13 @@ def _flat(content: Any, path: str = "") -> dict[str, Any]:
 
 
 def _names(message: Mapping[str, Any]) -> list[str]:
-    """Names of the joints of a message, as those of joint states have them."""
+    """Names of the joints of a message, as in joint states."""
     found = next((message[key] for key in ("name", "names", "joint_names") if key in message), None)
     return found if isinstance(found, list) and all(isinstance(name, str) for name in found) else []
 
 
 def _column(values: Sequence[Any]) -> Any:
-    """Values of one field as a vector or a matrix; None where they are not numbers, or lists of one length."""
+    """Values of one field as a vector or a matrix; None unless they are numbers, or lists of equal length."""
     if any(value is None or isinstance(value, bool | str | dict) for value in values):
         return None
     try:
@@ -107,7 +107,7 @@ def _column(values: Sequence[Any]) -> Any:
 
 
 def has_json(path: Path) -> bool:
-    """Whether an MCAP file has a topic of JSON, by the records outside its chunks, where writers repeat all topics."""
+    """Whether an MCAP file has a JSON topic; only records outside its chunks are read, where writers repeat all topics."""
     with path.open("rb") as stream:
         place, end = 8, path.stat().st_size
         while place + 9 <= end:
@@ -120,7 +120,7 @@ def has_json(path: Path) -> bool:
 
 
 def _encoding(record: bytes) -> bytes:
-    """Return the encoding of a channel's messages, behind its two numbers and its topic; texts have their length before them."""
+    """Return the encoding of a channel's messages, which follows two numbers and the topic; the length precedes each text."""
     place = 4
     text = b""
     for _ in range(2):
@@ -138,7 +138,7 @@ def open_mcap_json(path: Path, name: str, topic: str | None) -> McapJsonFile:
     Raises
     ------
     RecordingError
-        Without the package mcap, for a file that cannot be read, and for a topic that it has not.
+        Without the package mcap, for a file that cannot be read, and for a topic that it does not contain.
     """
     raw = read_file(path, RecordingError, "no such data file", copies=2)
     check_expanded(EXPANDED * mcap_content(path), len(raw), name, RecordingError)

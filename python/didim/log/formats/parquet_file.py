@@ -1,8 +1,8 @@
 """Parquet files, and LeRobot datasets of version 2 and 3, which are folders of them. Needs the extra ``lerobot`` (pyarrow).
 
-A dataset has a row for each frame: ``action`` are the commanded positions, ``observation.state`` the measured ones, lists with an
-entry for each motor whose names stand in ``meta/info.json``. Version 2 has a file for each episode, version 3 files with several.
-Tested in ``tests/test_lerobot.py``.
+A dataset has one row per frame: ``action`` are the commanded positions, ``observation.state`` the measured ones, as lists with
+an entry per motor; ``meta/info.json`` has the names of the motors. Version 2 has one file per episode, version 3 files with
+several. Tested in ``tests/test_lerobot.py``.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class ParquetFile(ArrayFile):
     Attributes
     ----------
     labels : mapping of str to sequence of str
-        Names of the columns of a matrix, where a LeRobot dataset has them.
+        Names of a matrix's columns, if a LeRobot dataset has them.
     """
 
     kind = "Parquet"
@@ -85,7 +85,7 @@ class LeRobotDataset(ArrayFile):
     Parameters
     ----------
     parts : sequence of ParquetFile
-        Its files, in their order.
+        Its files, in order.
     labels : mapping of str to sequence of str
         Names of the motors by column.
     name : str
