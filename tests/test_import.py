@@ -66,21 +66,6 @@ def test_idim_ls_loads_no_simulating_method_and_no_scipy() -> None:
     assert "scipy" not in modules
 
 
-def test_an_identification_loads_no_part_of_scipy() -> None:
-    # Each of them takes longer to load than IDIM-LS takes on a log of ten seconds.
-    code = (
-        "import didim, numpy as np\n"
-        "t = np.arange(2000) / 500.0\n"
-        "q = np.stack([np.sin(5.0 * t) + np.sin(7.0 * t), np.cos(6.0 * t)], axis=1)\n"
-        "tau = 20.0 * np.cos(q) - 10.0 * np.sin(5.0 * q) + np.sin(9.0 * t)[:, None]\n"
-        "log = didim.Experiment.from_arrays(didim.load_robot('planar2'), q, tau, rate_hz=500.0)\n"
-        "didim.identify(log, 'idim-ls')"
-    )
-    modules = loaded_by(code)
-    assert "evidence.causes" in parts(modules)
-    assert not modules & {"scipy.linalg", "scipy.signal", "scipy.special", "scipy.optimize", "scipy.stats"}
-
-
 def test_a_regressor_loads_its_robot_alone() -> None:
     modules = loaded_by("from didim import load_robot, regressor")
     assert {"model.dynamics", "robot.robot"} <= parts(modules)

@@ -14,7 +14,6 @@ from .._tools.pickling import Pickled
 from .._tools.words import joints_text
 from ..errors import FitError
 from ..regression.friction.alarm import FrictionAlarm
-from ..signal.special import student_quantile
 
 Kind = Literal["jackknife", "decimated", "white", "correlated", "draws"]
 """Source of the standard deviations: the delete-block jackknife, (10) with the correlation of decimated noise, (10) itself, the
@@ -200,6 +199,11 @@ def student_factor(level: float, degrees_of_freedom: float) -> float:
     FitError
         For a level that is not between 0 and 1.
     """
+    from scipy.special import ndtri, stdtrit  # not scipy.stats, which takes half a second to load
+
     if isinstance(level, bool) or not isinstance(level, (int, float)) or not 0.0 < level < 1.0:
         raise FitError(f"the level of an interval must be between 0 and 1, got {level!r}")
-    return student_quantile(0.5 - 0.5 * level, degrees_of_freedom)
+    tail = 0.5 + 0.5 * level
+    if not np.isfinite(degrees_of_freedom):
+        return float(ndtri(tail))
+    return float(stdtrit(degrees_of_freedom, tail))

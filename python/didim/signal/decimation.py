@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,6 @@ import didim._core as _core
 from .._tools.arrays import Array
 from .._tools.threads import core_threads
 from ..errors import SignalError
-from .design import chebyshev, steady_states
 from .filters import checked_columns, core_errors, padding_length, poles_survive
 from .processing import Convention, SignalProcessing
 
@@ -98,12 +98,14 @@ def _stages(n_samples: int, factors: tuple[int, ...], convention: Convention) ->
 @lru_cache(maxsize=64)
 def _decimation_filter(factor: int) -> tuple[Array, Array]:
     """Sections of the filter before a decimation, (4, 6), and their steady states, (4, 2)."""
+    from scipy.signal import cheby1, sosfilt_zi, zpk2sos
+
     share = DECIMATION_BAND / factor
-    design = chebyshev(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, share)
-    sos = design.sections()
-    if not poles_survive(design.poles, sos[:, 3:]):
+    design: Any = cheby1(DECIMATION_ORDER, DECIMATION_RIPPLE_DB, share, output="zpk")  # likewise
+    sos = np.ascontiguousarray(zpk2sos(*design))
+    if not poles_survive(design[1], sos[:, 3:]):
         raise SignalError(f"rounding spoils the filter of a decimation by {factor}: take several stages")
-    return sos, steady_states(sos)
+    return sos, np.ascontiguousarray(sosfilt_zi(sos))
 
 
 def decimate(x: Array, stages: Sequence[Stage]) -> Array:

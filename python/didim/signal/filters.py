@@ -1,7 +1,7 @@
 """Zero-phase filters, central differences and decimation: from a logged position to the rows of (6).
 
-Filters are designed in second-order sections, as SciPy does, and the core applies them. A transfer function of order 8 with its
-cut-off at 0.008 of the Nyquist frequency, which a decimation by 100 would need, is numerically unsound; its sections are not. Two
+SciPy designs the filters in second-order sections and the core applies them. A transfer function of order 8 with its cut-off at
+0.008 of the Nyquist frequency, which a decimation by 100 would need, is numerically unsound; its sections are not. Two
 conventions exist for the edges: MATLAB's ``filtfilt`` and ``decimate``, and SciPy's ``sosfiltfilt`` and ``decimate``. They
 differ in the padding and in the samples that are retained. To reproduce a published figure, use its convention.
 """
@@ -9,6 +9,7 @@ differ in the padding and in the samples that are retained. To reproduce a publi
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ import didim._core as _core
 from .._tools.arrays import Array, real_array
 from .._tools.threads import core_threads
 from ..errors import SignalError
-from .design import butterworth, steady_states
 from .processing import Convention, Ends, Form, SignalProcessing, check_order
 
 EXTENSION_PERIODS = 8.0
@@ -78,6 +78,8 @@ def zero_phase_butterworth(
     ``test_signals.py`` compares it with ``scipy.signal.sosfiltfilt``, and with ``filtfilt`` of the transfer
     function, and the ends of a curved extension with derivatives that are known.
     """
+    from scipy.signal import butter, filtfilt, sosfilt_zi, zpk2sos, zpk2tf
+
     check_order(order)
     if not 0.0 < cutoff_hz < rate_hz / 2.0:
         raise SignalError(
@@ -95,12 +97,13 @@ def zero_phase_butterworth(
     transfer = form == "transfer-function"
     sound = 0.0 < share < 1.0  # the division may have rounded to either
     if sound:
-        design = butterworth(order, share)
+        # Any, because scipy-stubs know real poles only.
+        design: Any = butter(order, share, output="zpk")
         if transfer:
-            b, a = design.transfer_function()
+            b, a = zpk2tf(*design)
         else:
-            sos = design.sections()
-        sound = poles_survive(design.poles, [a] if transfer else sos[:, 3:])
+            sos = np.ascontiguousarray(zpk2sos(*design))
+        sound = poles_survive(design[1], [a] if transfer else sos[:, 3:])
     if not sound:
         raise SignalError(
             f"rounding spoils a filter of order {order} at {cutoff_hz:g} Hz, sampled at {rate_hz:g} Hz: move "
@@ -112,11 +115,11 @@ def zero_phase_butterworth(
         x, added = _extended(x, rate_hz / cutoff_hz, padlen)
     inside = slice(added, x.shape[0] - added)
     if transfer:
-        from scipy.signal import filtfilt
-
         with np.errstate(over="ignore", invalid="ignore"):  # reported by the next step
             return np.asarray(filtfilt(b, a, x, axis=0, padlen=padlen))[inside]
-    filtered = core_errors(lambda: _core.filtfilt(x, sos, steady_states(sos), padlen, core_threads()))
+    filtered = core_errors(
+        lambda: _core.filtfilt(x, sos, np.ascontiguousarray(sosfilt_zi(sos)), padlen, core_threads())
+    )
     return np.ascontiguousarray(filtered[inside])
 
 

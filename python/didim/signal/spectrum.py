@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .._tools.arrays import Array
@@ -51,16 +53,20 @@ def contiguous_band(recording: Recording) -> float:
     float
         Largest bandwidth of all joints; 0 for a window that is too short. Tested in ``tests/test_init_filters.py``.
     """
+    from scipy.signal import welch
+
     start, stop = max(recording.windows, key=lambda window: window[1] - window[0])
     size = 2 * (stop - start) // (PIECES + 1)
     if size < SHORTEST_PIECE:
         return 0.0
+    # Any, because scipy-stubs do not know all ways to detrend.
+    options: dict[str, Any] = {"fs": recording.rate_hz, "nperseg": size, "detrend": "linear"}
     found = 0.0
     for joint in range(recording.q.shape[1]):
         steps = np.diff(recording.q[start:stop, joint])
         if not np.ptp(steps) > 0.0:
             continue
-        f, power = welch(steps, recording.rate_hz, size, straight=True)
+        f, power = welch(steps, **options)
         gain = (2.0 * np.sin(np.pi * f / recording.rate_hz)) ** 2
         gain[0] = gain[1]
         noise = gain * float(np.median((power / gain)[3 * len(f) // 4 :]))
@@ -75,6 +81,8 @@ def contiguous_band(recording: Recording) -> float:
 
 def spectrum(recording: Recording, joint: int) -> tuple[Array, Array, Array]:
     """Return frequencies in Hz and in rad per sample, and the power of a joint's position, less the noise."""
+    from scipy.signal import welch
+
     rate = recording.rate_hz
     size = min([LONGEST_PIECE, *(stop - start for start, stop in recording.windows)])
     if size < 32:
@@ -83,7 +91,7 @@ def spectrum(recording: Recording, joint: int) -> tuple[Array, Array, Array]:
     for start, stop in recording.windows:
         # Spectrum of the differences, because a drift of the position would leak into its whole spectrum.
         steps = np.diff(recording.q[start:stop, joint])
-        f, power = welch(steps, rate, size - 1)
+        f, power = welch(steps, fs=rate, nperseg=size - 1, detrend=False)
         powers.append(power * len(steps))
         lengths.append(len(steps))
     f = f[1:]
@@ -91,21 +99,3 @@ def spectrum(recording: Recording, joint: int) -> tuple[Array, Array, Array]:
     position = np.sum(powers, axis=0)[1:] / sum(lengths) / (2.0 * np.sin(x / 2.0)) ** 2
     noise = float(np.median(position[3 * len(position) // 4 :]))
     return f, x, np.where(position > ABOVE_NOISE * noise, position - noise, 0.0)
-
-
-def welch(signal: Array, rate_hz: float, size: int, *, straight: bool = False) -> tuple[Array, Array]:
-    """Frequencies in Hz and power per Hz of a signal, (n,), both (size // 2 + 1,): the mean over half overlapping pieces.
-
-    A piece has `size` samples, at most n, in Hann's window; `straight` takes a straight line off each piece first.
-    ``tests/test_like_scipy.py`` compares with ``scipy.signal.welch``.
-    """
-    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(size) / size)
-    pieces = np.lib.stride_tricks.sliding_window_view(signal, size)[:: size - size // 2]
-    if straight:
-        time = np.linspace(-1.0, 1.0, size)
-        mean = pieces.mean(axis=1, keepdims=True)
-        pieces = pieces - mean - (pieces @ time / (time @ time))[:, None] * time
-    power = np.mean(np.abs(np.fft.rfft(pieces * window)) ** 2, axis=0) / (rate_hz * float(window @ window))
-    # The negative frequencies, which 0 and a half of the rate have not.
-    power[1 : (size + 1) // 2] *= 2.0
-    return np.asarray(np.fft.rfftfreq(size, 1.0 / rate_hz), dtype=np.float64), power

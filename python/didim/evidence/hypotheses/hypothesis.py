@@ -9,7 +9,6 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...robot.robot import Robot
-from ...signal.special import bounded_minimum
 
 FACTORS = (0.3, 0.5, 0.7, 0.85, 0.96, 1.0, 1.04, 1.18, 1.4, 2.0, 3.3)
 """Factors of a length, a gear or an encoder that are tried; the best is refined between its neighbours, and the first and last
@@ -95,6 +94,8 @@ def best_factor(
 
     The factors beside 1, or the middle one, tell by a parabola whether any is: only then the others are tried.
     """
+    from scipy.optimize import minimize_scalar
+
     known: dict[float, float] = {}
 
     def cost(value: float) -> float:
@@ -117,11 +118,10 @@ def best_factor(
     k = int(np.argmin([cost(factor) for factor in factors]))
     if k in (0, len(factors) - 1):
         return factors[k], True
-    best = bounded_minimum(
+    found = minimize_scalar(
         lambda value: cost(float(np.exp(value))),
-        float(np.log(factors[k - 1])),
-        float(np.log(factors[k + 1])),
-        tolerance=5e-3,
-        evaluations=10,
+        bounds=(np.log(factors[k - 1]), np.log(factors[k + 1])),
+        method="bounded",
+        options={"xatol": 5e-3, "maxiter": 10},
     )
-    return float(np.exp(best)), False
+    return float(np.exp(found.x)), False

@@ -18,7 +18,6 @@ from ...experiment.experiment import Experiment
 from ...experiment.specs import ControllerSpec, ReferenceSpec
 from ...model.dynamics import inverse_dynamics
 from ...result.finding import Finding
-from ...signal.special import bounded_minimum
 from .law_rows import LawRows
 
 AGREES = 0.03
@@ -245,6 +244,7 @@ def _gains(found: Recovered, off: list[int]) -> Law:
 
 def _best(rows: LawRows, values: Sequence[float], law: Callable[[float], Array]) -> tuple[float, Array]:
     """Return the best of some values, refined between its neighbours, and the error there."""
+    from scipy.optimize import minimize_scalar
 
     def cost(value: float) -> float:
         return float(np.sum((rows.error(law(value)) / rows.size) ** 2))
@@ -253,8 +253,10 @@ def _best(rows: LawRows, values: Sequence[float], law: Callable[[float], Array])
     costs = [cost(value) for value in values]
     k = int(np.argmin(costs))
     low, high = values[max(k - 1, 0)], values[min(k + 1, len(values) - 1)]
-    best = bounded_minimum(cost, low, high, tolerance=2e-5, evaluations=12)
-    return best, rows.error(law(best))
+    found = minimize_scalar(
+        cost, bounds=(low, high), method="bounded", options={"xatol": 2e-5, "maxiter": 12}
+    )
+    return float(found.x), rows.error(law(float(found.x)))
 
 
 def _limits(rows: LawRows) -> Law:

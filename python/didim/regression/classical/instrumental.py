@@ -20,7 +20,6 @@ import didim._core as _core
 
 from ..._tools.arrays import Array
 from ...errors import FitError, RankError
-from ...signal.special import f_tail
 from ..covariance import decimated, white
 from ..fit import Fit, Progress
 from ..jackknife import Factors
@@ -166,6 +165,8 @@ def exogeneity_test(a: Array, left: Array, y: Array) -> ExogeneityTest | None:
     ExogeneityTest or None
         None where V adds nothing, or no rows are left.
     """
+    from scipy.special import fdtrc
+
     projected, size = left.T @ a, np.linalg.norm(a, axis=0)
     added = _rest_norms(a, left, projected)
     # The rest of a column that the instruments hold entirely is rounding.
@@ -187,7 +188,7 @@ def exogeneity_test(a: Array, left: Array, y: Array) -> ExogeneityTest | None:
     if gained <= 0 or remaining <= 0 or not full @ full > 0.0:
         return None
     statistic = ((restricted @ restricted - full @ full) / gained) / (full @ full / remaining)
-    return ExogeneityTest(float(statistic), gained, remaining, f_tail(float(statistic), gained, remaining))
+    return ExogeneityTest(float(statistic), gained, remaining, float(fdtrc(gained, remaining, statistic)))
 
 
 def durbin_watson(residuals: Sequence[Array]) -> float:

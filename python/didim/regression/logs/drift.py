@@ -19,7 +19,6 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ..._tools.words import joints_text
-from ...signal.special import student_quantile
 from ..fit import Fit
 from ..jackknife import Factors, intervals
 from ..linear_system import LinearSystem
@@ -103,9 +102,11 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
     m = len(parts)
     covariance = m / (m - 1) * inverse @ (scores.T @ scores) @ inverse
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    tail = 0.5 * FALSE_DRIFTS / len(places)
+    from scipy.special import stdtrit  # not scipy.stats, which takes half a second to load
+
+    tail = 1.0 - 0.5 * FALSE_DRIFTS / len(places)
     # A difference has the blocks of its two logs, and no others.
-    limits = [student_quantile(tail, counts[number] + counts[numbers[0]] - 2) for _, _, number in places]
+    limits = [float(stdtrit(counts[number] + counts[numbers[0]] - 2, tail)) for _, _, number in places]
     sizes = system.norms(fit.residual) / np.sqrt([rows.stop - rows.start for rows in system.joints])
     told = []
     for index, (name, joint, number) in enumerate(places):

@@ -18,7 +18,6 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...robot.robot import Robot
-from ...signal.special import f_tail
 from ..fit import Fit
 from ..jackknife import intervals
 from ..linear_system import LinearSystem
@@ -135,6 +134,8 @@ def _load(
     own: np.ndarray[tuple[int], np.dtype[np.intp]],
     blocks: int,
 ) -> Load | None:
+    from scipy.special import fdtrc  # not scipy.stats, which takes half a second to load
+
     parts: Sequence[np.ndarray[tuple[int], np.dtype[np.intp]]] = [
         part.rows for part in intervals(system.blocks, blocks)
     ]
@@ -158,7 +159,7 @@ def _load(
     statistic = float(found @ np.linalg.solve(covariance, found)) * (m - rank) / (rank * (m - 1))
     before = float(rest[own] @ rest[own])
     explained = 1.0 - float(error[own] @ error[own]) / before if before > 0.0 else 0.0
-    if not (f_tail(statistic, rank, m - rank) < FALSE_LOADS and explained > EXPLAINED):
+    if not (fdtrc(rank, m - rank, statistic) < FALSE_LOADS and explained > EXPLAINED):
         return None
     back = (directions / np.sqrt(values[good])) / scale[:, None]
     known = float(np.linalg.norm(directions[9])) >= KNOWN
