@@ -163,18 +163,6 @@ def test_each_candidate_begins_in_its_own_balance() -> None:
         np.testing.assert_allclose(held.q, np.broadcast_to([0.5, 0.2], held.q.shape), atol=1e-12)
 
 
-def test_derivatives_see_the_balance(cut: tuple[Experiment, Array]) -> None:
-    log, x = cut
-    balanced = replace(log, simulation=replace(log.simulation, controller_start="balance"))
-    loop = closed_loop(balanced, log.recordings[0])
-    direction = np.zeros(len(x))
-    direction[log.robot.parameter_names.index("MX1")] = 1.0
-    (*_, exact), _ = loop.sensitivities(x, direction[None])
-    h = 1e-5
-    (*_, tau), _ = loop.run(np.stack([x + h * direction, x - h * direction]))
-    assert error((tau[0] - tau[1]) / (2.0 * h), exact[0]) < 1e-5
-
-
 def test_noise_is_averaged() -> None:
     controller = LAWS["pid"](None)
     _, _, reference, run = run_of(controller)

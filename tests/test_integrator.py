@@ -92,10 +92,6 @@ def test_what_it_does_not_take_is_refused() -> None:
     loop = closed_loop(experiment)
     with pytest.raises(SimulationError, match="speed of their shafts alone"):
         ClosedLoop.of(printed, loop.reference, loop.controller, integrator="imex")
-    again = ClosedLoop.of(arm, loop.reference, loop.controller, duration_s=0.1, integrator="imex")
-    x = np.array(arm.sets["didim"])
-    with pytest.raises(SimulationError, match='exact derivatives are those of integrator "rk4"'):
-        again.sensitivities(x, np.eye(len(x))[:1])
 
 
 def test_friction_asks_consistent_didim_for_no_step() -> None:

@@ -638,26 +638,3 @@ def test_parts_that_do_not_fit_are_one_sentence(make: Callable[[], object], mess
         make()
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_exact_sensitivities_are_central_differences_on_the_tx40() -> None:
-    """Along every base parameter, 1e-6 of the norm of a column, with friction that is smooth."""
-    experiment = packaged_experiment("tx40")
-    smooth = replace(
-        experiment, simulation=replace(experiment.simulation, smoothing=(0.5,) * 6, duration_s=0.4)
-    )
-    loop = closed_loop(smooth)
-    x = experiment.robot.parameter_set("didim")
-    base = experiment.robot.base_parameters
-    directions = np.stack([base.lift(row) for row in np.eye(len(base.names))])
-    (q_, _, _, tau_), outcome = loop.sensitivities(x, directions)
-    assert outcome.completed
-    # Steps that change the torques alike, and the fourth-order formula, whose own error is far below 1e-6.
-    steps = np.maximum(1e-3 * np.abs(base.project(x)), 2e-4)
-    moved = [x + factor * steps[:, None] * directions for factor in (2.0, 1.0, -1.0, -2.0)]
-    runs = [loop.run(np.ascontiguousarray(candidates))[0] for candidates in moved]
-    for exact, kind in ((q_, 0), (tau_, 3)):
-        a, b, c, d = (run[kind] for run in runs)
-        differences = (8.0 * (b - c) - (a - d)) / (12.0 * steps[:, None, None])
-        apart = np.linalg.norm((differences - exact).reshape(60, -1), axis=1)
-        assert (apart / np.linalg.norm(exact.reshape(60, -1), axis=1)).max() < 1e-6

@@ -31,7 +31,6 @@ __all__ = [
     "regressor",
     "simulate",
     "simulate_cost",
-    "simulate_sensitivities",
     "simulate_servos",
     "smallest_eigenvalue",
 ]
@@ -235,13 +234,6 @@ def simulate_cost(
     weight_tau: Sequence[float],
     threads: int | None = None,
 ) -> tuple[_Array, list[_Ending]]: ...
-def simulate_sensitivities(
-    setting: _Setting,
-    x: Sequence[float],
-    scale: Sequence[float],
-    directions: _Array,
-    threads: int | None = None,
-) -> tuple[list[_Array], _Ending]: ...
 def information(
     robot: Robot, q: _Array, dq: _Array, ddq: _Array, columns: Sequence[int], weights: _Array
 ) -> _Array: ...

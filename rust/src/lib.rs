@@ -28,7 +28,7 @@
 //! | [`signal`] | text of data files, filters, the observation matrix of a log |
 //! | [`regression`] | base parameters and least squares |
 //! | [`closed_loop`] | references, controllers, steps, simulations |
-//! | [`tangent`] | derivatives of the inverse model, of the information of a motion, and of simulations |
+//! | [`tangent`] | derivatives of the inverse model, and of the information of a motion |
 //!
 //! ## Conventions
 //!

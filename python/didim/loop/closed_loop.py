@@ -285,43 +285,6 @@ class ClosedLoop:
             raise SimulationError(str(reason)) from None
         return costs, outcomes_of(endings)
 
-    def sensitivities(
-        self, x: Array, directions: Array, *, gain_scale: Array | None = None, threads: int | None = None
-    ) -> tuple[list[Array], Outcome]:
-        """Exact derivatives of the run of one candidate; continuous control, or a digital one with exact encoders.
-
-        Parameters
-        ----------
-        x : (n_parameters,) array
-            Standard parameters.
-        directions : (m, n_parameters) array
-            Directions in the space of standard parameters.
-        gain_scale : (n_dof,) array, optional
-            Factor of the controller's gains.
-        threads : int, optional
-            All cores by default.
-
-        Returns
-        -------
-        list of array
-            Derivatives of ``q dq ddq tau`` along the directions, each (m, n_records, n_dof); NaN where the run ends early.
-        Outcome
-            How the run ended.
-
-        Notes
-        -----
-        ``tangent/closed_loop/tests.rs`` and ``test_simulation.py`` check them by differences of simulations, 1e-6 of the norm of a
-        column.
-        """
-        scale = np.ones(self.robot.n_dof) if gain_scale is None else gain_scale
-        try:
-            arrays, end = _core.simulate_sensitivities(
-                self.core, x.tolist(), scale.tolist(), directions, core_threads(threads)
-            )
-        except ValueError as reason:
-            raise SimulationError(str(reason)) from None
-        return list(arrays), outcomes_of([end])[0]
-
     def _scale_of(self, x: Array, gain_scale: Array | None, threads: int | None) -> Array:
         """Return the scale of the gains, 1 by default, once the candidates are rows."""
         if x.ndim != 2:

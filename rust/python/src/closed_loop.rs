@@ -16,7 +16,6 @@ use didim::closed_loop::simulation::{Candidate, Integrator, Outcome, Simulation}
 use didim::ground::cancel::Cancel;
 use didim::ground::parallel;
 use didim::robot::parameters::Layout;
-use didim::tangent::closed_loop::sensitivities;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -321,40 +320,6 @@ pub(super) fn simulate_cost<'py>(
         }
     }
     Ok((PyArray1::from_vec(py, costs), endings))
-}
-
-/// Exact derivatives of one candidate's run along directions `(m, n_parameters)`: `q dq ddq tau`, `(m, n_records, n_dof)` each.
-#[pyfunction]
-#[pyo3(signature = (setting, x, scale, directions, threads=None))]
-pub(super) fn simulate_sensitivities<'py>(
-    py: Python<'py>,
-    setting: Setting<'py>,
-    x: Vec<f64>,
-    scale: Vec<f64>,
-    directions: Input<'py>,
-    threads: Option<usize>,
-) -> PyResult<([Bound<'py, PyArray3<f64>>; 4], Ending)> {
-    let n = setting.robot.get().0.n_dof();
-    let records = setting.schedule.get().0.records();
-    let (m, width) = directions.as_array().dim();
-    let directions = flat("directions", &directions)?;
-    let rows: Vec<&[f64]> = directions.chunks_exact(width.max(1)).collect();
-    let threads = threads.unwrap_or_else(parallel::available_threads);
-    let (outcome, trajectories) = with_simulation(py, setting, |simulation, cancel| {
-        sensitivities(simulation, Candidate { x: &x, scale: &scale }, &rows, threads, cancel)
-    })?;
-    let mut out: [Vec<f64>; 4] = std::array::from_fn(|_| Vec::with_capacity(m * records * n));
-    for lane in trajectories {
-        let Trajectory { q, dq, ddq, tau } = lane;
-        for (out, values) in out.iter_mut().zip([q, dq, ddq, tau]) {
-            out.extend(values);
-        }
-    }
-    let [q, dq, ddq, tau] = out.map(|mut values| {
-        values.resize(m * records * n, f64::NAN);
-        PyArray1::from_vec(py, values).reshape([m, records, n])
-    });
-    Ok(([q?, dq?, ddq?, tau?], ending(outcome)))
 }
 
 // A closure is needed: `Python::check_signals` is tied to the lifetime of one token and cannot be passed as a function.

@@ -61,9 +61,7 @@ mod _core {
     }
 
     #[pymodule_export]
-    use super::closed_loop::{
-        Controller, Reference, Schedule, simulate, simulate_cost, simulate_sensitivities,
-    };
+    use super::closed_loop::{Controller, Reference, Schedule, simulate, simulate_cost};
     #[pymodule_export]
     use super::consistent::{ConsistentProblem, ConsistentSolutions};
     #[pymodule_export]

@@ -34,16 +34,6 @@ impl<V: Set> Sampled<V> {
         }
     }
 
-    /// Integrators of the joints.
-    pub fn integrators(&self) -> [Lanes<V>; MAX_DOF] {
-        self.z
-    }
-
-    /// Weights of the newest, the one before, ... position in the velocity.
-    pub fn differences(&self) -> &[f64] {
-        &self.differences
-    }
-
     /// Velocity of joint `j` that the next sample sees, once it has measured a position.
     pub fn velocity_after(&self, j: usize, measured: Lanes<V>) -> Lanes<V> {
         let mut velocity = measured.mul_add(Lanes::splat(self.differences[0]), Lanes::zero());
@@ -53,14 +43,14 @@ impl<V: Set> Sampled<V> {
         velocity
     }
 
-    /// Position and velocity of joint `j` as the last sample saw them.
+    /// Velocity of joint `j` as the last sample saw it.
     #[inline(always)]
-    pub fn measured(&self, j: usize) -> (Lanes<V>, Lanes<V>) {
+    fn velocity(&self, j: usize) -> Lanes<V> {
         let mut velocity = Lanes::zero();
         for (difference, positions) in self.differences.iter().zip(&self.history) {
             velocity = positions[j].mul_add(Lanes::splat(*difference), velocity);
         }
-        (self.history[0][j], velocity)
+        velocity
     }
 
     /// One sample: takes the positions, and returns the torques that act until the next.
@@ -77,7 +67,7 @@ impl<V: Set> Sampled<V> {
         for (j, one) in laws.iter().enumerate() {
             let measured = digital.measured(j, q[j]);
             self.history[0][j] = measured;
-            let (_, velocity) = self.measured(j);
+            let velocity = self.velocity(j);
             let (torque, dz) = law(one, instant, j, measured, velocity, self.z[j]);
             self.z[j] = dz.mul_add(Lanes::splat(digital.period), self.z[j]);
             self.queue[0][j] = torque;

@@ -26,9 +26,6 @@ pub enum SimulationError {
     /// Friction that the integrator does not take.
     #[error("integrator \"imex\" is not for this robot: {0}")]
     Integrator(&'static str),
-    /// Derivatives of another integrator, or of states that they do not follow.
-    #[error("exact derivatives are those of integrator \"rk4\", without friction that remembers")]
-    Derivatives,
     /// A candidate that follows nothing.
     #[error("a servo follows a reference that is not there")]
     Reference,

@@ -2,7 +2,7 @@
 //!
 //! `tau = M(q) ddq + N(q, dq)`, rotors and friction included. Identity that tests it: `tau = W x` with the
 //! columns of [`crate::model::regressor`], whose links move by the same outward pass; independently, the textbook recursion of
-//! [`crate::tangent::partials`], and Pinocchio's `rnea` in the Python tests.
+//! `rust/tests/common/partials.rs`, and Pinocchio's `rnea` in the Python tests.
 
 use crate::ground::arrays::{MAX_DOF, ShapeError, check_length};
 use crate::ground::dispatch::{Kernel, dispatch};

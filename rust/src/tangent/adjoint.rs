@@ -4,7 +4,7 @@
 //! respect to the entries. `sum_p G_ip W_ip` is the torque of joint `i` with the row `G_i` as standard parameters, so the sum is
 //! `n` inverse dynamic models (1) that share one motion. They are walked outwards once; the derivatives are carried inwards,
 //! in reverse order, at a small multiple of the cost of the sum itself. Identity that tests it: the derivatives of the inverse
-//! model with the rows as parameters, [`crate::tangent::partials`].
+//! model with the rows as parameters, `rust/tests/common/partials.rs`.
 
 use crate::ground::arrays::{MAX_DOF, ShapeError, check_length};
 use crate::ground::dispatch::{Kernel, dispatch};

@@ -9,7 +9,6 @@ use didim::ground::isa::{Isa, choose};
 use didim::robot::friction_terms::{Law, Term};
 use didim::robot::parameters::{FRICTION, IA, Layout};
 use didim::robot::{Coupling, Friction, Robot};
-use didim::tangent::closed_loop::sensitivities;
 
 /// The robot of [`robot`] with another friction.
 fn with_friction(friction: Friction) -> Robot {
@@ -126,7 +125,7 @@ fn what_it_does_not_take_is_refused() {
         (Friction::sign(3), "friction as tanh"),
         (Friction { dead_zone: vec![0.01; 3], ..smooth.clone() }, "no dead zone"),
         (Friction { terms: vec![load], ..smooth.clone() }, "depends on the load"),
-        (Friction { coupling: Coupling::Printed, ..smooth.clone() }, "their shafts alone"),
+        (Friction { coupling: Coupling::Printed, ..smooth }, "their shafts alone"),
     ] {
         let robot = with_friction(friction);
         let (reference, controller) = (reference(), pd(300.0, 30.0));
@@ -140,13 +139,4 @@ fn what_it_does_not_take_is_refused() {
         let refused = simulate(simulation, &candidate, 1, &Cancel::never(), |_| Trajectories::new(1, 1, 3));
         assert!(refused.unwrap_err().to_string().contains(why), "{why}");
     }
-    let robot = with_friction(smooth);
-    let (reference, controller) = (reference(), pd(300.0, 30.0));
-    let schedule = schedule(&robot, &reference, 1e-2);
-    let simulation =
-        Simulation { integrator: Integrator::Additive, ..whole(&robot, &reference, &controller, &schedule) };
-    let x = steep(&robot);
-    let candidate = Candidate { x: &x, scale: &[1.0; 3] };
-    let refused = sensitivities(simulation, candidate, &[&x], 1, &Cancel::never());
-    assert!(refused.unwrap_err().to_string().contains("are those of integrator"));
 }

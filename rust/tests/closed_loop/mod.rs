@@ -5,7 +5,6 @@ mod memory;
 mod reference;
 mod remembered;
 mod schedule;
-mod sensitivities;
 mod servo;
 mod shapes;
 mod simulate;

@@ -1,14 +1,12 @@
 //! Friction that remembers, in the closed loop: its torque, its steps, its lanes, and derivatives that refuse it.
 
-use crate::common::loops::{distance, parameters, pd, reference, robot, run, schedule, whole};
+use crate::common::loops::{distance, parameters, pd, reference, robot, run, whole};
 use didim::closed_loop::observers::Trajectory;
 use didim::closed_loop::schedule::{Plan, Schedule};
-use didim::closed_loop::simulation::{Candidate, Integrator, Outcome, Simulation, SimulationError};
-use didim::ground::cancel::Cancel;
+use didim::closed_loop::simulation::{Integrator, Outcome, Simulation};
 use didim::model::inverse::inverse_dynamics;
 use didim::robot::Robot;
 use didim::robot::friction_terms::{Law, Term};
-use didim::tangent::closed_loop::sensitivities;
 
 const WIDTHS: [f64; 2] = [0.02, 0.005];
 
@@ -93,16 +91,4 @@ fn a_candidate_has_the_same_bits_alone_and_in_lanes() {
         let alone = &recorded(&robot, std::slice::from_ref(x), 500.0, Integrator::RungeKutta)[0];
         assert_eq!(alone.q, found.q);
     }
-}
-
-#[test]
-fn exact_derivatives_are_refused() {
-    let robot = remembering();
-    let x = standard(&robot, [1.0, 1.0]);
-    let (reference, controller) = (reference(), pd(300.0, 30.0));
-    let schedule = schedule(&robot, &reference, 1e-3);
-    let simulation = whole(&robot, &reference, &controller, &schedule);
-    let candidate = Candidate { x: &x, scale: &[1.0; 3] };
-    let refused = sensitivities(simulation, candidate, &[], 1, &Cancel::never());
-    assert_eq!(refused.unwrap_err(), SimulationError::Derivatives);
 }

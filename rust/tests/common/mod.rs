@@ -2,5 +2,7 @@
 
 pub mod arms;
 pub mod bodies;
+mod dual;
 pub mod filters;
 pub mod loops;
+pub mod partials;

@@ -1,6 +1,7 @@
 //! Trees: the models agree with each other and with the textbook recursion, whatever stands on what.
 
 use crate::common::bodies::parameters;
+use crate::common::partials::partials;
 use didim::model::{
     direct::direct_dynamics, inertia::inertia_matrix, inverse::inverse_dynamics, regressor::regressor,
 };
@@ -8,7 +9,6 @@ use didim::regression::base::base_parameters;
 use didim::robot::parameters::Layout;
 use didim::robot::{Friction, Joint, JointKind, Mount, Robot};
 use didim::tangent::adjoint::{Gradient, contraction_gradient};
-use didim::tangent::partials::partials;
 
 /// Joints on given parents (one-based, 0 for the base), every kind of placement, coefficients of a motor that turns two joints.
 fn tree(parents: &[usize], coupled: Option<(usize, usize)>) -> Robot {

@@ -1,10 +1,10 @@
 //! Gradients of contractions of the regressor against dual numbers.
 
 use crate::common::arms::{frictions, robot};
+use crate::common::partials::partials;
 use didim::robot::parameters::Layout;
 use didim::robot::{Friction, Robot};
 use didim::tangent::adjoint::{Gradient, contraction_gradient};
-use didim::tangent::partials::partials;
 
 /// Torque of joint `i` with a row as parameters, differentiated: positions and velocities by dual numbers, accelerations by
 /// the regressor's linearity in them.

@@ -1,4 +1,3 @@
 mod adjoint;
 mod drives;
 mod information;
-mod partials;

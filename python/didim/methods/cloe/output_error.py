@@ -156,10 +156,7 @@ class OutputError:
         return found
 
     def derivatives(self, point: Array, errors: Array) -> Array:
-        """Return derivatives of the weighted errors, (n, n_rows), by differences of simulations side by side.
-
-        Differences in lanes take less time than the exact tangent of the run, which ``tangent/closed_loop.rs`` has as a check.
-        """
+        """Return derivatives of the weighted errors, (n, n_rows), by differences of simulations side by side."""
         steps = DERIVATIVE_STEP * self.scale
         moved, completed = self.errors(point + np.diag(steps))
         moved -= errors

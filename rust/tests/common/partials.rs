@@ -1,15 +1,15 @@
 //! Derivatives of the inverse dynamic model (1) with respect to positions and velocities, by Newton-Euler on dual numbers.
 //!
 //! Written with rotation-free textbook recursions on standard parameters, apart from the kernels: what it agrees with, it
-//! checks. Identity that tests it: its values are those of [`crate::model::inverse`], its derivatives differences of them.
+//! checks. Identity that tests it: its values are those of `didim::model::inverse`, its derivatives differences of them.
 
 // Numbers with 80 derivatives are large; they are passed as numbers are written, and speed is not what they are for.
 #![allow(clippy::large_types_passed_by_value)]
 
 use super::dual::Dual;
-use crate::ground::arrays::MAX_DOF;
-use crate::robot::parameters::{FRICTION, IA, Layout, M, MX, XX};
-use crate::robot::{Coupling, JointKind, Placement, Robot};
+use didim::ground::arrays::MAX_DOF;
+use didim::robot::parameters::{FRICTION, IA, Layout, M, MX, XX};
+use didim::robot::{Coupling, JointKind, Placement, Robot};
 
 /// Variables: positions, then velocities.
 const N: usize = 2 * MAX_DOF;

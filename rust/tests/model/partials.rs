@@ -1,9 +1,9 @@
 //! Partial derivatives of the inverse model against differences.
 
 use crate::common::arms::{frictions, robot};
+use crate::common::partials::partials;
 use didim::model::inverse::inverse_dynamics;
 use didim::robot::parameters::Layout;
-use didim::tangent::partials::partials;
 
 #[test]
 fn values_are_those_of_the_kernel_and_derivatives_differences_of_them() {
