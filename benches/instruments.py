@@ -1,4 +1,4 @@
-"""Where instruments help: IDIM-LS, IDIM-IV and DIDIM under wrong filters, noisy encoders and a wrong controller.
+"""Cases in which instruments help: IDIM-LS, IDIM-IV and DIDIM under wrong filters, noisy encoders and a wrong controller.
 
     python benches/instruments.py [--seeds N]
 

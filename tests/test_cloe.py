@@ -19,7 +19,7 @@ from didim.methods.cloe import nelder_mead
 from didim.methods.cloe.output_error import OutputError
 from didim.methods.method import FitSettings
 from didim.result.identification import Identification
-from didim.result.iteration import Iteration
+from didim.result.iteration import Iteration, Reporter
 from didim.result.status import Status
 from didim.signal.align import DelaySettings
 from didim.signal.noise import white_noise
@@ -390,7 +390,7 @@ def test_several_starts_are_counted() -> None:
 def test_candidates_that_no_robot_has_cost_infinitely_much() -> None:
     arm = short_arm()
     job = FitSettings().job(arm, arm.simulation.robot(arm.robot))
-    problem = OutputError(didim.CLOE(start=off(arm)), job, lambda text: None)
+    problem = OutputError(didim.CLOE(start=off(arm)), job, Reporter())
     points = np.stack([problem.start] * 4)
     points[1] *= -1.0  # M(q) indefinite
     points[2, 0] = np.nan
@@ -422,7 +422,7 @@ def test_the_damping_is_raised_until_a_step_goes_down(monkeypatch: pytest.Monkey
 def test_a_derivative_at_the_edge_is_taken_on_the_other_side(monkeypatch: pytest.MonkeyPatch) -> None:
     arm = short_arm()
     job = FitSettings().job(arm, arm.simulation.robot(arm.robot))
-    problem = OutputError(didim.CLOE(start=off(arm)), job, lambda text: None)
+    problem = OutputError(didim.CLOE(start=off(arm)), job, Reporter())
     (errors,), _ = problem.errors(problem.start[None])
     inner = problem.derivatives(problem.start, errors)
     known, calls = OutputError.errors, list[int]()
@@ -454,7 +454,7 @@ def test_sigma_of_errors_that_are_no_noise(project: Path, shared: Path) -> None:
 def test_the_simplex_on_lanes_is_scipys_on_single_simulations() -> None:
     arm = short_arm()
     job = FitSettings().job(arm, arm.simulation.robot(arm.robot))
-    problem = OutputError(didim.CLOE(start=off(arm)), job, lambda text: None)
+    problem = OutputError(didim.CLOE(start=off(arm)), job, Reporter())
 
     def batch(points: np.ndarray) -> np.ndarray:
         return np.sqrt(problem.costs(points))
@@ -510,7 +510,7 @@ def test_starts_that_cannot_be_searched_from_are_counted(monkeypatch: pytest.Mon
         "didim.methods.cloe.cloe._further_starts", lambda problem, count, seed: [nowhere] * count
     )
     said: list[str] = []
-    fit = didim.CLOE(start=off(arm), starts=3).run(arm, lambda iteration: False, said.append)
+    fit = didim.CLOE(start=off(arm), starts=3).run(arm, Reporter(say=said.append))
     assert fit.status is Status.CONVERGED
     assert "1 of 3 starts reached the best optimum; 2 could not be searched from" in fit.remarks[-1]
     assert [line for line in said if line.startswith("start 3: ") and "cannot be simulated" in line]

@@ -18,7 +18,7 @@ from didim.evidence.naming import torque_findings
 from didim.methods.cloe.consistent import consistent_steps
 from didim.model.consistency import violations
 from didim.regression.consistent.problem import conditions_of
-from didim.result.iteration import Iteration
+from didim.result.iteration import Iteration, Reporter
 from didim.studies.simulated_log import simulated_log
 
 
@@ -128,7 +128,7 @@ def test_consistent_cloe_from_several_starts() -> None:
     assert violations(conditions_of(arm.robot), several.parameters) == []
     assert np.abs((several.beta - one.beta) / one.std).max() < 0.1
     # Each search began at a robot of its own.
-    begun = consistent_steps(CLOE(physical=True, output="torque"), arm, lambda text: None)
+    begun = consistent_steps(CLOE(physical=True, output="torque"), arm, Reporter())
     near = begun.begun_near(begun.point(begun.x) + 0.3 * begun.problem.scale)
     assert violations(conditions_of(arm.robot), near.x) == []
     assert np.abs((near.point(near.x) - begun.point(begun.x)) / begun.problem.scale).max() > 0.1

@@ -17,7 +17,7 @@ from didim.contrib.maximum_likelihood import MaximumLikelihood
 from didim.methods.method import Motion
 from didim.methods.table import METHODS
 from didim.regression.solver import SOLVERS
-from didim.result.iteration import Iteration
+from didim.result.iteration import Reporter
 
 pytestmark = pytest.mark.usefixtures("without_causes")
 
@@ -68,19 +68,14 @@ class Own:
     motion: ClassVar[Motion] = "measured"
     raw: ClassVar[bool] = False
 
-    def run(
-        self,
-        experiment: Experiment,
-        progress: Callable[[Iteration], bool],
-        say: Callable[[str], None],
-    ) -> Identification:
+    def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
         forgets = self.broken == "keeps_fixed_and_dropped"
         inner = IDIMLS(fixed=None if forgets else self.fixed, dropped=None if forgets else self.dropped)
         if self.broken == "calls_back":
-            progress = _deaf
+            reporter = reporter.without_iterations
         elif self.broken == "refuses_in_one_sentence" and experiment.recordings[0].tau is None:
             raise ValueError("no torques")
-        fit = inner.run(experiment, progress, say)
+        fit = inner.run(experiment, reporter)
         if self.broken == "recovers_without_noise":
             fit = replace(fit, beta=1.01 * fit.beta)
         elif self.broken == "covers_the_truth":
@@ -91,10 +86,6 @@ class Own:
 
 
 COUNT = itertools.count()
-
-
-def _deaf(iteration: Iteration) -> bool:
-    return False
 
 
 def test_a_method_of_ones_own_passes() -> None:

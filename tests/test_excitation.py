@@ -517,7 +517,7 @@ def test_a_parameter_that_the_motion_does_not_show_is_weak(design: Excitation) -
 
 @pytest.mark.parametrize("pair", [0.5, 1.0 - 1e-14])
 def test_information_near_the_smallest_numbers_gives_no_warning(pair: float) -> None:
-    """Of a regular and of a nearly singular matrix; warnings are errors in tests."""
+    """A regular and a nearly singular matrix; warnings are errors in tests."""
     scale = np.array([1e-155, 1e-155, 1.0])
     unit = np.array([[1.0, pair, 0.0], [pair, 1.0, 0.0], [0.0, 0.0, 1.0]])
     value, inverse = log_determinant(unit * np.outer(scale, scale))

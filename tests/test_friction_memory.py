@@ -35,7 +35,7 @@ def walk(seed: int, n: int = 400) -> np.ndarray:
 
 
 def stepped(q: np.ndarray, h: float, start: float) -> np.ndarray:
-    """From sample to sample, as the equation says."""
+    """Steps from sample to sample, as the equation says."""
     z = np.full(q.shape[1], start)
     found = [z]
     for change in np.diff(q, axis=0):

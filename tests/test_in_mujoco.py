@@ -1,4 +1,4 @@
-"""From the file of a robot and a log of positions to a simulation that moves like it: a twin by MuJoCo, and a real quadruped."""
+"""A simulation that moves like the robot of a file and a log of positions: a twin by MuJoCo, and a real quadruped."""
 
 from __future__ import annotations
 

@@ -331,7 +331,7 @@ def test_no_output_is_written_over_an_input(
 
 
 def test_results_are_not_saved_over_what_they_were_made_of(inputs: Path) -> None:
-    """From Python, and under a name that nobody has read: the content decides."""
+    """Files saved from Python, and under a name that nobody has read: the content decides."""
     experiment = didim.load_experiment("arm.toml")
     fit = identify(experiment, IDIMLS())
     before = contents(inputs)

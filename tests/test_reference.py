@@ -220,7 +220,7 @@ def test_a_wrong_reference_is_one_sentence(make: Callable[[], object], message: 
 
 
 def test_in_a_very_long_period_positions_meet_their_limit() -> None:
-    """Where velocities and accelerations vanish, their limits say nothing, and nothing is divided by zero."""
+    """Velocities and accelerations that vanish leave their limits without meaning, and nothing is divided by zero."""
     slow = random(period_s=1e300, max_position=[0.5, 1.0])
     q, dq, _ = slow.at(np.linspace(0.0, 1e300, 1001))
     np.testing.assert_allclose(np.abs(q).max(axis=0), [0.5, 1.0], rtol=0.02)

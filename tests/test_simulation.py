@@ -8,7 +8,6 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from scipy.special import ellipj, ellipk
 
 import didim
 from didim.errors import ShapeError, SimulationError
-from didim.experiment.loop import closed_loop
 from didim.loop.closed_loop import ClosedLoop
 from didim.loop.controller import Controller, Digital
 from didim.loop.outcome import Outcome, SimulationStatus
@@ -27,7 +25,6 @@ from didim.loop.reference import Reference
 from didim.loop.simulation import Simulation, StepWarning
 from didim.loop.tuning import mean_inertia
 from didim.robot.robot import Geometry, Robot
-from didim.studies.simulated_log import packaged_experiment
 from robots import make_robot
 
 Array = NDArray[np.float64]

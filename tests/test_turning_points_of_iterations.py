@@ -42,7 +42,7 @@ def end(rate: float, *distances: float, steps: int = 0) -> Settled:
 
 @pytest.mark.parametrize(("rate", "distance", "told"), [(0.29, 0.19, 0), (0.31, 0.19, 1), (0.29, 0.21, 1)])
 def test_a_slow_contraction_is_worth_a_sentence(rate: float, distance: float, told: int) -> None:
-    """From a rate of 0.3, or 0.3 standard deviations: 1.5 times the distance."""
+    """A rate of 0.3, or 0.3 standard deviations: 1.5 times the distance."""
     found = end(rate, distance)
     assert found.remaining == pytest.approx(1.5 * distance)
     assert len(found.remarks) == told

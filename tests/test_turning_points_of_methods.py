@@ -336,7 +336,7 @@ def test_a_weak_parameter(correlation: float, std: float, words: str) -> None:
 def test_parameters_that_are_told_apart_by_a_correlation_of_nine_tenths(
     correlation: float, words: str
 ) -> None:
-    """Of three: the first is correlated with both others."""
+    """Three: the first is correlated with both others."""
     r = correlation
     s = np.sqrt(0.97 - r**2)
     covariance = np.array([[1.0, r, s], [r, 1.0, 0.0], [s, 0.0, 1.0]])

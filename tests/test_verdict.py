@@ -213,7 +213,7 @@ def test_white_least_squares_have_a_verdict_too(fit: Identification) -> None:
 
 
 def test_a_sign_that_noise_hardly_explains_has_advice(fit: Identification) -> None:
-    """Between two and ten sigma a result is doubtful, and says what to do."""
+    """A result between two and ten sigma off is doubtful, and says what to do."""
     flag = Flag("Ia2 is negative, by 3 sigma", ("Ia2",), 3.0)
     found = replace(fit, warnings=(flag.sentence,), evidence=tuple(physical_findings([flag]))).verdict
     assert found.state is State.DOUBTFUL

@@ -76,7 +76,7 @@ def contestants(task: Task, data: Path | None, rounds: int) -> list[Contestant]:
 
 
 def identify(robot: Any, data: Path) -> float:
-    """From CSV files to base parameters with standard deviations; return the relative error of the torques."""
+    """Identify base parameters with standard deviations from CSV files; return the relative error of the torques."""
     with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
         # It warns on import, and its functions of QR on names are deprecated without another form.
         warnings.simplefilter("ignore")

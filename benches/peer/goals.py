@@ -51,7 +51,7 @@ class Goal:
         return self.under in figures and (self.over is None or self.over in figures)
 
     def values(self, figures: Mapping[str, Figures]) -> tuple[float, float]:
-        """From the medians, and from the smallest."""
+        """Ratios of the medians, and of the smallest."""
         ours = figures[self.under]
         if self.over is None:
             return ours.median, ours.smallest

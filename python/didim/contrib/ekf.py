@@ -5,7 +5,6 @@ Tested in ``tests/test_ekf.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,7 +21,7 @@ from ..methods.method import MethodSettings
 from ..methods.start import Start, standard_start
 from ..regression.linear_system import LinearSystem
 from ..result.identification import Identification
-from ..result.iteration import Iteration
+from ..result.iteration import Iteration, Reporter
 from ..result.status import Status
 from ..signal.noise import white_noise
 from .kalman import Filter
@@ -69,19 +68,8 @@ class EKF(MethodSettings):
                 "the standard deviations of the Kalman filter are its own: it has no setting for uncertainty"
             )
 
-    def run(
-        self,
-        experiment: Experiment,
-        progress: Callable[[Iteration], bool],
-        say: Callable[[str], None],
-    ) -> Identification:
-        """Identify the parameters of an experiment's robot; parameters as for `IDIMLS.run`.
-
-        Raises
-        ------
-        DidimError
-            One of its kinds, for a log or settings that allow no estimate.
-        """
+    def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
+        """Identify the parameters of an experiment's robot, as `Method.run`."""
         job = self.job(experiment, experiment.simulated_robot)
         if not job.parameters.simple:
             raise FitError(
@@ -111,7 +99,7 @@ class EKF(MethodSettings):
         base = job.robot.base_parameters
         direct = isinstance(self.start, str) and self.start == "idim-ls"
         x = (
-            direct_estimate(self, experiment, say).parameters
+            direct_estimate(self, experiment, reporter).parameters
             if direct
             else standard_start(job.robot, self.start)
         )
@@ -150,7 +138,7 @@ class EKF(MethodSettings):
                     np.asarray(item.driving)[start:stop],
                     rate,
                     history,
-                    progress,
+                    reporter,
                 )
                 if ended is not None:
                     status, sentence = ended
@@ -183,7 +171,7 @@ def _pass(
     tau: Array,
     rate_hz: float,
     history: list[Iteration],
-    progress: Callable[[Iteration], bool],
+    reporter: Reporter,
 ) -> tuple[Status, str] | None:
     """Filter one window; return how it ended if it did not reach its end."""
     marks = set(np.linspace(0, len(q) - 1, PARTS + 1).astype(int)[1:].tolist())
@@ -202,7 +190,7 @@ def _pass(
                     more={"time_s": sample / rate_hz},
                 )
             )
-            if progress(history[-1]):
+            if reporter.progress(history[-1]):
                 return Status.STOPPED, ""
         if not filtered.predict(torque, 1.0 / rate_hz):
             return (

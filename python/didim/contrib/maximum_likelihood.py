@@ -9,7 +9,7 @@ Tested in ``tests/test_maximum_likelihood.py``; docs/robust.md says what it is w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -28,7 +28,7 @@ from ..regression.jackknife import Factors
 from ..regression.least_squares import solve
 from ..regression.linear_system import LinearSystem
 from ..result.identification import Identification
-from ..result.iteration import Iteration
+from ..result.iteration import Iteration, Reporter
 from ..signal.decimation import row_values
 from ..signal.noise import row_noise, white_noise
 from ..signal.segments import Segment
@@ -80,19 +80,8 @@ class MaximumLikelihood(MethodSettings):
                 raise FitError(f"{key} needs positive numbers, one per joint, got {given!r}")
             object.__setattr__(self, key, tuple(noise.tolist()))
 
-    def run(
-        self,
-        experiment: Experiment,
-        progress: Callable[[Iteration], bool],
-        say: Callable[[str], None],
-    ) -> Identification:
-        """Identify the parameters of an experiment's robot; parameters as for `IDIMLS.run`.
-
-        Raises
-        ------
-        DidimError
-            One of its kinds, for a log or settings that allow no estimate.
-        """
+    def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
+        """Identify the parameters of an experiment's robot, as `Method.run`."""
         job = self.job(experiment)
         if not job.parameters.simple:
             raise FitError(
@@ -117,7 +106,7 @@ class MaximumLikelihood(MethodSettings):
                 )
             )
             converged = bool(step.max() <= SETTLED_SIGMA)
-            stopped = progress(history[-1]) and not converged
+            stopped = reporter.progress(history[-1]) and not converged
             if converged or stopped:
                 break
         fit = replace(fit, converged=converged, stopped=stopped)

@@ -123,7 +123,7 @@ class ClosedLoop:
 
     @property
     def t(self) -> Array:
-        """Times of the records (s)."""
+        """Instants of the records (s)."""
         return np.arange(self.n_records) / self.rate_hz
 
     @classmethod

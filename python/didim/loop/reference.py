@@ -246,7 +246,7 @@ class Reference(Brief):
         max_acceleration: ArrayLike,
         dwell_s: float = 0.0,
     ) -> Reference:
-        """From point to point with trapezoidal velocity; all joints of a move start and arrive together.
+        """Move between points with trapezoidal velocity; all joints of a move start and arrive together.
 
         Parameters
         ----------

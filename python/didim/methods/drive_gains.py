@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
@@ -13,7 +12,7 @@ from ..regression.gains.classical import classical_gains
 from ..regression.gains.currents import Currents
 from ..regression.gains.maximum_likelihood import drive_gains, expected_percent, expected_sentence
 from ..result.identification import Identification
-from ..result.iteration import Iteration
+from ..result.iteration import Iteration, Reporter
 from .builder import fitted, solved_status
 from .job import Job, ratio
 from .method import Described
@@ -26,8 +25,7 @@ def run_with_gains(
     job: Job,
     method: Described,
     kind: GainEstimate,
-    progress: Callable[[Iteration], bool],
-    say: Callable[[str], None],
+    reporter: Reporter,
 ) -> Identification:
     """Identify drive gains, robot and payloads of an experiment whose torques are currents.
 
@@ -41,7 +39,7 @@ def run_with_gains(
     system = job.system(parts)
     reduction = job.reduction
     expected = expected_sentence(expected_percent(system, reduction))
-    say(expected)
+    reporter.say(expected)
     found = drive_gains(system, reduction, job.settings)
     fit, solved, remarks = found.fit, found.system, [expected]
     if kind != "maximum-likelihood":
@@ -67,7 +65,7 @@ def run_with_gains(
         relative_error=ratio(np.linalg.norm(fit.residual), np.linalg.norm(solved.y)),
         step=0.0,
     )
-    progress(entry)
+    reporter.progress(entry)
     return fitted(
         job,
         method,

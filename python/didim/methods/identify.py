@@ -16,7 +16,7 @@ from ..experiment.experiment_file import experiment_of
 from ..log.recording import Recording
 from ..regression.settings import UncertaintyKind
 from ..result.identification import Identification
-from ..result.iteration import Iteration
+from ..result.iteration import Iteration, Reporter
 from ..result.positions.record import PositionRecord
 from ..robot.robot import Robot
 from .friction import with_known_friction
@@ -97,7 +97,7 @@ def identify(
         return callback is not None and callback(iteration) is True
 
     try:
-        return _identified(experiment, method, progress, say, start)
+        return _identified(experiment, method, Reporter(progress=progress, say=say), start)
     finally:
         if line is not None:
             line.close()
@@ -108,16 +108,10 @@ def default_method(experiment: Experiment) -> str:
     return "cloe" if experiment.links == "fixed" else "idim-ls"
 
 
-def _identified(
-    experiment: Experiment,
-    method: Method,
-    progress: Callable[[Iteration], bool],
-    say: Callable[[str], None],
-    start: float,
-) -> Identification:
+def _identified(experiment: Experiment, method: Method, reporter: Reporter, start: float) -> Identification:
     """Choose the friction that is open, run the method, and judge the result."""
-    experiment, friction = with_known_friction(method, experiment, say)
-    fit = method.run(experiment, progress, say)
+    experiment, friction = with_known_friction(method, experiment, reporter.say)
+    fit = method.run(experiment, reporter)
     fit = replace(fit, remarks=(*fit.remarks, *experiment.remarks))
     if friction is not None:
         fit = replace(
@@ -132,8 +126,8 @@ def _identified(
             measured_along(fit, experiment, method),
             system_tested=isinstance(method, FitSettings),
             uses_torques=getattr(method, "output", None) != "position",
-            say=say,
+            say=reporter.say,
         )
     fit = replace(fit, elapsed=time.perf_counter() - start)
-    say(f"{fit.elapsed:.3f} s; {fit.conclusion}")
+    reporter.say(f"{fit.elapsed:.3f} s; {fit.conclusion}")
     return fit

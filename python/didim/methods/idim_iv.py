@@ -8,7 +8,6 @@ start are those of DIDIM. Source: Janot, Vandanjon and Gautier (2014). Tested in
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -23,7 +22,7 @@ from ..regression.classical.instrumental import (
 )
 from ..regression.consistent.solver import ConsistentSolver
 from ..result.identification import Identification
-from ..result.iteration import Iteration
+from ..result.iteration import Reporter
 from .didim.iterations import Iterations
 from .didim.settings import DIDIMSettings
 from .didim.windows import Solved
@@ -66,24 +65,12 @@ class IDIMIV(DIDIMSettings):
         if self.solver not in (None, "least-squares"):
             raise FitError("IDIM-IV solves the linear system with its instruments: it has no other solver")
 
-    def run(
-        self,
-        experiment: Experiment,
-        progress: Callable[[Iteration], bool],
-        say: Callable[[str], None],
-    ) -> Identification:
-        """Identify the parameters of an experiment's robot; parameters as for `IDIMLS.run`.
-
-        Raises
-        ------
-        DidimError
-            One of its kinds: without a reference or a controller, for a start with which the robot cannot be simulated,
-            for a log that allows no estimate.
-        """
+    def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
+        """Identify the parameters of an experiment's robot, as `Method.run`."""
         job = self.job(experiment, experiment.simulated_robot)
         if not isinstance(job.solver, ConsistentSolver):
             job = replace(job, solver=solve_with_instruments, solver_choice=solve_with_instruments)
-        iterations = Iterations.of(self, job, progress, say)
+        iterations = Iterations.of(self, job, reporter)
         return _with_diagnosis(iterations.result(), iterations.solved)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, get_args
 
@@ -15,7 +14,7 @@ from ..errors import FitError
 from ..evidence.naming import torque_findings
 from ..experiment.experiment import Experiment
 from ..result.identification import Identification
-from ..result.iteration import Iteration
+from ..result.iteration import Iteration, Reporter
 from .builder import fitted, solved_status
 from .drive_gains import GainEstimate, run_with_gains
 from .job import Delay, ratio
@@ -45,43 +44,18 @@ class IDIMLS(FitSettings):
         super().__post_init__()
         one_of("gains", self.gains, get_args(GainEstimate), FitError)
 
-    def run(
-        self,
-        experiment: Experiment,
-        progress: Callable[[Iteration], bool],
-        say: Callable[[str], None],
-    ) -> Identification:
-        """Identify the parameters of an experiment's robot.
-
-        Parameters
-        ----------
-        experiment : Experiment
-            Robot, recordings and settings.
-        progress : callable
-            Called with every iteration; True stops.
-        say : callable
-            Called with sentences on the progress.
-
-        Returns
-        -------
-        Identification
-            With ``elapsed`` still zero.
-
-        Raises
-        ------
-        DidimError
-            One of its kinds, for a log or settings that allow no estimate.
-        """
+    def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
+        """Identify the parameters of an experiment's robot, as `Method.run`."""
         job = self.job(experiment)
         if job.parameters.n_gains:
-            return run_with_gains(job, self, self.gains, progress, say)
+            return run_with_gains(job, self, self.gains, reporter)
         delay = job.delay()
         if delay.estimate is not None:
-            say(str(delay.estimate))
+            reporter.say(str(delay.estimate))
         parts = job.parts("fit", delay)
-        say(f"{counted(len(parts), 'window')} of {sum(part.q.shape[0] for part in parts)} samples")
+        reporter.say(f"{counted(len(parts), 'window')} of {sum(part.q.shape[0] for part in parts)} samples")
         system = job.system(parts)
-        say(f"observation matrix of {system.w.shape[0]} rows and {system.w.shape[1]} columns")
+        reporter.say(f"observation matrix of {system.w.shape[0]} rows and {system.w.shape[1]} columns")
 
         history: list[Iteration] = []
         last = np.zeros(system.w.shape[1])
@@ -96,7 +70,7 @@ class IDIMLS(FitSettings):
                     step=ratio(change, np.linalg.norm(solution)),
                 )
             )
-            return progress(history[-1])
+            return reporter.progress(history[-1])
 
         fit = job.solve(system, record)
         if not history:  # the solver reported no solution of its own
@@ -118,7 +92,7 @@ class IDIMLS(FitSettings):
 def direct_estimate(
     method: MethodSettings,
     experiment: Experiment,
-    say: Callable[[str], None],
+    reporter: Reporter,
     compensate_samples: Delay | None = None,
 ) -> Identification:
     """Return the IDIM-LS estimate with the settings of another method, which starts there or takes gains from it.
@@ -130,4 +104,4 @@ def direct_estimate(
     if compensate_samples is not None:
         settings["compensate_samples"] = compensate_samples
     direct = IDIMLS(solver=method.chosen_solver(), **settings)
-    return direct.run(experiment, lambda iteration: False, say)
+    return direct.run(experiment, reporter.without_iterations)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Protocol, Self
 
@@ -13,7 +13,7 @@ from ..regression.selection import dropped_names
 from ..regression.settings import LeastSquaresSettings, UncertaintyKind, Variance, Weights
 from ..regression.solver import RobotSolver, SolverChoice, check_solver, knows_logs, solver_of
 from ..result.identification import Identification
-from ..result.iteration import Iteration
+from ..result.iteration import Reporter
 from ..robot.robot import Robot
 from ..signal.align import DelaySettings
 from ..signal.processing import SignalProcessing
@@ -42,13 +42,27 @@ class Described(Protocol):
 class Method(Described, Protocol):
     """Settings of a method, and how it runs; a new one needs no more than this and a row in `table.METHODS`, or "module:Class"."""
 
-    def run(
-        self,
-        experiment: Experiment,
-        progress: Callable[[Iteration], bool],
-        say: Callable[[str], None],
-    ) -> Identification:
-        """Identify; ``progress`` is called with every iteration (True stops), ``say`` with sentences on the progress."""
+    def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
+        """Identify the parameters of an experiment's robot.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            Robot, recordings and settings.
+        reporter : Reporter
+            Hears every iteration, and may stop the run; hears sentences on the progress.
+
+        Returns
+        -------
+        Identification
+            With ``elapsed`` still zero.
+
+        Raises
+        ------
+        DidimError
+            One of its kinds, for a log or settings that allow no estimate: without a reference or a controller where the loop
+            is simulated, for a start with which the robot cannot be simulated.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)

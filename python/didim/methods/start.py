@@ -1,4 +1,4 @@
-"""Where DIDIM and CLOE start: regular points, (17) and (21), robots made from the log, named sets, estimates, vectors.
+"""Start of DIDIM and CLOE: regular points, (17) and (21), robots made from the log, named sets, estimates, vectors.
 
 Tested in ``tests/test_didim.py``.
 """

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
+from ..robot.friction import OF_PATH
 from ..robot.robot import Robot
 
 HOLD_WIDTH = {"revolute": 1e-5, "prismatic": 1e-6}
@@ -142,7 +143,7 @@ def held_sign(q: Array, first: float, kind: str) -> Array:
 def sliding(robot: Robot, x: Array) -> tuple[Robot, Array]:
     """Return the robot without memory, and its parameters, in steady sliding: ``z = s``."""
     terms = robot.friction.terms
-    plain = robot.with_terms([term for term in terms if term.law not in ("hold", "dahl")])
+    plain = robot.with_terms([term for term in terms if term.law not in OF_PATH])
     values = dict(zip(robot.parameter_names, x, strict=True))
     for term in terms:
         if term.law == "dahl":

@@ -1,4 +1,4 @@
-"""From recordings to the linear system (6), (7): rows joint by joint, windows one after the other.
+"""The linear system (6), (7) of recordings: rows joint by joint, windows one after the other.
 
 Each window of a recording is filtered by itself, so that nothing outside it (a stop, a tool change) leaks in.
 Y and every column of W go through the same decimation filter, which keeps the linear relation between them.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 
@@ -26,6 +26,27 @@ class Iteration:
     relative_error: float
     step: float
     more: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reporter:
+    """What a run tells while it goes on; by default nobody listens.
+
+    Attributes
+    ----------
+    progress : callable
+        Called with every iteration; True stops the run.
+    say : callable
+        Called with sentences on the progress.
+    """
+
+    progress: Callable[[Iteration], bool] = lambda iteration: False
+    say: Callable[[str], None] = lambda sentence: None
+
+    @property
+    def without_iterations(self) -> Reporter:
+        """Sentences alone, for a run inside another: its iterations are not those of the whole."""
+        return Reporter(say=self.say)
 
 
 @dataclass(frozen=True, kw_only=True)

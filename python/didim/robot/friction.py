@@ -53,6 +53,8 @@ CYLINDER: tuple[Law, Law] = ("cylinder", "cylinder_rate")
 """Laws of a cylinder: constant force and stiffness."""
 OF_POSITION: frozenset[str] = frozenset((*SPRINGS["linear"], *SPRINGS["gravity"], *CYLINDER))
 """Laws whose column depends on the position alone."""
+OF_PATH: frozenset[str] = frozenset(("hold", "dahl"))
+"""Laws whose column depends on the path so far: those that remember."""
 STIFF: frozenset[str] = frozenset(("spring", "cylinder_rate"))
 """Springs whose parameter is a stiffness, which cannot be negative."""
 START_VELOCITY = {"revolute": 0.1, "prismatic": 0.01}
@@ -229,7 +231,7 @@ class Friction:
     @property
     def has_memory(self) -> bool:
         """Whether friction depends on the path, not on the state alone."""
-        return any(term.law in ("hold", "dahl") for term in self.terms)
+        return any(term.law in OF_PATH for term in self.terms)
 
     @property
     def has_load(self) -> bool:

@@ -1,1 +1,1 @@
-"""From positions to the rows of (6)."""
+"""Rows of (6) from positions."""

@@ -17,7 +17,7 @@ from ...model.dynamics import standard_vector
 from ...model.memory import HOLD_WIDTH
 from ...robot.friction import FrictionTerm
 from ...robot.robot import Robot
-from .equations import Equations
+from .equations import Equations, remembering
 from .expression import Expression, Graph
 
 _CALLS = {
@@ -60,9 +60,6 @@ class _Written:
                 else smooth
             )
         return self.graph.apply("sign", speed, zone)
-
-    def memory(self, term: FrictionTerm) -> Expression:
-        return self.graph.leaf(f"z[{_remembering(self.robot).index(term)}]")
 
     def positive(self, value: Expression) -> Expression:
         return self.graph.apply("positive", value)
@@ -136,7 +133,7 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
         _inertia(robot, values, prefix),
         _gravity(robot, values, prefix),
     ]
-    memory = _remembering(robot)
+    memory = remembering(robot)
     if memory:
         functions.append(_remember(robot, memory, prefix))
     body = "\n".join(functions)
@@ -186,8 +183,9 @@ def _equations(robot: Robot, values: dict[str, float]) -> tuple[Graph, Equations
 def _tau(robot: Robot, values: dict[str, float], prefix: str) -> str:
     graph, model = _equations(robot, values)
     n = robot.n_dof
-    results = model.torque(_inputs(graph, "dq", n), _inputs(graph, "ddq", n))
-    states = len(_remembering(robot))
+    states = len(remembering(robot))
+    inputs = [_inputs(graph, name, count) for name, count in (("dq", n), ("ddq", n), ("z", states))]
+    results = model.torque(*inputs)
     extra, said = (f", const double z[{states}]", ", states z of friction") if states else ("", "")
     return _function(
         f"{prefix}_tau(const double q[{n}], const double dq[{n}], const double ddq[{n}]{extra}, double tau[{n}])",
@@ -197,11 +195,6 @@ def _tau(robot: Robot, values: dict[str, float], prefix: str) -> str:
         ("q", "dq", "ddq", *(("z",) if states else ())),
         prefix,
     )
-
-
-def _remembering(robot: Robot) -> list[FrictionTerm]:
-    """Terms with a state, in the order of the states."""
-    return [term for term in robot.friction.terms if term.law in ("hold", "dahl")]
 
 
 def _remember(robot: Robot, memory: Sequence[FrictionTerm], prefix: str) -> str:

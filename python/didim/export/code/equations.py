@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...errors import FitError
-from ...robot.friction import OF_POSITION, FrictionTerm
+from ...robot.friction import OF_PATH, OF_POSITION, FrictionTerm
 from ...robot.placement import carriers
 from ...robot.robot import Robot
 
@@ -33,9 +33,6 @@ class Algebra(Protocol):
 
     def sign(self, joint: int, speed: Any) -> Any:
         """Return the sign of the Coulomb friction of a joint, with its smoothing and dead zone."""
-
-    def memory(self, term: FrictionTerm) -> Any:
-        """Return the state of a term that remembers."""
 
     def positive(self, value: Any) -> Any:
         """Return the value where it is above zero, else zero."""
@@ -222,27 +219,28 @@ class Equations:
         )
         return slope if term.law == "cylinder" else lever - algebra.number(rest) * slope
 
-    def torque(self, dq: Sequence[Any], ddq: Sequence[Any]) -> list[Any]:
-        """Return the torques of the inverse model (1), friction and offsets included (N.m or N)."""
+    def torque(self, dq: Sequence[Any], ddq: Sequence[Any], z: Sequence[Any] = ()) -> list[Any]:
+        """Return the torques of the inverse model (1), friction and offsets included (N.m or N).
+
+        ``z`` has the states of the terms that remember, in the order of `remembering`.
+        """
         tau = self._links(dq, ddq)
         for row, entries in enumerate(self.rotors()):
             for k, inertia in enumerate(entries):
                 tau[row] = tau[row] + inertia * ddq[k]
         now = [self.algebra.sign(j, speed) for j, speed in enumerate(dq)]
-        signs = list(now)
-        for term in self.robot.friction.terms:
-            if term.law == "hold":
-                signs[term.joint] = self.algebra.memory(term)
+        states = list(zip(remembering(self.robot), z, strict=True))
+        held = {term.joint: state for term, state in states if term.law == "hold"}
+        signs = [held.get(j, sign) for j, sign in enumerate(now)]
         friction = self._friction(dq, signs, now)
-        for term in self.robot.friction.terms:
-            if term.law == "hold":
-                continue
-            j, parameter = term.joint, self.value(term.parameter)
-            if term.law in OF_POSITION:
-                continue  # torques of the links' positions, like gravity
+        for term, state in states:
             if term.law == "dahl":
-                friction[j] = friction[j] + parameter * self.algebra.memory(term)
-            elif term.law == "load":
+                friction[term.joint] = friction[term.joint] + self.value(term.parameter) * state
+        for term in self.robot.friction.terms:
+            if term.law in OF_POSITION or term.law in OF_PATH:
+                continue  # torques of the links' positions, like gravity, and those that remember
+            j, parameter = term.joint, self.value(term.parameter)
+            if term.law == "load":
                 friction[j] = friction[j] + parameter * signs[j] * self.algebra.magnitude(tau[j])
             else:
                 friction[j] = friction[j] + parameter * self.algebra.term(term, dq[j], signs[j])
@@ -369,6 +367,11 @@ class Equations:
                         tau[i] + viscous * (shaft * factor - dq[i] * factor**2) + coulomb * (felt * factor)
                     )
         return tau
+
+
+def remembering(robot: Robot) -> list[FrictionTerm]:
+    """Return the friction terms with a state, in the order of the states."""
+    return [term for term in robot.friction.terms if term.law in OF_PATH]
 
 
 def _clean(value: float) -> float:

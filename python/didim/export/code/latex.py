@@ -73,9 +73,6 @@ class _Symbolic:
         # No friction in the dead zone: the unit step, which LaTeX has as theta.
         return found * self.sympy.Heaviside(self.sympy.Abs(speed) - self.number(zone))
 
-    def memory(self, term: FrictionTerm) -> Any:
-        raise NotImplementedError(term.law)  # refused before
-
     def positive(self, value: Any) -> Any:
         return self.sympy.Max(value, 0)
 

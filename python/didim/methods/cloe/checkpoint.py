@@ -1,4 +1,4 @@
-"""Where a long search stands, in a file: written as it goes on, read to go on from.
+"""State of a long search, in a file: written as it goes on, read to go on from.
 
 A digest of the whole content seals it: a file that has changed since it was written is refused.
 

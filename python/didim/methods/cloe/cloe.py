@@ -7,7 +7,7 @@ both. Tested in ``tests/test_cloe.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
@@ -18,7 +18,7 @@ from ..._tools.words import counted
 from ...errors import DidimError
 from ...experiment.experiment import Experiment
 from ...result.identification import Identification
-from ...result.iteration import Iteration
+from ...result.iteration import Reporter
 from ...result.status import Status
 from ..positions.estimate import identify_positions
 from .consistent import ConsistentSteps, consistent_steps
@@ -85,28 +85,15 @@ class CLOE(CLOESettings):
         For a value out of its range.
     """
 
-    def run(
-        self,
-        experiment: Experiment,
-        progress: Callable[[Iteration], bool],
-        say: Callable[[str], None],
-    ) -> Identification:
-        """Identify the parameters of an experiment's robot; parameters as for `IDIMLS.run`.
-
-        Ctrl-C ends the search with the best point so far.
-
-        Raises
-        ------
-        DidimError
-            One of its kinds: without a reference or a controller, or for a start with which the robot cannot be simulated.
-        """
+    def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
+        """Identify the parameters of an experiment's robot, as `Method.run`; Ctrl-C ends the search with the best point so far."""
         if experiment.links == "fixed":
-            return identify_positions(self, experiment, progress, say)
+            return identify_positions(self, experiment, reporter)
         if has_currents(experiment):
-            return run_with_held_gains(self, self.run, experiment, progress, say)
-        begun = self._begun(experiment, say)
+            return run_with_held_gains(self, self.run, experiment, reporter)
+        begun = self._begun(experiment, reporter)
         problem = begun.problem
-        first = self._search(begun, progress)
+        first = self._search(begun)
         if self.starts == 1 or first.status in (Status.STOPPED, Status.INTERRUPTED):
             return first
         fits, interrupted = [first], False
@@ -117,13 +104,11 @@ class CLOE(CLOESettings):
                 alone = replace(self, executor=None)
                 sent = [self.executor.submit(_search_apart, alone, experiment, point) for point in points]
             for number, point in enumerate(points, start=2):
-                say(f"start {number} of {self.starts}")
+                reporter.say(f"start {number} of {self.starts}")
                 try:
-                    fits.append(
-                        sent[number - 2].result() if sent else self._search(begun.begun_near(point), progress)
-                    )
+                    fits.append(sent[number - 2].result() if sent else self._search(begun.begun_near(point)))
                 except DidimError as reason:
-                    say(f"start {number}: {reason}")
+                    reporter.say(f"start {number}: {reason}")
                     continue
                 if fits[-1].status in (Status.STOPPED, Status.INTERRUPTED):
                     break
@@ -135,25 +120,22 @@ class CLOE(CLOESettings):
         best = _best(fits, self.starts)
         return replace(best, status=Status.INTERRUPTED) if interrupted else best
 
-    def _begun(self, experiment: Experiment, say: Callable[[str], None]) -> SafeSteps | ConsistentSteps:
+    def _begun(self, experiment: Experiment, reporter: Reporter) -> SafeSteps | ConsistentSteps:
         """Return the search from the start: among robots, if so asked, that of consistent DIDIM."""
         if self.physical:
-            return consistent_steps(self, experiment, say)
+            return consistent_steps(self, experiment, reporter)
         job = self.job(experiment, experiment.simulated_robot)
-        return SafeSteps(OutputError(self, job, say))
+        return SafeSteps(OutputError(self, job, reporter))
 
-    def _search(
-        self, begun: SafeSteps | ConsistentSteps, progress: Callable[[Iteration], bool]
-    ) -> Identification:
+    def _search(self, begun: SafeSteps | ConsistentSteps) -> Identification:
         if self.optimizer == "nelder-mead":
-            return SimplexSearch(begun.problem, progress).run()
-        return search(begun.problem, begun, progress)
+            return SimplexSearch(begun.problem).run()
+        return search(begun.problem, begun)
 
 
 def _search_apart(method: CLOE, experiment: Experiment, point: Array) -> Identification:
     """Search from a point in another process."""
-    begun = method._begun(experiment, lambda _: None)
-    return method._search(begun.begun_near(point), lambda _: False)
+    return method._search(method._begun(experiment, Reporter()).begun_near(point))
 
 
 def _further_starts(problem: OutputError, count: int, seed: int) -> list[Array]:

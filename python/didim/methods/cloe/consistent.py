@@ -10,7 +10,6 @@ time. Tested in ``tests/test_consistent_methods.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +20,7 @@ from ...experiment.experiment import Experiment
 from ...regression.consistent.problem import ConstrainedProblem
 from ...regression.consistent.solver import CONSISTENT
 from ...result.identification import Identification
+from ...result.iteration import Reporter
 from ..didim.didim import DIDIM
 from ..didim.globalisation import SecantSteps
 from ..didim.iterations import Iterations
@@ -130,9 +130,7 @@ class ConsistentSteps:
         )
 
 
-def consistent_steps(
-    method: CLOESettings, experiment: Experiment, say: Callable[[str], None]
-) -> ConsistentSteps:
+def consistent_steps(method: CLOESettings, experiment: Experiment, reporter: Reporter) -> ConsistentSteps:
     """Return the search from the estimate of consistent DIDIM.
 
     Raises
@@ -150,12 +148,13 @@ def consistent_steps(
     )
     robot = experiment.simulated_robot
     job = didim.job(experiment, robot)
-    consistent = ConsistentProblem(didim, job, CONSISTENT.for_logs(job.parameters, job.selection), say)
-    begun = Iterations(consistent, SecantSteps(consistent, say), lambda iteration: False, say).result()
+    solver = CONSISTENT.for_logs(job.parameters, job.selection)
+    consistent = ConsistentProblem(didim, job, solver, reporter.without_iterations)
+    begun = Iterations(consistent, SecantSteps(consistent)).result()
     assert consistent.conditions is not None
     x = job.parameters.extended(begun.parameters, further_of(begun))
     problem = OutputError(
-        replace(method, start=begun), method.job(consistent.simulator.experiment_at(x), robot), say
+        replace(method, start=begun), method.job(consistent.simulator.experiment_at(x), robot), reporter
     )
     problem.n_simulations = begun.n_simulations
     return ConsistentSteps(problem, consistent.conditions, x, begun)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -16,19 +15,12 @@ from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...result.further import Further
 from ...result.identification import Identification
-from ...result.iteration import Iteration
+from ...result.iteration import Reporter
 from ..idim_ls import direct_estimate
 from .settings import CLOESettings
 
-Say = Callable[[str], None]
-Progress = Callable[[Iteration], bool]
-
-
-class Run(Protocol):
-    """A run of CLOE on an experiment with torques."""
-
-    def __call__(self, experiment: Experiment, progress: Progress, say: Say, /) -> Identification:
-        """Identify."""
+Run = Callable[[Experiment, Reporter], Identification]
+"""A run of CLOE on an experiment with torques."""
 
 
 def has_currents(experiment: Experiment) -> bool:
@@ -37,7 +29,7 @@ def has_currents(experiment: Experiment) -> bool:
 
 
 def run_with_held_gains(
-    method: CLOESettings, run: Run, experiment: Experiment, progress: Progress, say: Say
+    method: CLOESettings, run: Run, experiment: Experiment, reporter: Reporter
 ) -> Identification:
     """Identify the drive gains by IDIM-LS, and all else by CLOE on the torques that they give.
 
@@ -51,11 +43,11 @@ def run_with_held_gains(
             f"output {method.output!r} compares torques, and experiment '{experiment.name}' has currents: use output "
             "'position', or identify the drive gains by idim-ls or didim and write them into the file as gain = [...]"
         )
-    direct = direct_estimate(method, experiment, say)
+    direct = direct_estimate(method, experiment, reporter)
     known = direct.further
     assert known is not None
     assert known.gains is not None
-    fit = run(experiment.with_gains(known.gains), progress, say)
+    fit = run(experiment.with_gains(known.gains), reporter)
     return replace(
         fit,
         further=_with_gains(fit, known),

@@ -78,7 +78,7 @@ class Steps(Protocol):
         """Return the result at a candidate."""
 
 
-def search(problem: OutputError, steps: Steps, progress: Callable[[Iteration], bool]) -> Identification:
+def search(problem: OutputError, steps: Steps) -> Identification:
     """Search to the end from the start of the steps, or from where the checkpoint of the problem has it."""
     method = problem.method
     weigh_by_noise(problem)
@@ -89,7 +89,7 @@ def search(problem: OutputError, steps: Steps, progress: Callable[[Iteration], b
         arrays, numbers, history = found
         candidate, damping, initial = arrays["point"], numbers["damping"], numbers["initial"]
         problem.n_simulations = numbers["simulations"]
-        problem.say(f"goes on from iteration {len(history)} of {method.checkpoint}")
+        problem.reporter.say(f"goes on from iteration {len(history)} of {method.checkpoint}")
     point = steps.point(candidate)
     every, completed = problem.errors(point[None])
     if not completed[0]:
@@ -142,7 +142,7 @@ def search(problem: OutputError, steps: Steps, progress: Callable[[Iteration], b
                 )
             )
             each = (time.monotonic() - begin) / (number - done_before)
-            problem.say(
+            problem.reporter.say(
                 f"iteration {number}: cost per row {cost / errors.size:.6g}, {steps.measure.replace('_', ' ')} {measure:.2g}, "
                 f"damping {damping:.1g}, {problem.n_simulations} simulations; {each:.2g} s an iteration, at most "
                 f"{each * (most - number):.0f} s left"
@@ -157,7 +157,7 @@ def search(problem: OutputError, steps: Steps, progress: Callable[[Iteration], b
                 "finished": converged,
             }
             checkpoint.save({"point": candidate}, state, history)
-            if progress(history[-1]):
+            if problem.reporter.progress(history[-1]):
                 status = Status.STOPPED
                 break
             if ended:

@@ -17,7 +17,7 @@ from ..._tools.arrays import Array
 
 @dataclass(frozen=True)
 class Simplex:
-    """Where a simplex search stands, enough to continue it.
+    """State of a simplex search, enough to continue it.
 
     Attributes
     ----------

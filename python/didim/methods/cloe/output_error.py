@@ -9,7 +9,7 @@ import copy
 import hashlib
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from ...model.dynamics import regressor
 from ...model.safe_step import safe_step, thinned
 from ...regression.block import Block
 from ...result.identification import Identification
-from ...result.iteration import Iteration
+from ...result.iteration import Iteration, Reporter
 from ...result.status import Status
 from ...result.uncertainty import Uncertainty
 from ...signal.align import align
@@ -74,8 +74,8 @@ class OutputError:
         Simulations so far.
     """
 
-    def __init__(self, method: CLOESettings, job: Job, say: Callable[[str], None]) -> None:
-        self.method, self.job, self.say = method, job, say
+    def __init__(self, method: CLOESettings, job: Job, reporter: Reporter) -> None:
+        self.method, self.job, self.reporter = method, job, reporter
         self.robot, self.base = job.robot, job.parameters
         self.estimated = job.selection.estimated
         self.windows = _windows(job, method.output)
@@ -239,7 +239,7 @@ class OutputError:
     def _start(self) -> Array:
         start = self.method.chosen_start
         if isinstance(start, str) and start == "idim-ls":
-            direct = direct_estimate(self.method, self.job.experiment, self.say)
+            direct = direct_estimate(self.method, self.job.experiment, self.reporter)
             x = self.base.extended(direct.parameters, further_of(direct))
         elif isinstance(start, str) and start in FROM_LOG:
             x = self.base.extended(start_from_log(self.job, self.job.delay(), start))

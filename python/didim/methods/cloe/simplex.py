@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -34,8 +33,8 @@ TOLD_EVERY = 100
 class SimplexSearch:
     """A search that can be interrupted, saved and continued."""
 
-    def __init__(self, problem: OutputError, progress: Callable[[Iteration], bool]) -> None:
-        self.problem, self.progress, self.method = problem, progress, problem.method
+    def __init__(self, problem: OutputError) -> None:
+        self.problem, self.reporter, self.method = problem, problem.reporter, problem.method
         n = problem.start.size
         self.most_iterations = self.method.max_iterations or 200 * n
         self.most_evaluations = self.method.max_evaluations or 200 * n
@@ -164,7 +163,7 @@ class SimplexSearch:
             evaluations=old.evaluations + fresh.evaluations,
             simulations=old.simulations + fresh.simulations,
         )
-        self.problem.say(f"restart {self.restarts} from norm {norm:.6g}")
+        self.reporter.say(f"restart {self.restarts} from norm {norm:.6g}")
         return True
 
     def _told(self, now: Simplex) -> bool:
@@ -183,13 +182,13 @@ class SimplexSearch:
             1, now.iterations - self.iterations_before
         )
         left = min(left, by_iterations * (time.monotonic() - self.begin))
-        self.problem.say(
+        self.reporter.say(
             f"iteration {now.iterations}, {now.evaluations} evaluations: norm {now.values[0]:.6g} of {self.initial:.4g}; "
             f"at most {max(0.0, left):.0f} s left"
         )
         self._note(now)
         self._save()
-        self.stopped = self.progress(self.history[-1])
+        self.stopped = self.reporter.progress(self.history[-1])
         return self.stopped
 
     def _note(self, now: Simplex) -> None:
@@ -226,7 +225,7 @@ class SimplexSearch:
         )
 
     def _continued(self) -> Simplex | None:
-        """Where an earlier run of the same search has stopped, if it left a checkpoint."""
+        """State in which an earlier run of the same search has stopped, if it left a checkpoint."""
         found = self.checkpoint.load()
         if found is None:
             return None
@@ -240,5 +239,5 @@ class SimplexSearch:
             arrays["values"],
             *(numbers[key] for key in ("iterations", "evaluations", "simulations")),
         )
-        self.problem.say(f"goes on from iteration {self.simplex.iterations} of {self.method.checkpoint}")
+        self.reporter.say(f"goes on from iteration {self.simplex.iterations} of {self.method.checkpoint}")
         return self.simplex

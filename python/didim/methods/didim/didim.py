@@ -8,12 +8,11 @@ velocities, no band-pass filter. By default every iterate is a robot: (7) is sol
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import ClassVar
 
 from ...experiment.experiment import Experiment
 from ...result.identification import Identification
-from ...result.iteration import Iteration
+from ...result.iteration import Reporter
 from .iterations import Iterations
 from .settings import DIDIMSettings
 
@@ -26,19 +25,7 @@ class DIDIM(DIDIMSettings):
 
     physical_by_default: ClassVar[bool] = True
 
-    def run(
-        self,
-        experiment: Experiment,
-        progress: Callable[[Iteration], bool],
-        say: Callable[[str], None],
-    ) -> Identification:
-        """Identify the parameters of an experiment's robot; parameters as for `IDIMLS.run`.
-
-        Raises
-        ------
-        DidimError
-            One of its kinds: without a reference or a controller, for a start with which the robot cannot be simulated,
-            for a log that allows no estimate.
-        """
+    def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
+        """Identify the parameters of an experiment's robot, as `Method.run`."""
         job = self.job(experiment, experiment.simulated_robot)
-        return Iterations.of(self, job, progress, say).result()
+        return Iterations.of(self, job, reporter).result()

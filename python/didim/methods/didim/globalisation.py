@@ -5,7 +5,6 @@ Tested in ``tests/test_didim.py`` and ``tests/test_consistent.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
@@ -46,8 +45,8 @@ def in_sigma(problem: Problem, solved: Solved, step: Array) -> float:
 class SafeSteps:
     """Steps that keep M(q) > 0, halved until the simulation after them reaches its end."""
 
-    def __init__(self, problem: Problem, say: Callable[[str], None]) -> None:
-        self.problem, self.say = problem, say
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self.reporter = problem, problem.reporter
         self.method, self.simulator = problem.method, problem.simulator
 
     def step(self, iterate: Iterate, solved: Solved) -> Step:
@@ -93,7 +92,7 @@ class SafeSteps:
             if isinstance(found, Simulated):
                 return length, Iterate(x, found, iterate.iteration + 1)
             ended = found
-            self.say(f"with a step of {length:.3g} the simulation {found}; half of it")
+            self.reporter.say(f"with a step of {length:.3g} the simulation {found}; half of it")
             length *= 0.5
         return 0.0, ended
 
@@ -104,8 +103,8 @@ class SecantSteps:
     The robots are a convex set, so no step needs M(q) to be looked at; secant steps end two-cycles.
     """
 
-    def __init__(self, problem: ConsistentProblem, say: Callable[[str], None]) -> None:
-        self.problem, self.say = problem, say
+    def __init__(self, problem: ConsistentProblem) -> None:
+        self.problem, self.reporter = problem, problem.reporter
         self.method, self.simulator = problem.method, problem.simulator
         self._before: Array | None = None
         self._length = 1.0
@@ -141,7 +140,7 @@ class SecantSteps:
             found = self.simulator.simulate(x)
             if isinstance(found, Outcome):
                 ended = found
-                self.say(f"with a step of {length:.3g} the simulation {found}; half of it")
+                self.reporter.say(f"with a step of {length:.3g} the simulation {found}; half of it")
             else:
                 after = self._cost(found, weights)
                 tried.append((after, length, Iterate(x, found, iterate.iteration + 1)))

@@ -8,7 +8,6 @@ Tested in ``tests/test_didim.py``, ``tests/test_consistent.py`` and ``tests/test
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +16,7 @@ from ..._tools.words import counted
 from ...loop.outcome import Outcome
 from ...regression.consistent.solver import ConsistentSolver
 from ...result.identification import Identification
-from ...result.iteration import Iteration
+from ...result.iteration import Iteration, Reporter
 from ...result.status import Status
 from ..job import Job, ratio
 from .convergence import SLOW, Path, best_sentence, lost_sentence, rule_sentence, slow_sentence
@@ -53,14 +52,8 @@ class Iterations:
 
     solved: Solved
 
-    def __init__(
-        self,
-        problem: Problem,
-        globalisation: Globalisation,
-        progress: Callable[[Iteration], bool],
-        say: Callable[[str], None],
-    ) -> None:
-        self.problem, self.globalisation, self.progress, self.say = problem, globalisation, progress, say
+    def __init__(self, problem: Problem, globalisation: Globalisation) -> None:
+        self.problem, self.globalisation, self.reporter = problem, globalisation, problem.reporter
         self.method, self.simulator = problem.method, problem.simulator
         self.history: list[Iteration] = []
         self.status, self.over = Status.NOT_CONVERGED, False
@@ -72,19 +65,13 @@ class Iterations:
         self._lost = 0
 
     @classmethod
-    def of(
-        cls,
-        method: DIDIMSettings,
-        job: Job,
-        progress: Callable[[Iteration], bool],
-        say: Callable[[str], None],
-    ) -> Iterations:
+    def of(cls, method: DIDIMSettings, job: Job, reporter: Reporter) -> Iterations:
         """Return the iterations of a job: among robots where its solver is consistent."""
         if isinstance(job.solver, ConsistentSolver):
-            consistent = ConsistentProblem(method, job, job.solver, say)
-            return cls(consistent, SecantSteps(consistent, say), progress, say)
-        problem = Problem(method, job, say)
-        return cls(problem, SafeSteps(problem, say), progress, say)
+            consistent = ConsistentProblem(method, job, job.solver, reporter)
+            return cls(consistent, SecantSteps(consistent))
+        problem = Problem(method, job, reporter)
+        return cls(problem, SafeSteps(problem))
 
     def result(self) -> Identification:
         """Iterate to the end, and put the result together."""
@@ -114,7 +101,7 @@ class Iterations:
             return step.after
         self.solved = solved
         self.history.append(self._entry(iterate, solved, step))
-        stopped = self.progress(self.history[-1])
+        stopped = self.reporter.progress(self.history[-1])
         self.over = stopped or len(self.history) >= self.method.max_iterations
         if isinstance(step.after, Outcome):
             self.status, self.over = Status.NO_STEP, True
@@ -150,7 +137,7 @@ class Iterations:
             iterate = best
             self._ending = best_sentence(best.iteration, len(self.history), best.simulated.error)
             solved = self.solved = self.problem.solve(best, self.problem.observe(best))
-        self.say(counted(self.simulator.n_simulations, "simulation"))
+        self.reporter.say(counted(self.simulator.n_simulations, "simulation"))
         return result_at(
             iterate,
             solved,
@@ -176,7 +163,7 @@ class Iterations:
             slow,
             self.history,
             method.max_iterations,
-            self.progress,
+            self.reporter.progress,
         )
         self.simulator.n_simulations += count
         if end is None:

@@ -9,7 +9,7 @@ in ``tests/test_didim.py``, ``tests/test_consistent.py`` and ``tests/test_contra
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -34,6 +34,7 @@ from ...regression.gains.currents import Currents
 from ...regression.least_squares import solve_partly
 from ...regression.linear_system import LinearSystem
 from ...result.finding import Finding
+from ...result.iteration import Reporter
 from ...signal.segments import Segment
 from ..job import Job
 from ..start import FROM_LOG, further_of, standard_start, start_from_log
@@ -71,14 +72,14 @@ class Problem:
     conditions: ConstrainedProblem | None = None
     simulator: LogSimulator
 
-    def __init__(self, method: DIDIMSettings, job: Job, say: Callable[[str], None]) -> None:
-        self.method, self.job, self.say = method, job, say
+    def __init__(self, method: DIDIMSettings, job: Job, reporter: Reporter) -> None:
+        self.method, self.job, self.reporter = method, job, reporter
         self.robot, self.base = job.robot, job.parameters
         self.stuck: dict[int, str] = {}
-        self.simulator = self._simulator(say)
+        self.simulator = self._simulator()
 
-    def _simulator(self, say: Callable[[str], None]) -> LogSimulator:
-        return LogSimulator(self.method, self.job, say)
+    def _simulator(self) -> LogSimulator:
+        return LogSimulator(self.method, self.job, self.reporter)
 
     @cached_property
     def measured(self) -> LinearSystem:
@@ -228,10 +229,8 @@ class ConsistentProblem(Problem):
     most_lost = 3
     simulator: RateSimulator
 
-    def __init__(
-        self, method: DIDIMSettings, job: Job, solver: ConsistentSolver, say: Callable[[str], None]
-    ) -> None:
-        super().__init__(method, job, say)
+    def __init__(self, method: DIDIMSettings, job: Job, solver: ConsistentSolver, reporter: Reporter) -> None:
+        super().__init__(method, job, reporter)
         simulator = self.simulator
         try:
             parts = job.parts("fit", simulator.delay)
@@ -254,8 +253,8 @@ class ConsistentProblem(Problem):
         simulator.prepare(experiment, q, damping, self.direct.standard)
         self.contradictions = [*torque_findings(self.measured), *contradiction_findings(diagnosis(direct))]
 
-    def _simulator(self, say: Callable[[str], None]) -> RateSimulator:
-        return RateSimulator(self.method, self.job, say)
+    def _simulator(self) -> RateSimulator:
+        return RateSimulator(self.method, self.job, self.reporter)
 
     def _references(self) -> list[Segment]:
         windows, motions = self.simulator.windows_of(self.job.experiment), []

@@ -5,7 +5,6 @@ Tested in ``tests/test_didim.py`` and ``tests/test_consistent.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +18,7 @@ from ...loop.outcome import Outcome
 from ...model.dynamics import inertia_matrix
 from ...result.finding import Finding
 from ...result.identification import Identification
+from ...result.iteration import Reporter
 from ...signal.segments import Segment
 from ..idim_ls import direct_estimate
 from ..job import Job
@@ -56,8 +56,8 @@ class LogSimulator:
 
     windows: list[Window]
 
-    def __init__(self, method: DIDIMSettings, job: Job, say: Callable[[str], None]) -> None:
-        self.method, self.job, self.say = method, job, say
+    def __init__(self, method: DIDIMSettings, job: Job, reporter: Reporter) -> None:
+        self.method, self.job, self.reporter = method, job, reporter
         self.delay, self.experiment = job.delay(), job.experiment
         self.windows = [] if self.steps_follow_rates else self.windows_of(self.experiment)
         self.n_simulations = 0
@@ -126,7 +126,7 @@ class LogSimulator:
             "from this start the simulation fails with the steps of the experiment: until the end is near they are "
             f"{1e3 * smallest:.3g} ms throughout"
         )
-        self.say(self.remarks[-1])
+        self.reporter.say(self.remarks[-1])
         return True
 
     def take_usual_steps(self, x: Array) -> Simulated | None:
@@ -166,7 +166,9 @@ class LogSimulator:
         """
         if self._direct is None:
             experiment = with_positions(self.job.experiment)
-            self._direct = direct_estimate(self.method, experiment, self.say, compensate_samples=self.delay)
+            self._direct = direct_estimate(
+                self.method, experiment, self.reporter, compensate_samples=self.delay
+            )
         return self._direct
 
     def suspicions(self) -> list[Finding]:

@@ -7,7 +7,7 @@ Tested in ``tests/test_positions.py``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from ...experiment.experiment import Experiment
 from ...model.limbs import role_of
 from ...result.finding import Finding
 from ...result.identification import Identification
-from ...result.iteration import Iteration
+from ...result.iteration import Reporter
 from ...result.positions.record import KEY
 from ...result.status import Status
 from ...result.uncertainty import Uncertainty
@@ -55,8 +55,7 @@ GRAVE = frozenset({"kp", "kv", "delay_s", "lag_s"})
 def identify_positions(
     method: CLOESettings,
     experiment: Experiment,
-    progress: Callable[[Iteration], bool],
-    say: Callable[[str], None],
+    reporter: Reporter,
 ) -> Identification:
     """Identify drives and friction of a robot with known links.
 
@@ -85,15 +84,14 @@ def identify_positions(
     options: dict[str, Any] = {
         "most": method.max_iterations or MOST_ITERATIONS,
         "tolerance": method.tolerance if method.tolerance != type(method).tolerance else TOLERANCE,
-        "progress": progress,
-        "say": say,
+        "reporter": reporter,
     }
     now, held = _searched(problem, now, held, options)
     bad = _bad_rollouts(problem, now)
     if bad and now.status.converged:
         for number in bad:
             problem.weights[number] = problem.weights[number] * bad[number]
-        say(f"{len(bad)} rollouts of a limb count less; the search goes on")
+        reporter.say(f"{len(bad)} rollouts of a limb count less; the search goes on")
         now = search(problem, begun(problem, now.theta, now.free, now), **options)
     spread = intervals(problem, now)
     return _result(experiment, problem, now, held, spread, before, bad)

@@ -99,7 +99,7 @@ class Problem:
 
     @property
     def start(self) -> Array:
-        """Where the search starts, (n_columns,)."""
+        """Start of the search, (n_columns,)."""
         return np.array([column.start for column in self.columns])
 
     @property

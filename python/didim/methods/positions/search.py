@@ -8,7 +8,7 @@ the iterations. Priors add rows. Tested in ``tests/test_positions.py``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ...errors import FitError
-from ...result.iteration import Iteration
+from ...result.iteration import Iteration, Reporter
 from ...result.status import Status
 from .problem import Problem
 
@@ -32,7 +32,7 @@ TINY = 1e-12
 
 @dataclass(eq=False)
 class Search:
-    """Where a search has come to.
+    """State of a search.
 
     Attributes
     ----------
@@ -104,8 +104,7 @@ def search(
     *,
     most: int,
     tolerance: float,
-    progress: Callable[[Iteration], bool],
-    say: Callable[[str], None],
+    reporter: Reporter,
 ) -> Search:
     """Search from where one stands until the cost falls by less than `tolerance`."""
     low, high = problem.bounds
@@ -144,11 +143,11 @@ def search(
                 more={"rms": rms, "damping": damping, "simulations": float(problem.n_simulations)},
             )
         )
-        say(
+        reporter.say(
             f"iteration {len(now.history)}: rms {1e3 * rms:.4f} mrad, damping {damping:.0g}, "
             f"{problem.n_simulations} simulations of a limb"
         )
-        if progress(now.history[-1]):
+        if reporter.progress(now.history[-1]):
             now.status = Status.STOPPED
             return now
         if not accepted or fall < tolerance:

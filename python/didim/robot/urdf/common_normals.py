@@ -1,4 +1,4 @@
-"""From axes in space to the rows of a modified Denavit-Hartenberg table: the common normals of Khalil and Kleinfinger.
+"""Rows of a modified Denavit-Hartenberg table from axes in space: the common normals of Khalil and Kleinfinger.
 
 Frame j has its z axis along joint axis j and its x axis along the common normal of axes j and j+1. Frame 0 is frame 1 at position
 zero, and the last frame continues the x axis before it. Trees and nearly parallel axes do not use common normals.

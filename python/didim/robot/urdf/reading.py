@@ -1,4 +1,4 @@
-"""From a URDF to a robot: chain or tree, right angles, frames, inertias, limits, and the proof that the dynamics are the same.
+"""Robots from URDF files: chain or tree, right angles, frames, inertias, limits, and the proof that the dynamics are the same.
 
 A chain gets modified rows along common normals. The placements of a tree, and of nearly parallel axes, are copied.
 Tested in ``tests/test_urdf.py`` against Pinocchio, on real descriptions and on random chains.
