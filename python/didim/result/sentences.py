@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from .._tools.words import joints_text
-from .words.causes import CAUSES
+from .words.causes import CAUSES, edit, looks
 
 Told = Any
 """A `Finding`, whose module imports this one."""
@@ -57,8 +57,8 @@ def _joints(finding: Told) -> str:
 
 def _cause(finding: Told) -> str:
     facts = finding.facts
-    first = CAUSES[finding.code][0](finding.joints, finding.value, facts)
-    ties = [CAUSES[tie["code"]][0](tuple(tie["joints"]), tie["value"], tie["facts"]) for tie in facts["ties"]]
+    first = looks(finding.code, finding.joints, finding.value, facts)
+    ties = [looks(tie["code"], tuple(tie["joints"]), tie["value"], tie["facts"]) for tie in facts["ties"]]
     others = "".join(f", or {text}" for text in ties)
     what = "the first" if others else "that"
     text = f"{first}{others}{' (this log does not tell which)' if others else ''}"
@@ -73,7 +73,7 @@ def _cause(finding: Told) -> str:
 
 def _cause_advice(finding: Told) -> str:
     facts = finding.facts
-    advice = CAUSES[finding.code][1](finding.joints, finding.value, facts)
+    advice = edit(finding.code, finding.joints, finding.value, facts)
     if facts["ties"] or finding.grade != "wrong":
         return f"{advice}; what would decide: {CAUSES[finding.code][2]}"
     return advice
