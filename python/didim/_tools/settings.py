@@ -37,16 +37,15 @@ def share(
     value: object,
     error: type[DidimError],
     *,
-    least: float = 0.0,
     most: float = 1.0,
     inside: bool = False,
 ) -> float:
-    """Return a number between two bounds, which are included unless it must be `inside` of them; other parameters as `whole`."""
+    """Return a number from zero to a bound, which are included unless it must be `inside` of them; other parameters as `whole`."""
     if isinstance(value, Real) and not isinstance(value, bool):
         number = float(value)
-        if least < number < most or (not inside and number in (least, most)):
+        if 0.0 < number < most or (not inside and number in (0.0, most)):
             return number
-    raise error(f"{name} must be between {least:g} and {most:g}, got {value!r}")
+    raise error(f"{name} must be between 0 and {most:g}, got {value!r}")
 
 
 def positive(name: str, value: object, error: type[DidimError], unit: str = "number") -> float:

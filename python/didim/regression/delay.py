@@ -64,10 +64,6 @@ class DelayEstimate:
         Share of the weighted residual that these delays take away, against those declared.
     cutoff_hz : float or None
         Cut-off of the filter of the positions for this estimate.
-    shifts : tuple of int
-        Shifts tried, in samples, the hold included.
-    residual_norms : tuple of float
-        Norm of the weighted residual at each of them.
     """
 
     samples: float
@@ -77,8 +73,6 @@ class DelayEstimate:
     joints_std: tuple[float, ...]
     gain: float
     cutoff_hz: float | None
-    shifts: tuple[int, ...]
-    residual_norms: tuple[float, ...]
 
     def __str__(self) -> str:
         """Return the estimate in words."""
@@ -176,7 +170,6 @@ def estimate_delay(
     std = np.sqrt(np.diag(covariance))
     before = search.residual_norm(np.broadcast_to(declared, own.shape) - hold)
     gain = 1.0 - search.residual_norm(np.array(joints) - hold) / before if before > 0.0 else 0.0
-    shifts = tuple(sorted(search.norms))
     estimate = DelayEstimate(
         samples=common[0],
         seconds=common[0] / rate,
@@ -185,8 +178,6 @@ def estimate_delay(
         joints_std=tuple(std.tolist()),
         gain=gain,
         cutoff_hz=signal.cutoff_hz,
-        shifts=shifts,
-        residual_norms=tuple(search.norms[shift] for shift in shifts),
     )
     return estimate, search.misfit
 

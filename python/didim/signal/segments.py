@@ -185,7 +185,7 @@ def stretches(parts: Sequence[Segment], most_samples: int, least_samples: int = 
         return list(parts)
     found = []
     for part in parts:
-        length = max(int(len(part.q) * most_samples / total / 3), least_samples)
+        length = max(int(len(part.q) * most_samples / total / 3), 1)
         if 3 * length >= len(part.q):
             found.append(part)
             continue

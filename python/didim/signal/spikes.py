@@ -29,19 +29,13 @@ AT_ONCE = 16384
 """Number of samples whose windows are sorted at once, which bounds the memory."""
 
 
-def hampel(
-    values: Array, *, window: int = WINDOW, threshold: float = SPIKE_THRESHOLD
-) -> tuple[Array, NDArray[np.bool_]]:
+def hampel(values: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Replace spikes by the median of their neighbourhood.
 
     Parameters
     ----------
     values : ndarray, shape (n_samples, m)
         Signals, one per column, in any unit.
-    window : int
-        Samples of the sliding window, odd; at the ends it is reflected.
-    threshold : float
-        Robust standard deviations from the median beyond which a sample is a spike.
 
     Returns
     -------
@@ -57,15 +51,17 @@ def hampel(
     """
     cleaned = np.array(values, dtype=np.float64)
     spikes = np.zeros(cleaned.shape, dtype=bool)
-    if len(cleaned) <= window:
+    if len(cleaned) <= WINDOW:
         return cleaned, spikes
     for column in range(cleaned.shape[1]):
-        middle, deviation = _medians(cleaned[:, column], window)
+        middle, deviation = _medians(cleaned[:, column], WINDOW)
         scale = NORMAL_MAD * np.maximum(deviation, np.median(deviation))
         distance = np.abs(cleaned[:, column] - middle)
         # Rounding of constant signals is not a spike.
         floor = 1e-12 * np.abs(middle)
-        spikes[:, column] = distance > threshold * scale + np.maximum(floor, _resolution(cleaned[:, column]))
+        spikes[:, column] = distance > SPIKE_THRESHOLD * scale + np.maximum(
+            floor, _resolution(cleaned[:, column])
+        )
         cleaned[spikes[:, column], column] = middle[spikes[:, column]]
     return cleaned, spikes
 

@@ -50,48 +50,38 @@ def ridge(a: Array, y: Array, strength: float, prior: Array | None = None) -> Ar
     return np.asarray(known + np.linalg.lstsq(rows, target, rcond=None)[0] / size)
 
 
-def chosen_strength(
-    a: Array,
-    y: Array,
-    blocks: Sequence[Rows],
-    prior: Array | None = None,
-    strengths: Sequence[float] = STRENGTHS,
-) -> tuple[float, Array]:
-    """Choose the strength that predicts blocks of time best that the estimate was not made of.
+def chosen_strength(a: Array, y: Array, blocks: Sequence[Rows]) -> tuple[float, Array]:
+    """Choose the strength of `STRENGTHS` that predicts blocks of time best that the estimate was not made of.
 
     Parameters
     ----------
-    a, y, prior
+    a, y
         As for `ridge`.
     blocks : sequence of ndarray of int
         Rows of each block.
-    strengths : sequence of float
-        Candidates, in ascending order.
 
     Returns
     -------
     strength : float
-        The best candidate.
+        The best one.
     errors : ndarray, shape (n_strengths,)
-        Root mean square of the weighted errors of prediction, per candidate.
+        Root mean square of the weighted errors of prediction, per strength.
     """
-    size = _sizes(a)
-    known = np.zeros(a.shape[1]) if prior is None else prior
-    rows, target = a / size, y - a @ known
-    parts = [(rows[index], target[index]) for index in blocks]
+    rows = a / _sizes(a)
+    parts = [(rows[index], y[index]) for index in blocks]
     grams = np.stack([part.T @ part for part, _ in parts])
     sides = np.stack([part.T @ value for part, value in parts])
     gram, side = grams.sum(axis=0), sides.sum(axis=0)
     identity = np.eye(a.shape[1])
     errors = []
-    for strength in strengths:
+    for strength in STRENGTHS:
         estimates = np.linalg.solve(gram - grams + strength * identity, (side - sides)[:, :, None])[:, :, 0]
         squares = sum(
             float(np.sum((value - part @ estimate) ** 2))
             for (part, value), estimate in zip(parts, estimates, strict=True)
         )
-        errors.append(np.sqrt(squares / target.size))
-    return float(strengths[int(np.argmin(errors))]), np.array(errors)
+        errors.append(np.sqrt(squares / y.size))
+    return float(STRENGTHS[int(np.argmin(errors))]), np.array(errors)
 
 
 def _sizes(a: Array) -> Array:

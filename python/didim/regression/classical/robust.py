@@ -75,8 +75,6 @@ def reweighted(
     *,
     loss: Loss = "huber",
     constant: float | None = None,
-    tolerance: float = SETTLED_ESTIMATE,
-    max_iterations: int = MOST_REWEIGHTINGS,
 ) -> RobustSolution:
     """Solve ``W x = Y`` by iteratively reweighted least squares.
 
@@ -92,8 +90,6 @@ def reweighted(
         Huber's bounds the influence of a row, Tukey's bisquare ends it.
     constant : float, optional
         Tuning constant in robust standard deviations; that of `CONSTANTS` by default.
-    tolerance, max_iterations
-        When to end.
 
     Returns
     -------
@@ -109,7 +105,7 @@ def reweighted(
     columns = np.linalg.norm(w, axis=0)
     floors = [SMALLEST_STD_SHARE * float(np.sqrt(np.mean(y[rows] ** 2))) for rows in joints]
     scale, weights = np.ones(len(joints)), np.ones(y.size)
-    for number in range(1, max_iterations + 1):
+    for number in range(1, MOST_REWEIGHTINGS + 1):
         residual = y - w @ x
         root = np.empty(y.size)
         for joint, rows in enumerate(joints):
@@ -119,6 +115,6 @@ def reweighted(
         found = np.linalg.lstsq((w / columns) * root[:, None], y * root, rcond=None)[0] / columns
         change = float(np.max(np.abs(found - x) * columns)) / max(float(np.linalg.norm(w @ found)), 1e-300)
         x = found
-        if change <= tolerance:
+        if change <= SETTLED_ESTIMATE:
             return RobustSolution(x, weights, scale, number, True)
-    return RobustSolution(x, weights, scale, max_iterations, False)
+    return RobustSolution(x, weights, scale, MOST_REWEIGHTINGS, False)

@@ -88,7 +88,6 @@ def nearest_robot(
     draws: int = NEAREST_DRAWS,
     seed: int = 0,
     degrees_of_freedom: float = np.inf,
-    threads: int = 2,
 ) -> NearestRobot:
     """Find the robot nearest to base parameters, in units of their covariance.
 
@@ -112,8 +111,6 @@ def nearest_robot(
         Of NumPy's default generator.
     degrees_of_freedom : float
         Of the covariance: those of a jackknife are its blocks less one. Intervals are wider for it, deviations are not.
-    threads : int
-        Threads of the core; the bits do not depend on it.
 
     Raises
     ------
@@ -136,7 +133,8 @@ def nearest_robot(
         freedom = max(degrees_of_freedom, LEAST_FREEDOM)
         noise /= np.sqrt(random.chisquare(freedom, (draws, 1)) / freedom)
         shrink = (freedom - 2.0) / freedom
-    drawn = np.array([item.x for item in problem.solve_many(root, right + noise, threads)])
+    # Two threads; the bits do not depend on them.
+    drawn = np.array([item.x for item in problem.solve_many(root, right + noise, 2)])
     spread = np.sqrt(shrink) * drawn.std(axis=0, ddof=1)
     others = []
     for factor in OTHER_PRIORS:

@@ -27,9 +27,7 @@ SETTLED_NATS = 1e-10
 """Newton decrement (nats) below which the iteration has converged."""
 
 
-def nearest_bodies(
-    estimates: Array, covariance: Array, known: Array, columns: Array, gamma: float = GAMMA
-) -> Array:
+def nearest_bodies(estimates: Array, covariance: Array, known: Array, columns: Array) -> Array:
     """Find the bodies nearest to estimates.
 
     Parameters
@@ -42,8 +40,6 @@ def nearest_bodies(
         Known part of the ten parameters.
     columns : (10, k) array
         Columns of the unknown ones.
-    gamma : float
-        Weight of the prior (nats).
 
     Returns
     -------
@@ -61,7 +57,7 @@ def nearest_bodies(
     theta = np.tile(start, (len(estimates), 1))
     prior = constant + np.tensordot(start, basis, axes=1)
     # A prior at the estimate's own scale moves nothing that the log knows.
-    slope = gamma * np.einsum("ab,kba->k", np.linalg.inv(prior), basis)
+    slope = GAMMA * np.einsum("ab,kba->k", np.linalg.inv(prior), basis)
     metric = np.linalg.inv(covariance)
 
     def inverse_of(points: Array) -> tuple[Array, Array]:
@@ -71,14 +67,14 @@ def nearest_bodies(
         safe = np.where(inside[:, None, None], body, np.eye(4))
         away = points - estimates
         cost = 0.5 * np.einsum("mi,ij,mj->m", away, metric, away) + points @ slope
-        cost -= gamma * np.linalg.slogdet(safe)[1]
+        cost -= GAMMA * np.linalg.slogdet(safe)[1]
         return np.linalg.inv(safe), np.where(inside, cost, np.inf)
 
     inverse, cost = inverse_of(theta)
     for _ in range(BODY_STEPS):
         weighted = np.einsum("mab,kbc->mkac", inverse, basis)
-        gradient = (theta - estimates) @ metric + slope - gamma * np.einsum("mkaa->mk", weighted)
-        hessian = metric + gamma * np.einsum("mkab,mlba->mkl", weighted, weighted)
+        gradient = (theta - estimates) @ metric + slope - GAMMA * np.einsum("mkaa->mk", weighted)
+        hessian = metric + GAMMA * np.einsum("mkab,mlba->mkl", weighted, weighted)
         size = 1.0 / np.sqrt(np.einsum("mkk->mk", hessian))
         scaled = hessian * size[:, :, None] * size[:, None, :]
         step = -size * np.linalg.solve(scaled, (gradient * size)[:, :, None])[:, :, 0]

@@ -21,6 +21,7 @@ from ...robot.robot import Robot
 from ..fit import Fit
 from ..jackknife import intervals
 from ..linear_system import LinearSystem
+from ..settings import BLOCKS
 from .drift import DEPENDENT_EIGENVALUE, FEWEST
 
 FALSE_LOADS = 1e-4
@@ -85,7 +86,7 @@ def load_between(system: LinearSystem, fit: Fit, robot: Robot, blocks: int = 20)
     return found
 
 
-def load_beyond(system: LinearSystem, beta: Array, robot: Robot, blocks: int = 20) -> Load | None:
+def load_beyond(system: LinearSystem, beta: Array, robot: Robot) -> Load | None:
     """Return the load of a log beyond known parameters; friction and offsets may differ from these.
 
     Parameters
@@ -94,7 +95,7 @@ def load_beyond(system: LinearSystem, beta: Array, robot: Robot, blocks: int = 2
         Of the log.
     beta : (b,) array
         Known values of its columns.
-    robot, blocks
+    robot
         As for `load_between`.
     """
     residual = system.y - system.w @ beta
@@ -106,7 +107,7 @@ def load_beyond(system: LinearSystem, beta: Array, robot: Robot, blocks: int = 2
     weighted = system.w * weights[:, None]
     left = np.linalg.qr(weighted[:, free])[0] if free else np.zeros((system.y.size, 0))
     columns = weighted @ _last_body(system, robot)
-    return _load(system, columns, left, residual * weights, np.arange(system.y.size), blocks)
+    return _load(system, columns, left, residual * weights, np.arange(system.y.size), BLOCKS)
 
 
 def _last_body(system: LinearSystem, robot: Robot) -> Array:

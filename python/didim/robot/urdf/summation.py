@@ -38,10 +38,10 @@ class States:
     ddq: Array
 
 
-def random_states(n_dof: int, states: int = STATES) -> States:
+def random_states(n_dof: int) -> States:
     """Return the states of the self-test: within a turn, and a few units per second."""
     rng = np.random.default_rng(0)
-    shape = (states, n_dof)
+    shape = (STATES, n_dof)
     return States(rng.uniform(-3.0, 3.0, shape), rng.uniform(-2.0, 2.0, shape), rng.uniform(-5.0, 5.0, shape))
 
 

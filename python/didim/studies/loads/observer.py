@@ -51,7 +51,6 @@ def observe(
     rate_hz: float,
     *,
     bandwidth_hz: float = BANDWIDTH_HZ,
-    cutoff_hz: float | None = None,
 ) -> Observed:
     """Return the torques from outside that a momentum observer sees.
 
@@ -67,12 +66,9 @@ def observe(
         Sampling rate.
     bandwidth_hz : float
         Bandwidth of the observer.
-    cutoff_hz : float, optional
-        Cut-off of the filter of the positions; 100 Hz, and at most a fifth of the rate.
     """
     # The same filter on all, so that torques and motion stay side by side.
-    cutoff = _cutoff(rate_hz, cutoff_hz)
-    q, tau = _filtered(q, rate_hz, cutoff), _filtered(tau, rate_hz, cutoff)
+    q, tau = _filtered(q, rate_hz), _filtered(tau, rate_hz)
     # Between two samples, where the difference of the positions is the velocity.
     dq = _before(np.diff(q, axis=0) * rate_hz)
     q, tau = (_before(0.5 * (values[1:] + values[:-1])) for values in (q, tau))
@@ -99,28 +95,29 @@ def low_pass(values: Array, rate_hz: float, bandwidth_hz: float) -> Array:
     return np.asarray(lfilter([1.0 - share], [1.0, -share], values, axis=0, zi=share * values[:1])[0])
 
 
-def stamp_gain(rate_hz: float, bandwidth_hz: float, cutoff_hz: float | None = None) -> float:
+def stamp_gain(rate_hz: float, bandwidth_hz: float) -> float:
     """Return the standard deviation of the observer's torque per unit of momentum for white noise of the time stamps (1/s^2).
 
     It is the gain from noise of positions to their twice differentiated and filtered values, by the impulse response.
     """
-    length = 16 + round(8.0 * rate_hz / min(bandwidth_hz, _cutoff(rate_hz, cutoff_hz)))
+    length = 16 + round(8.0 * rate_hz / min(bandwidth_hz, _cutoff(rate_hz)))
     impulse = np.zeros((length, 1))
     impulse[4] = 1.0
-    speed = _before(np.diff(_filtered(impulse, rate_hz, _cutoff(rate_hz, cutoff_hz)), axis=0) * rate_hz)
+    speed = _before(np.diff(_filtered(impulse, rate_hz), axis=0) * rate_hz)
     response = low_pass(_before(np.diff(speed, axis=0) * rate_hz), rate_hz, bandwidth_hz)
     return float(np.sqrt(np.sum(response**2)))
 
 
-def _cutoff(rate_hz: float, cutoff_hz: float | None) -> float:
-    return min(CUTOFF_HZ, 0.2 * rate_hz) if cutoff_hz is None else cutoff_hz
+def _cutoff(rate_hz: float) -> float:
+    """Cut-off of the filter of positions and torques: `CUTOFF_HZ`, and at most a fifth of the rate."""
+    return min(CUTOFF_HZ, 0.2 * rate_hz)
 
 
-def _filtered(values: Array, rate_hz: float, cutoff_hz: float) -> Array:
+def _filtered(values: Array, rate_hz: float) -> Array:
     """Filter signals, (n_samples, n), causally, as if they had rested at their first values before."""
     from scipy.signal import butter, lfilter, lfilter_zi  # half a second
 
-    b, a = butter(2, cutoff_hz / (0.5 * rate_hz))
+    b, a = butter(2, _cutoff(rate_hz) / (0.5 * rate_hz))
     return np.asarray(lfilter(b, a, values, axis=0, zi=lfilter_zi(b, a)[:, None] * values[:1])[0])
 
 
