@@ -345,7 +345,7 @@ def test_a_tree_is_described_with_what_its_joints_stand_on(
 def test_the_page_on_trees_is_run(
     project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = (project / "docs" / "trees.md").read_text(encoding="utf-8")
+    page = (project / "docs" / "branches.md").read_text(encoding="utf-8")
     robot, planned = re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)
     (block,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     (tmp_path / "dual.toml").write_text(robot)
