@@ -83,3 +83,9 @@ def log_of(experiment: Experiment, seed: int | None = None, robot: str = "tx40")
     (recording,) = measured(experiment, seed).recordings
     assert recording.tau is not None
     return Log(t=recording.t, q=recording.q, tau=recording.tau, robot=robot, rate_hz=recording.rate_hz)
+
+
+def with_torques(log: Experiment, tau: Array) -> Experiment:
+    """The log with other torques."""
+    (recording,) = log.recordings
+    return replace(log, recordings=(replace(recording, tau=tau),))

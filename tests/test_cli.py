@@ -20,6 +20,7 @@ from didim.regression.solver import SOLVERS
 from didim.result.identification import Identification
 from didim.result.status import Status
 from didim.robot.robot_file import load_robot
+from scripts import one_line
 
 EXPERIMENT = """\
 schema = 1
@@ -60,15 +61,6 @@ def arm(tmp_path: Path) -> Path:
 
 def identify_arm(arm: Path, *options: str) -> int:
     return main(["identify", str(arm), "--data", str(arm.parent / "data"), *options])
-
-
-def one_line(capsys: pytest.CaptureFixture[str]) -> str:
-    """The error, when nothing else was printed."""
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert err.startswith("didim: ")
-    return err.strip()
 
 
 def test_identify_prints_the_table_and_writes_the_json(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import subprocess
 from pathlib import Path
@@ -11,6 +10,7 @@ import pytest
 
 from didim.cli.main import _parser, main
 from didim.methods.table import METHODS
+from scripts import commands_of
 
 CASES = {
     "didim id": {"identify"},
@@ -80,8 +80,3 @@ def written(option: str, shell: str) -> str:
     if shell != "fish":
         return option
     return f"-l {option[2:]}" if option.startswith("--") else f"-s {option[1:]}"
-
-
-def commands_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    (commands,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
-    return dict(commands.choices)

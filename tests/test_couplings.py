@@ -21,7 +21,7 @@ from didim.robot.robot_text import robot_text
 from didim.robot.transmission import driven_part, joint_motion
 from robots import random_motion, relative
 from simulated import closed_loop_log
-from urdfs import inertial_text, joint_text, limit_text, pinocchio_model, random_tree
+from urdfs import inertial_text, joint_text, limit_text, made, pinocchio_model, random_tree, with_rotors
 
 ROBOTS = 60
 """Random trees with joints that follow others, compared with Pinocchio."""
@@ -49,12 +49,6 @@ def coupled(rng: np.random.Generator, joints: int, most: int = 40, even: bool = 
 def without_mimic(text: str) -> str:
     """The same with joints that all move by themselves."""
     return re.sub(r"<mimic [^>]*/>", "", text)
-
-
-def made(tmp_path: Path, text: str, **options: object) -> Robot:
-    path = tmp_path / "tree.urdf"
-    path.write_text(text)
-    return didim.load_robot(path, tip="", snap=0.0, **options)  # type: ignore[arg-type]
 
 
 def by_hand(robot: Robot, text: str) -> np.ndarray:
@@ -86,11 +80,7 @@ def test_models_are_those_of_pinocchio_seen_by_the_driven_joints(tmp_path: Path,
     g = by_hand(robot, text)
     model = pinocchio_model(without_mimic(text), robot.all_joint_names)
     model.gravity.linear = gravity
-    places = [model.joints[model.getJointId(name)].idx_v for name in robot.all_joint_names]
-    x = robot.parameter_set("urdf").copy()
-    rotors = rng.uniform(0.05, 0.5, n)
-    x[[robot.parameter_names.index(f"Ia{j + 1}") for j in range(n)]] = rotors
-    model.armature[places] = rotors
+    x, places = with_rotors(rng, robot, model, robot.all_joint_names)
     data = model.createData()
     motion = random_motion(rng, 3, driven)
     followers = robot.geometry.followers

@@ -14,7 +14,8 @@ from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem, linear_system
 from didim.regression.selection import select
 from didim.signal.segments import segments
-from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
+from didim.studies.simulated_log import measured
+from planted import tx40_exact
 
 pytestmark = pytest.mark.usefixtures("without_causes")
 
@@ -24,8 +25,7 @@ Array = NDArray[np.float64]
 @pytest.fixture(scope="module")
 def log() -> Experiment:
     """The packaged experiment without noise."""
-    experiment = packaged_experiment("tx40")
-    return simulated_log(experiment, experiment.robot.parameter_set("didim"), noise=False)
+    return tx40_exact()
 
 
 @pytest.fixture(scope="module")

@@ -20,8 +20,9 @@ from didim.evidence.naming import cause_findings, torque_findings
 from didim.evidence.rows import LogRows
 from didim.regression.linear_system import LinearSystem, linear_system
 from didim.result.finding import Finding
-from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
+from didim.studies.simulated_log import measured
 from plain import plain_didim
+from planted import tx40_exact, with_torques
 from simulated import experiment as of_recordings
 from simulated import log as recorded
 
@@ -35,8 +36,7 @@ Named = tuple[str, tuple[int, ...]]
 
 @pytest.fixture(scope="module")
 def exact() -> Experiment:
-    experiment = packaged_experiment("tx40")
-    return simulated_log(experiment, experiment.robot.parameter_set("didim"), noise=False)
+    return tx40_exact()
 
 
 @pytest.fixture(scope="module")
@@ -60,11 +60,6 @@ def torques(log: Experiment) -> Array:
     (recording,) = log.recordings
     assert recording.tau is not None
     return recording.tau
-
-
-def with_torques(log: Experiment, tau: Array) -> Experiment:
-    (recording,) = log.recordings
-    return replace(log, recordings=(replace(recording, tau=tau),))
 
 
 def system_of(log: Experiment) -> LinearSystem:

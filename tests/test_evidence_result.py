@@ -14,6 +14,7 @@ from didim.evidence.residual import residual_of
 from didim.evidence.thresholds import SIZE_DOUBTFUL
 from didim.methods.idim_ls import IDIMLS
 from didim.signal.spikes import alone, without_lone
+from planted import with_torques
 from verdict_arms import ARMS, Log, built
 
 
@@ -30,11 +31,6 @@ def planar(noise: float, n_samples: int = 6000) -> Experiment:
     robot = didim.load_robot("planar2")
     x = robot.parameter_set("reference")
     return simulated.experiment(robot, simulated.log(robot, x, n_samples=n_samples, noise=noise))
-
-
-def with_torques(log: Experiment, tau: np.ndarray) -> Experiment:
-    (recording,) = log.recordings
-    return replace(log, recordings=(replace(recording, tau=tau),))
 
 
 def tau_of(log: Experiment) -> np.ndarray:

@@ -19,6 +19,7 @@ from didim.robot.robot_file import load_robot
 from didim.signal.filters import differentiate
 from didim.signal.processing import SignalProcessing
 from didim.studies.run import SimulationReport, recording_errors, simulate_experiment
+from scripts import one_line
 
 OWN_MOTION = """\
 schema = 1
@@ -79,15 +80,6 @@ def arm(tmp_path: Path) -> Path:
 
 def simulate(path: Path, *options: str, parameters: str = "reference") -> int:
     return main(["simulate", str(path), "--parameters", parameters, *options])
-
-
-def one_line(capsys: pytest.CaptureFixture[str]) -> str:
-    """The error, when nothing else was printed."""
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert err.startswith("didim: ")
-    return err.strip()
 
 
 # --- The EMPS -----------------------------------------------------------------------------------------------------------

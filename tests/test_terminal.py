@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import fcntl
 import os
 import pty
@@ -22,6 +21,7 @@ from didim.cli.terminal.color import GREEN, painted
 from didim.cli.terminal.guide import COMMANDS
 from didim.cli.terminal.width import WIDEST, columns, fitted, wrapped
 from didim.result.table import parameter_lines
+from scripts import commands_of
 from test_identification import example
 
 LONG = "the residual lasts: 4.1 % of the torque, for which standard deviations are 2.8 times too small"
@@ -164,8 +164,3 @@ def test_help_lists_each_command_once() -> None:
         assert len(re.findall(rf"^  {name} ", text, re.MULTILINE)) == 1, name
     for parser in commands.values():
         assert all(action.help for action in parser._actions)
-
-
-def commands_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    (commands,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
-    return dict(commands.choices)

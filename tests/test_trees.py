@@ -19,20 +19,22 @@ from didim.regression.block import stacked
 from didim.regression.linear_system import LinearSystem
 from didim.robot.placement import as_row, carriers, placed
 from didim.robot.rigid_body import pose, turn
-from didim.robot.robot import Robot
 from didim.robot.robot_text import robot_text
 from robots import random_motion, relative
 from simulated import closed_loop_log, experiment, log
-from urdfs import inertial_text, joint_text, nasty_tree, pinocchio_model, pinocchio_torques, random_tree
+from urdfs import (
+    inertial_text,
+    joint_text,
+    made,
+    nasty_tree,
+    pinocchio_model,
+    pinocchio_torques,
+    random_tree,
+    with_rotors,
+)
 
 TREES = 200
 """Random trees that are compared with Pinocchio."""
-
-
-def made(tmp_path: Path, text: str, **options: object) -> Robot:
-    path = tmp_path / "tree.urdf"
-    path.write_text(text)
-    return didim.load_robot(path, tip="", snap=0.0, **options)  # type: ignore[arg-type]
 
 
 def legs(count: int, joints: int, seed: int = 0) -> str:
@@ -65,13 +67,7 @@ def test_random_trees_have_the_models_of_pinocchio(tmp_path: Path, seed: int) ->
     assert n == 2 + seed % 39
     model = pinocchio_model(text, robot.joint_names)
     model.gravity.linear = gravity
-    places = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
-    x = robot.parameter_set("urdf").copy()
-    rotors = rng.uniform(0.05, 0.5, n)
-    x[[robot.parameter_names.index(f"Ia{j + 1}") for j in range(n)]] = rotors
-    armature = np.zeros(n)
-    armature[places] = rotors
-    model.armature = armature
+    x, places = with_rotors(rng, robot, model, robot.joint_names)
     data = model.createData()
     motion = random_motion(rng, 3, n)
     tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)

@@ -5,7 +5,6 @@ The numbers stand here as they are documented, so that a threshold which is doub
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -21,14 +20,11 @@ from didim.evidence.uses import Motions, Spread, _gravity, _untold
 from didim.evidence.whiteness import Whiteness, whiteness, whiteness_findings
 from didim.regression.block import Block
 from didim.signal.processing import SignalProcessing
+from plain import stub
 
 Array = NDArray[np.float64]
 TURN = Hypothesis(code="torque-sign", joints=(1,))
 GAIN = Hypothesis(code="gain", joints=(2,))
-
-
-def stub(**facts: object) -> Any:
-    return SimpleNamespace(**facts)
 
 
 def residual(shares: list[float], sizes: list[float]) -> Residual:

@@ -5,7 +5,6 @@ The numbers stand here as they are documented, so that a threshold which is doub
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,12 +23,9 @@ from didim.diagnosis.standstill import check_standstill
 from didim.evidence.hypotheses.hypothesis import best_factor
 from didim.evidence.residual import spike_findings
 from didim.log.sampling import TimeFault
+from plain import stub
 
 Array = NDArray[np.float64]
-
-
-def stub(**facts: object) -> Any:
-    return SimpleNamespace(**facts)
 
 
 @pytest.mark.parametrize(("least", "told"), [(0.975, True), (0.985, False)])

@@ -6,7 +6,6 @@ The numbers stand here as they are documented, so that a bound which is doubled 
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -29,12 +28,9 @@ from didim.methods.didim.response import share_moved
 from didim.regression.consistent.prior import Prior
 from didim.regression.friction.alarm import _freed
 from didim.signal.processing import SignalProcessing
+from plain import stub
 
 Array = NDArray[np.float64]
-
-
-def stub(**facts: object) -> Any:
-    return SimpleNamespace(**facts)
 
 
 @pytest.mark.parametrize(("left", "kept"), [(0.8e-8, False), (1.2e-8, True)])

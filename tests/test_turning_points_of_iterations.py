@@ -6,7 +6,6 @@ The numbers stand here as they are documented, so that a threshold which is doub
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -28,12 +27,9 @@ from didim.methods.cloe.levenberg_marquardt import SafeSteps, weigh_by_noise
 from didim.methods.didim.slack import Attempts, Settled
 from didim.regression.delay import estimate_delay
 from didim.signal.processing import SignalProcessing
+from plain import stub
 
 Array = NDArray[np.float64]
-
-
-def stub(**facts: object) -> Any:
-    return SimpleNamespace(**facts)
 
 
 def end(rate: float, *distances: float, steps: int = 0) -> Settled:

@@ -5,7 +5,6 @@ The numbers stand here as they are documented, so that a threshold which is doub
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -38,12 +37,9 @@ from didim.regression.logs.load import Load
 from didim.regression.settings import LeastSquaresSettings
 from didim.result.status import Status
 from didim.signal.processing import SignalProcessing
+from plain import stub
 
 Array = NDArray[np.float64]
-
-
-def stub(**facts: object) -> Any:
-    return SimpleNamespace(**facts)
 
 
 @pytest.mark.parametrize(

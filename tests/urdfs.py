@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+
+import didim
+from didim import Robot
 
 Array = NDArray[np.float64]
 
@@ -320,3 +324,21 @@ GRIPPER_ARM = """<?xml version="1.0"?>
 </robot>
 """
 """Text of a URDF with what real ones have: a stand, a rounded angle, a camera, a gripper with a mimic joint."""
+
+
+def with_rotors(
+    rng: np.random.Generator, robot: Robot, model: pin.Model, names: Sequence[str]
+) -> tuple[Array, list[int]]:
+    """Parameters of a robot with random rotors, which its model gets too; and the places of the named joints in the model."""
+    places = [model.joints[model.getJointId(name)].idx_v for name in names]
+    x, rotors = robot.parameter_set("urdf").copy(), rng.uniform(0.05, 0.5, len(names))
+    x[[robot.parameter_names.index(f"Ia{j + 1}") for j in range(len(names))]] = rotors
+    model.armature[places] = rotors
+    return x, places
+
+
+def made(tmp_path: Path, text: str, **options: object) -> Robot:
+    """The whole tree of a URDF, as it is read."""
+    path = tmp_path / "tree.urdf"
+    path.write_text(text)
+    return didim.load_robot(path, tip="", snap=0.0, **options)  # type: ignore[arg-type]
