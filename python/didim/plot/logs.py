@@ -23,7 +23,7 @@ else:  # matplotlib is optional, and slow to load
 
 
 Pieces = list[tuple[Array, Array, Array]]
-"""Times (n,), measured and modelled values (n, n_dof) of each window."""
+"""Instants (n,), measured and modelled values (n, n_dof) of each window."""
 
 CONFIDENCE = 1.96
 """Half width of a normal distribution's 95 % interval, in standard deviations."""

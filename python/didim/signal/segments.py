@@ -168,7 +168,7 @@ def place_of(recording: Recording, window: tuple[int, int]) -> str:
     return place
 
 
-def stretches(parts: Sequence[Segment], most_samples: int, least_samples: int = 1) -> list[Segment]:
+def stretches(parts: Sequence[Segment], most_samples: int) -> list[Segment]:
     """Return the parts of a log, or three evenly spaced stretches of each if it has more than `most_samples`.
 
     Parameters
@@ -177,8 +177,6 @@ def stretches(parts: Sequence[Segment], most_samples: int, least_samples: int = 
         Windows of a log.
     most_samples : int
         Approximate number of samples of all stretches together.
-    least_samples : int
-        Smallest number of samples of a stretch, for its filters; a part shorter than three stretches is returned whole.
     """
     total = sum(len(part.q) for part in parts)
     if total <= most_samples:
