@@ -158,7 +158,7 @@ def test_the_emps_has_wrong_friction_near_reversals(shared: Path, project: Path)
     assert filters.rms > 9.0
     assert set(loop.beyond) == {"Fv1", "Fc1"}
     assert loop.rms == pytest.approx(5.6, rel=0.05)
-    assert "the observation matrix from the measured motion is wrong" in reading([filters, loop])
+    assert "the observation matrix of the measured motion is wrong" in reading([filters, loop])
 
 
 def test_nothing_is_known_of_the_controller_of_the_tx40(shared: Path, project: Path) -> None:

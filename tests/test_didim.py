@@ -538,8 +538,8 @@ def test_tx40_log_agrees_with_table_2(project: Path, shared: Path) -> None:
     assert found.status is Status.CONVERGED
     assert found.n_iterations <= 4
     assert found.remarks == (
-        "the reference is the measured position: what the controller did to follow the real one is not in it, and the "
-        "simulated robot follows the measured motion with an error of its own",
+        "the reference is the measured position, not the commanded one: the simulated robot follows it with an error that "
+        "the real one did not have",
     )
     with (shared / "reference" / "table2.csv").open(encoding="utf-8", newline="") as file:
         table = {row["name"]: row for row in csv.DictReader(file)}

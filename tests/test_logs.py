@@ -99,7 +99,7 @@ def test_known_parts_of_a_payload_are_kept(exact: Experiment) -> None:
 
 
 def test_parameters_that_no_recording_tells_are_refused_by_name() -> None:
-    with pytest.raises(FitError, match="of payload 'disc' cannot be told from the last link"):
+    with pytest.raises(FitError, match="of payload 'disc' cannot be separated from the last link"):
         didim.identify(arm_logs([True]), didim.IDIMLS())
     logs = arm_logs([False, True])
     held_out = replace(logs, recordings=(logs.recordings[0], replace(logs.recordings[1], role="held-out")))

@@ -17,6 +17,7 @@ from didim.cli.main import main
 from didim.formats import FORMATS, render
 from didim.methods.table import METHODS
 from robots import random_motion, random_parameters
+from scripts import script
 from test_documented import tables
 from test_identification import example
 from twins import PINOCCHIO_ORDER, pinocchio_model
@@ -47,6 +48,17 @@ def test_what_a_page_names_exists(page: Path) -> None:
         assert (ROOT / file).is_file(), file
         if function:
             assert function in functions(ROOT / file), f"{file}::{function}"
+
+
+def test_the_gallery_draws_what_its_blocks_draw() -> None:
+    gallery = script(ROOT / "docs" / "hooks" / "gallery.py")
+    page = "```python\nfrom didim.plot.style import new_figure\n```\n\n```python\nfigure = new_figure(1.0)\n```\ntext"
+    ((end, picture),) = gallery.drawn(page)
+    assert page[end:] == "\ntext"
+    assert picture.startswith(b"\x89PNG")
+    blocks = gallery.BLOCK.findall((ROOT / "docs" / gallery.PAGE).read_text(encoding="utf-8"))
+    assert sum("figure = " in block for block in blocks) == 12
+    assert all(len(block.splitlines()) <= 10 for block in blocks)
 
 
 def test_the_check_of_names_finds_them() -> None:

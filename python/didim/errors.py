@@ -58,7 +58,7 @@ class ExcitationError(DidimError):
 
 
 class ControllerError(DidimError):
-    """A controller that cannot be."""
+    """Invalid controller."""
 
 
 class SimulationError(DidimError):

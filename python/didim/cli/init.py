@@ -50,9 +50,8 @@ def add(commands: Commands) -> None:
         metavar="KIND=COLUMNS",
         action="append",
         default=[],
-        help="columns of a signal, by name or number, where their names do not say it: --columns position=2-7 --columns "
-        "current=14-19, of one of several files --columns torque=drives.csv:1-6; kinds are time, position, velocity, torque, "
-        "current, voltage, reference",
+        help="columns of a signal by name or number: --columns position=2-7, in one of several files torque=drives.csv:1-6; "
+        "kinds: time, position, velocity, torque, current, voltage, reference",
     )
     parser.add_argument(
         "--gain",

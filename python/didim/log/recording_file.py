@@ -217,9 +217,8 @@ def _offer(fault: TimeFault, t: Array, rate_hz: float | None, file: str) -> str:
     except RecordingError:
         return ""
     return (
-        f"; resample = true under [recording.time] takes cubics between the samples, at {plan.rate_hz:.6g} Hz, and "
-        f"leaves white noise {plan.noise_variance:.2f} of its variance; if only the stamps "
-        "jitter, leave [recording.time] out and give rate_hz"
+        f"; resample = true under [recording.time] interpolates at {plan.rate_hz:.6g} Hz (white noise keeps "
+        f"{plan.noise_variance:.2f} of its variance); if only the stamps jitter, give rate_hz and no [recording.time]"
     )
 
 

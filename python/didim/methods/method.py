@@ -178,8 +178,8 @@ class MethodSettings:
         friction = robot.friction
         if friction.has_load or friction.open or self.friction == "auto":
             raise FitError(
-                "load friction, velocities of friction laws and the choice of terms are for logs that share all parameters: "
-                "find them on recordings without a payload, and write them into [friction]"
+                "load friction, velocities of friction laws and the choice of terms need logs that share all parameters: "
+                "identify them on recordings without a payload, and write them into [friction]"
             )
         return parameters
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import itertools
+import math
 import os
 import re
 import time
@@ -36,7 +38,7 @@ STYLE = """\
     --paper: #1c2026; --ground: #121519; --stripe: #22272e; --link: #7db8ea;
   }
   /* Pictures are drawn on white: lightness turns round, hues stay, and black becomes the colour of the paper. */
-  figure img { filter: invert(1) hue-rotate(180deg); mix-blend-mode: screen; }
+  .picture { filter: invert(1) hue-rotate(180deg); mix-blend-mode: screen; }
 }
 * { box-sizing: border-box; }
 body { margin: 0; color: var(--ink); background: var(--ground);
@@ -65,7 +67,9 @@ section > p { max-width: 84ch; margin: 6px 0; }
 .tiles span { color: var(--soft); font-size: 13px; }
 ul.findings { margin: 6px 0 4px; padding-left: 22px; }
 figure { margin: 12px 0 0; overflow-x: auto; }
-figure img { display: block; max-width: 100%; height: auto; }
+/* A picture is its columns of panels side by side, all cut from one image, so that a phone can stack them. */
+.picture { display: flex; max-width: 100%; print-color-adjust: exact; }
+.picture > * { flex: none; background: var(--image) no-repeat; }
 .scroll { overflow-x: auto; margin-top: 10px; }
 table { border-collapse: collapse; font-size: 13.5px; }
 .beside { display: flex; flex-wrap: wrap; column-gap: 36px; }
@@ -98,8 +102,10 @@ h2 { scroll-margin-top: 12px; }
   .verdict > p { font-size: 15.5px; }
   .tiles { grid-template-columns: repeat(auto-fill, minmax(100px, 1fr)); }
   .tiles b { font-size: 17px; }
-  /* A picture of eleven inches has labels that nobody reads on a phone: it keeps half its size and is pushed aside instead. */
-  figure img.wide { width: auto; max-width: none; height: auto; zoom: 0.72; }
+  .picture { flex-direction: column; }
+  .picture > * { width: 100% !important; }
+  /* One panel of eleven inches has labels that nobody reads on a phone: it keeps two thirds of its size and is pushed aside. */
+  .picture.wide { width: 700px !important; max-width: none; }
 }
 @media print { nav { display: none; } section { border: 0; padding: 8px 0; break-inside: avoid-page; } }
 """
@@ -198,14 +204,39 @@ def paragraph(text: str) -> Html:
 
 
 def picture(figure: Figure, description: str) -> Html:
-    """Return a figure, embedded; the description is what a screen reader says."""
+    """Return a figure, embedded; the description is for screen readers (`tests/test_report.py`)."""
     data = base64.b64encode(svg(figure).encode()).decode("ascii")
     width, height = (round(96.0 * inches) for inches in figure.get_size_inches())
-    kind = ' class="wide"' if width > WIDE_PX else ""
+    edges = column_edges(figure)
+    kind = " wide" if width > WIDE_PX and len(edges) == 2 else ""
+    parts = []
+    for left, right in itertools.pairwise(edges):
+        share = right - left
+        shift = left / (1.0 - share) if share < 1.0 else 0.0
+        parts.append(
+            f'<span style="width:{100 * share:.3f}%;aspect-ratio:{share * width:.2f}/{height};'
+            f'background-size:{100 / share:.3f}% 100%;background-position:{100 * shift:.3f}% 0"></span>'
+        )
     return Html(
-        f'<figure><img{kind} width="{width}" height="{height}" alt="{escape(description)}" '
-        f'src="data:image/svg+xml;base64,{data}"></figure>'
+        f'<figure><div class="picture{kind}" role="img" aria-label="{escape(description)}" style="width:{width}px;'
+        f'--image:url(data:image/svg+xml;base64,{data})">{"".join(parts)}</div></figure>'
     )
+
+
+def column_edges(figure: Figure) -> list[float]:
+    """Return where the columns of panels of a drawn figure begin and end, as shares of its width, from 0 to 1."""
+    spans = sorted(
+        (box.x0, box.x1)
+        for axes in figure.axes
+        # A colour bar belongs to the panel on its left.
+        if axes.get_label() != "<colorbar>" and (box := axes.get_tightbbox()) is not None
+    )
+    edges, end = [0.0], -math.inf
+    for left, right in spans:
+        if left > end > 0.0:
+            edges.append(0.5 * (left + end) / figure.bbox.width)
+        end = max(end, right)
+    return [*edges, 1.0]
 
 
 def table(

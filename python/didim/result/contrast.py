@@ -248,15 +248,15 @@ def reading(contrasts: Sequence[Contrast]) -> str:
     if wrong_filter and filters is not None:
         names = ", ".join(filters.beyond[:MOST_NAMED])
         return (
-            f"IDIM-LS and IDIM-IV differ in {names}: the observation matrix from the measured motion is wrong; raise the cut-off "
-            "of the filter or look at the friction near standstill, and compare again"
+            f"IDIM-LS and IDIM-IV differ in {names}: the observation matrix of the measured motion is wrong; raise the cut-off of "
+            "the filter or check the friction near standstill, and compare again"
             + (" before judging the controller" if wrong_controller else "")
         )
     if wrong_controller and controller is not None:
         names = ", ".join(controller.large[:MOST_NAMED])
         return (
-            f"DIDIM differs from IDIM-IV in {names}, and IDIM-IV agrees with IDIM-LS: the simulated closed loop is not the real "
-            "one; check the controller and the reference, and trust IDIM-IV or IDIM-LS"
+            f"DIDIM differs from IDIM-IV in {names}, IDIM-IV agrees with IDIM-LS: the simulated closed loop is not the real one; "
+            "check the controller and the reference, and use IDIM-IV or IDIM-LS"
         )
     return "the estimates agree: the contrasts show no bias by the filter or by the controller"
 

@@ -226,11 +226,11 @@ def _contradiction(f: Told) -> str:
     if f.grade == "wrong":
         return (
             f"no robot explains these torques: the residual of physically consistent parameters is {held} (without conditions "
-            f"{free}); check the direction of gravity, the mounting of the robot and the units of the torques"
+            f"{free}); check gravity, the mounting of the robot and the unit of the torques"
         )
     return (
-        f"physical conditions raise the residual to {held} (without conditions {free}): a model or a log that is wrong; check the "
-        "signs of the torques, the direction of gravity and the friction model"
+        f"physical conditions raise the residual to {held} (without conditions {free}): the model or the log is wrong; check the "
+        "signs of the torques, gravity and the friction model"
     )
 
 

@@ -15,12 +15,12 @@ class Status(Enum):
     )
     CONVERGED = "Converged: the stopping rule of the method is met."
     NO_STEP = (
-        "Not converged: no step, however short, led to parameters with which the simulation reaches its end; check the "
-        "controller, the step of the integration, and the sign and the unit of the torques."
+        "Not converged: with every step, however short, the simulation stops early; check the controller, the integration "
+        "step, and the sign and unit of the torques."
     )
     NOT_CONVERGED = (
-        "Not converged: the iterations were used up, or ended, before the parameters came to rest; look at the history, "
-        "at the controller and at the log."
+        "Not converged: the iterations ended before the parameters converged; look at the history, at the controller and "
+        "at the log."
     )
     INTERRUPTED = "Interrupted: the estimate is the best point found so far."
     STOPPED = "Stopped by the callback: the estimate is the best point found so far."

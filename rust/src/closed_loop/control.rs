@@ -14,7 +14,7 @@ use crate::ground::arrays::MAX_DOF;
 use crate::ground::lanes::{Lanes, Set};
 use thiserror::Error;
 
-/// A controller that cannot be.
+/// Invalid controller.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ControlError {
     /// A NaN or an infinity.

@@ -1,4 +1,4 @@
-//! The simulation once more, for elbow arms as the TX40: a type in a file of its own, so that it is compiled beside the one for any arm.
+//! Simulation kernel specialised for TX40-like (elbow) arms: a separate type and file, so that both kernels compile in parallel.
 
 use crate::closed_loop::kernels::Run;
 use crate::closed_loop::simulation::Outcome;

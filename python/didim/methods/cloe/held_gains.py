@@ -40,8 +40,8 @@ def run_with_held_gains(
     """
     if method.output != "position":
         raise FitError(
-            f"output {method.output!r} compares torques, and experiment '{experiment.name}' has currents: use output "
-            "'position', or identify the drive gains by idim-ls or didim and write them into the file as gain = [...]"
+            f"output {method.output!r} compares torques, but experiment '{experiment.name}' has currents: use output "
+            "'position', or identify the drive gains by didim and give them as gain = [...]"
         )
     direct = direct_estimate(method, experiment, reporter)
     known = direct.further

@@ -142,9 +142,9 @@ def slow_sentence(contraction: Contraction, n_iterations: int) -> str:
             f"unknown after {counted(n_iterations, 'iteration')}"
         )
     return (
-        f"slow contraction: each step is {contraction.rate:.2g} times the one before, so the fixed point may still be "
-        f"{contraction.remaining_largest:.2g} sigma away ({contraction.remaining_rms:.2g} sigma rms); a stiffer controller "
-        "contracts faster, and tolerance = 0 with more iterations goes on"
+        f"slow contraction: each step is {contraction.rate:.2g} times the last, so the fixed point may be "
+        f"{contraction.remaining_largest:.2g} sigma away ({contraction.remaining_rms:.2g} rms); a stiffer controller helps, "
+        "or tolerance = 0 with more iterations"
     )
 
 
@@ -160,9 +160,8 @@ def best_sentence(iteration: int, n_iterations: int, error: float) -> str:
 def lost_sentence(n_iterations: int, error: float) -> str:
     """Say that a run has given up."""
     return (
-        f"the run gave up after {n_iterations} iterations in a row whose simulated torques were farther from the log than no "
-        f"torque at all (off by {100.0 * error:.3g} %): no robot in this closed loop explains the log; check the signs of the "
-        "torques, the controller and the reference"
+        f"gave up after {n_iterations} iterations in a row with simulated torques {100.0 * error:.3g} % off: no robot in this "
+        "closed loop explains the log; check the signs of the torques, the controller and the reference"
     )
 
 
@@ -175,7 +174,7 @@ def stuck_sentence(stuck: Mapping[int, str]) -> str:
     )
     return (
         f"the motion simulated with {where} does not identify {stuck[first]}{more}: a simulated joint sticks or moves one way "
-        "only, which is no fault of the log; until it moves these parameters keep their values"
+        "only; until it moves these parameters keep their values"
     )
 
 

@@ -47,7 +47,7 @@ def result_at(
     job, simulator, system = problem.job, problem.simulator, solved.system
     beta = job.parameters.project(point.x)
     estimate = beta[job.selection.estimated]
-    # Of a shortened step the parameters are not those of the solution: neither are their errors.
+    # After a shortened step the iterate is not the solution, so the residual is computed again.
     fit = replace(solved.fit, solution=estimate, residual=system.y - system.w @ estimate)
     if fit.standard is not None:
         fit = replace(fit, standard=point.x)
@@ -95,7 +95,7 @@ def _sentences(point: Iterate, problem: Problem, *, suspected: bool) -> list[str
             found.append(step_sentence(error, size))
     if getattr(simulator.experiment.reference, "kind", "") == "measured":
         found.append(
-            "the reference is the measured position: what the controller did to follow the real one is not in it, and "
-            "the simulated robot follows the measured motion with an error of its own"
+            "the reference is the measured position, not the commanded one: the simulated robot follows it with an error that "
+            "the real one did not have"
         )
     return found

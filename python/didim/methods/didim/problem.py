@@ -103,7 +103,7 @@ class Problem:
         else:
             x, further = standard_start(self.robot, start), further_of(start)
         if self.base.n_gains:
-            # Of the rows along the measured motion: without gains there are no torques to begin with.
+            # Drive gains start from IDIM-LS, because currents give no torques without them.
             further = {**further_of(self.simulator.direct()), **further}
         x = self.base.extended(x, further)
         beta = self.base.project(x)

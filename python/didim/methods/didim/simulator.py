@@ -113,7 +113,7 @@ class LogSimulator:
         return np.asarray(arrays[3][0][window.kept])
 
     def take_small_steps(self) -> bool:
-        """Take small steps in time everywhere, once, unless it is the log that looks wrong; whether they are taken now.
+        """Switch to uniform small steps, at most once, unless the log looks wrong; return whether they changed.
 
         Those of the experiment suit the robot of the log and its motion; one with less inertia is stiff elsewhere too.
         """

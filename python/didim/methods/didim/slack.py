@@ -192,15 +192,15 @@ class Settled:
             return ()
         steps = len(self.history)
         after = (
-            f"; {counted(steps, 'step')} with the response of the motion to each parameter left at most {self.remaining:.2g}"
+            f"; {counted(steps, 'step')} with the motion's response left at most {self.remaining:.2g}"
             if steps
             else ""
         )
         return (
-            f"slow contraction: in this slack loop an iteration leaves {self.rate:.2g} of the distance in the slowest direction, "
-            f"and the iterations ended at most {SAFETY * self.distances[0]:.2g} sigma from the fixed point{after}. The motion "
-            f"follows the parameters, for which standard deviations are up to {self.wider:.2g} times those of a tight loop: a "
-            "stiffer controller makes them smaller",
+            f"slow contraction: an iteration in this slack loop leaves {self.rate:.2g} of the distance in the slowest direction; "
+            f"the iterations ended at most {SAFETY * self.distances[0]:.2g} sigma from the fixed point{after}",
+            f"standard deviations are up to {self.wider:.2g} times those of a tight loop, because the motion follows the "
+            "parameters; a stiffer controller makes them smaller",
         )
 
     def continued(self, history: Sequence[Iteration]) -> list[Iteration]:

@@ -291,8 +291,8 @@ def _determined(system: LinearSystem, weights: Array) -> Instrumented:
             np.ascontiguousarray(z * weights[:, None]), system.y * weights
         ).dependent
         raise RankError(
-            "the simulated motion does not determine the parameters that the measured one does: joints stick in friction, or the "
-            "simulated loop is not that of the log; look at the controller and the reference",
+            "the simulated motion identifies fewer parameters than the measured one: joints stick in friction, or the simulated "
+            "loop is not that of the log; check the controller and the reference",
             tuple(column for column, _ in dependent),
         )
     return found

@@ -120,8 +120,8 @@ def first_gains(currents: Currents) -> Array:
     """
     if not np.abs(currents.known).max(initial=0.0) > 0.0:
         raise FitError(
-            "currents give the ratio of parameters and drive gains alone: no recording has a payload of which the mass is known; "
-            "add one, with mass_kg in its table [payload], or give the gains"
+            "currents identify only ratios of parameters to drive gains: add a recording with a payload of known mass (mass_kg "
+            "in its table [payload]), or give the gains"
         )
     signs = currents.signs()
     turned = replace(currents, current=currents.current * signs[currents.motor])

@@ -331,8 +331,8 @@ class _Builder:
                     f"[payload.{owner}], or fit a recording with it"
                 )
             raise FitError(
-                f"{which} of payload '{owner}' cannot be told from the last link: no recording to fit is without it; add one "
-                "without a payload or with a known one, or take `didim payload` with the result of such a log"
+                f"{which} of payload '{owner}' cannot be separated from the last link, because every recording carries it: add one "
+                "without a payload or with a known one, or use `didim payload`"
             )
         raise FitError(f"{which} of recording '{owner}' cannot be told from those of the other recordings")
 

@@ -233,12 +233,12 @@ def _nearly_right(chain: Chain, left: Sequence[NearlyRight], where: str) -> str 
         assert parent is not None
         return (
             f"{where}: the axes of {chain.joints[parent].name} and {chain.joints[nearly.joint].name} are "
-            f"{nearly.angle:.1e} rad from parallel, as in a calibrated description, which adds base parameters that no log "
-            f"identifies; to identify on the nominal geometry: {_cure(largest)}"
+            f"{nearly.angle:.1e} rad from parallel (a calibrated description?), which adds base parameters that no log "
+            f"identifies; for the nominal geometry: {_cure(largest)}"
         )
     return (
-        f"{where}: the axes of {names} are nearly at right angles to the axes before them, off by up to {largest:.1e} rad, which "
-        f"may add base parameters that no log identifies; if right angles are meant: {_cure(largest)}"
+        f"{where}: the axes of {names} are up to {largest:.1e} rad from right angles to the axes before them, which may add "
+        f"base parameters that no log identifies; if right angles are meant: {_cure(largest)}"
     )
 
 
