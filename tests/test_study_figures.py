@@ -192,6 +192,22 @@ def test_tables() -> None:
     assert "| 1e-05 rad, fast | method 0 | 9 | 1 |" in markdown
 
 
+def test_chosen_columns_stand_in_every_table() -> None:
+    study = results().with_columns("seconds", "torque error %", "rms")
+    assert study.head == ("method", "seconds", "torque error %", "rms")
+    assert next(line for line in str(study).splitlines() if "method" in line).split("  ")[1] == "method"
+    assert r"\begin{tabular}{llrrr}" in didim.formats.render(study, "latex")
+    page = render(study)
+    assert "<th>method</th>" in page
+    assert "coverage %" not in page.split("Figures of merit")[-1].split("</table>")[0]
+    # All figures remain in the files for other programs.
+    assert didim.formats.render(study, "csv") == didim.formats.render(results(), "csv")
+    with pytest.raises(
+        StudyError, match="there is no column 'coverag': there are 13 columns; did you mean 'coverage'"
+    ):
+        study.with_columns("coverag")
+
+
 def test_parquet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = results()
     with monkeypatch.context() as patched:
@@ -275,4 +291,8 @@ def test_the_command_writes_reports_and_tables(tmp_path: Path, capsys: pytest.Ca
     )
     assert main(["study", str(path), "--report", str(tmp_path / "study.html"), "--format", "csv"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 7
+    assert main(["study", str(path), "--columns", "rms,seconds"]) == 0
+    assert capsys.readouterr().out.splitlines()[3].split() == ["method", "rms", "seconds"]
+    assert main(["study", "none.toml", "--columns", "rm"]) == 2
+    assert "there is no column 'rm'" in capsys.readouterr().err
     assert "Calibration" in (tmp_path / "study.html").read_text()

@@ -17,7 +17,7 @@ from ._tools.arrays import relative_percent
 from .errors import FitError
 from .methods.table import title_of
 from .monte_carlo.results import StudyResults
-from .monte_carlo.text import HEAD, NOTES, cells
+from .monte_carlo.text import NOTES, cells
 from .result.identification import Identification
 from .result.table import LARGEST_PERCENT
 from .robot.base_parameters import BaseParameters
@@ -210,8 +210,8 @@ def _study(study: StudyResults, form: str) -> str:
         values = zip(*columns.values(), strict=True)
         exact = [[_exact(cell) if isinstance(cell, float) else str(cell) for cell in row] for row in values]
         return _csv([tuple(columns), *exact])
-    rows = [(item.scenario, *cells(item)) for item in study.figures]
-    grid = Grid(("scenario", *HEAD), rows, "ll" + "r" * (len(HEAD) - 1), units=False)
+    rows = [(item.scenario, *cells(item, study.head)) for item in study.figures]
+    grid = Grid(("scenario", *study.head), rows, "ll" + "r" * (len(study.head) - 1), units=False)
     notes = [*NOTES, *([study.missing()] if study.missing() else [])]
     if form == "latex":
         return _latex(grid, [study.name, *notes])

@@ -6,7 +6,7 @@ import io
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from ..errors import StudyError
 from .figures import Estimate, Figures, figures_of
 from .rows import Row, Rows, read_rows
 from .spec import StudySpec
-from .text import study_lines
+from .text import HEAD, columns_named, study_lines
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,12 +32,15 @@ class StudyResults(Printed):
         Every row once.
     scenarios, methods : tuple of str
         In the order of the study; by name where only rows are known, numbers by their size.
+    head : tuple of str
+        Headings of the columns that text, markdown, LaTeX and the report show; CSV and Parquet have all figures.
     """
 
     name: str
     rows: Rows
     scenarios: tuple[str, ...]
     methods: tuple[str, ...]
+    head: tuple[str, ...] = HEAD
 
     @classmethod
     def of(cls, spec: StudySpec, rows: Rows) -> StudyResults:
@@ -68,6 +71,16 @@ class StudyResults(Printed):
         return cls(
             Path(paths[0]).stem, rows, tuple(dict.fromkeys(sorted(names, key=_natural))), tuple(methods)
         )
+
+    def with_columns(self, *names: str) -> StudyResults:
+        """Return the results with these columns in their tables, such as "rms" and "torque error".
+
+        Raises
+        ------
+        StudyError
+            For a name of no column.
+        """
+        return replace(self, head=columns_named(names))
 
     def of_pair(self, scenario: str, method: str) -> list[Row]:
         """Return the rows of a method on a scenario, by seed."""
@@ -133,7 +146,7 @@ class StudyResults(Printed):
         )
 
     def __str__(self) -> str:
-        return "\n".join(study_lines(self.name, self.figures, self.missing()))
+        return "\n".join(study_lines(self.name, self.figures, self.missing(), self.head))
 
     @cached_property
     def _pairs(self) -> Mapping[tuple[str, str], list[Row]]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from .._tools.words import counted
+from .._tools.words import counted, known_names
+from ..errors import StudyError
 from .figures import Estimate, Figures
 
 HEAD = (
@@ -31,22 +32,37 @@ NOTES = (
 )
 
 
-def study_lines(name: str, figures: Sequence[Figures], missing: str) -> list[str]:
-    """Lines of the whole text: one table for each scenario."""
+def columns_named(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the headings of the columns with these names, the method first; the part `%` of a heading may be left out.
+
+    Raises
+    ------
+    StudyError
+        For a name of no column.
+    """
+    known = {heading.removesuffix(" %"): heading for heading in HEAD}
+    for name in names:
+        if name.removesuffix(" %") not in known:
+            raise StudyError(f"there is no column '{name}': {known_names(name, list(known), 'column')}")
+    return tuple(dict.fromkeys([HEAD[0], *(known[name.removesuffix(" %")] for name in names)]))
+
+
+def study_lines(name: str, figures: Sequence[Figures], missing: str, head: Sequence[str] = HEAD) -> list[str]:
+    """Lines of the whole text: one table for each scenario, with the columns of `head`."""
     runs, failed = (sum(getattr(item, key) for item in figures) for key in ("runs", "failed"))
     lines = [f"{name}: {counted(runs, 'run')}, {failed} failed", ""]
     for scenario in dict.fromkeys(item.scenario for item in figures):
         lines += [
             scenario,
-            *aligned([HEAD, *(cells(item) for item in figures if item.scenario == scenario)]),
+            *aligned([head, *(cells(item, head) for item in figures if item.scenario == scenario)]),
             "",
         ]
     return [*lines, *([missing] if missing else []), *NOTES]
 
 
-def cells(item: Figures) -> tuple[str, ...]:
-    """Cells of one row, as `HEAD` names them."""
-    return (
+def cells(item: Figures, head: Sequence[str] = HEAD) -> tuple[str, ...]:
+    """Cells of one row, in the columns of `head`."""
+    row = (
         item.method,
         str(item.runs),
         str(item.failed),
@@ -61,6 +77,8 @@ def cells(item: Figures) -> tuple[str, ...]:
         number(item.simulations),
         number(item.seconds),
     )
+    shown = dict(zip(HEAD, row, strict=True))
+    return tuple(shown[heading] for heading in head)
 
 
 def estimate(found: Estimate, factor: float = 1.0, decimals: int | None = None) -> str:

@@ -7,7 +7,7 @@ from collections import Counter
 from .._tools.words import counted
 from ..errors import PlotError
 from ..monte_carlo.results import StudyResults
-from ..monte_carlo.text import HEAD, NOTES, cells
+from ..monte_carlo.text import NOTES, cells
 from ..plot.studies import cost, coverage, errors
 from .page import Html, Level, page, paragraph, picture, section, table, verdict
 
@@ -56,8 +56,8 @@ def _pictures(study: StudyResults) -> list[Html]:
 def _tables(study: StudyResults) -> Html:
     content = []
     for scenario in dict.fromkeys(item.scenario for item in study.figures):
-        rows = [cells(item) for item in study.figures if item.scenario == scenario]
-        content += [paragraph(scenario), table(HEAD, rows, numbers=range(1, len(HEAD)))]
+        rows = [cells(item, study.head) for item in study.figures if item.scenario == scenario]
+        content += [paragraph(scenario), table(study.head, rows, numbers=range(1, len(study.head)))]
     return section("Figures of merit", *content, *(paragraph(text) for text in NOTES))
 
 

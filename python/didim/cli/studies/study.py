@@ -6,6 +6,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -86,6 +87,11 @@ def add(commands: Commands) -> None:
         type=Path,
         help="also write the figures as Parquet (needs pyarrow)",
     )
+    parser.add_argument(
+        "--columns",
+        metavar="NAMES",
+        help="columns of the printed table and of the report, such as rms,coverage,seconds (default: all)",
+    )
     add_format(parser)
     add_report(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
@@ -95,15 +101,19 @@ def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     from ...errors import StudyError
     from ...monte_carlo.results import StudyResults
+    from ...monte_carlo.text import HEAD, columns_named
 
     check_report(options)
     check_outputs(options.parquet)
+    # Before the work: a misspelt name must not cost a study.
+    head = HEAD if options.columns is None else columns_named(options.columns.split(","))
     if all(path.suffix == ".jsonl" for path in options.study):
         results, code = StudyResults.read(*options.study), CONVERGED
     elif len(options.study) > 1:
         raise StudyError("give one study file, or files of rows that end in .jsonl")
     else:
         results, code = _run(options)
+    results = replace(results, head=head)
     for remark in results.rows.remarks:
         message(remark, "note")
     saved = Saved()
