@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import didim
+from conditions import violations
 from didim import CLOE, DIDIM, IDIMLS, Comparison, Experiment, Identification, compare
 from didim.cli.main import main
 from didim.errors import DidimError, ExperimentError, FitError
 from didim.experiment.loop import closed_loop
 from didim.experiment.specs import Measurement
-from didim.model.consistency import link_cones, violations
+from didim.model.consistency import link_cones
 from didim.result.iteration import Iteration
 from didim.studies.compare import _key, all_methods, truth_of
 from didim.studies.comparison import sentence, text_of

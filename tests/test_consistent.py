@@ -10,12 +10,12 @@ import pytest
 
 import didim
 from arm import arm_log, noisy
-from didim.model.consistency import violations
+from conditions import conditions_of, violations
 from didim.model.drive_cones import Drives, friction_cones, simulable_cones
 from didim.model.dynamics import inertia_matrix
 from didim.regression.consistent.bounds import Bounds
 from didim.regression.consistent.prior import Prior, generic_prior, prior_of
-from didim.regression.consistent.problem import ConstrainedProblem, conditions_of
+from didim.regression.consistent.problem import ConstrainedProblem
 from didim.regression.consistent.solver import Consistent
 from didim.regression.selection import select
 from didim.studies.simulated_log import simulated_log

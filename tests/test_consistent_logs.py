@@ -9,18 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
+from conditions import conditions_of, drive_cones, violations
 from didim import Experiment, Identification
 from didim.errors import FitError
 from didim.methods.method import Method
-from didim.model.consistency import violations
-from didim.model.drive_cones import drive_cones
 from didim.regression.consistent.prior import generic_prior
-from didim.regression.consistent.problem import (
-    FRICTION_WEIGHT,
-    ConstrainedProblem,
-    Simulability,
-    conditions_of,
-)
+from didim.regression.consistent.problem import FRICTION_WEIGHT, ConstrainedProblem, Simulability
 from didim.regression.logs.parameters import LogParameters
 from didim.robot.payload import Payload, flange_in_last_frame, last_link
 from didim.robot.rigid_body import body_pseudo_inertia, pose, pseudo_inertia, ten_parameters

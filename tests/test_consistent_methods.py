@@ -11,13 +11,12 @@ import pytest
 import didim
 from arm import arm_file, arm_log
 from arm import noisy as with_torque_noise
+from conditions import conditions_of, violations
 from didim import CLOE, DIDIM, IDIMIV, Experiment, identify
 from didim.cli.main import main
 from didim.errors import ExperimentError, FitError
 from didim.evidence.naming import torque_findings
 from didim.methods.cloe.consistent import consistent_steps
-from didim.model.consistency import violations
-from didim.regression.consistent.problem import conditions_of
 from didim.result.iteration import Iteration, Reporter
 from didim.studies.simulated_log import simulated_log
 

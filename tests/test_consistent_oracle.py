@@ -10,8 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 import didim
+from conditions import violations
 from didim import Robot
-from didim.model.consistency import places_of, violations
+from didim.model.consistency import places_of
 from didim.regression.consistent.prior import generic_prior
 from didim.regression.consistent.problem import ConstrainedProblem
 from didim.regression.selection import select

@@ -10,13 +10,13 @@ import pytest
 from scipy.linalg import eigvalsh
 
 import didim
+from conditions import conditions_of, violations
 from didim._tools.arrays import Array
 from didim.experiment.specs import SimulationSettings
 from didim.loop.outcome import Outcome
 from didim.methods.didim.simulator import RateSimulator
 from didim.methods.didim.windows import Simulated
-from didim.model.consistency import pseudo_inertias, violations
-from didim.regression.consistent.problem import conditions_of
+from didim.model.consistency import pseudo_inertias
 from scripts import script
 
 

@@ -12,11 +12,11 @@ import pytest
 import scipy.io
 
 import didim
+from conditions import drive_cones
 from didim.cli.main import main
 from didim.errors import RobotError
 from didim.export.mjcf import to_mjcf
 from didim.export.sdf import to_sdf
-from didim.model.drive_cones import drive_cones
 from didim.robot.friction import FrictionTerm
 from didim.robot.robot import Robot
 from didim.robot.robot_text import robot_text

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import CONVERGED, INTERRUPTED, add_command, add_report, check_report
+from .options import CONVERGED, INTERRUPTED, add_command, add_report, add_robot, check_report
 from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
@@ -32,9 +32,7 @@ def add(commands: Commands) -> None:
             "didim excite arm.toml excite.toml -o motion.script --report motion.html",
         ),
     )
-    parser.add_argument(
-        "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
-    )
+    add_robot(parser)
     parser.add_argument(
         "settings",
         metavar="EXCITE.toml",

@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING
 from .options import (
     CONVERGED,
     NOT_CONVERGED,
+    add_chain,
     add_command,
+    add_robot,
+    locked,
     refuse,
     tell,
 )
@@ -25,9 +28,7 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands, "init", run, "write a first experiment file for a log, to be confirmed", EXAMPLES
     )
-    parser.add_argument(
-        "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
-    )
+    add_robot(parser)
     parser.add_argument(
         "logs",
         metavar="LOG",
@@ -84,17 +85,7 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument("--topic", metavar="TOPIC", help="topic of joint states, for a ROS bag with several")
     tree = parser.add_argument_group("robot of a URDF with several chains")
-    tree.add_argument(
-        "--tip", metavar="LINK", help="last link of the chain (default: that whose joints the log names)"
-    )
-    tree.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root)")
-    tree.add_argument(
-        "--lock",
-        metavar="JOINT=VALUE",
-        action="append",
-        default=[],
-        help="keep a joint still at a position (rad or m); may be given several times",
-    )
+    add_chain(tree, "that whose joints the log names")
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
 
@@ -114,16 +105,15 @@ def run(options: argparse.Namespace) -> int:
     from ..experiment.draft import initialise
     from ..log.units import ESTIMATE
 
-    chosen: dict[str, dict[str, str]] = {"columns": {}, "side": {}, "lock": {}}
+    chosen: dict[str, dict[str, str]] = {"columns": {}, "side": {}}
     wanted = (
         ("columns", "KIND=COLUMNS", "torque=14-19"),
         ("side", "TABLE=SIDE", "torque=motor"),
-        ("lock", "JOINT=VALUE", "finger_joint=0.02"),
     )
     for option, form, example in wanted:
         for text in getattr(options, option):
             key, sign, value = text.partition("=")
-            if not sign or not value or (option == "lock" and _number(value) is None):
+            if not sign or not value:
                 return refuse(f"--{option} takes {form}, such as --{option} {example}, got {text!r}")
             chosen[option][key] = value
     numbers = [_number(text) for text in options.gain]
@@ -131,8 +121,7 @@ def run(options: argparse.Namespace) -> int:
     if None in numbers and not estimated:
         wrong = options.gain[numbers.index(None)]
         return refuse(f"--gain takes numbers or {ESTIMATE!r}, got {wrong!r}{did_you_mean(wrong, [ESTIMATE])}")
-    chain = {"tip": options.tip, "base": options.base}
-    locked = {joint: float(value) for joint, value in chosen["lock"].items()}
+    chain = {"tip": options.tip, "base": options.base, "lock": locked(options) or None}
     saved = Saved()
     path, draft = initialise(
         options.robot,
@@ -145,7 +134,7 @@ def run(options: argparse.Namespace) -> int:
         sides=chosen["side"],
         values_per_sample=options.values_per_sample,
         topic=options.topic,
-        chain={**chain, "lock": locked or None} if locked or any(chain.values()) else None,
+        chain=chain if any(chain.values()) else None,
         force=options.force,
         write=lambda path, text: saved.save(path, lambda place: write_atomically(place, text)),
     )

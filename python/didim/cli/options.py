@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._tools.words import printable
+from ..errors import RobotError
 from .terminal.color import VERDICTS, painted
 from .terminal.guide import Formatter
 from .terminal.guide import examples as examples_text
@@ -94,6 +95,48 @@ def add_data(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="folder of the data files (default: that of the experiment file)",
     )
+
+
+def add_robot(parser: Options) -> None:
+    """Add the robot, the first argument of a command."""
+    parser.add_argument(
+        "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
+    )
+
+
+def add_chain(parser: Options, tip: str) -> None:
+    """Add ``--tip``, `tip` of which is the default in words, ``--base`` and ``--lock``: the part of a URDF that is meant."""
+    parser.add_argument("--tip", metavar="LINK", help=f"last link of the chain (default: {tip})")
+    parser.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root)")
+    parser.add_argument(
+        "--lock",
+        metavar="JOINT=VALUE",
+        action="append",
+        default=[],
+        help="keep a joint still at a position (rad or m); may be given several times",
+    )
+
+
+def locked(options: argparse.Namespace) -> dict[str, float]:
+    """Return the positions of ``--lock`` (rad or m) by name of the joint.
+
+    Raises
+    ------
+    RobotError
+        For a text of another form (``test_urdf.py``).
+    """
+    found: dict[str, float] = {}
+    for text in options.lock:
+        joint, _, value = text.rpartition("=")
+        try:
+            found[joint] = float(value)
+        except ValueError:
+            joint = ""
+        if not joint:
+            raise RobotError(
+                f"--lock takes JOINT=VALUE, such as --lock finger_joint=0.02, got {text!r}"
+            ) from None
+    return found
 
 
 def add_report(parser: Options) -> None:

@@ -93,9 +93,7 @@ def identification(
     delay: Delay,
     q: Array,
     held_out: bool = True,
-    n_simulations: int = 0,
     uncertainty: Uncertainty | None = None,
-    output_error: tuple[float, float] | None = None,
     settings: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
     evidence: Sequence[Finding] = (),
@@ -109,7 +107,7 @@ def identification(
         Experiment and settings of the run.
     method : Described
         Its name, and along which motion it predicts.
-    status, history, condition_number, delay, n_simulations, output_error, remarks, evidence
+    status, history, condition_number, delay, remarks, evidence
         As in `Identification`.
     beta : (b,) array
         All base parameters, fixed ones included, then the further parameters of the logs.
@@ -170,8 +168,6 @@ def identification(
         n_rows=errors.n_rows,
         uncertainty=uncertainty,
         further=further,
-        n_simulations=n_simulations,
-        output_error=output_error,
         history=tuple(history),
         held_out=tuple(job.held_out(beta, delay)) if held_out else (),
         warnings=tuple(flag.sentence for flag in flags),
@@ -219,8 +215,6 @@ def fitted(
     delay: Delay,
     q: Array,
     beta: Array | None = None,
-    n_simulations: int = 0,
-    output_error: tuple[float, float] | None = None,
     settings: Mapping[str, Any] | None = None,
     remarks: Sequence[str] = (),
     evidence: Sequence[Finding] = (),
@@ -254,8 +248,6 @@ def fitted(
         condition_number=fit.condition_number,
         delay=delay,
         q=q,
-        n_simulations=n_simulations,
-        output_error=output_error,
         settings={
             "solver": solver_record(job.solver_choice, fit),
             **({"drift": [asdict(item) for item in moved]} if moved else {}),

@@ -1,13 +1,13 @@
 """Conditions for standard parameters to belong to a robot: positive pseudo-inertias, rotors and friction.
 
 A condition is a `Cone`, ``F(x) = K + sum_i x_i B_i >= 0`` with small symmetric matrices. That of a link is its pseudo-inertia (12),
-4 x 4 (Wensing, Kim, Slotine 2017; Traversaro 2016); those of the drives are in ``drive_cones.py``. `violations` checks
-them without the solver. Tested in ``tests/test_consistent.py``.
+4 x 4 (Wensing, Kim, Slotine 2017; Traversaro 2016); those of the drives are in ``drive_cones.py``.
+Tested in ``tests/test_consistent.py``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,28 +103,3 @@ def pseudo_inertias(robot: Robot, x: Array) -> list[Array]:
         pseudo_inertia(np.array([x[places[f"{name}{j}"]] for name in INERTIAL]))
         for j in range(1, robot.n_joints + 1)
     ]
-
-
-def violations(conditions: Sequence[Cone], x: Array, tolerance: float = EIGENVALUE_ROUNDING) -> list[str]:
-    """List the violated conditions, with the smallest eigenvalue of each.
-
-    Parameters
-    ----------
-    conditions : sequence of Cone
-        Conditions such as ``[*link_cones(robot), *drive_cones(robot)]``.
-    x : (p,) array
-        Standard parameters.
-    tolerance : float
-        Negative eigenvalue that counts as rounding, as a share of the size of the terms.
-
-    Returns
-    -------
-    list of str
-        Empty for a robot that can exist.
-    """
-    found = []
-    for condition in conditions:
-        if not condition.smallest(x) >= -tolerance:
-            smallest = float(np.linalg.eigvalsh(condition.at(x))[0])
-            found.append(f"{condition.label} (smallest eigenvalue {smallest:.3g})")
-    return found

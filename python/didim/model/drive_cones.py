@@ -117,12 +117,6 @@ class Drives:
         return cone(self.places, f"{label}{joints}", terms, constant)
 
 
-def drive_cones(robot: Robot) -> list[Cone]:
-    """Return the conditions on rotors and friction: (13), and (14) for any coupled joints."""
-    drives = Drives(robot)
-    return [*rotor_cones(drives), *friction_cones(drives)]
-
-
 def _of_followers(robot: Robot) -> list[Cone]:
     """Return the conditions that rotors and friction of coupled joints are small and not negative.
 

@@ -20,7 +20,6 @@ from ..errors import ExperimentError
 from .rigid_body import (
     INERTIAL,
     body_pseudo_inertia,
-    inverse,
     pose,
     pseudo_inertia,
     rotation_of,
@@ -191,8 +190,3 @@ def last_link(robot: Robot, frame: Array) -> Array:
     columns = np.zeros((len(robot.parameter_names), 10))
     columns[first : first + 10] = np.stack([moved(unit, frame) for unit in np.eye(10)], axis=1)
     return columns
-
-
-def to_flange(ten: Array, frame: Array) -> Array:
-    """Return ten inertial parameters of frame n in the frame of the flange, whose pose in frame n is `frame`."""
-    return moved(ten, inverse(frame))

@@ -9,6 +9,7 @@ from ..options import (
     CONVERGED,
     add_command,
     add_format,
+    add_robot,
     formatted,
     tell,
 )
@@ -27,9 +28,7 @@ def add(commands: Commands) -> None:
         "list the base parameters of a robot, their groupings, its pose at q = 0 and its reach",
         ("didim base tx40", "didim base arm.urdf --format latex"),
     )
-    parser.add_argument(
-        "robot", metavar="ROBOT", help="name of a packaged robot, or path of a robot file or a URDF"
-    )
+    add_robot(parser)
     add_format(parser)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..._tools.files import write_atomically
-from ..options import CONVERGED, add_command, refuse, tell
+from ..options import CONVERGED, add_chain, add_command, locked, refuse, tell
 from ..outputs import Saved, check_outputs
 from ..terminal.messages import message
 
@@ -43,17 +43,7 @@ def add(commands: Commands) -> None:
         help="robot file to write, of a URDF or as a copy of a packaged one (default: only describe it)",
     )
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
-    parser.add_argument(
-        "--tip", metavar="LINK", help="last link of the chain (default: the end of the only path that moves)"
-    )
-    parser.add_argument("--base", metavar="LINK", help="first link of the chain (default: the root)")
-    parser.add_argument(
-        "--lock",
-        metavar="JOINT=VALUE",
-        action="append",
-        default=[],
-        help="keep a joint still at a position (rad or m); may be given several times",
-    )
+    add_chain(parser, "the end of the only path that moves")
     parser.add_argument(
         "--gravity",
         metavar=("X", "Y", "Z"),
@@ -79,22 +69,14 @@ def run(options: argparse.Namespace) -> int:
 
     if Path(options.robot).suffix.lower() not in (".urdf", ".xml", ".mjcf"):
         return _described(options, rows_and_frames)
-    locked: dict[str, float] = {}
-    for text in options.lock:
-        joint, sign, value = text.rpartition("=")
-        try:
-            locked[joint] = float(value)
-        except ValueError:
-            sign = ""
-        if not sign or not joint:
-            return refuse(f"--lock takes JOINT=VALUE, such as --lock finger_joint=0.02, got {text!r}")
+    still = locked(options)
     if refused := _refused_output(options):
         return refused
     reading = read_urdf(
         Path(options.robot),
         tip=options.tip,
         base=options.base,
-        lock=locked,
+        lock=still,
         gravity=options.gravity,
         snap=SNAP if options.snap is None else options.snap,
     )

@@ -296,7 +296,7 @@ class OutputError:
             positions.append(q[0])
             pieces.append((window.q, q[0], torque[kept], simulated[kept]))
         self.n_simulations += len(self.windows)
-        return identification(
+        result = identification(
             self.job,
             self.method,
             status=status,
@@ -309,7 +309,6 @@ class OutputError:
             delay=delay,
             q=thinned(np.concatenate(positions), 2000),
             held_out=torques,
-            n_simulations=self.n_simulations,
             settings={
                 "cloe": {**self.settings(), **settings, "position_error_norm": math.sqrt(cost)},
                 **({"simulated": beside(self.job.signal, pieces).record()} if torques else {}),
@@ -320,6 +319,7 @@ class OutputError:
                 *(() if torques else ("without torques in the log, torque errors mean nothing",)),
             ),
         )
+        return replace(result, n_simulations=self.n_simulations)
 
     def settings(self) -> dict[str, Any]:
         """Return what was asked for."""

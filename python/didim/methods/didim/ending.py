@@ -75,10 +75,14 @@ def result_at(
             *_sentences(point, problem, suspected=bool(suspected)),
         ],
         evidence=problem.evidence(suspected, point.simulated.error),
-        n_simulations=simulator.n_simulations,
         parts=simulator.segments(point.simulated) if not job.parameters.n_gains else (),
     )
-    return replace(result, ending=ending, output_error=(first_error, point.simulated.error))
+    return replace(
+        result,
+        ending=ending,
+        output_error=(first_error, point.simulated.error),
+        n_simulations=simulator.n_simulations,
+    )
 
 
 def _sentences(point: Iterate, problem: Problem, *, suspected: bool) -> list[str]:

@@ -8,7 +8,6 @@ a simulation (B). Tested in ``tests/test_consistent.py``, against Clarabel too.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -283,12 +282,6 @@ def _beside(matrix: Array, count: int) -> Array:
     found[:rows, :] = 0.0
     found[:rows, :columns] = matrix
     return found
-
-
-def conditions_of(robot: Robot) -> Sequence[Cone]:
-    """Return the conditions on links, rotors and friction in their own units, for a check that needs no solver."""
-    drives = Drives(robot)
-    return [*link_cones(robot), *rotor_cones(drives), *friction_cones(drives)]
 
 
 def _drawn(condition: Cone, weight: float) -> Cone:

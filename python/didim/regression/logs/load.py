@@ -40,13 +40,10 @@ class Load:
     ----------
     mass, std : float
         Mass and its standard deviation (kg); NaN where the log does not identify it.
-    explained : float
-        Share of the squared residual of the log that the load explains.
     """
 
     mass: float
     std: float
-    explained: float
 
     @property
     def mass_or_none(self) -> float | None:
@@ -166,4 +163,4 @@ def _load(
     known = float(np.linalg.norm(directions[9])) >= KNOWN
     mass = float(back[9] @ found) if known else float("nan")
     std = float(np.sqrt(back[9] @ covariance @ back[9])) if known else float("nan")
-    return Load(mass, std, explained)
+    return Load(mass, std)

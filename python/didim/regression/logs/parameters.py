@@ -207,14 +207,6 @@ class LogParameters:
             return np.zeros((self.n_base, self.n_further))
         return np.asarray(self.robot.base_parameters.matrix @ self.columns[recording])
 
-    def own_columns(self) -> Array:
-        """Return what each further parameter adds to the base parameters in the recordings that have it, (b, e)."""
-        found = np.zeros((self.n_base, self.n_further))
-        for number in self.columns:
-            own = self.base_columns(number)
-            found = np.where(np.any(own != 0.0, axis=0), own, found)
-        return found
-
     def base_known(self, recording: int) -> Array | None:
         """Return what the known part of its payload adds to the base parameters, (b,), or None."""
         known = self.known.get(recording)

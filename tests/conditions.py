@@ -1,0 +1,50 @@
+"""The conditions of physics in their own units, and those that parameters do not meet: a check that needs no solver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from didim import Robot
+from didim.model.consistency import EIGENVALUE_ROUNDING, Cone, link_cones
+from didim.model.drive_cones import Drives, friction_cones, rotor_cones
+
+Array = NDArray[np.float64]
+
+
+def drive_cones(robot: Robot) -> list[Cone]:
+    """The conditions on rotors and friction: (13), and (14) for any coupled joints."""
+    drives = Drives(robot)
+    return [*rotor_cones(drives), *friction_cones(drives)]
+
+
+def conditions_of(robot: Robot) -> list[Cone]:
+    """The conditions on links, rotors and friction."""
+    return [*link_cones(robot), *drive_cones(robot)]
+
+
+def violations(conditions: Sequence[Cone], x: Array, tolerance: float = EIGENVALUE_ROUNDING) -> list[str]:
+    """List the violated conditions, with the smallest eigenvalue of each.
+
+    Parameters
+    ----------
+    conditions : sequence of Cone
+        Conditions such as ``[*link_cones(robot), *drive_cones(robot)]``.
+    x : (p,) array
+        Standard parameters.
+    tolerance : float
+        Negative eigenvalue that counts as rounding, as a share of the size of the terms.
+
+    Returns
+    -------
+    list of str
+        Empty for a robot that can exist.
+    """
+    found = []
+    for condition in conditions:
+        if not condition.smallest(x) >= -tolerance:
+            smallest = float(np.linalg.eigvalsh(condition.at(x))[0])
+            found.append(f"{condition.label} (smallest eigenvalue {smallest:.3g})")
+    return found
