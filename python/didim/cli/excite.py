@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
         progress=None if options.quiet or shows_progress() else _progress(),
         verbose=False if options.quiet else None,
     )
-    # The files first: a reader of stdout that stops early must not cost the result.
+    # Files are written first, so the result survives a reader of stdout that stops early.
     saved = Saved()
     for path in options.output:
         saved.save(path, lambda place: save(found, place))
@@ -121,7 +121,7 @@ def _positions(options: argparse.Namespace) -> int:
 
 
 def _progress() -> Callable[[int, int, float], None]:
-    """Return a callback for files and pipes that prints a line a second; it is called from several threads."""
+    """Return a callback for files and pipes that prints one line per second; it is called from several threads."""
     lock, last = threading.Lock(), [time.monotonic()]
 
     def tell(start: int, evaluations: int, value: float) -> None:

@@ -141,7 +141,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _has_servos(fit: Path) -> bool:
-    """Whether a result is one on positions, whose links are those of the robot file."""
+    """Whether a result is one on positions, with the links of the robot file."""
     from ..result.identification import Identification
 
     return "positions" in Identification.load(fit).settings
@@ -172,7 +172,7 @@ def _drives(options: argparse.Namespace) -> int:
 
 
 def _written(path: Path | None, content: bytes, report: str = "", notes: Sequence[str] = ()) -> int:
-    """Write a file, or to stdout, and then the report beside it and what was assumed."""
+    """Write a file, or to stdout, then the report and the assumptions."""
     from .._tools.files import write_atomically
 
     if path is None:

@@ -150,7 +150,7 @@ def run(options: argparse.Namespace) -> int:
     fit = identify(
         experiment, make(**settings), verbose=True if options.verbose else False if options.quiet else None
     )
-    # The files first: a reader of stdout that stops early must not cost the result.
+    # Files are written first, so the result survives a reader of stdout that stops early.
     saved = Saved()
     saved.save(options.json, fit.save)
     saved.save(options.save_parameters, fit.save_parameters)

@@ -1,4 +1,4 @@
-"""``didim robots``, ``didim methods``, ``didim schema`` and ``didim example``: what there is."""
+"""``didim robots``, ``didim methods``, ``didim schema`` and ``didim example``: lists of the package's content."""
 
 from __future__ import annotations
 
@@ -135,6 +135,6 @@ def example(options: argparse.Namespace) -> int:
     folder = options.output or Path(options.name)
     written = copy_example(options.name, folder, force=options.force)
     saved.show(f"{folder}: {', '.join(path.name for path in written)}\n\nNow run:\n")
-    # Commands are for copying: whole, however narrow the terminal.
+    # Commands are not wrapped, because they are copied.
     saved.show("\n".join([f"cd {folder}", *example_commands(options.name)]), exact=True)
     return saved.code(CONVERGED)

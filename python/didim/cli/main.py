@@ -1,8 +1,8 @@
 """The command ``didim``: results on stdout, progress on stderr.
 
-Exit codes: 0 converged (or nothing found), 1 not converged (or something found, or an output that could not be written where it
-was asked for and is somewhere else), 2 wrong input (one line), 130 interrupted.
-A command is a module with ``add``, which adds its parser, and ``run``, which returns the exit code.
+Exit codes: 0 converged (or no findings), 1 not converged (or findings, or an output that had to be written elsewhere), 2 wrong
+input (one line), 130 interrupted. A command is a module with ``add``, which adds its parser, and ``run``, which returns the
+exit code.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments : sequence of str, optional
-        Without the name of the program; ``sys.argv`` by default.
+        Arguments without the name of the program; ``sys.argv`` by default.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace, files: Run) -> int:
-    """Run a command; whatever its input does to it ends in one sentence."""
+    """Run a command; any error of its input ends in one sentence."""
     try:
         core_threads()  # a wrong DIDIM_THREADS is refused before the work
         with warnings.catch_warnings():
@@ -74,7 +74,7 @@ def _run(options: argparse.Namespace, files: Run) -> int:
             code: int = options.run(options)
         sys.stdout.flush()
     except BrokenPipeError:
-        # The reader of the result (head, less) has seen enough; nothing may be written at exit either.
+        # The reader of the result (head, less) has closed the pipe, so nothing may be written at exit either.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return CONVERGED
     except KeyboardInterrupt:
@@ -108,7 +108,7 @@ that was read last, because its numbers are the likely cause."""
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Print a warning without the place in the code."""
+    """Print a warning without file and line of the code."""
     tell_user(str(message), "warning")
 
 

@@ -43,7 +43,7 @@ def refuse(text: str) -> int:
 
 
 def tell(notes: Iterable[str]) -> None:
-    """Print on stderr what reading a file changed, a line each."""
+    """Print the changes made while reading a file on stderr, one per line."""
     for note in notes:
         message(note, "note")
 
@@ -64,9 +64,9 @@ def add_command(
     name : str
         Name of the command.
     run : callable
-        Takes the options, returns the exit code.
+        Function of the options that returns the exit code.
     help_text : str
-        Says what the command does, without a full stop.
+        Sentence on the command, without a full stop.
     examples : sequence of str
         Command lines that the help shows below the options.
     """
@@ -150,7 +150,7 @@ def add_report(parser: Options) -> None:
 
 
 def check_report(options: argparse.Namespace) -> None:
-    """Refuse a report that cannot be written before the work, not after it."""
+    """Refuse, before the work, a report that cannot be written."""
     if options.report is not None:
         from ..report import check
 
@@ -212,7 +212,7 @@ def exit_code(fit: Identification, *, strict: bool = False) -> int:
 
 
 def shown(text: str, verdict: Verdict | None = None) -> str:
-    """Return a text as a terminal shows it: in its width, and the verdict, which ends it, in its colour."""
+    """Return a text in the width of the terminal, with the verdict at its end in colour."""
     body, line, last = text.rpartition("\nVerdict: ")
     if verdict is None or not line:
         return fitted(text)

@@ -1,4 +1,4 @@
-"""Outputs of commands: checked before the work, and never lost after it. Tested in ``tests/test_outputs.py``."""
+"""Outputs of commands, checked before the work and never lost after it. Tested in ``tests/test_outputs.py``."""
 
 from __future__ import annotations
 
@@ -39,23 +39,23 @@ def check_outputs(*paths: Path | None) -> None:
 
 
 class Saved:
-    """Outputs of one run: what could not be written where it was asked for is written elsewhere, and said on stderr.
+    """Outputs of one run: an output that cannot be written to its path is written elsewhere and reported on stderr.
 
     Attributes
     ----------
     failed : bool
-        Whether an output is not where it was asked for.
+        Whether an output is not at the requested path.
     lost : bool
         Whether an output could not be written anywhere.
     interrupted : bool
-        Whether Ctrl-C came while an output was made: the others and the table are still written.
+        Whether Ctrl-C was pressed while an output was made: the others and the table are still written.
     """
 
     def __init__(self) -> None:
         self.failed = self.lost = self.interrupted = False
 
     def save(self, path: Path | None, write: Callable[[Path], None]) -> None:
-        """Write an output, if it was asked for: whatever fails, the result goes on to its next place."""
+        """Write an output, if requested; after a failure, try the next location."""
         if path is None:
             return
         try:
@@ -67,7 +67,7 @@ class Saved:
             self._elsewhere(path, write, error)
 
     def save_json(self, path: Path | None, content: object) -> None:
-        """Write an output as JSON, if it was asked for."""
+        """Write an output as JSON, if requested."""
 
         def write(place: Path) -> None:
             write_atomically(place, json.dumps(content, indent=1, allow_nan=False) + "\n")
@@ -81,12 +81,12 @@ class Saved:
         except BrokenPipeError:
             raise
         except OSError as error:
-            # What is left in the buffer would fail again when the process ends.
+            # The content of the buffer would fail again when the process ends.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             self._elsewhere(RESULT, lambda path: write_atomically(path, text + "\n"), error, "the output")
 
     def code(self, code: int) -> int:
-        """Return the exit code: 1 instead of 0 when an output is not where it was asked for, 130 after Ctrl-C."""
+        """Return the exit code: 1 instead of 0 if an output is not at the requested path, 130 after Ctrl-C."""
         if self.interrupted:
             return INTERRUPTED
         return code or (NOT_CONVERGED if self.failed else code)
@@ -105,7 +105,7 @@ class Saved:
 
 
 def _print(text: str) -> None:
-    """Print on stdout, with escapes for what its encoding does not have."""
+    """Print on stdout; characters outside its encoding are escaped."""
     try:
         print(text)
     except UnicodeEncodeError:

@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
         saved.show(str(replay))
         return saved.code(CONVERGED if replay.completed else NOT_CONVERGED)
     if PositionRecord.of(fit.settings) is not None:
-        # The closed loop of other results knows neither held references nor delays.
+        # The closed loop of other results has neither held references nor delays.
         if options.report is not None:
             return refuse(
                 "--report is not for a result on positions: didim identify --report has its pictures"

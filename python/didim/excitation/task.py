@@ -124,7 +124,7 @@ class Task:
         return pose
 
     def _cannot_rest(self, pose: Array) -> str:
-        """Sentence on what forbids a pose, or an empty text."""
+        """Return the sentence on why the robot cannot rest in a pose, or an empty text."""
         distances = None if self.clearance.empty else self.clearance.distances(pose[None])[0]
         if distances is not None and (distances < 0.0).any():
             column = int(distances.argmin())
@@ -143,7 +143,7 @@ class Task:
         return ""
 
     def resting_place(self, seed: int) -> Array:
-        """Pose that a free motion is built about: the middle of the ranges, or a random one where the robot can rest."""
+        """Return the centre of a free motion: the middle of the ranges, or a random pose in which the robot can rest."""
         middle = (self.limits.lowest + self.limits.highest) / 2.0
         why = self._cannot_rest(middle)
         if not why:
@@ -169,7 +169,7 @@ class Task:
         return np.array(sorted({names.index(name) for name in self.settings.wanted}))
 
     def information(self, samples: float) -> Information:
-        """How information is counted: with the noise, or for the condition number of W without it."""
+        """Return the information of the criterion: with the noise, or without it for the condition number of W."""
         bare = self.settings.criterion == "condition"
         n = self.robot.n_dof
         return Information(

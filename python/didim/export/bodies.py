@@ -1,6 +1,6 @@
-"""What an exported file needs of a robot: a body per link, the drive of each joint, and the place of everything.
+"""Content of an exported robot file: a body per link, the drive of each joint, and all poses.
 
-Standard parameters that no robot can have are refused here, link by link and joint by joint. Tested in ``tests/test_export.py``.
+Parameters that no robot can have are refused, with the name of the link or joint. Tested in ``tests/test_export.py``.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ class LinkBody:
     pose : (4, 4) array
         Frame of the link at position zero in that of its parent, m.
     parent : int or None
-        The link that it stands on, from 0; None for the base.
+        Antecedent, from 0; None for the base.
     axis : (3,) array
         Unit axis of the joint in the frame of the link.
     pseudo : (4, 4) array
         Pseudo-inertia in the frame of the link.
     limits : JointLimits
-        Of the joint.
+        Limits of the joint.
     viscous, coulomb : float
         Friction of the joint: ``Fv`` (N.m.s/rad or N.s/m) and ``Fc`` (N.m or N), the mean of both directions where they differ.
     rotor : float
@@ -45,7 +45,7 @@ class LinkBody:
     stiffness, rest : float
         Spring of the joint, ``Ks`` (N.m/rad or N/m), and the position (rad or m) at which it has no torque: the offset gives it.
     follower : Follower or None
-        How the joint follows others, if it does.
+        Coupling of the joint to others, if any.
     """
 
     link: str
@@ -71,7 +71,7 @@ class CoupledMotor:
     Attributes
     ----------
     number : int
-        The motor, and the joint it is named after, from 0.
+        Number of the motor and of its own joint, from 0.
     coefficients : (n_dof,) array
         Row of the coupling matrix, 1 for its own joint.
     rotor, viscous, coulomb : float
@@ -92,17 +92,17 @@ class ExportModel:
     Attributes
     ----------
     name, base : str
-        Of the robot, and of the link that stands still.
+        Names of the robot and of its fixed link.
     gravity : (3,) array
         Acceleration of gravity in the base (m/s^2).
     links : tuple of LinkBody
-        From the base outwards; those of joints that follow others last.
+        From the base outwards; those of coupled joints last.
     outwards : tuple of int
-        Links branch by branch, each behind the one that it stands on.
+        Links branch by branch, each after its antecedent.
     motors : tuple of CoupledMotor
         Motors that turn with several joints.
     left_out : tuple of str
-        Sentences on parameters that neither URDF, MJCF nor SDF has a place for.
+        Sentences on parameters that neither URDF, MJCF nor SDF can represent.
     """
 
     name: str
@@ -122,7 +122,7 @@ class ExportModel:
         Raises
         ------
         FitError
-            When a share is negative: no drive has that.
+            When a share is negative, as for no real drive.
         """
         share = np.array([getattr(link, key) for link in self.links])
         for motor in self.motors:
@@ -131,7 +131,7 @@ class ExportModel:
                 share[motor.number] -= value
             else:
                 share -= motor.coefficients**2 * value
-        # Where a motor is all that a joint has, rounding may leave a negative zero.
+        # If a joint only has the share of a coupled motor, rounding may give a small negative number.
         scale = np.array([abs(getattr(link, key)) for link in self.links])
         share[np.abs(share) <= 1e-14 * scale] = 0.0
         for link, value in zip(self.links, share, strict=True):
@@ -155,12 +155,12 @@ _WORDS = {
 
 
 def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
-    """Check that standard parameters are those of a robot, and lay them out for a file.
+    """Check that standard parameters belong to a robot, and arrange them for a file.
 
     Parameters
     ----------
     robot : Robot
-        The robot; one with a ``[urdf]`` table keeps the names and frames of its URDF.
+        The robot; a ``[urdf]`` table preserves the names and frames of its URDF.
     x : (n_parameters,) array
         Standard parameters in the order of ``robot.parameter_names``, SI units, joint side.
 
@@ -239,7 +239,7 @@ def _check_drive(body: LinkBody) -> None:
 
 
 def joint_friction(values: Mapping[str, float], j: int) -> tuple[float, float]:
-    """Return viscous and Coulomb friction of a joint, the mean of both directions where they have their own."""
+    """Return viscous and Coulomb friction of a joint, the mean of both directions if they differ."""
     if f"Fv{j + 1}" in values:
         return values[f"Fv{j + 1}"], values[f"Fc{j + 1}"]
     viscous, coulomb = (0.5 * (values[f"{key}{j + 1}+"] + values[f"{key}{j + 1}-"]) for key in ("Fv", "Fc"))
@@ -282,5 +282,5 @@ def _left_out(robot: Robot, values: dict[str, float], joints: tuple[str, ...]) -
 
 
 def _clean(matrix: Array) -> Array:
-    """Zeros where rounding left less than 1e-15 (of 1, or of 1 m)."""
+    """Return an array with entries below 1e-15, which are rounding (of 1, or of 1 m), set to zero."""
     return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)

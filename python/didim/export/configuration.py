@@ -20,7 +20,7 @@ def isaac_lab(drives: Drives, step_s: float | None = None) -> str:
     drives : Drives
         Drives of a result on positions.
     step_s : float, optional
-        Step of the physics, in which delays are counted; without it there are none.
+        Step of the physics, the unit of delays; without it delays are omitted.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def mjlab(drives: Drives, step_s: float | None = None) -> str:
 
 
 def bam(drives: Drives) -> str:
-    """Return parameters of BAM's model M1 by joint; the motor constants kt and R are in none of them."""
+    """Return parameters of BAM's model M1 by joint, without the motor constants kt and R."""
     found = {
         drive.joint: {
             "model": "m1",

@@ -36,11 +36,11 @@ class JointDrive:
     effort : float or None
         Largest torque or force of the servo; None without a limit.
     delay_s, lag_s : float
-        Time by which commands act late, and time constant of a first-order lag behind it (s).
+        Delay of commands, and time constant of a first-order lag after it (s).
     offset : float
-        ``Off`` (N.m or N), a constant torque that the servo works against.
+        ``Off`` (N.m or N), a constant torque on the joint.
     bias_rad : float
-        What the encoder shows more than the joint is turned by (rad or m).
+        Encoder reading less joint position (rad or m).
     smoothing : float
         Velocity below which the result's friction is smooth (rad/s or m/s).
     """
@@ -61,20 +61,20 @@ class JointDrive:
 
     @property
     def shift(self) -> float:
-        """What is taken off commands (rad or m), so that a joint without offset and bias moves as this one does."""
+        """Return the shift of commands (rad or m) that replaces offset and bias."""
         return self.bias_rad + (self.offset / self.kp if self.kp else 0.0)
 
 
 @dataclass(frozen=True)
 class Drives:
-    """The drives of a result, and sentences on what is left out.
+    """The drives of a result, and sentences on omitted properties.
 
     Attributes
     ----------
     joints : tuple of JointDrive
         In the order of the robot's joints.
     sentences : tuple of str
-        On parameters without a place, on values that the log does not know, and on steps.
+        Sentences on parameters that the format cannot represent, on values that the log does not identify, and on steps.
     """
 
     joints: tuple[JointDrive, ...]
@@ -102,14 +102,14 @@ def drives_of(fit: Identification, where: str) -> Drives:
     Parameters
     ----------
     fit : Identification
-        The result; one on positions has gains, limit and delay besides.
+        The result; one on positions also has gains, limit and delay.
     where : str
-        Its file, which opens messages.
+        Name of its file, the prefix of messages.
 
     Raises
     ------
     FitError
-        Where the robot has no names of joints, or a rotor inertia or friction is negative.
+        When the robot's joints have no names, or a rotor inertia or friction is negative.
     """
     robot = fit.settings.get("robot", {})
     names = robot.get("joint_names") or ()
@@ -177,18 +177,19 @@ def _sentences(values: Mapping[str, float], joints: Sequence[JointDrive]) -> lis
 
 
 def for_step(drives: Drives, step_s: float, integrator: str, *, explicit_kv: bool = False) -> Drives:
-    """Return the drives with which a simulator of this step moves like the result.
+    """Return drives that compensate for a simulator's integration step.
 
     Parameters
     ----------
     drives : Drives
-        Those of the result, which is continuous.
+        Drives of the result, a continuous model.
     step_s : float
         Step of the simulator (s).
     integrator : {"Euler", "implicit", "implicitfast", "RK4"}
-        Integrator of MuJoCo. Euler takes the damping of joints implicitly and that of actuators explicitly; RK4 shifts nothing.
+        Integrator of MuJoCo. Euler treats the damping of joints implicitly and that of actuators explicitly; RK4 needs no
+        compensation.
     explicit_kv : bool
-        Whether the gain on the velocity is computed outside the integrator, as torques of a motor are.
+        Whether the velocity gain is applied outside the integrator, as torque of a motor.
 
     Returns
     -------
@@ -225,7 +226,7 @@ def for_step(drives: Drives, step_s: float, integrator: str, *, explicit_kv: boo
 
 
 def read_drives(path: Path) -> Drives:
-    """Return the drives of the result in a file; errors as of `drives_of`, and with what the verdict says of it."""
+    """Return the drives of a result's file, with sentences of its verdict; errors as of `drives_of`."""
     fit = Identification.load(path)
     found = drives_of(fit, path.name)
     if fit.verdict.sound:

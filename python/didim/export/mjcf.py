@@ -1,9 +1,9 @@
-"""A robot as MJCF, the model format of MuJoCo, which has a place for all of the model but torque offsets.
+"""A robot as MJCF, the model format of MuJoCo, which represents the whole model except torque offsets.
 
-``armature``, ``damping``, ``frictionloss`` and ``stiffness`` of a joint are ``Ia``, ``Fv``, ``Fc`` and ``Ks``; where there is a
-spring, ``springref`` has the offset. A motor that turns with several joints is a
-fixed tendon over them, with its own armature, damping and friction loss; what it contributes to ``Ia_j``, ``Fv_j`` and ``Fc_j``,
-(24), is taken off the joints. Tested in ``tests/test_export_mjcf.py`` by ``mj_inverse``.
+``armature``, ``damping``, ``frictionloss`` and ``stiffness`` of a joint are ``Ia``, ``Fv``, ``Fc`` and ``Ks``; with a spring,
+``springref`` contains the offset. A motor that turns with several joints is a fixed tendon over them, with its own armature,
+damping and friction loss; its contributions to ``Ia_j``, ``Fv_j`` and ``Fc_j``, (24), are subtracted from the joints. Tested in
+``tests/test_export_mjcf.py`` by ``mj_inverse``.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ def to_mjcf(robot: Robot, x: ArrayLike) -> str:
     Parameters
     ----------
     robot : Robot
-        The robot; one that was read from a URDF keeps its names and frames.
+        The robot; the names and frames of its URDF are preserved.
     x : (n_parameters,) array
         Standard parameters in the order of ``robot.parameter_names``, SI units, joint side: those of real bodies.
 
     Returns
     -------
     str
-        Content of the file. Gravity is seen from the base link, which is the world.
+        Content of the file. Gravity is in the frame of the base link, which is the world.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def to_mjcf(robot: Robot, x: ArrayLike) -> str:
 
 
 def mjcf_text(model: ExportModel) -> str:
-    """Return the MJCF of a robot that is laid out for a file."""
+    """Return the MJCF of a robot arranged for a file."""
     rotor, viscous, coulomb = (model.own_share(key) for key in ("rotor", "viscous", "coulomb"))
     lines = [
         f"<mujoco model={quoteattr(model.name)}>",
@@ -129,7 +129,7 @@ def _tendons(model: ExportModel) -> list[str]:
 
 
 def _equalities(model: ExportModel) -> list[str]:
-    """Lines on joints that follow another one; MuJoCo's equality has no place for several leaders."""
+    """Return the lines on coupled joints; MuJoCo's equality only supports one leader."""
     lines = []
     for link in model.links:
         if link.follower is None:

@@ -1,7 +1,7 @@
-"""Drives of a result in the user's own MJCF: attributes of joints and actuators, every other byte as it was.
+"""Drives of a result in the user's MJCF: attributes of joints and actuators; no other byte changes.
 
 A joint gets ``armature``, ``damping`` and ``frictionloss``, its position actuator ``kp``, ``kv`` and ``forcerange``, a general one
-``gainprm`` and ``biasprm``; values that the file has already, also by a default class, are left alone. Tested in
+``gainprm`` and ``biasprm``; values already in the file, also by a default class, do not change. Tested in
 ``tests/test_export_drives.py`` with MuJoCo.
 """
 
@@ -43,19 +43,19 @@ def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tup
     drives : Drives
         Drives of a result.
     path : Path
-        The MJCF; its joints are found by name.
+        The MJCF; joints are matched by name.
     step_s : float, optional
-        Step of the simulation, for which the values are shifted as its integrator needs.
+        Step of the simulation, for which the values are compensated.
 
     Returns
     -------
     bytes, Drives
-        Content of the new file, and the drives that it has, with sentences on what was shifted or has no place.
+        Content of the new file, and its drives with sentences on compensation and omissions.
 
     Raises
     ------
     FitError
-        When a joint is not in the file, or its element stands in an included one.
+        When a joint is not in the file, or its element is in an included one.
     RobotError
         When the file cannot be read.
     """
@@ -135,7 +135,7 @@ def _same(before: float, new: float) -> bool:
 
 
 def softness(drives: Drives, path: Path, step_s: float) -> list[str]:
-    """Return a sentence on the speed below which MuJoCo's friction loss is viscous, beside the smoothing of the result.
+    """Return a sentence that compares the speed below which MuJoCo's friction loss is viscous with the result's smoothing.
 
     ``frictionloss`` is a soft constraint: below ``Fc A (1 - d) / d dmax timeconst / 2``, A the joint's own entry of the inverse
     inertia matrix, its force is proportional to the speed.

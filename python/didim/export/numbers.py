@@ -1,4 +1,4 @@
-"""Numbers as the files have them: the shortest text that reads back as the same bits."""
+"""Numbers in exported files: the shortest text that reads back as the same bits."""
 
 from __future__ import annotations
 

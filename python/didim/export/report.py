@@ -1,4 +1,4 @@
-"""What an export changes, link by link: mass, centre of mass and inertia beside those of the description.
+"""Changes by an export, link by link: mass, centre of mass and inertia beside those of the description.
 
 Tested in ``tests/test_export.py``.
 """
@@ -25,15 +25,15 @@ class LinkChange:
     link : str
         Its name.
     mass : float
-        New mass (kg), with everything that is fixed to the link.
+        New mass (kg), fixed links included.
     mass_before : float or None
-        Mass in the description; None where it has none, and so are the next two.
+        Mass in the description; None without one, as the next two.
     centre_moved : float or None
         Distance between the old and the new centre of mass (m).
     inertia_changed : float or None
         Norm of the change of the inertia about the centre of mass, over that of the old one.
     from_prior : tuple of str
-        Standard parameters of the link that only the prior knows: the log does not determine them.
+        Standard parameters of the link that come from the prior, because the log does not identify them.
     """
 
     link: str
@@ -46,14 +46,14 @@ class LinkChange:
 
 @dataclass(frozen=True)
 class ExportReport:
-    """What was written, for people.
+    """Report on an export.
 
     Attributes
     ----------
     links : tuple of LinkChange
         From the base outwards.
     sentences : tuple of str
-        On parameters that the format has no place for.
+        Sentences on parameters that the format cannot represent.
     """
 
     links: tuple[LinkChange, ...]
@@ -89,13 +89,13 @@ def compare_links(
     Parameters
     ----------
     model : ExportModel
-        What was exported.
+        Exported robot.
     before : sequence of (4, 4) array or None
         Pseudo-inertias of the description in the frames of the links; None where it has none.
     sentences : iterable of str
-        On what was left out.
+        Sentences on omissions.
     from_prior : mapping of int to sequence of str, optional
-        For each link (from 0), its standard parameters that only the prior knows.
+        For each link (from 0), its standard parameters that come from the prior.
     """
     changes = []
     for number, (link, old) in enumerate(zip(model.links, before, strict=True)):

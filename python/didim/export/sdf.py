@@ -1,7 +1,7 @@
 """A robot as SDF, the model format of Gazebo and Drake.
 
-Links stand at their poses in the model's frame, which is that of the base; joints have damping and friction. SDF has no place for
-rotor inertias and coupled motors. Tested in ``tests/test_export_sdf.py``, which reads the file with Pinocchio's algorithms.
+Poses of links are in the model's frame, which is that of the base; joints have damping and friction. SDF cannot represent rotor
+inertias and coupled motors. Tested in ``tests/test_export_sdf.py``, which reads the file with Pinocchio's algorithms.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ def to_sdf(robot: Robot, x: ArrayLike) -> str:
     Parameters
     ----------
     robot : Robot
-        The robot; one that was read from a URDF keeps its names and frames.
+        The robot; the names and frames of its URDF are preserved.
     x : (n_parameters,) array
         Standard parameters in the order of ``robot.parameter_names``, SI units, joint side: those of real bodies.
 
     Returns
     -------
     str
-        Content of the file: a model that is fixed to the world. Gravity is the world's, and not part of it.
+        Content of the file: a model that is fixed to the world. Gravity belongs to the world and is not included.
 
     Raises
     ------
@@ -48,13 +48,13 @@ def to_sdf(robot: Robot, x: ArrayLike) -> str:
 
 
 def sdf_text(model: ExportModel) -> str:
-    """Return the SDF of a robot that is laid out for a file."""
+    """Return the SDF of a robot arranged for a file."""
     lines = [
         '<?xml version="1.0"?>',
         f'<sdf version="{VERSION}">',
         f"  <model name={quoteattr(model.name)}>",
     ]
-    if model.base != "world":  # which SDF has already
+    if model.base != "world":  # a name reserved by SDF
         lines += [
             f"    <link name={quoteattr(model.base)}/>",
             '    <joint name="world_to_base" type="fixed">',
@@ -107,7 +107,7 @@ def _link(link: LinkBody, frame: Array) -> list[str]:
 
 
 def _mimic(link: LinkBody, model: ExportModel) -> list[str]:
-    """Lines on the joint that a joint follows."""
+    """Return the lines on a coupled joint's leader."""
     if link.follower is None:
         return []
     if len(link.follower.leaders) > 1:

@@ -1,4 +1,4 @@
-"""Which parameters of which robot are exported: those of a result, of a file, or of a set. Tested in ``tests/test_export.py``."""
+"""Source of an export: robot and parameters of a result, of a file, or of a set. Tested in ``tests/test_export.py``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .consistent import consistent_parameters, parameters_from_prior
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What is exported.
+    """Robot and parameters to be exported.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class Source:
     x : (n_parameters,) array
         Standard parameters.
     notes : tuple of str
-        Sentences on how they were found, and on a result that is not sound.
+        Sentences on the origin of the parameters, and on a result that is not sound.
     from_prior : mapping of int to tuple of str
-        For each link (from 0), its standard parameters that only a prior knows.
+        For each link (from 0), its standard parameters that come from a prior.
     """
 
     robot: Robot
@@ -57,21 +57,21 @@ def exported_parameters(
     fit : Path or None
         Result of an identification.
     parameters : str or None
-        In its place: a file of parameters, or a set of the robot.
+        Alternative: a file of parameters, or a set of the robot.
     robot : str or None
-        Robot; by default the file that the result was made with, or the URDF itself.
+        Robot; by default the file used for the result, or the URDF itself.
     urdf : Path or None
         The URDF that is edited.
     prior : str, optional
-        Prior of the physically consistent parameters, see `consistent_parameters`. Without one, the parameters of a result are
-        taken as they are where they are those of bodies.
+        Prior of the physically consistent parameters, see `consistent_parameters`. Without one, a result's parameters are
+        exported unchanged if they belong to bodies.
     further_terms : bool
-        Keep the friction of a result as it is: further terms, smoothing and dead zones.
+        Export the friction of a result with further terms, smoothing and dead zones.
 
     Raises
     ------
     FitError
-        When the robot is not found, or is another one than the result's, or no consistent parameters are near the result's.
+        When the robot is not found or is not that of the result, or no consistent parameters are near the result.
     RobotError
         When the robot cannot be read, or has no such set.
     OSError
@@ -103,7 +103,7 @@ def exported_parameters(
 
 
 def _are_bodies(robot: Robot, x: Array) -> bool:
-    """Whether parameters are those of a robot as they are."""
+    """Whether parameters belong to bodies without any change."""
     try:
         model = export_model(robot, x)
         for key in ("rotor", "viscous", "coulomb"):
@@ -114,7 +114,7 @@ def _are_bodies(robot: Robot, x: Array) -> bool:
 
 
 def _with_terms(robot: Robot, fit: Identification) -> Robot:
-    """Return the robot with the further friction terms of a result, which its base parameters have too."""
+    """Return the robot with the further friction terms of a result, as needed by its base parameters."""
     saved = fit.settings.get("robot", {}).get("friction", {}).get("terms", ())
     return (
         replace(robot, friction=replace(robot.friction, terms=Friction.terms_of(saved))) if saved else robot
@@ -122,7 +122,7 @@ def _with_terms(robot: Robot, fit: Identification) -> Robot:
 
 
 def _as_fitted(robot: Robot, fit: Identification) -> Robot:
-    """Return the robot with the sign and the dead zones that a result was made with."""
+    """Return the robot with the friction sign and dead zones of a result."""
     saved = fit.settings.get("robot", {}).get("friction", {})
     if not {"coulomb", "smoothing", "dead_zone"}.issubset(saved):
         return robot
@@ -132,11 +132,11 @@ def _as_fitted(robot: Robot, fit: Identification) -> Robot:
 
 
 def _robot_of(fit: Identification, path: Path, robot: str | None, urdf: Path | None) -> Robot:
-    """Return the robot that a result was made with."""
+    """Return the robot of a result."""
     found = _candidate(fit, path, urdf) if robot is None else load_robot(robot)
     used = fit.settings.get("robot", {}).get("friction", {})
     options = {key: used[key] for key in ("model", "coulomb", "coupling") if key in used}
-    if options.get("coulomb") == "tanh":  # the shape near standstill has no say in the parameters
+    if options.get("coulomb") == "tanh":  # the friction near standstill does not affect the set of parameters
         options["coulomb"] = "sign"
     return found.with_friction(**options)
 
@@ -161,7 +161,7 @@ def _by_name(fit: Identification, x: Array, robot: Robot, path: Path) -> tuple[A
 
 
 def _candidate(fit: Identification, path: Path, urdf: Path | None) -> Robot:
-    """Look for the robot file by its name and digest: beside the result, the URDF, and here; or among the packaged robots."""
+    """Find the robot file by name and digest: beside the result, the URDF, here, or among the included robots."""
     names = [key.removeprefix("robot ") for key in fit.digests if key.startswith("robot ")]
     folders = [path.parent, *([] if urdf is None else [urdf.parent]), Path(), PACKAGED]
     other = None

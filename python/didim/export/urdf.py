@@ -1,8 +1,8 @@
-"""New inertias and friction in the user's own URDF, every other byte as it was.
+"""New inertias and friction in the user's URDF; no other byte changes.
 
-Only ``<inertial>`` of the moving links and ``<dynamics>`` of their joints change; comments, order, white space and the blocks of
-other programs stay. A group of links that move together goes into its moving link, and those that are fixed to it lose their
-``<inertial>``. Links that hang on locked joints, such as fingers, keep theirs: the moving link gets the difference.
+Only ``<inertial>`` of the moving links and ``<dynamics>`` of their joints change; comments, order, white space and elements of
+other programs do not. The inertia of a group of links that move together is written to its moving link, and the links fixed to
+it lose their ``<inertial>``. Links behind locked joints, such as fingers, keep theirs, and the moving link gets the difference.
 Tested in ``tests/test_export_urdf.py`` with Pinocchio, MuJoCo and yourdfpy.
 """
 
@@ -54,7 +54,7 @@ def to_urdf(robot: Robot, x: ArrayLike, urdf: str | Path, *, keep_lumped: bool =
     urdf : str or Path
         The URDF.
     keep_lumped : bool
-        Leave fixed links their ``<inertial>`` and write the difference into the moving link.
+        Leave the ``<inertial>`` of fixed links and write the difference to the moving link.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def to_urdf(robot: Robot, x: ArrayLike, urdf: str | Path, *, keep_lumped: bool =
     Raises
     ------
     FitError
-        When the file is another one than the robot was read from, a link is not a body, or a drive has negative parameters
+        When the file is not the one that the robot was read from, a link is not a body, or a drive has negative parameters
         (``tests/test_export_urdf.py``).
     ShapeError
         When `x` has another length, or a NaN.
@@ -93,7 +93,7 @@ def urdf_bytes(robot: Robot, urdf: Path) -> bytes:
 
 
 def described(robot: Robot, data: bytes, where: str) -> tuple[Description, Chain]:
-    """Return what the URDF of a robot says, and its chain."""
+    """Return the description in the URDF of a robot, and its chain."""
     places = robot.correspondence
     assert places is not None
     description = read_description(data, where)
@@ -105,7 +105,7 @@ def described(robot: Robot, data: bytes, where: str) -> tuple[Description, Chain
 def edits(
     data: bytes, where: str, model: ExportModel, description: Description, chain: Chain, keep_lumped: bool
 ) -> list[Edit]:
-    """Return the changes of a file, in no order."""
+    """Return the changes of a file, unsorted."""
     outermost = parse_xml(data, where)
     links = {element.attributes.get("name"): element for element in outermost.all("link")}
     joints = {element.attributes.get("name"): element for element in outermost.all("joint")}
@@ -151,7 +151,7 @@ def edited(data: bytes, changes: Iterable[Edit]) -> bytes:
 
 
 def _inertial(data: bytes, link: Element, pseudo: Array, newline: bytes) -> Edit:
-    """Return the inertial element of a link, in place of the one it has, or as its first child."""
+    """Return the edit that replaces the inertial element of a link, or adds one as its first child."""
     mass, centre, inertia = central(pseudo)
     old = link.find("inertial")
     indent = _indent(data, old.start) if old else _indent(data, link.start) + b"  "
@@ -175,7 +175,7 @@ def _inertial(data: bytes, link: Element, pseudo: Array, newline: bytes) -> Edit
 
 
 def edit_dynamics(drives: Drives, path: Path) -> bytes:
-    """Return a URDF with the friction and rotor inertias of drives, its links as they are.
+    """Return a URDF with the friction and rotor inertias of drives and unchanged links.
 
     Raises
     ------
@@ -199,7 +199,7 @@ def edit_dynamics(drives: Drives, path: Path) -> bytes:
 
 
 def _dynamics(data: bytes, joint: Element, body: LinkBody | JointDrive, newline: bytes) -> list[Edit]:
-    """Friction of a joint, and its rotor inertia as a comment: URDF has no place for it."""
+    """Return the friction of a joint, and its rotor inertia as a comment, because URDF has no element for it."""
     found = []
     values = {"damping": body.viscous, "friction": body.coulomb}
     old = joint.find("dynamics")
@@ -238,7 +238,7 @@ def attribute_edit(data: bytes, element: Element, key: str, value: str) -> Edit:
 
 
 def _indent(data: bytes, start: int) -> bytes:
-    """White space between the line's beginning and an element that is the first on its line."""
+    """Return the indentation of an element that is the first on its line."""
     line = data.rfind(b"\n", 0, start) + 1
     before = data[line:start]
     found = re.match(rb"[ \t]*", before)
@@ -246,5 +246,5 @@ def _indent(data: bytes, start: int) -> bytes:
 
 
 def _safe(name: str) -> str:
-    """Return a name as it may stand in a comment, ASCII only."""
+    """Return a name escaped for a comment, ASCII only."""
     return re.sub(r"-(?=-)", "- ", name).encode("ascii", "replace").decode()

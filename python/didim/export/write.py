@@ -47,9 +47,9 @@ def export(
     urdf : str or Path, optional
         The URDF that is edited; needed for "urdf".
     keep_lumped : bool
-        In a URDF, leave fixed links their inertia and write the difference.
+        In a URDF, leave the inertia of fixed links and write the difference.
     from_prior : mapping of int to sequence of str, optional
-        For each link (from 0), its standard parameters that only a prior knows, for the report.
+        For each link (from 0), its standard parameters that come from a prior, for the report.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def export(
 
 
 def _of_description(robot: Robot) -> list[Array | None]:
-    """Pseudo-inertias of the description that a robot was read from, in the frames of its links."""
+    """Return the pseudo-inertias in the original description of a robot, in the frames of its links."""
     places = robot.correspondence
     if places is None or URDF_SET not in robot.sets:
         return [None] * robot.n_dof

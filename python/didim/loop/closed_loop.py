@@ -70,15 +70,15 @@ class ClosedLoop:
     robot : Robot
         The robot.
     reference : Reference
-        The motion that it follows.
+        Reference motion.
     controller : Controller
-        The controller that makes it follow.
+        Controller.
     rate_hz : float
         Records per second.
     n_records : int
         Number of records.
     schedule : core schedule
-        Steps, decided once.
+        Time steps.
     steps : (float, list of float)
         Largest step, and largest step of each joint where its velocity is near zero (s).
     start : (q, dq) or None
@@ -108,7 +108,7 @@ class ClosedLoop:
 
     @property
     def core(self) -> CoreLoop:
-        """The closed loop as the core takes it."""
+        """The closed loop in the format of the core."""
         return CoreLoop(
             self.robot.core,
             self.reference.core,
@@ -143,7 +143,7 @@ class ClosedLoop:
         memory: ControllerMemory = BALANCE,
         integrator: str = "rk4",
     ) -> ClosedLoop:
-        """Decide the steps, and check that everything fits together. Parameters as for `simulate`."""
+        """Choose the steps, and check that all parts fit together. Parameters as for `simulate`."""
         n = robot.n_dof
         for what, got in (("reference", reference.n_dof), ("controller", controller.n_dof)):
             if got != n:
@@ -202,10 +202,10 @@ class ClosedLoop:
         )
 
     def along(self, motion: Reference) -> ClosedLoop:
-        """Return the same loop with steps that are fine where a motion has velocities near zero.
+        """Return the same loop with fine steps where a motion has velocities near zero.
 
-        The reference, which decides by default, is followed late: the measured motion, or that of an earlier run, says better
-        where a robot reverses.
+        By default the reference determines these intervals, but the robot lags behind it. The measured motion, or that of an
+        earlier run, shows the reversals better.
         """
         schedule = _schedule(
             self.robot, self.reference, self.controller, self.rate_hz, self.n_records, self.steps, motion
@@ -248,7 +248,7 @@ class ClosedLoop:
         outcomes = outcomes_of(endings)
         for candidate, outcome in enumerate(outcomes):
             if outcome.time_s is not None:
-                # A run goes on with its neighbours in the lanes: what it gives after its end means nothing.
+                # After its end a run continues with its neighbours in the lanes; its later values are invalid.
                 ended = self.t >= outcome.time_s - 1e-6 / self.rate_hz
                 for values in arrays:
                     values[candidate, ended] = np.nan
@@ -272,7 +272,7 @@ class ClosedLoop:
         x, gain_scale, threads
             As for `run`.
         q, tau : (n_records, n_dof) arrays
-            What the simulation is compared with.
+            Measurements for the comparison.
         weight_q, weight_tau : (n_dof,) arrays
             Weights of squared position and torque errors.
         """
@@ -296,7 +296,7 @@ class ClosedLoop:
     def integration_error(
         self, x: Array, q: Array, tau: Array, *, gain_scale: Array | None = None, threads: int | None = None
     ) -> IntegrationError:
-        """Estimate of the error of a run that gave `q` and `tau`, (n_records, n_dof), by one with half the steps.
+        """Estimate the error of a run with `q` and `tau`, (n_records, n_dof), by a run with half the steps.
 
         The method is of fourth order: the difference to half the step is 15/16 of the error; 7/8 with "imex", which is of third.
         """
@@ -306,17 +306,17 @@ class ClosedLoop:
         error = factor * np.sqrt(np.mean((fine_tau[0] - tau) ** 2, axis=0))
         size = np.sqrt(np.mean(fine_tau[0] ** 2, axis=0))
         share = np.divide(error, size, out=np.zeros_like(error), where=error > 0.0)
-        # A run with half the steps that ends early leaves NaN: then nothing is known about the error.
+        # If the run with half the steps ends early, the error is unknown (NaN).
         return IntegrationError(error_q, error, float(share.max()) if np.isfinite(share).all() else np.inf)
 
 
 def _fine(coarse: float, integrator: str) -> float:
-    """Return the step near zero velocities by default (s): friction that is taken implicitly needs none of its own."""
+    """Return the default step near zero velocities (s); implicit friction needs no finer one."""
     return coarse if integrator == "imex" else min(coarse, FINE_STEP)
 
 
 def _check_friction(robot: Robot) -> None:
-    """Refuse friction that "imex" does not take; the core refuses the same with fewer words."""
+    """Refuse friction that "imex" does not support, with a better message than the core's."""
     friction = robot.friction
     what = f"integrator 'imex' is not for robot {robot.name!r}: it takes"
     if not _smooth(robot) or min(friction.smoothing) <= 0.0:
@@ -363,7 +363,7 @@ def _schedule(
 
 
 def _check_steps(steps: tuple[float, Sequence[float]], period: float | None, duration_s: float) -> None:
-    """Refuse steps, sample times and fine steps that are mistakes; the core refuses what is not positive."""
+    """Refuse absurd steps, sample times and fine steps; the core refuses values that are not positive."""
     coarse, fine = steps
     for what, interval in (("step", coarse), ("sample_time_s", period)):
         if interval is not None and 0.0 < interval * MOST_RECORDS < duration_s:

@@ -26,18 +26,18 @@ from ..errors import ControllerError
 
 @dataclass(frozen=True, kw_only=True)
 class Digital:
-    """How a digital controller samples.
+    """Sampling of a digital controller.
 
     Attributes
     ----------
     sample_time_s : float
-        Time between two outputs (s); an output holds in between.
+        Time between two outputs (s), each held in between.
     delay_samples : int
-        Whole samples from a measurement to the output that follows from it.
+        Whole samples from a measurement to the resulting output.
     smoothing : tuple of float
-        Weights of the newest, the one before, ... position in the smoothed position whose difference is the velocity.
+        Weights of the newest, second newest, ... position in the smoothed position, whose difference is the velocity.
     resolution : tuple of float
-        Step of the encoder that the controller reads, per joint (rad or m); 0 for an exact one, empty for all exact.
+        Encoder step of the controller, per joint (rad or m); 0 for an exact one, empty if all are exact.
     """
 
     sample_time_s: float
@@ -153,7 +153,7 @@ class Controller(Pickled, Brief):
     ) -> Controller:
         """As `pd`, with ``ki`` times the integral of the position error.
 
-        The integral stands still while it would drive a saturated output further.
+        The integral is stopped while it would drive a saturated output further (anti-windup).
         """
         columns = _columns(
             kp=kp, kv=kv, ki=ki, acceleration=acceleration, reference_velocity=reference_velocity
@@ -224,7 +224,7 @@ class Controller(Pickled, Brief):
         damping : float or (n_dof,) array
             Damping ratio.
         inertia : (n_dof,) array
-            Inertia that each joint feels (kg.m^2 or kg), such as the mean of ``diag M(q)`` along the reference.
+            Inertia at each joint (kg.m^2 or kg), such as the mean of ``diag M(q)`` along the reference.
         **options
             As for `pd`.
 
@@ -266,7 +266,7 @@ class Controller(Pickled, Brief):
         if values.ndim != 2 or values.shape[1] != self.n_dof or not len(values):
             raise ControllerError(f"tau must have shape (n_samples, {self.n_dof}), got {values.shape}")
         made = replace(self, feedforward=(float(rate_hz), values))
-        made.core  # noqa: B018 - now, so that a wrong one is an error here
+        made.core  # noqa: B018 - a wrong one must fail here
         return made
 
     @cached_property
@@ -303,12 +303,12 @@ class Controller(Pickled, Brief):
         laws = np.column_stack(columns)
         g, limit = _columns(gain=gain, saturation=saturation, n=len(laws), infinite=("saturation",))
         made = cls(kind=kind, laws=laws, gain=g, saturation=limit, digital=digital)
-        made.core  # noqa: B018 - now, so that a wrong one is an error here
+        made.core  # noqa: B018 - a wrong one must fail here
         return made
 
 
 def _columns(*, n: int | None = None, infinite: tuple[str, ...] = (), **values: ArrayLike) -> list[Array]:
-    """One column per joint of each value; numbers stand for all joints."""
+    """Return one column per joint of each value; a number is for all joints."""
     arrays = {name: real_array(name, value, ControllerError) for name, value in values.items()}
     for name, array in arrays.items():
         if array.ndim > 1:

@@ -1,7 +1,7 @@
-"""Memory of a controller when a run begins: its integrators, the outputs on their way, the positions it has measured.
+"""Initial state of a controller: its integrators, delayed outputs, and measured positions.
 
-A log rarely begins with its controller: integrators have wound up against gravity, and a digital controller has torques on
-their way. Tested in ``tests/test_controller_start.py`` and in ``rust/tests/closed_loop/memory.rs``.
+A log rarely begins when its controller is switched on: integrators already balance gravity, and a digital controller has
+delayed outputs. Tested in ``tests/test_controller_start.py`` and in ``rust/tests/closed_loop/memory.rs``.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ class ControllerMemory:
     Attributes
     ----------
     start : {"zero", "balance", "torque", "integrators"}
-        Where the integrators begin: at zero; where the law without errors gives the torque of gravity and friction at the initial
-        velocity (static balance at rest; where a torque is fed forward, with the inertial torque of the reference); where the law
-        gives the torques in `values`; or at `values`. Each candidate has its own balance.
+        Initial integrators: "zero"; "balance", with which the law without errors gives the torque of gravity and friction at
+        the initial velocity (static balance at rest; with feed-forward also the inertial torque of the reference); "torque",
+        with which the law gives the torques in `values`; or "integrators", the `values` themselves. Each candidate has its own
+        balance.
     values : tuple of float
         Torques (N.m or N) for "torque"; integrators ``z`` for "integrators" (rad.s or m.s for a PID, rad or m for a cascade). One
         per joint.
     outputs : (delay_samples, n_dof) array or None
-        Torques of a digital controller on their way (N.m or N), the next to act first. By default the torque that `start` gives,
-        or zero.
+        Delayed outputs of a digital controller (N.m or N), the next first. By default the torque of `start`, or zero.
     positions : (n, n_dof) array or None
-        Positions that a digital controller has measured before (rad or m), one row for each weight of its smoothing, the newest
-        first. By default the robot has moved with its initial velocity.
+        Previously measured positions of a digital controller (rad or m), one row for each weight of its smoothing, the newest
+        first. By default those of a motion at the initial velocity.
 
     Raises
     ------
@@ -104,7 +104,7 @@ class ControllerMemory:
 
     @property
     def core(self) -> tuple[str, list[float], list[float] | None, list[float] | None]:
-        """The memory as the core takes it."""
+        """The memory in the format of the core."""
         outputs, positions = (
             None if part is None else np.asarray(part, dtype=np.float64).ravel().tolist()
             for part in (self.outputs, self.positions)
@@ -126,29 +126,29 @@ def memory_of_log(
     tau: Array,
     start: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> ControllerMemory:
-    """Return the memory with which a controller gives the measured torques.
+    """Return the memory with which a controller reproduces the measured torques.
 
-    Each sample of the log has its integrator, ``z = (tau - the law without integral) / gain``. Less what the errors have added
-    since time 0, all of them are that of time 0; their mean over the first `AVERAGED_S` is taken. Samples at the limit of the
-    drive say nothing about the integrator and are left out.
+    Each sample of the log gives the integrator ``z = (tau - the law without integral) / gain``. Less the integral of the errors
+    since time 0, it is an estimate for time 0; the mean over the first `AVERAGED_S` is used. Samples at the limit of the drive
+    contain no information on the integrator and are ignored.
 
     Parameters
     ----------
     controller : Controller
-        Its laws.
+        Controller with its laws.
     reference : Reference
-        With time 0 at the first sample.
+        Reference with time 0 at the first sample.
     rate_hz : float
         Samples per second.
     q, tau : (n_samples, n_dof) arrays
         Measured positions (rad or m) and torques of the drives (N.m or N), joint side.
     start : (q, dq), optional
-        State that the simulation begins with; that of the reference by default.
+        Initial state of the simulation; that of the reference by default.
 
     Returns
     -------
     ControllerMemory
-        With the first torque of each law, and the torques on their way.
+        Memory with the first torque of each law, and the delayed outputs.
     """
     digital = controller.digital
     period = 1.0 / rate_hz if digital is None else digital.sample_time_s
@@ -165,7 +165,7 @@ def memory_of_log(
     if digital is not None:
         weights = np.asarray(digital.smoothing)
         differences = np.diff(np.concatenate([[0.0], weights, [0.0]])) / period
-        # As the core has it by default: the robot has moved with its initial velocity.
+        # As in the core, the default is a motion at the initial velocity.
         back = -period * np.arange(len(weights), 0, -1)[:, None] * begin_dq
         seen = np.concatenate([here[0] + back, here])
         lags = [seen[len(weights) - lag :][:count] for lag in range(len(differences))]
@@ -178,14 +178,14 @@ def memory_of_log(
     growth = by_position * e + by_velocity * v
     added = period * (growth[:-1] if digital is not None else 0.5 * (growth[1:] + growth[:-1]))
     grown = np.concatenate([np.zeros((1, len(p))), np.cumsum(added, axis=0)])
-    # The torque of a sample of the controller is in the first record from its time on.
+    # The torque of a controller sample is in the first record at or after its time.
     records = np.ceil(np.arange(count + delay) * period * rate_hz - 1e-6).astype(int).clip(0, len(tau) - 1)
     wanted = tau[records[delay:]] / gain
     free = p * e + d * v + a * ddq_ref + fed
     integrating = i != 0.0
     begun = np.where(integrating, wanted - free, 0.0) / np.where(integrating, i, 1.0) - grown
     inside = np.abs(wanted) < controller.saturation * (1.0 - 1e-9)
-    inside[:, ~inside.any(axis=0)] = True  # a joint at its limit all along begins at the limit
+    inside[:, ~inside.any(axis=0)] = True  # a joint that is always at its limit starts at the limit
     z = np.sum(np.where(inside, begun, 0.0), axis=0) / inside.sum(axis=0)
     first = p * (q_ref[0] - begin_q) + d * (w * dq_ref[0] - first_dq) + i * z + a * ddq_ref[0] + fed[0]
     return ControllerMemory(
@@ -196,13 +196,13 @@ def memory_of_log(
 
 
 def remembers(controller: Controller) -> bool:
-    """Return whether a controller has a memory that a start can fill: an integrator, or outputs on their way."""
+    """Return whether a controller has an initial state: an integrator, or delayed outputs."""
     late = controller.digital is not None and controller.digital.delay_samples > 0
     return late or bool(np.any(controller.laws[:, 2] != 0.0))
 
 
 def _fed_forward(controller: Controller, times: Array) -> Array:
-    """Torque that is fed forward at times, (n_times, n_dof)."""
+    """Return the feed-forward torque at times, (n_times, n_dof)."""
     if controller.feedforward is None:
         return np.zeros((len(times), controller.n_dof))
     rate, values = controller.feedforward

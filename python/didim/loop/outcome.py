@@ -1,4 +1,4 @@
-"""How a simulation ended, and how well it was integrated. Tested in ``tests/test_simulation.py``."""
+"""Outcome and integration error of a simulation. Tested in ``tests/test_simulation.py``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LARGE_ERROR = 0.01
 
 
 class SimulationStatus(Enum):
-    """How a simulation ended; the value is a sentence for people."""
+    """Ending of a simulation; the value is a sentence."""
 
     COMPLETED = "The simulation ran to its end."
     DIVERGED = "The simulation diverged: the controller does not hold this robot."
@@ -22,16 +22,16 @@ class SimulationStatus(Enum):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How the run of one candidate ended.
+    """Outcome of the run of one candidate.
 
     Attributes
     ----------
     status : SimulationStatus
-        What happened.
+        Ending of the run.
     time_s : float or None
-        When (s), if it ended early.
+        Time (s) of an early end.
     joint : int or None
-        Joint, from 1, where it happened.
+        Joint concerned, from 1.
     """
 
     status: SimulationStatus
@@ -77,14 +77,14 @@ class IntegrationError:
 
     @property
     def large(self) -> bool:
-        """Whether the step is too large for what is read from the torques."""
+        """Whether the step is too large for accurate torques."""
         return not self.tau_relative <= LARGE_ERROR
 
 
 def outcomes_of(endings: Sequence[tuple[int, float, int]]) -> tuple[Outcome, ...]:
-    """Outcomes of the core's endings ``(kind, time, joint)``."""
+    """Return the outcomes for the core's endings ``(kind, time, joint)``."""
     kinds = (SimulationStatus.COMPLETED, SimulationStatus.DIVERGED, SimulationStatus.INDEFINITE)
-    # The core looks 1e-9 of a step inside of it, which is nothing to tell people.
+    # The core evaluates 1e-9 of a step inside, which is removed by rounding.
     return tuple(
         Outcome(kinds[0]) if kind == 0 else Outcome(kinds[kind], round(time, 9), joint + 1)
         for kind, time, joint in endings

@@ -1,7 +1,7 @@
-"""What a closed loop follows: sampled positions, Fourier series, moves from point to point.
+"""References of a closed loop: sampled positions, Fourier series, moves from point to point.
 
-Every kind becomes pieces of fifth degree in the core, so that positions, velocities and accelerations are there at any
-time. Tested in ``tests/test_reference.py`` and in the core against closed forms.
+Every kind becomes pieces of fifth degree in the core, with positions, velocities and accelerations at any time. Tested in
+``tests/test_reference.py`` and in the core against closed forms.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Reference(Brief):
     kind : str
         "sampled", "fourier" or "point-to-point".
     made_from : (str, tuple)
-        Function of the core that made it, and its arguments, which `pickle` and `copy` take.
+        Function of the core that made it, and its arguments, for `pickle` and `copy`.
     """
 
     core: _core.Reference
@@ -42,7 +42,7 @@ class Reference(Brief):
     made_from: tuple[str, tuple[Any, ...]] = field(compare=False, repr=False)
 
     def __reduce__(self) -> tuple[Callable[..., Reference], tuple[Any, ...]]:
-        """Pickle the arguments; the object of the core is made again on arrival."""
+        """Pickle the arguments; unpickling makes the object of the core again."""
         return _made, (self.kind, *self.made_from)
 
     @property
@@ -75,7 +75,7 @@ class Reference(Brief):
 
     @classmethod
     def sampled(cls, q: ArrayLike, *, rate_hz: float) -> Reference:
-        """Through samples at a constant rate.
+        """Interpolate samples at a constant rate.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ class Reference(Brief):
 
     @classmethod
     def through(cls, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, rate_hz: float) -> Reference:
-        """Through samples of positions, velocities and accelerations at a constant rate, by quintics.
+        """Interpolate samples of positions, velocities and accelerations at a constant rate, by quintics.
 
         Parameters
         ----------
@@ -179,10 +179,10 @@ class Reference(Brief):
         duration_s: float | None = None,
         seed: int = 0,
     ) -> Reference:
-        """Random Fourier series that starts at rest and keeps limits, each joint scaled until it meets one of them.
+        """Random Fourier series that starts at rest, each joint scaled to the first of its limits.
 
-        Amplitudes are normal and fall with the harmonic, so that position, velocity and acceleration are all excited;
-        the part at rest is subtracted: position ``offset``, velocity and acceleration zero at the start of each period.
+        Amplitudes are normal and decrease with the harmonic, which excites position, velocity and acceleration. A correction
+        sets position ``offset``, zero velocity and zero acceleration at the start of each period.
 
         Parameters
         ----------
@@ -197,7 +197,7 @@ class Reference(Brief):
         duration_s : float, optional
             Length; one period by default.
         seed : int
-            Of NumPy's default generator: the same motion on every machine.
+            Seed of NumPy's default generator: the same motion on every machine.
 
         Raises
         ------
@@ -225,13 +225,15 @@ class Reference(Brief):
         rng = np.random.default_rng(seed)
         k = np.arange(1, harmonics + 1)[:, None]
         sine, cosine = rng.standard_normal((2, harmonics, n)) / k
-        # Position, velocity and acceleration at time 0 are sums over harmonics: take the least change that makes them 0.
+        # Position, velocity and acceleration at time 0 are sums over harmonics: the least change makes them 0.
         sine -= _least_change(k[:, 0].astype(float)[None], sine)
         cosine -= _least_change(np.stack([np.ones(harmonics), k[:, 0] ** 2.0]), cosine)
         shape = cls.fourier(sine, cosine, period_s=period_s)
         t = np.linspace(0.0, period_s, 200 * harmonics, endpoint=False)
         peaks = [np.abs(values).max(axis=0) for values in shape.at(t)]
-        with np.errstate(divide="ignore", over="ignore"):  # in a very long period only the positions move
+        with np.errstate(
+            divide="ignore", over="ignore"
+        ):  # with a very long period only the positions are scaled
             scale = np.min([limit / peak for limit, peak in zip(limits, peaks, strict=True)], axis=0)
         return cls.fourier(
             sine * scale, cosine * scale, period_s=period_s, offset=offset, duration_s=duration_s
@@ -253,7 +255,7 @@ class Reference(Brief):
         points : (n_points, n_dof) array
             Positions (rad or m), the first at time 0.
         max_velocity, max_acceleration : (n_dof,) arrays
-            Limits of each joint; the slowest joint of a move is at its own.
+            Limits of each joint; in each move one joint reaches a limit.
         dwell_s : float
             Rest at each point, the first and the last too.
 
@@ -278,7 +280,7 @@ class Reference(Brief):
 
 
 def _least_change(rows: Array, amplitudes: Array) -> Array:
-    """Smallest change of amplitudes, weighted as they fall with the harmonic, that takes `rows @ amplitudes` away."""
+    """Return the smallest change of amplitudes, weighted by harmonic, that makes `rows @ amplitudes` zero."""
     weight = 1.0 / np.arange(1, rows.shape[1] + 1) ** 2
     gram = (rows * weight) @ rows.T
     return np.asarray(weight[:, None] * (rows.T @ np.linalg.solve(gram, rows @ amplitudes)))

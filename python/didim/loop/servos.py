@@ -31,12 +31,12 @@ SETTLED = 40.0
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A reference that is held from sample to sample.
+    """A reference with a zero-order hold.
 
     Attributes
     ----------
     values : (n_samples, n_dof) array
-        Positions (rad or m), the first from time 0 on, and before it.
+        Positions (rad or m), the first at and before time 0.
     rate_hz : float
         Samples per second.
     """
@@ -45,12 +45,12 @@ class Held:
     rate_hz: float
 
     def jumps(self, delay_s: float) -> list[float]:
-        """Return the times (s) at which a joint's reference jumps, late by a delay."""
+        """Return the times (s) at which a joint's reference jumps, delay included."""
         changed = np.flatnonzero(np.any(np.diff(self.values, axis=0) != 0.0, axis=1)) + 1
         return [float(k) / self.rate_hz + delay_s for k in changed]
 
     def means(self, edges: Array, delay_s: Array, lag_s: Array) -> Array:
-        """Return means between edges (s), (n_edges - 1, n_dof), late by a delay and behind a lag of each joint, (n_dof,)."""
+        """Return means between edges (s), (n_edges - 1, n_dof), after the delay and lag of each joint, (n_dof,)."""
         out = np.empty((len(edges) - 1, self.values.shape[1]))
         for joint, (delay, lag) in enumerate(zip(delay_s, lag_s, strict=True)):
             area = self._area(joint, edges - delay, float(lag))
@@ -58,7 +58,7 @@ class Held:
         return out
 
     def _area(self, joint: int, t: Array, lag: float) -> Array:
-        """Integral of the lagged reference of a joint from time 0 to times, (n_times,)."""
+        """Return the integral of a joint's lagged reference from time 0 to times, (n_times,)."""
         r, period = self.values[:, joint], 1.0 / self.rate_hz
         at = np.clip(np.floor(t * self.rate_hz).astype(np.int64), 0, len(r) - 1)
         since = t - at * period
@@ -79,7 +79,7 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Servos:
-    """Numbers of the servos of candidates, (n_candidates, n_dof) each, joint side, SI units.
+    """Parameters of the candidates' servos, (n_candidates, n_dof) each, joint side, SI units.
 
     Attributes
     ----------
@@ -88,9 +88,9 @@ class Servos:
     delay_s, lag_s : array
         Delay and lag of the reference (s).
     bias_rad : array
-        What the encoder shows more than the joint is turned by.
+        Encoder reading less joint position.
     q, dq : array
-        What the encoders show at time 0, and velocities there.
+        Encoder readings at time 0, and velocities.
     """
 
     kp: Array
@@ -104,16 +104,16 @@ class Servos:
 
 
 class ServoLoop:
-    """A robot whose servos follow a held reference: simulates what the encoders of candidates show.
+    """A robot whose servos follow a held reference: simulates the encoder readings of candidates.
 
     Parameters
     ----------
     robot : Robot
         The robot.
     reference : Held
-        What it follows, with the rate of the records.
+        Held reference, with the rate of the records.
     motion : (n_samples, n_dof) array
-        Measured positions, whose velocities near zero ask for fine steps.
+        Measured positions; steps are fine where their velocity is near zero.
     step_s, fine_step_s : float
         Steps of the integration.
     integrator : {"rk4", "imex"}
@@ -147,7 +147,7 @@ class ServoLoop:
         self._loops: dict[float, ClosedLoop] = {}
 
     def loop(self, delay_s: float) -> ClosedLoop:
-        """Return the closed loop whose steps end where the reference, late by a delay, jumps."""
+        """Return the closed loop with steps that end at the jumps of the delayed reference."""
         if delay_s not in self._loops:
             follow = replace(self._follow, core=self._follow.core.with_breaks(self.held.jumps(delay_s)))
             loop = ClosedLoop.of(self.robot, follow, self._plain, **self._options)  # type: ignore[arg-type]
@@ -155,18 +155,18 @@ class ServoLoop:
         return self._loops[delay_s]
 
     def run(self, x: Array, servos: Servos, threads: int | None = None) -> tuple[Array, NDArray[np.bool_]]:
-        """Return what the encoders show, (n_candidates, n_records, n_dof), and which runs came to their end.
+        """Return encoder readings, (n_candidates, n_records, n_dof), and which runs completed.
 
         Parameters
         ----------
         x : (n_candidates, n_parameters) array
             Standard parameters.
         servos : Servos
-            Numbers of the servos.
+            Parameters of the servos.
         threads : int, optional
             All cores by default.
         """
-        # The steps end on the jumps that most joints of the first candidate have.
+        # The steps end at the jumps of most joints of the first candidate.
         loop = self.loop(float(np.median(servos.delay_s[0])))
         edges = loop.schedule.edges
         pairs = np.concatenate([servos.delay_s, servos.lag_s], axis=1)

@@ -26,7 +26,7 @@ from .reference import Reference
 
 
 class StepWarning(UserWarning):
-    """The step of a simulation is too large."""
+    """Warning on too large a step of a simulation."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +42,7 @@ class Simulation(Brief):
     outcomes : tuple of Outcome
         One per candidate.
     error : IntegrationError or None
-        Estimate for the first candidate, where it was asked for.
+        Estimate for the first candidate, if requested.
     n_steps : int
         Steps of one run.
     """
@@ -96,13 +96,13 @@ def simulate(
     Parameters
     ----------
     robot : Robot
-        The robot; its friction should be smooth (``tanh``) where velocities pass through zero.
+        The robot; its friction should be smooth (``tanh``) if velocities pass through zero.
     x : (n_parameters,) or (n_candidates, n_parameters) array
         Standard parameters in the order of ``robot.parameter_names``.
     reference : Reference
-        What it follows.
+        Reference motion.
     controller : Controller
-        What makes it follow.
+        Controller.
     step, fine_step : float, optional
         Largest step (s), and largest step where a velocity of the reference is near zero, which may differ between joints:
         friction is the stiffer the smaller the inertia. By default 0.5 ms and 0.1 ms with smooth friction, 0.2 ms with ``sign``.
@@ -119,11 +119,11 @@ def simulate(
     divergence : float
         Tracking error (rad or m) that ends a run.
     memory : ControllerMemory
-        State of the controller at time 0: integrators and outputs on their way. By default each candidate begins in static
-        balance. An experiment begins with those of its log, where it has torques.
+        State of the controller at time 0: integrators and delayed outputs. By default each candidate begins in static balance.
+        An experiment begins with the state of its log, if this has torques.
     integrator : {"rk4", "imex"}
-        The classical Runge-Kutta method, or one of third order that takes the Coulomb friction implicitly, which is as stable with
-        any step; then `fine_step` is `step` by default.
+        The classical Runge-Kutta method, or a third-order method that treats the Coulomb friction implicitly and is stable with
+        any step; `fine_step` is then `step` by default.
     threads : int, optional
         All cores by default; the result has the same bits for any number.
     check : bool, optional
@@ -170,7 +170,7 @@ def simulate(
 
 
 def too_large(error: IntegrationError) -> str:
-    """Sentence on a step that is too large."""
+    """Return the sentence on too large a step."""
     if not np.isfinite(error.tau_relative):
         return "the step is too large: with half of it the run ends differently"
     joint = int(np.argmax(error.tau)) + 1

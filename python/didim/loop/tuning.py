@@ -1,4 +1,4 @@
-"""The inertia along a reference, which tuned gains and gain updating need. Tested in ``tests/test_closed_loop.py``."""
+"""Mean inertia along a reference, for tuned gains and gain updating. Tested in ``tests/test_closed_loop.py``."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ def mean_inertia(robot: Robot, x: Array, reference: Reference) -> Array:
 def made_up(
     robot: Robot, x: Array, q: Array, *, frequency_hz: float = 10.0, error: float = 1e-3
 ) -> Controller:
-    """Return gains for a robot whose controller is not known, by rule (D).
+    """Return gains for a robot with an unknown controller, by rule (D).
 
         kp_j = max( J_j (2 pi f)^2, Fc_j / error ),    kv_j = 1.4 sqrt(kp_j J_j)
 
-    They follow the measured motion closely and hold against Coulomb friction without stick-slip.
+    The robot then follows the measured motion closely, without stick-slip.
 
     Parameters
     ----------
     robot : Robot
         The robot.
     x : (n_parameters,) array
-        Standard parameters of a robot, such as a consistent estimate.
+        Standard parameters, such as a consistent estimate.
     q : (n, n_dof) array
         Positions, over which ``J``, the diagonal of M(q), is averaged.
     frequency_hz : float
         Natural frequency.
     error : float
-        Position error at which the torque of the gains is that of the Coulomb friction (rad or m).
+        Position error (rad or m) at which the controller's torque equals the Coulomb friction.
     """
     inertia = np.diagonal(inertia_matrix(robot, q, x), axis1=1, axis2=2).mean(axis=0)
     coulomb = np.zeros(robot.n_dof)

@@ -1,9 +1,9 @@
-"""Pictures of results: every function returns a matplotlib Figure and shows nothing.
+"""Pictures of results: every function returns a matplotlib Figure without displaying it.
 
     figure = didim.plot.torques(fit, experiment)
     figure.savefig("torques.pdf")
 
-matplotlib is the extra ``plot`` of the package: ``pip install didim[plot]``. No picture touches the state of pyplot. Units are
+matplotlib is the extra ``plot`` of the package: ``pip install didim[plot]``. No function changes the state of pyplot. Units are
 SI, on the joint side. Tested in ``tests/test_plot.py``.
 """
 

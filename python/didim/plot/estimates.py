@@ -51,12 +51,12 @@ def correlation(fit: Identification) -> Figure:
     Parameters
     ----------
     fit : Identification
-        With a covariance.
+        Result with a covariance.
 
     Returns
     -------
     Figure
-        A map with the names of the base parameters: far from zero means that the log tells two parameters apart badly.
+        A map with the names of the base parameters: a large correlation means that the log hardly separates two parameters.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def convergence(fits: Identification | Mapping[str, Identification]) -> Figure:
     Returns
     -------
     Figure
-        Relative error (of the torques; for CLOE of what it minimises over that of its start), and the length of the step
+        Relative error (of the torques; for CLOE the ratio of its cost to that of its start), and the length of the step
         relative to the parameters, both in % and logarithmic.
 
     Raises
@@ -122,7 +122,7 @@ def convergence(fits: Identification | Mapping[str, Identification]) -> Figure:
         number = [item.iteration for item in fit.history]
         for ax, key in zip(axes, ("relative_error", "step"), strict=True):
             values = np.array([100.0 * getattr(item, key) for item in fit.history])
-            # Zero has no place on a logarithmic axis.
+            # A logarithmic axis has no zero.
             values[~(values > 0.0)] = np.nan
             many = len(number) > 30
             ax.semilogy(
@@ -163,16 +163,15 @@ def parameters(
     experiment : Experiment, optional
         The log of a single result, whose parameters are then standardised by the torque that they explain.
     predictions : sequence of Prediction, optional
-        As for `torques`, where they are known already.
+        Predictions as for `torques`, if already computed.
 
     Returns
     -------
     Figure
-        With a truth, how far off each estimate is in its own standard deviations: 95 % of them belong in the band. Several
-        results without one stand beside the first, in standard deviations of the first, with their intervals. A single
-        result with its log shows each parameter as a dot with its 95 % interval, in % of the torque that it explains of the joint
-        where that is most (root mean squares, so that large and small parameters, masses and friction share one axis); without
-        a log, half of the interval in % of the estimate.
+        With a truth: the error of each estimate in its standard deviations, 95 % of which should be within the band. Several
+        results without truth: differences from the first, in its standard deviations, with intervals. A single result with its
+        log: each parameter with its 95 % interval, in % of the torque of the joint where it explains most (root mean squares,
+        which put masses and friction on one axis). A single result without log: half the interval in % of the estimate.
 
     Raises
     ------
@@ -197,7 +196,7 @@ def parameters(
 
 
 def _columns(names: Sequence[str], extra_in: float) -> tuple[Figure, list[tuple[Axes, list[int]]]]:
-    """Axes side by side, each with some of the parameters, the first on top."""
+    """Create axes side by side, each for some of the parameters, the first on top."""
     n = len(names)
     count = min(3, -(-n // ROWS_PER_COLUMN))
     length = -(-n // count)
@@ -214,7 +213,7 @@ def _columns(names: Sequence[str], extra_in: float) -> tuple[Figure, list[tuple[
 
 
 def _standardised(fit: Identification, predictions: Sequence[Prediction]) -> Figure:
-    """Dots and intervals in % of the torque that a parameter explains, beyond 1 % on a logarithmic scale."""
+    """Draw estimates and intervals in % of the torque that a parameter explains, beyond 1 % on a logarithmic scale."""
     from matplotlib.ticker import FuncFormatter, NullLocator
 
     scale = 100.0 * explained(predictions)
@@ -267,7 +266,7 @@ def _standardised(fit: Identification, predictions: Sequence[Prediction]) -> Fig
 
 
 def _intervals(fit: Identification) -> Figure:
-    """Half intervals in % on a logarithmic axis, coloured by what the paper calls well identified."""
+    """Draw half intervals in % on a logarithmic axis, with colours for well identified parameters (as in the paper)."""
     from matplotlib.patches import Patch
     from matplotlib.ticker import FuncFormatter, NullLocator
 
@@ -275,7 +274,7 @@ def _intervals(fit: Identification) -> Figure:
     factor = fit.interval_factor()
     half = factor * fit.relative_std_percent
     shown = fit.std > 0.0
-    # A wide interval ends on the edge; a parameter of zero has no relative interval, and nothing is known of it.
+    # A wide interval ends at the edge; a parameter of zero has no relative interval.
     lengths = np.clip(np.where(np.isfinite(half), half, HIGHEST_PERCENT), LOWEST_PERCENT, HIGHEST_PERCENT)
     low = 10.0 ** np.floor(np.log10(lengths[shown].min()) - 0.1)
     for ax, rows in columns:
@@ -312,7 +311,7 @@ def _intervals(fit: Identification) -> Figure:
 
 
 def _deviations(several: Mapping[str, Identification], truth: Array | None) -> Figure:
-    """Estimates beside the truth or the first result, in standard deviations."""
+    """Draw the distances from the truth or the first result, in standard deviations."""
     first = next(iter(several.values()))
     figure, columns = _columns(first.names, 1.2)
     step = POINT_SPREAD / max(1, len(several) - 1) if len(several) > 1 else 0.0

@@ -1,4 +1,4 @@
-"""Pictures of designed motions: positions, velocities and torques against their limits, and the poses that are swept."""
+"""Pictures of designed motions: positions, velocities and torques against their limits, and the swept poses."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PER_ROW = 3
 
 @styled
 def motion(design: Excitation) -> Figure:
-    """Draw positions of each joint, with its limits and the share of them that velocities and torques use.
+    """Draw each joint's positions with their limits, and velocities and torques as shares of theirs.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def motion(design: Excitation) -> Figure:
     Returns
     -------
     Figure
-        One picture a joint: position over its range, velocity and, with parameters, torque as shares of their limits.
+        One panel per joint: position within its range, velocity and, with parameters, torque as shares of their limits.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def motion(design: Excitation) -> Figure:
 def _joint(axes: Axes, t: Array, shares: dict[str, Array], colors: dict[str, str], margin: float) -> None:
     for kind, values in shares.items():
         line(axes, [(t, values)], color=colors[kind], label=kind, linewidth=0.9)
-    # What the margin leaves.
+    # Limits reduced by the margin.
     for bound in (-margin, margin):
         axes.axhline(bound, color="black", linewidth=0.6, linestyle=":")
 
@@ -86,7 +86,7 @@ def _title(design: Excitation, joint: int) -> str:
 
 @styled
 def swept(design: Excitation) -> Figure:
-    """Draw the poses that a motion goes through: links as lines, seen from the side and from above.
+    """Draw the poses of a motion: links as lines, in side and top view.
 
     Parameters
     ----------

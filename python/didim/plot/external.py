@@ -1,4 +1,4 @@
-"""Torques from outside along a log."""
+"""Picture of external torques along a log."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PANEL_IN = 1.5
 
 @styled
 def external(found: Residual) -> Figure:
-    """Draw the torques from outside of each joint over time, with their intervals, the observer and what was detected.
+    """Draw the external torques of each joint over time, with intervals, the observer and the detections.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ def external(found: Residual) -> Figure:
     Returns
     -------
     Figure
-        A row per joint: the torque along the filtered motion with its 95 % interval, the observer, its limits (dashed), and
-        shaded what was detected. Windows stand one after the other in time.
+        A row per joint: the torque along the filtered motion with its 95 % interval, the observer, its limits (dashed), and the
+        detections as shading. Windows follow each other in time.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The friction curve: torque over speed, joint by joint."""
+"""Picture of friction curves: torque over speed, joint by joint."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOST_MARKS = 120
 
 @styled
 def friction(fit: Identification, experiment: Experiment) -> Figure:
-    """Draw the friction of each joint over its speed, beside what the log leaves for it.
+    """Draw the friction of each joint over its speed, with the rows of the log.
 
     Parameters
     ----------
@@ -38,8 +38,8 @@ def friction(fit: Identification, experiment: Experiment) -> Figure:
     Returns
     -------
     Figure
-        A panel per joint: rows of the log (measured torque less all but this friction), the curve of the model at the median
-        load, and with load friction a band from light to heavy loads.
+        A panel per joint: rows of the log (measured torque less all other terms of the model), the curve of the model at the
+        median load, and with load friction a band from light to heavy loads.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A log beside the model: torques, what is left of them, and simulated runs."""
+"""Pictures of a log and its model: torques, residuals, and simulated runs."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ SMALLEST_CORRELATION_AXIS = 0.3
 def torques(
     fit: Identification, experiment: Experiment, *, predictions: Sequence[Prediction] | None = None
 ) -> Figure:
-    """Draw torques measured and predicted, and their difference, joint by joint.
+    """Draw measured and predicted torques, and their difference, joint by joint.
 
     Parameters
     ----------
@@ -52,13 +52,13 @@ def torques(
     experiment : Experiment
         The log.
     predictions : sequence of Prediction, optional
-        From `didim.studies.prediction.predict`; by default those of the recordings of the fit, on the rows that the fit is made of.
+        From `didim.studies.prediction.predict`; by default those of the recordings of the fit, on the rows of the fit.
 
     Returns
     -------
     Figure
-        A panel per joint with its relative error; recordings one after the other in time. The band beside the difference is
-        the 95 % prediction interval, where the result has standard deviations.
+        A panel per joint with its relative error; recordings follow each other in time. The band around the difference is the
+        95 % prediction interval, if the result has standard deviations.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def overlay(
     recording : Recording
         The log.
     experiment : Experiment
-        Names the joints' kinds.
+        Experiment with the kinds of the joints.
     quantity : {"q", "tau"}
         Positions or torques, raw.
     start : int
@@ -113,7 +113,7 @@ def overlay(
     Returns
     -------
     Figure
-        A panel per joint with its relative error (norm of the difference over norm of what was measured).
+        A panel per joint with its relative error (norm of the difference over norm of the measurement).
 
     Raises
     ------
@@ -148,12 +148,12 @@ def overlay(
 
 
 def start_of(recording: Recording) -> float:
-    """Time stamp of the first sample that is used, from which pictures count."""
+    """Return the time stamp of the first used sample, the origin of time in pictures."""
     return float(recording.t[recording.windows[0][0]])
 
 
 def _end_to_end(predictions: Sequence[Prediction], starts: Mapping[str, float]) -> Pieces:
-    """Windows with the times of one recording after the other, the first from 0."""
+    """Return windows with consecutive times, recording by recording, from 0."""
     pieces: Pieces = []
     offset, last, name = -starts.get(predictions[0].recording, 0.0), 0.0, ""
     for item in predictions:
@@ -176,11 +176,11 @@ def _compared(
     several: bool,
     bands: Sequence[tuple[Array, Array]] = (),
 ) -> Figure:
-    """Two lines per joint, and below them the difference on an axis of its own, in bands of so much to either side."""
+    """Draw two lines per joint, and below them the difference on its own axis, with a band around it."""
     n = len(names)
     rows, columns = per_row(n, PANELS_PER_ROW)
     figure = new_figure(0.4 + (3.6 if n == 1 else 2.5) * rows, gap_in=0.09)
-    # One grid for all panels, whose time axes stand exactly above each other.
+    # One grid for all panels aligns their time axes.
     grid = figure.add_gridspec(2 * rows, columns, height_ratios=(2.4, 1.0) * rows)
     handles: list[Any] = []
     for joint in range(n):
@@ -237,7 +237,7 @@ def _compared(
 def residuals(
     fit: Identification, experiment: Experiment, *, predictions: Sequence[Prediction] | None = None
 ) -> Figure:
-    """Draw what the model leaves of the torques: autocorrelation and distribution, joint by joint.
+    """Draw autocorrelation and distribution of the residual torques, joint by joint.
 
     Parameters
     ----------
@@ -247,8 +247,8 @@ def residuals(
     Returns
     -------
     Figure
-        Per joint the autocorrelation with the band that holds 95 % of the lags of white noise and, where decimation has correlated
-        the rows, what it makes of white noise; and the histogram with the normal curve of the same mean and size.
+        Per joint the autocorrelation with the 95 % band of white noise and, if decimation has correlated the rows, the
+        autocorrelation of decimated white noise; and the histogram with the normal curve of the same mean and size.
 
     Raises
     ------
@@ -285,7 +285,7 @@ def residuals(
                 label="white noise, decimated",
             )
         upper.axhline(0.0, color="#5b6470", linewidth=0.6)
-        # The scale follows the bars: those of a good fit are a tenth high, and would be lost below an axis that ends at 1.
+        # The scale adapts to the bars: those of a good fit are 0.1 high and would be invisible on an axis up to 1.
         low, high = (
             float(np.nanmin(correlation[1:], initial=0.0)),
             float(np.nanmax(correlation[1:], initial=0.0)),
@@ -312,5 +312,5 @@ def residuals(
 
 
 def _bins(values: Array) -> int:
-    """Bins by the square root of the number of values, within what can be seen."""
+    """Return the bins: the square root of the number of values, within visible bounds."""
     return int(np.clip(np.sqrt(values.size), 10, 60))

@@ -1,4 +1,4 @@
-"""Motion of a log against the limits of its robot, and the spectra of what the model leaves."""
+"""Pictures of a log's motion against the robot's limits, and of the spectra of the residual torques."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def motion(experiment: Experiment) -> Figure:
     Returns
     -------
     Figure
-        Per joint the position above and the speed below, over time from the first sample that is used, recordings one after the
-        other. Dotted lines are the limits of the robot file, where it has them; the title has the shares that the motion uses.
+        Per joint the position above and the speed below, over time from the first used sample, recordings one after the other.
+        Dotted lines are the limits of the robot file, if any; the title gives the shares of the limits that the motion uses.
 
     Raises
     ------
@@ -137,8 +137,8 @@ def spectra(
     Returns
     -------
     Figure
-        Amplitude spectral densities over frequency, both logarithmic, of the rows that the fit is made of. The thin line is the
-        level of white noise of the size of the residual: peaks above it have a cause that the model lacks.
+        Amplitude spectral densities over frequency, both logarithmic, on the rows of the fit. The thin line is the level of
+        white noise with the size of the residual: peaks above it indicate missing terms of the model.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def spectra(
         unit = units(kind)[1]
         axes.loglog(f, measured[:, joint], color=MEASURED, linewidth=1.8, label="measured torque")
         axes.loglog(f, residual[:, joint], color=RESIDUAL, linewidth=1.0, label="residual")
-        # The same power over the same band, without colour.
+        # White noise of the same power over the same band.
         level = float(np.sqrt(np.mean(residual[:, joint] ** 2)))
         axes.axhline(level, color=FAINT, linewidth=1.2, label="white noise of its size", zorder=0.5)
         axes.set_title(f"joint {joint + 1}")
@@ -188,16 +188,16 @@ def spectrum(predictions: Sequence[Prediction], key: str) -> tuple[Array, Array]
     Parameters
     ----------
     predictions : sequence of Prediction
-        Windows of one rate, of `FEWEST_SPECTRUM_ROWS` rows at least.
+        Windows of one rate with at least `FEWEST_SPECTRUM_ROWS` rows.
     key : str
         "measured", "predicted" or "residual".
 
     Returns
     -------
     f : (n_frequencies,) array
-        Without zero.
+        Frequencies, without zero.
     density : (n_frequencies, n_dof) array
-        Root of the mean power of all windows, each with the weight of its rows.
+        Root of the mean power of all windows, weighted by their rows.
     """
     from scipy.signal import welch
 

@@ -1,4 +1,4 @@
-"""Positions commanded, measured and simulated with an estimate of CLOE with known links."""
+"""Picture of commanded, measured and simulated positions for an estimate of CLOE with known links."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def positions(fit: Identification, experiment: Experiment, replays: Sequence[Rep
     Parameters
     ----------
     fit : Identification
-        Of CLOE with known links.
+        Result of CLOE with known links.
     experiment : Experiment
         Its log, or another one with the same unknowns.
     replays : sequence of Replay, optional
-        Rollouts that were simulated already.
+        Rollouts, if already simulated.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The skeleton of a robot in a pose: what its rows say, drawn, so that a wrong one is seen."""
+"""Picture of a robot's skeleton in a pose, in which a wrong row of the robot file is visible."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def robot(robot: Robot, q: ArrayLike | None = None, *, motion: ArrayLike | None 
     Parameters
     ----------
     robot : Robot
-        Its rows are drawn: links as lines, axes of the joints as short ones.
+        Robot; links are drawn as lines, joint axes as short ones.
     q : (n_dof,) array, optional
-        Pose (rad or m). By default the one of the motion that takes the last frame farthest out, across gravity; zero without
-        a motion.
+        Pose (rad or m). By default the pose of the motion with the longest horizontal reach of the last frame; zero without a
+        motion.
     motion : (n_samples, n_dof) array, optional
-        Positions; the way of the origin of the last frame is drawn.
+        Positions; the path of the last frame's origin is drawn.
 
     Returns
     -------

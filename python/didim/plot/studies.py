@@ -110,7 +110,7 @@ def errors(study: StudyResults, key: str | None = None) -> Figure:
 
 
 def _common(names: Sequence[str]) -> str:
-    """Parts that the names of scenarios share, between commas."""
+    """Return the common parts of the names of scenarios, which are separated by commas."""
     parts = [name.split(", ") for name in names]
     return _short(", ".join(part for part in parts[0] if all(part in other for other in parts)))
 
@@ -166,7 +166,7 @@ def _legend(figure: Figure, ax: Axes, styles: Mapping[str, tuple[str, str]]) -> 
 
 @styled
 def coverage(study: StudyResults) -> Figure:
-    """Draw how often the 95 % intervals of each method hold the truth, scenario by scenario.
+    """Draw the coverage of each method's 95 % intervals, scenario by scenario.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def coverage(study: StudyResults) -> Figure:
     Returns
     -------
     Figure
-        Shares with their 95 % intervals over the runs; calibrated methods stand on the line.
+        Shares with their 95 % intervals over the runs; calibrated methods are on the line.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def coverage(study: StudyResults) -> Figure:
 
 @styled
 def cost(study: StudyResults) -> Figure:
-    """Draw the torque error on the other motion over the time of a run: one point for each scenario.
+    """Draw the torque error on the other motion over the time of a run, one point per scenario.
 
     Parameters
     ----------

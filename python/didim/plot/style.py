@@ -1,4 +1,4 @@
-"""What all pictures share: colours that colour-blind readers tell apart, sizes, and matplotlib itself, which may be missing."""
+"""Common style of all pictures: colours for colour-blind readers, sizes, and the optional import of matplotlib."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ else:  # matplotlib is optional, and slow to load
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 
-# From the palette of Okabe and Ito, beside a grey for what was measured.
+# From the palette of Okabe and Ito, and grey for measurements.
 MEASURED, MODEL, RESIDUAL, GOOD, FAINT = "#9aa1ab", "#0072b2", "#d55e00", "#009e73", "#d9dce1"
 CYCLE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 """Colours of the curves, in order (palette of Okabe and Ito)."""
@@ -61,7 +61,7 @@ STYLE: dict[Any, Any] = {
     "legend.fontsize": 8.5,
     "lines.linewidth": 1.1,
     "figure.facecolor": "white",
-    # A name is a name, whatever dollar signs are in it.
+    # Dollar signs in names are not mathematics.
     "text.parse_math": False,
     "svg.hashsalt": "didim",
     "svg.fonttype": "path",
@@ -74,12 +74,12 @@ _DIGITS = re.compile(r"(\.\d\d)\d+")
 
 
 def require() -> None:
-    """Check that pictures can be drawn.
+    """Check that matplotlib is available.
 
     Raises
     ------
     PlotError
-        When matplotlib is missing; the message says what to do.
+        When matplotlib is missing; the message says how to install it.
     """
     try:
         import matplotlib.figure  # noqa: F401
@@ -88,7 +88,7 @@ def require() -> None:
 
 
 def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-    """Give what a function draws the style of the package, and leave that of the caller alone."""
+    """Apply the style of the package within a function, without changing that of the caller."""
 
     @functools.wraps(draw)
     def inner(*arguments: _Arguments.args, **options: _Arguments.kwargs) -> _Result:
@@ -102,14 +102,14 @@ def styled(draw: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]
 
 
 def new_figure(height_in: float, width_in: float = WIDTH_IN, gap_in: float = 0.02) -> Figure:
-    """Return an empty figure that pyplot knows nothing of; the gap is that above and below every panel."""
+    """Return an empty figure outside pyplot; the gap is above and below every panel."""
     figure = _shown_figure()(figsize=(width_in, height_in), layout="constrained")
     figure.set_layout_engine("constrained", h_pad=gap_in)
     return figure
 
 
 def plain_ticks(axis: Axis) -> None:
-    """Write numbers such as 4 and 0.02 on a logarithmic axis, and also between powers of ten where it is short."""
+    """Label a logarithmic axis with numbers such as 4 and 0.02; a short axis also between powers of ten."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
     low, high = axis.get_view_interval()
@@ -135,25 +135,25 @@ def svg(figure: Figure) -> str:
     text = io.StringIO()
     canvas, dpi = figure.canvas, figure.dpi
     try:
-        # `savefig` draws the figure twice, the first time for the layout, which drawing makes by itself.
+        # `savefig` would draw the figure twice, first for the layout, which drawing computes anyway.
         FigureCanvasSVG(figure).print_svg(  # type: ignore[no-untyped-call]
             text, metadata={"Date": None, "Creator": None, "Type": None, "Format": None}
         )
     finally:
         figure.set_canvas(canvas)
         figure.dpi = dpi
-    # Lines need no millionth of a pixel, and hold most of the text.
+    # Coordinates are rounded: they are most of the text and need no millionth of a pixel.
     short = _PATH.sub(lambda found: _DIGITS.sub(r"\1", found.group()), text.getvalue())
     return _INDENT.sub("\n", short)
 
 
 @functools.cache
 def _shown_figure() -> type[Figure]:
-    """Return a `Figure` that notebooks display by themselves, without pyplot and its magic line."""
+    """Return a `Figure` that notebooks display without pyplot or a magic command."""
     from matplotlib.figure import Figure
 
     class ShownFigure(Figure):
-        """Figure with a picture of itself for notebooks."""
+        """Figure with a representation for notebooks."""
 
         def _repr_png_(self) -> bytes:
             data = io.BytesIO()
@@ -171,13 +171,13 @@ def _unpickled() -> Figure:
 
 
 def per_row(count: int, most: int) -> tuple[int, int]:
-    """Rows and columns of small multiples, the last row as full as it can be."""
+    """Return rows and columns of small multiples, with a last row as full as possible."""
     rows = -(-count // most)
     return rows, -(-count // rows)
 
 
 def thin(t: Array, y: Array) -> tuple[Array, Array]:
-    """Return what a line of `MOST_POINTS` points shows of a longer one: the lowest and the highest value of each piece."""
+    """Return a line thinned to `MOST_POINTS` points: the lowest and the highest value of each piece."""
     pieces = MOST_POINTS // 2
     length = len(t) // pieces
     if length < 3:
@@ -199,12 +199,12 @@ def line(axes: Axes, pieces: list[tuple[Array, Array]], **options: Any) -> None:
 
 
 def units(kind: str) -> tuple[str, str]:
-    """Units of position and of torque of a joint."""
+    """Return the units of position and torque of a joint."""
     return ("rad", "N.m") if kind == "revolute" else ("m", "N")
 
 
 def percent(share: float) -> str:
-    """Write 0.0712 as "7.1 %", and what is unknown as "-"."""
+    """Return 0.0712 as "7.1 %", and NaN as "-"."""
     if not np.isfinite(share):
         return "-"
     value = 100.0 * share

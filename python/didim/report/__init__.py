@@ -1,4 +1,4 @@
-"""Reports: one HTML page with a verdict, tables and pictures, which opens without a network.
+"""Reports: one HTML page with a verdict, tables and pictures, readable offline.
 
     didim.report.write("fit.html", fit, experiment)
 
@@ -34,13 +34,13 @@ def render(
     result : Identification, Comparison, Validation, Excitation or StudyResults
         From `identify`, `compare`, `validate`, `excite` or `study`.
     experiment : Experiment, optional
-        The log of an identification or a validation, which pictures of torques need; a comparison has its own, and a
+        The log of an identification or a validation, needed for pictures of torques; a comparison contains its log, and a
         designed motion needs none.
 
     Returns
     -------
     str
-        A whole page. The same result gives the same text on the same day, which ``SOURCE_DATE_EPOCH`` sets.
+        A whole page. The same result gives the same text on the same date; ``SOURCE_DATE_EPOCH`` sets the date.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def write(
 
 
 def check(path: str | Path) -> None:
-    """Look ahead whether a report can be written, so that no long identification ends without one.
+    """Check in advance whether a report can be written, before a long identification.
 
     Raises
     ------

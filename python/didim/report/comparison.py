@@ -1,4 +1,4 @@
-"""The report of a comparison: every method beside the truth, how far off, and at what cost."""
+"""The report of a comparison: every method beside the truth, with its errors and computing time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of a designed motion: what it tells of each parameter, how much of each limit it uses, and pictures of it."""
+"""The report of a designed motion: expected standard deviations, use of each limit, and pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of an identification: what was found, how well, and what it looks like."""
+"""The report of an identification: verdict, parameters, errors and pictures."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def fit_page(fit: Identification, experiment: Experiment) -> str:
 
 
 def judged(fit: Identification) -> tuple[Level, str, str]:
-    """Say how good a result is: a level, a word, and a sentence on what was found and how well."""
+    """Return the judgement of a result: a level, a word, and a sentence."""
     text = f"{title_of(fit.method)} found {counted(len(fit.names), 'base parameter')}"
     if fit.std.any():
         well = int(well_identified(fit).sum())
@@ -93,12 +93,12 @@ def judged(fit: Identification) -> tuple[Level, str, str]:
 
 
 def well_identified(fit: Identification) -> NDArray[np.bool_]:
-    """Tell which parameters were estimated with a relative sigma that is small enough, (b,)."""
+    """Return a mask of the well identified parameters, by their relative sigma, (b,)."""
     return np.asarray((fit.std > 0.0) & (fit.relative_std_percent <= WELL_IDENTIFIED_PERCENT))
 
 
 def tiles(fit: Identification) -> list[tuple[str, str]]:
-    """Return the numbers that a reader decides on: value and label."""
+    """Return the key numbers of a result: value and label."""
     found = [(percent(fit.overall_relative_error), "torque error, all joints")]
     for use in fit.verdict.uses:
         if use.error is None:
@@ -128,7 +128,7 @@ def log_tiles(fit: Identification, experiment: Experiment) -> list[tuple[str, st
 
 
 def _predictions(fit: Identification, experiment: Experiment) -> tuple[list[Prediction], list[str]]:
-    """Return the torques as the fit has them, or along the measured motion where a simulation ends early, which is then told."""
+    """Return the torques of the fit, or those along the measured motion, with a sentence, if a simulation ends early."""
     silent = [item.name for item in experiment.recordings if item.role == "fit" and item.tau is None]
     if silent:
         return [], [f"Recording '{silent[0]}' has no torques: there is nothing to compare the model's with."]
@@ -192,20 +192,20 @@ def aligned_rows(rows: Sequence[Sequence[str]], first: int) -> list[list[Text]]:
     """Return rows whose columns from `first` on are aligned on the decimal point."""
     cells = [list(column) for column in zip(*rows, strict=True)]
     for number in range(first, len(cells)):
-        # The first cell that `aligned` sees is a heading.
+        # The first cell for `aligned` is a heading.
         cells[number] = aligned(["", *cells[number]])[1:]
     return [list(row) for row in zip(*cells, strict=True)]
 
 
 def _origin(fit: Identification) -> str:
-    """How sigma was found, after "estimate"."""
+    """Return the origin of sigma, as the continuation of "estimate"."""
     return "" if fit.uncertainty is None else f" {fit.uncertainty.origin}"
 
 
 def parameter_section(
     fit: Identification, experiment: Experiment, predictions: Sequence[Prediction] = ()
 ) -> Html:
-    """Show the parameters, their intervals, and what they are made of."""
+    """Show the parameters, their intervals and their groupings."""
     head, *rows = fit.parameter_rows()
     last = len(head) - 1
     shown = aligned_rows([row[:last] for row in rows], 2)
@@ -218,7 +218,7 @@ def parameter_section(
         if row[last].startswith("*")
         for column in (4, last)
     }
-    # A long list stands in two halves beside each other.
+    # A long list is split into two halves side by side.
     half = -(-len(full) // 2) if len(full) > LONG_LIST else len(full)
     listing = beside(
         *(
@@ -314,7 +314,7 @@ def _residual_section(fit: Identification, experiment: Experiment, predictions: 
 
 
 def _friction_section(fit: Identification, experiment: Experiment) -> Html:
-    """Show friction over speed, where the log has positions, and torques to compare with."""
+    """Show friction over speed, if the log has positions and torques."""
     if not any(
         item.role == "fit" and item.tau is not None and item.has_positions for item in experiment.recordings
     ):
@@ -421,7 +421,7 @@ def robot_section(experiment: Experiment) -> Html:
 
 
 def provenance_section(fit: Identification) -> Html:
-    """Tell versions, files and settings."""
+    """Show versions, files and settings."""
     versions = [[package, str(version)] for package, version in fit.settings.get("versions", {}).items()]
     files = [[name, digest] for name, digest in fit.digests.items()]
     content = []

@@ -1,4 +1,4 @@
-"""HTML of a report: one page with everything in it, which asks nothing of a network. All text is escaped here."""
+"""HTML of a report: one self-contained page without network access. All text is escaped here."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ h2 { scroll-margin-top: 12px; }
 WIDE_PX = 700
 """Width of a picture (pixels) from which it scrolls sideways on a phone."""
 
-# Nothing may be fetched, whatever a file name or a message holds.
+# Nothing may be fetched, even if a file name or a message contains HTML.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 
@@ -135,7 +135,7 @@ def html(text: Text) -> str:
 
 
 def today() -> str:
-    """Return the date of a page; ``SOURCE_DATE_EPOCH`` sets it, as for other things that are built twice alike."""
+    """Return the date of a page; ``SOURCE_DATE_EPOCH`` sets it for reproducible builds."""
     given = os.environ.get("SOURCE_DATE_EPOCH", "")
     now = time.gmtime(int(given)) if given.isdecimal() else time.localtime()
     return time.strftime("%Y-%m-%d", now)
@@ -147,7 +147,7 @@ def page(title: str, subtitle: str, sections: Iterable[Html]) -> str:
     body = "\n".join(part.text for part in parts)
     places = [(part.name, part.title) for part in parts if part.name]
     links = "\n".join(f'<a href="#{name}">{escape(text)}</a>' for name, text in places)
-    # The verdict stands above the table of contents.
+    # The verdict is above the table of contents.
     first, _, rest = body.partition("</section>")
     body = f"{first}</section>\n<nav>\n{links}\n</nav>{rest}" if links and not parts[0].name else body
     return f"""\
@@ -184,7 +184,7 @@ def section(title: str, *content: Html) -> Html:
 def verdict(
     level: Level, badge: str, sentence: str, tiles: Sequence[tuple[str, str]], findings: Sequence[str]
 ) -> Html:
-    """Return what stands on top: a word, a sentence, a few numbers (value, label), and what to look at."""
+    """Return the summary on top: a word, a sentence, a few numbers (value, label), and remarks."""
     lines = [
         f'<section class="verdict {level}">',
         f'<strong class="badge">{escape(badge)}</strong>',
@@ -256,9 +256,9 @@ def table(
     rows : sequence of sequence of str
         Cells.
     numbers : iterable of int
-        Columns of numbers, which stand on the right.
+        Columns of numbers, which are right-aligned.
     groups : sequence of (str, int)
-        Headings above the headings, each over so many columns.
+        Headings over groups of columns, with the number of columns.
     classes : dict of (row, column) to str, optional
         Classes of single cells.
     """
@@ -291,17 +291,17 @@ def _cell(tag: str, text: Text, classes: Sequence[str]) -> str:
 
 
 def beside(*content: Html) -> Html:
-    """Return parts beside each other where the page is wide enough."""
+    """Return parts side by side if the page is wide enough."""
     inner = "\n".join(part.text for part in content)
     return Html(f'<div class="beside">\n{inner}\n</div>')
 
 
 def details(summary: str, *content: Html) -> Html:
-    """Return what unfolds on a click."""
+    """Return content that unfolds on a click."""
     inner = "\n".join(part.text for part in content)
     return Html(f"<details><summary>{escape(summary)}</summary>\n{inner}\n</details>")
 
 
 def code(text: str) -> Html:
-    """Return text as it is, in columns."""
+    """Return preformatted text."""
     return Html(f"<pre>{escape(text)}</pre>")

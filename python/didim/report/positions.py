@@ -1,4 +1,4 @@
-"""The report of CLOE with known links: the verdict, parameters by limb and joint, errors, and the log again in simulation."""
+"""The report of CLOE with known links: verdict, parameters by limb and joint, errors, and the simulated log."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def validation_page(validation: Validation, experiment: Experiment) -> str:
 
 
 def _sentence(item: RecordingValidation) -> str:
-    """Say what was found on a recording."""
+    """Return the sentence on a recording."""
     parts = []
     if np.isfinite(item.direct_overall):
         parts.append(

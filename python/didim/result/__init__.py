@@ -1,1 +1,1 @@
-"""The result of an identification."""
+"""The result of an identification: record, verdict, tables and sentences."""

@@ -1,4 +1,4 @@
-"""A result moved to the nearest robot, with every standard parameter, its interval and where it comes from.
+"""The physically consistent robot nearest to a result: every standard parameter with interval and source.
 
 Tested in ``tests/test_consistent.py``.
 """
@@ -31,7 +31,7 @@ LARGE = 1.0
 
 
 def recorded_robot(name: str, settings: Mapping[str, Any]) -> Robot:
-    """Return the robot of a result, from the geometry and friction that it keeps; without limits and parameter sets.
+    """Return the robot of a result from its recorded geometry and friction, without limits and parameter sets.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def recorded_robot(name: str, settings: Mapping[str, Any]) -> Robot:
 
 
 def _geometry(record: Mapping[str, Any]) -> Geometry:
-    """Return the geometry that a result keeps; results of 0.2.0 are of chains and have no mounts."""
+    """Return the recorded geometry of a result; results of 0.2.0 are of chains and have no mounts."""
     parts = {key: _frozen(value) for key, value in record.items()}
     for key, kind in (("mounts", Mount), ("followers", Follower)):
         items = record.get(key, ())
@@ -71,7 +71,7 @@ def _frozen(value: Any) -> Any:
 
 
 def distance_sentence(half_distance: float, n_parameters: int) -> str:
-    """Say how far the nearest robot is from the estimate, and what that means."""
+    """Return the sentence on the distance of the nearest robot from the estimate."""
     far = half_distance > LARGE * n_parameters
     meaning = (
         "more than noise explains: the model, the log or the covariance is wrong"
@@ -82,7 +82,7 @@ def distance_sentence(half_distance: float, n_parameters: int) -> str:
 
 
 def distance_findings(half_distance: float, n_parameters: int) -> list[Finding]:
-    """Return a reason where the nearest robot is further from the estimate than noise explains."""
+    """Return a finding if the nearest robot is further from the estimate than noise explains."""
     if half_distance <= LARGE * n_parameters:
         return []
     sentence = distance_sentence(half_distance, n_parameters)
@@ -90,7 +90,7 @@ def distance_findings(half_distance: float, n_parameters: int) -> list[Finding]:
 
 
 def _simulable(uses: Sequence[Use]) -> tuple[Use, ...]:
-    """Return uses of a result whose parameters are now those of a robot: it can be simulated as well as it predicts torques."""
+    """Return the uses of a result with physical parameters: simulation has the grade of the torque prediction."""
     control = next((use for use in uses if use.name == "control" and use.fit_for), None)
     return tuple(
         replace(control, name=use.name) if use.name == "simulation" and control is not None else use
@@ -99,7 +99,7 @@ def _simulable(uses: Sequence[Use]) -> tuple[Use, ...]:
 
 
 def record_of(robot: Robot, nearest: NearestRobot, gamma: float) -> dict[str, Any]:
-    """Return what a result keeps, as JSON has it."""
+    """Return the record for a result's JSON."""
     columns = zip(
         robot.parameter_names,
         robot.parameter_units,
@@ -165,7 +165,7 @@ def base_covariance(covariance: Array, estimated: Sequence[int], draws: Array) -
 
 
 class MovedToRobot:
-    """The part of a result that moves it to the nearest robot."""
+    """Methods of a result for the nearest robot."""
 
     robot: str
     roles: tuple[Role, ...]
@@ -190,22 +190,22 @@ class MovedToRobot:
     ) -> Self:
         """Return the nearest robot: all standard parameters physically consistent, with intervals from draws.
 
-        Each standard parameter is marked *identified*, or *from the prior* where the log does not hold it, or another prior
-        would move it by more than 0.3 of its own deviation. ``settings["consistent"]`` keeps the table; the errors of the torques
-        remain those of the estimate. Payloads, drive gains and own offsets stay as they are.
+        Each standard parameter is marked *identified*, or *from the prior* if the log does not identify it, or if another prior
+        would shift it by more than 0.3 standard deviations. ``settings["consistent"]`` records the table; the torque errors
+        remain those of the estimate. Payloads, drive gains and own offsets do not change.
 
         Parameters
         ----------
         prior : str, mapping, array or Prior
-            "generic" for solids that fit the arm, a parameter set of `robot` such as "urdf", values by name such as those of CAD.
+            "generic" for solids of the arm's size, a parameter set of `robot` such as "urdf", or values by name, such as from CAD.
         gamma : float
             Weight of the prior (nats): 1 is one nat per e-fold of volume.
         bounds : Bounds, optional
-            Masses and centres of mass that are known.
+            Bounds on masses and centres of mass.
         draws, seed : int
-            Draws of the estimate by its covariance, and the seed of NumPy's generator.
+            Number of draws of the estimate from its covariance, and the seed of NumPy's generator.
         robot : Robot, optional
-            The robot, where `prior` names one of its parameter sets; that of the result by default.
+            The robot with the parameter set `prior`; by default that of the result.
 
         Raises
         ------

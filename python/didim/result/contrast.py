@@ -1,9 +1,9 @@
-r"""The contrast of two estimates from one log: what their difference says of the log and of the settings.
+r"""The contrast of two estimates from one log: their difference and its own standard deviation.
 
     d = beta_2 - beta_1,    s^2 = (m - 1)/m sum_i (d_(i) - mean)^2,    |d| / s against Student's t with m - 1 degrees of freedom
 
-d_(i) is the difference of the two estimates without block i, from the deletions of both jackknives: no system is solved again. Two
-estimates of one log share most of their errors, so that their difference is known far better than either. With b parameters
+d_(i) is the difference of the two estimates without block i, from both jackknives, so no system is solved again. Two estimates
+of one log share most of their errors, so their difference is known much better than either of them. With b parameters
 Bonferroni's bound holds for all of them at once. Sources: Hausman (1978); Janot, Vandanjon and Gautier (2014).
 """
 
@@ -37,7 +37,7 @@ class Contrast(Printed):
     first, second : str
         Methods.
     names, units : tuple of str
-        Parameters that both estimate.
+        Names of the common parameters.
     difference : ndarray, shape (b,)
         Second less first estimate.
     std : ndarray, shape (b,)
@@ -45,7 +45,7 @@ class Contrast(Printed):
     std_first, std_second : ndarray, shape (b,)
         Standard deviations of the two estimates.
     degrees_of_freedom : float
-        Blocks less one.
+        Number of blocks less one.
     level : float
         Confidence that holds for all parameters together.
     """
@@ -70,7 +70,7 @@ class Contrast(Printed):
 
     @property
     def rms(self) -> float:
-        """Root mean square of `ratios`: near 1 where the two estimates differ by chance alone."""
+        """Root mean square of `ratios`: near 1 if the two estimates only differ by chance."""
         return float(np.sqrt(np.mean(self.ratios**2))) if self.names else 0.0
 
     @property
@@ -96,7 +96,7 @@ class Contrast(Printed):
 
     @property
     def in_sigma(self) -> Array:
-        """Difference in standard deviations of the first estimate, shape (b,); NaN where it has none."""
+        """Difference in standard deviations of the first estimate, shape (b,); NaN if it has none."""
         return np.asarray(
             np.divide(
                 self.difference,
@@ -181,8 +181,8 @@ def contrast(first: Identification, second: Identification, *, level: float = 0.
 
     Notes
     -----
-    ``test_contrast.py`` compares the deviation with the spread over many logs, and reads logs with a wrong filter and a wrong
-    controller.
+    ``test_contrast.py`` compares the standard deviation with the spread over many logs, and tests logs with a wrong filter and
+    with a wrong controller.
     """
     one, two = first.uncertainty, second.uncertainty
     for fit, uncertainty in ((first, one), (second, two)):
@@ -233,7 +233,7 @@ def contrast(first: Identification, second: Identification, *, level: float = 0.
 
 
 def reading(contrasts: Sequence[Contrast]) -> str:
-    """Return what the contrasts of IDIM-LS, IDIM-IV and DIDIM say together, in one sentence.
+    """Return the joint conclusion from the contrasts of IDIM-LS, IDIM-IV and DIDIM, in one sentence.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def reading(contrasts: Sequence[Contrast]) -> str:
     by_pair: Mapping[tuple[str, str], Contrast] = {(item.first, item.second): item for item in contrasts}
     filters, controller = by_pair.get(("idim-ls", "idim-iv")), by_pair.get(("idim-iv", "didim"))
     wrong_filter = filters is not None and not filters.agree
-    # A difference far below the standard deviations is no reason to distrust a controller, however sure it is.
+    # A difference far below the standard deviations does not discredit the controller, even if it is significant.
     wrong_controller = controller is not None and bool(controller.large)
     if wrong_filter and filters is not None:
         names = ", ".join(filters.beyond[:MOST_NAMED])
@@ -262,5 +262,5 @@ def reading(contrasts: Sequence[Contrast]) -> str:
 
 
 def _of_noise(fit: Identification) -> Array:
-    """Return standard deviations without the shift of missing friction: both estimates of a contrast have that error."""
+    """Return standard deviations without the part for missing friction, an error that both estimates of a contrast share."""
     return fit.std if fit.uncertainty is None else fit.uncertainty.without_shift(fit.std)

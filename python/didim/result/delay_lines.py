@@ -1,4 +1,4 @@
-"""What a result says of the delay of its torques. Tested in ``tests/test_identification.py``."""
+"""Printed lines on the torque delay of a result. Tested in ``tests/test_identification.py``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def delay_lines(delay: Mapping[str, Any], *, measured: bool) -> list[str]:
-    """Return what a result says of a delay; `measured` for a fit along measured motion, where a hold counts."""
+    """Return the lines on the delay; `measured` for a fit along measured motion, for which a hold is compensated."""
     lines = []
     compensated = delay.get("compensated_samples", 0.0)
     shown = (

@@ -1,6 +1,6 @@
-"""A finding: one thing that speaks for or against a result or a log, as a record. Its sentence is made last, in ``sentences.py``.
+"""Findings: records of evidence for or against a result or a log. Their sentences are written last, in ``sentences.py``.
 
-Nothing reads a sentence. Tested in ``tests/test_verdict.py``.
+No code reads a sentence. Tested in ``tests/test_verdict.py``.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ GRADES: tuple[Grade, ...] = get_args(Grade)
 
 @dataclass(frozen=True, kw_only=True)
 class Remedy:
-    """An edit of a file that takes a finding away.
+    """An edit of a file that resolves a finding.
 
     Attributes
     ----------
     file : {"experiment", "robot"}
         Which file.
     table, key : str
-        Where in it, such as ``[signal]`` and ``spikes``.
+        Table and key, such as ``[signal]`` and ``spikes``.
     action : {"set", "turn", "exchange", "divide", "add"}
-        What to do with the value there.
+        Kind of the edit.
     value : float, str, list or None
-        What to set, or to divide by.
+        Value to be set, or divisor.
     joints : tuple of int
         Entries concerned, by joints from 1; empty for all.
     """
@@ -46,14 +46,14 @@ class Remedy:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding(Pickled):
-    """One thing that a verdict rests on.
+    """One piece of evidence for a verdict.
 
     Attributes
     ----------
     code : str
-        What it is about; docs/verdict.md has a row for each.
+        Kind of the finding; docs/verdict.md has a row for each.
     grade : {"wrong", "doubtful", "note"}
-        How grave it is, by its effect.
+        Severity, by its effect.
     joints : tuple of int
         Joints concerned, from 1; empty for all or none.
     parameters : tuple of str
@@ -61,13 +61,13 @@ class Finding(Pickled):
     recordings : tuple of str
         Recordings concerned; empty for all.
     value, deviation : float or None
-        The number that goes with it, in the unit that the sentence names, and its standard deviation.
+        Its number, in the unit of the sentence, and the standard deviation.
     effect : float or None
-        What it does to the result: D of a cause (``didim.evidence.products``), a shift of parameters in sigma, a share.
+        Effect on the result: D of a cause (``didim.evidence.products``), a shift of parameters in sigma, or a share.
     remedy : Remedy or None
-        The edit that takes it away.
+        Edit that resolves it.
     facts : mapping
-        What the sentence says beside these: numbers, texts and lists, as JSON has them.
+        Further content of the sentence: numbers, texts and lists (JSON data).
     """
 
     code: str
@@ -86,12 +86,12 @@ class Finding(Pickled):
 
     @property
     def sentence(self) -> str:
-        """What was seen, where, and how large it is; without a full stop."""
+        """Sentence with observation, location and size; without a full stop."""
         return sentence_of(self)
 
     @property
     def advice(self) -> str:
-        """What to do about it; empty where nothing is to be done."""
+        """Advice; empty if no action is needed."""
         return advice_of(self)
 
     @property
@@ -106,7 +106,7 @@ class Finding(Pickled):
 
     @property
     def file(self) -> str | None:
-        """The data file concerned, where one is."""
+        """The data file concerned, if any."""
         return self.facts.get("file")
 
     @property
@@ -129,7 +129,7 @@ class Finding(Pickled):
         return f"{self.sentence}. {advice}." if advice else self.sentence
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields and the sentence, as JSON knows them."""
+        """Return all fields and the sentence as JSON data."""
         remedy = self.remedy
         return {
             "code": self.code,
@@ -149,7 +149,7 @@ class Finding(Pickled):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Finding:
-        """Restore what `to_dict` returned, in this version or in 0.2.0.
+        """Restore a finding from `to_dict` of this version or of 0.2.0.
 
         Raises
         ------
@@ -188,7 +188,7 @@ def said(
     value: float | None = None,
     **facts: Any,
 ) -> Finding:
-    """Return a finding whose words come with it, and where it was seen: file, column, samples."""
+    """Return a finding with its own sentence, and its location: file, column, samples."""
     recordings = () if recording is None else (recording,)
     return Finding(
         code=kind,

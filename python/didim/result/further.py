@@ -1,4 +1,4 @@
-"""Parameters beside those of the robot in a result: payloads, own offsets and friction of recordings, drive gains.
+"""Further parameters of a result: payloads, own offsets and friction of recordings, drive gains.
 
 Tested in ``tests/test_logs.py``.
 """
@@ -34,16 +34,16 @@ class Further(Pickled):
     Attributes
     ----------
     blocks : tuple of ColumnBlock
-        What they are, in the order of `values`.
+        Groups of the parameters, in the order of `values`.
     values : (e,) array
         Estimates: inertial parameters of payloads about the flange, differences of offsets and friction from those of the robot,
         and drive gains.
     covariance : (b + e, b + e) array
-        Covariance of the robot's base parameters and of these together; zero where no standard deviations are known.
+        Joint covariance of the robot's base parameters and these; zero if no standard deviations are known.
     std_white : (e,) array
         Standard deviations as if the errors of all rows were independent.
     payloads : mapping of str to Payload
-        What was known of each payload.
+        Known properties of each payload.
     reference : mapping of str to str
         Recording whose offsets (friction) are those of the robot, by kind.
     """
@@ -70,7 +70,7 @@ class Further(Pickled):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units, SI, joint side; drive gains are those of the side that the log has."""
+        """Units, SI, joint side; drive gains are on the side of the log."""
         return tuple(unit for block in self.blocks for unit in block.units)
 
     @property
@@ -85,7 +85,7 @@ class Further(Pickled):
         return dict(zip(self.names, self.values.tolist(), strict=True))
 
     def part(self, kind: str, owner: str = "") -> slice:
-        """Return the places of a block among the values; empty for one that is not there."""
+        """Return the slice of a block among the values; empty for a missing block."""
         start = 0
         for block in self.blocks:
             stop = start + len(block.names)
@@ -109,7 +109,7 @@ class Further(Pickled):
     def ten(self, name: str) -> tuple[Array, Array]:
         """Return the ten inertial parameters of a payload about the flange, (10,), and their covariance, (10, 10).
 
-        Parameters that no motion of the robot shows are zero.
+        Unidentifiable parameters are zero.
 
         Raises
         ------
@@ -185,7 +185,7 @@ class Further(Pickled):
             ten, covariance = self.ten(block.owner)
             if ten[9] > 0.0 and "MX" in block.names:
                 centre = ten[6:9] / ten[9]
-                # c = l / m: the mass is known, or counts with its own error.
+                # c = l / m, with the error of the mass unless it is known
                 derivative = np.hstack([np.eye(3), -centre[:, None]]) / ten[9]
                 std = np.sqrt(np.maximum(np.diag(derivative @ covariance[6:, 6:] @ derivative.T), 0.0))
                 place = ", ".join(
@@ -196,7 +196,7 @@ class Further(Pickled):
         return lines
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON has."""
+        """Return the values as JSON data."""
         rows = zip(self.names, self.units, self.values, self.std, self.std_white, strict=True)
         return {
             "blocks": [
@@ -225,7 +225,7 @@ class Further(Pickled):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Further:
-        """Restore what `to_dict` made."""
+        """Restore the values from `to_dict`."""
         rows = data["parameters"]
         return cls(
             blocks=tuple(

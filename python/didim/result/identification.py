@@ -38,7 +38,7 @@ from .verdict import Use, Verdict, derived
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Identification(InNotebook, MovedToRobot, Pickled):
-    """Identified parameters of a robot, how certain they are, and how well they explain the log.
+    """Identified parameters of a robot, with their uncertainty and the errors of the model on the log.
 
     All values are in SI units on the joint side.
 
@@ -47,16 +47,16 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     name, robot, method : str
         Experiment, robot and method ("idim-ls").
     status : Status
-        How it ended.
+        Ending of the identification.
     names, units, roles : tuple of str
-        Of the base parameters; a role is "estimated", "fixed" or "dropped".
+        Names, units and roles of the base parameters; a role is "estimated", "fixed" or "dropped".
     beta : ndarray, shape (b,)
         Base parameters.
     covariance : ndarray, shape (b, b)
-        Covariance of beta; zero for fixed and dropped parameters, and zero throughout where no standard deviations are known,
-        as after an iteration that did not converge.
+        Covariance of beta; zero for fixed and dropped parameters, and zero throughout if no standard deviations are known, as
+        after an iteration that did not converge.
     parameter_names : tuple of str
-        Of the standard parameters.
+        Names of the standard parameters.
     parameters : ndarray, shape (p,)
         Standard parameters with the torques of beta (lifted), in the order of ``robot.parameter_names``.
     relative_error : ndarray, shape (n_dof,)
@@ -66,42 +66,42 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     error_norm : float
         ``|Y - W beta|``, without weights.
     error_std : float
-        Its standard deviation, by the divisor that the settings choose.
+        Standard deviation of the torque error (N.m), with the divisor of the settings.
     condition_number : float
-        Of the observation matrix W, without weights.
+        Condition number of the observation matrix W, without weights.
     n_rows : int
         Rows of W.
     uncertainty : Uncertainty or None
-        How the standard deviations were found; None where there are none, and for results of older versions.
+        Source of the standard deviations; None without any, and for results of older versions.
     further : Further or None
-        Parameters of the logs beside those of the robot: payloads, own offsets and friction, drive gains.
+        Further parameters of the logs: payloads, own offsets and friction, drive gains.
     output_error : (float, float) or None
         Norm of measured less simulated torque over that of measured torque, (12): with the initial parameters and with
-        these; None for IDIM-LS, which simulates nothing.
+        these; None for IDIM-LS, which does not simulate.
     n_simulations : int
-        Simulations of the direct dynamic model; none for IDIM-LS.
+        Number of simulations of the direct dynamic model; 0 for IDIM-LS.
     elapsed : float
         Seconds.
     history : tuple of Iteration
         One per solution or iteration.
     held_out : tuple of HeldOut
-        Recordings that were kept out of the fit.
+        Held-out recordings.
     warnings : tuple of str
-        Sentences on what physics forbids.
+        Sentences on physically impossible parameters.
     remarks : tuple of str
-        Sentences on what a reader should know: a log that looks wrong, a step that is too large.
+        Sentences on the result, for example on a suspicious log or too large a step.
     delay : mapping
         "compensated_samples" (a number, or a list with one per joint); "hold_s", the sample time of a digital controller whose
-        hold is allowed for along measured motion; "estimated_samples", "estimated_seconds", "estimated_std_samples",
+        hold is compensated along measured motion; "estimated_samples", "estimated_seconds", "estimated_std_samples",
         "estimated_joints", "estimated_joints_std" and "estimated_cutoff_hz" if the delay was estimated.
     settings, digests : mapping
-        What was asked for; SHA-256 of every file read.
+        Settings of the identification; SHA-256 of every file read.
     ending : str
-        Sentence on the stopping rule that fired, or on what the result is when none did; empty where the status says it all.
+        Sentence on the stopping rule that fired, or on the result if none did; empty if the status is sufficient.
     evidence : tuple of Finding
-        What was found for or against the result, beside status, warnings and remarks: see `verdict`.
+        Findings for or against the result, in addition to status, warnings and remarks: see `verdict`.
     uses : tuple of Use
-        What it is good for: see `verdict`.
+        Suitability of the result for each use: see `verdict`.
     """
 
     name: str
@@ -171,7 +171,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
     @property
     def std_ratio(self) -> Array:
-        """Standard deviation over that of (10), shape (b,): how much more than white noise the model's errors count; or NaN."""
+        """Ratio of the standard deviations to those of (10), shape (b,): the effect of correlated model errors; or NaN."""
         white = self.std_white
         return np.divide(self.std, white, out=np.full_like(white, np.nan), where=white > 0.0)
 
@@ -195,8 +195,8 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
         Notes
         -----
-        Student's distribution has the blocks less one as degrees of freedom, or the rows less parameters
-        (`didim.result.uncertainty`). ``test_uncertainty.py`` checks how often they cover the truth.
+        The degrees of freedom of Student's distribution are the blocks less one, or the rows less the parameters
+        (`didim.result.uncertainty`). ``test_uncertainty.py`` checks the coverage.
         """
         half = self.interval_factor(level) * self.std
         if not self.std.any():
@@ -216,7 +216,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
     @property
     def converged(self) -> bool:
-        """Whether the method reached what it aims at."""
+        """Whether the method converged."""
         return self.status.converged
 
     @property
@@ -228,7 +228,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
     @property
     def conclusion(self) -> str:
-        """How it ended, and by which rule."""
+        """Ending of the identification, with the stopping rule."""
         return f"{self.status.value} {self.ending}".rstrip()
 
     @property
@@ -291,7 +291,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             )
         if "consistent" in self.settings:
             lines += ["", *table_of(self.settings["consistent"])]
-        # The last line is what is read: it must not sound better than the result is.
+        # Readers read the last line first: it must not sound better than the result is.
         verdict = self.verdict
         return "\n".join([*lines, *verdict.lines(), "", self.conclusion, verdict.sentence])
 
@@ -409,12 +409,12 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
     @classmethod
     def load(cls, path: str | Path) -> Identification:
-        """Restore what `save` wrote.
+        """Restore a result from the file of `save`.
 
         Raises
         ------
         FitError
-            When the file cannot be read, or is not such JSON; the message says what is missing.
+            When the file cannot be read, or is not such JSON; the message names the missing field.
         """
         data = read_saved(path)
         try:
@@ -426,7 +426,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
 
 def checked(fit: Identification) -> Identification:
-    """Refuse numbers that no identification gives.
+    """Refuse numbers that cannot come from an identification.
 
     Raises
     ------

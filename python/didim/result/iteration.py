@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, kw_only=True)
 class Iteration:
-    """One iteration of a method, as given to ``callback`` and kept in ``history``.
+    """One iteration of a method, passed to ``callback`` and stored in ``history``.
 
     Attributes
     ----------
@@ -19,7 +19,7 @@ class Iteration:
     step : float
         Norm of the change of beta over that of beta (from zero in the first iteration).
     more : mapping of str to float
-        What else the method has to say.
+        Further numbers of the method.
     """
 
     iteration: int
@@ -51,7 +51,7 @@ class Reporter:
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOut:
-    """How well the estimate predicts the torques of a recording that it was not made from.
+    """Torque errors of an estimate on a held-out recording.
 
     Attributes
     ----------

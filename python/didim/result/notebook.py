@@ -10,7 +10,7 @@ from .table import error_lines
 
 
 class _Result(Protocol):
-    """What a result brings."""
+    """Attributes of a result used here."""
 
     @property
     def further(self) -> Further | None: ...
@@ -25,7 +25,7 @@ class InNotebook:
 
     def _repr_html_(self: _Result) -> str:
         title, *rest = str(self).split("\n")
-        # What follows the table of errors, whatever it is.
+        # Text after the table of errors.
         tail = rest[rest.index(error_lines(self.error_rows())[-1]) + 1 :]
         return page(title, self.parameter_rows(), self.error_rows(), "\n".join(tail).strip("\n"))
 

@@ -16,12 +16,12 @@ from .verdict import DERIVED, Use
 
 
 def fields_of(data: dict[str, Any]) -> dict[str, Any]:
-    """Fields of an `Identification` by name, from the JSON of `Identification.to_dict`.
+    """Return the fields of an `Identification` by name, from the JSON of `Identification.to_dict`.
 
     Raises
     ------
     KeyError, AttributeError, TypeError, ValueError, OverflowError, IndexError
-        For JSON of another kind.
+        For JSON of a different structure.
     """
     parameters = data["parameters"]
     known = ("iteration", "relative_error", "step")

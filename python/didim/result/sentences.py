@@ -1,6 +1,6 @@
-"""The words of findings: what makes sentences of them, and what to do about each; those of causes stand in ``words/causes.py``.
+"""Sentences and advice of findings; those of causes are in ``words/causes.py``.
 
-A finding whose words come with it (a status, a remark, a flag on physics) has them as ``facts["text"]`` and ``facts["advice"]``.
+A finding with its own sentence (a status, a remark, a flag on physics) has it as ``facts["text"]`` and ``facts["advice"]``.
 Tested in ``tests/test_verdict.py``.
 """
 
@@ -17,7 +17,7 @@ Told = Any
 
 
 def sentence_of(finding: Told) -> str:
-    """Return what was seen, where, and how large it is; without a full stop."""
+    """Return observation, location and size; without a full stop."""
     if "text" in finding.facts:
         return str(finding.facts["text"])
     if finding.code in CAUSES and "left" in finding.facts:
@@ -26,7 +26,7 @@ def sentence_of(finding: Told) -> str:
 
 
 def advice_of(finding: Told) -> str:
-    """Return what to do about it; empty where nothing is to be done."""
+    """Return the advice; empty if no action is needed."""
     if "text" in finding.facts:
         return str(finding.facts.get("advice", ""))
     if finding.code in CAUSES and "left" in finding.facts:
@@ -35,18 +35,18 @@ def advice_of(finding: Told) -> str:
 
 
 def between(values: Sequence[float], digits: str = ".2g") -> str:
-    """Return the smallest and the largest of some numbers as text, or the one that they are."""
+    """Return the smallest and the largest of some numbers as text, or one number if they are equal."""
     low, high = (format(value, digits) for value in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"
 
 
 def percent(share: float) -> str:
-    """Return a share as a number of percent."""
+    """Return a share in percent as text."""
     return f"{100.0 * share:.2g}" if abs(share) < 0.995 else f"{100.0 * share:.0f}"
 
 
 def percents(shares: Sequence[float]) -> str:
-    """Return the smallest and the largest of some shares in percent, or the one that they are."""
+    """Return the smallest and the largest of some shares in percent, or one number if they are equal."""
     low, high = percent(min(shares)), percent(max(shares))
     return low if low == high else f"{low} to {high}"
 
@@ -79,7 +79,7 @@ def _cause_advice(finding: Told) -> str:
     return advice
 
 
-# Everything else: (sentence, advice) of the finding.
+# All other findings: (sentence, advice).
 
 
 def _not_white(f: Told) -> str:

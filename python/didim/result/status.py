@@ -1,4 +1,4 @@
-"""How an identification ended: every ending is a named status, and its value is a sentence for people."""
+"""Endings of an identification: named statuses whose value is a sentence."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import Enum
 
 
 class Status(Enum):
-    """Ending of an identification; ``status.value`` says what happened and what to do about it."""
+    """Ending of an identification; ``status.value`` is a sentence with the event and the advice."""
 
     SOLVED = "Solved: the least-squares estimate is unique."
     ILL_CONDITIONED = (
@@ -27,5 +27,5 @@ class Status(Enum):
 
     @property
     def converged(self) -> bool:
-        """Whether the estimate is the one that the method aims at (exit code 0 of the command line)."""
+        """Whether the method converged (exit code 0 of the command line)."""
         return self in (Status.SOLVED, Status.CONVERGED)

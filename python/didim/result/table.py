@@ -1,6 +1,6 @@
-"""How names, values and sigmas are printed: aligned on the decimal point, uncertain parameters marked.
+"""Printed tables of names, values and sigmas: aligned on the decimal point, uncertain parameters marked.
 
-It knows numbers and no result. Tested in ``tests/test_identification.py``.
+It only depends on numbers, not on results. Tested in ``tests/test_identification.py``.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ def parameter_rows(
     """Return the heading and the cells of the table of parameters.
 
     The cells are name, unit, estimate, sigma, sigma %, both ends of the 95 % interval, the ratio of sigma to that of (10), and a
-    remark: ``*`` where a parameter is not well identified.
+    remark: ``*`` for a parameter that is not well identified.
 
     Parameters
     ----------
     names, units, roles : sequence of str
         One per parameter; only those with the role "estimated" have a sigma.
     values, stds, percents : (b,) arrays
-        Estimates, their standard deviations and these in percent; all standard deviations zero: they are unknown.
+        Estimates, their standard deviations and these in percent; unknown if all standard deviations are zero.
     factor : float
         Half the width of the interval in standard deviations.
     ratios : (b,) array
-        Standard deviation over that of (10); NaN where it is not known.
+        Ratio of the standard deviation to that of (10); NaN if unknown.
     remarks : mapping of str to str
-        What else is remarked, by name.
+        Further remarks by name.
     """
     rows: list[tuple[str, ...]] = [PARAMETER_HEAD]
     known = bool(stds.any())
@@ -68,7 +68,7 @@ def parameter_rows(
         places = _decimal_places(std)
         uncertain = known and not percent <= WELL_IDENTIFIED_PERCENT
         half = factor * std
-        # A search that gives no covariance says nothing on sigma.
+        # A search without covariance has no sigma.
         sigmas = (
             (
                 _number(std, places),
@@ -86,7 +86,7 @@ def parameter_rows(
 
 
 def limb_headings(robot: Mapping[str, Any]) -> list[tuple[frozenset[int], str]]:
-    """Return numbers of the joints of each limb of a tree, and the line that opens its parameters; nothing for joints in a line.
+    """Return numbers of the joints of each limb of a tree, and the line that opens its parameters; nothing for a chain.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def limb_headings(robot: Mapping[str, Any]) -> list[tuple[frozenset[int], str]]:
 def parameter_lines(
     rows: Sequence[tuple[str, ...]], headings: Sequence[tuple[frozenset[int], str]] = ()
 ) -> list[str]:
-    """Lines of a table of `parameter_rows`, with a footnote where parameters are not well identified.
+    """Return the lines of a table of `parameter_rows`, with a footnote if parameters are not well identified.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def parameter_lines(
 
 
 def error_rows(sets: Sequence[tuple[str, Sequence[float], float]]) -> list[tuple[str, ...]]:
-    """Heading, and relative errors in % per joint and of all.
+    """Return the heading, and relative errors in % per joint and of all.
 
     Parameters
     ----------
@@ -160,27 +160,27 @@ def error_rows(sets: Sequence[tuple[str, Sequence[float], float]]) -> list[tuple
 
 
 def error_lines(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Lines of a table of `error_rows`."""
+    """Return the lines of a table of `error_rows`."""
     columns = list(zip(*rows, strict=True))
     cells = [_left(columns[0]), *(aligned(column) for column in columns[1:])]
     return ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
 
 
 def _decimal_places(std: float) -> int:
-    """Decimals that show three digits of sigma, and four decimals at least."""
+    """Return the number of decimals for three digits of sigma, at least four."""
     if not math.isfinite(std) or std <= 0.0:
         return 6
     return max(4, 2 - math.floor(math.log10(std)))
 
 
 def _number(value: float, places: int) -> str:
-    """Write in fixed point, or with a power of ten what would take a line of zeros."""
+    """Write a number in fixed point, or with a power of ten if it would have many zeros."""
     fixed_point = places <= MOST_PLACES and abs(value) < LARGEST_FIXED_POINT
     return f"{value:.{places}f}" if fixed_point else f"{value:.4g}"
 
 
 def _sigma_percent(percent: float) -> str:
-    """Write a relative sigma: three digits, and four decimals below 10 %, as the EMPS is published."""
+    """Write a relative sigma with three digits, and four decimals below 10 %, as in the publication of the EMPS."""
     if math.isnan(percent):
         return "-"
     if percent > LARGEST_PERCENT:
@@ -191,7 +191,7 @@ def _sigma_percent(percent: float) -> str:
 
 
 def percent_text(percent: float) -> str:
-    """Percentage with fewer decimals the larger it is."""
+    """Return a percentage, with fewer decimals the larger it is."""
     if not math.isfinite(percent):
         return "-"
     size = abs(percent)
@@ -204,7 +204,7 @@ def _left(cells: Sequence[str]) -> list[str]:
 
 
 def aligned(cells: Sequence[str]) -> list[str]:
-    """Cells aligned on their decimal points; the first one, a heading, and empty ones are right-aligned."""
+    """Return cells aligned on their decimal points; the heading and empty cells are right-aligned."""
     split = [cell.partition(".") for cell in cells[1:]]
     before = max(len(whole) for whole, _, _ in split)
     after = max(len(point + part) for _, point, part in split)

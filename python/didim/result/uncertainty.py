@@ -1,4 +1,4 @@
-"""How the standard deviations of a result were found, and the intervals that follow. Tested in ``tests/test_uncertainty.py``."""
+"""Source of a result's standard deviations, and confidence intervals. Tested in ``tests/test_uncertainty.py``."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LAWS = {
 
 @dataclass(frozen=True)
 class TimeBlock:
-    """An interval of a recording whose rows, of all joints, the jackknife leaves out together.
+    """An interval of a recording whose rows, of all joints, form one block of the jackknife.
 
     Attributes
     ----------
@@ -57,14 +57,15 @@ class TimeBlock:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Uncertainty(Pickled):
-    """How the standard deviations of a result were found.
+    """Source of the standard deviations of a result.
 
     Attributes
     ----------
     kind : {"jackknife", "decimated", "white", "correlated", "draws"}
-        Where the standard deviations come from.
+        Source of the standard deviations.
     degrees_of_freedom : float
-        Of Student's distribution of the intervals: blocks less one, or rows less parameters; of draws those of the estimate.
+        Degrees of freedom of Student's distribution for the intervals: blocks less one, or rows less parameters; for draws
+        those of the estimate.
     std_white : ndarray, shape (b,)
         Standard deviations (10), as if the errors of all rows were independent; zero for fixed and dropped parameters.
     joint_std : ndarray, shape (n_dof,)
@@ -74,10 +75,10 @@ class Uncertainty(Pickled):
     deletions : ndarray, shape (m, b)
         Estimate without each block less the estimate.
     single_block : mapping of str to int
-        Parameters that a single block determines, with its number from 0: their standard deviation is not the jackknife's.
+        Parameters determined by a single block, with its number from 0; their standard deviation is not from the jackknife.
     friction : FrictionAlarm or None
-        Whether the residual has friction that the model lacks; the standard deviations then include its shift. None where it
-        was not tested.
+        Whether the residual contains friction that the model lacks; the standard deviations then include the resulting shift.
+        None if not tested.
     """
 
     kind: Kind
@@ -107,7 +108,7 @@ class Uncertainty(Pickled):
         return student_factor(level, self.degrees_of_freedom)
 
     def without_shift(self, std: Array) -> Array:
-        """Return standard deviations, shape (b,), without the shift of friction that the model lacks: those of the noise alone.
+        """Return standard deviations, shape (b,), of the noise alone, without the shift by missing friction.
 
         ``test_uncertainty.py`` compares parts of a real log with them.
         """
@@ -148,12 +149,12 @@ class Uncertainty(Pickled):
         return ["no friction law that the model lacks was seen in the residual; sigma holds if there is none"]
 
     def of_draws(self) -> Uncertainty:
-        """Return that of the nearest robot: Student's distribution of its draws has the degrees of freedom of the estimate."""
+        """Return the record for the nearest robot: the distribution of its draws has the degrees of freedom of the estimate."""
         return replace(self, kind="draws", blocks=(), deletions=np.zeros((0, 0)), single_block={})
 
     @property
     def origin(self) -> str:
-        """How sigma was found, in words."""
+        """Origin of sigma in words."""
         return {
             "jackknife": f"by the jackknife, {len(self.blocks)} blocks of time left out one at a time",
             "decimated": "for white noise that the decimation has correlated",
@@ -163,7 +164,7 @@ class Uncertainty(Pickled):
         }[self.kind]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON has; the parameters have `std_white` beside their `std`."""
+        """Return the fields as JSON data, without `std_white`, which the parameters have beside their `std`."""
         return {
             "kind": self.kind,
             "degrees_of_freedom": self.degrees_of_freedom if np.isfinite(self.degrees_of_freedom) else None,
@@ -176,7 +177,7 @@ class Uncertainty(Pickled):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], std_white: Array) -> Uncertainty:
-        """Restore what `to_dict` made."""
+        """Restore the record from `to_dict`."""
         freedom = data["degrees_of_freedom"]
         deletions = np.array(data["deletions"], dtype=np.float64)
         return cls(
@@ -192,7 +193,7 @@ class Uncertainty(Pickled):
 
 
 def student_factor(level: float, degrees_of_freedom: float) -> float:
-    """Two-sided quantile of Student's distribution; of the normal one for infinite degrees of freedom.
+    """Return the two-sided quantile of Student's distribution; of the normal one for infinite degrees of freedom.
 
     Raises
     ------

@@ -15,7 +15,7 @@ from .status import Status
 
 
 class State(StrEnum):
-    """What a verdict says: the word that is printed."""
+    """State of a verdict; the value is printed."""
 
     SOUND = "sound"
     DOUBTFUL = "doubtful"
@@ -28,19 +28,19 @@ Reason = Finding
 
 @dataclass(frozen=True)
 class Use:
-    """What a result is good for.
+    """Suitability of a result for one use.
 
     Attributes
     ----------
     name : {"simulation", "gravity compensation", "control", "payload"}
         The use.
     error : float or None
-        Error to expect: a share of the torques (0.04 = 4 %), and for a payload a mass (kg), twice its standard deviation; None
-        where the result cannot be used so.
+        Expected error: a share of the torques (0.04 = 4 %), or for a payload a mass (kg), twice its standard deviation; None if
+        the result is unsuitable.
     fit_for : bool
-        Whether nothing forbids it.
+        Whether the result is suitable.
     why : str
-        What the error rests on, or what forbids it.
+        Basis of the error, or the reason against the use.
     """
 
     name: str
@@ -55,20 +55,20 @@ class Use:
         return f"{self.name}: {size}, {self.why}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields, as JSON knows them."""
+        """Return all fields as JSON data."""
         return dict(vars(self))
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the evidence says of a result.
+    """Verdict on a result, from its findings.
 
     Attributes
     ----------
     reasons : tuple of Finding
         Gravest first; notes last.
     uses : tuple of Use
-        What the result is good for, with the error to expect; empty where nothing is known.
+        Suitability for each use, with the expected error; empty if unknown.
     """
 
     reasons: tuple[Finding, ...] = ()
@@ -76,7 +76,7 @@ class Verdict:
 
     @classmethod
     def of(cls, reasons: Iterable[Finding], uses: Iterable[Use] = ()) -> Verdict:
-        """Return the verdict with its reasons in order of gravity; of equal sentences the first is kept."""
+        """Return the verdict with its reasons in order of gravity, without repeated sentences."""
         kept: dict[str, Finding] = {}
         for reason in sorted(reasons, key=lambda reason: GRADES.index(reason.grade)):
             kept.setdefault(reason.sentence, reason)
@@ -84,7 +84,7 @@ class Verdict:
 
     @property
     def state(self) -> State:
-        """Sound, doubtful or wrong: that of the gravest reason."""
+        """Sound, doubtful or wrong, by the gravest reason."""
         grades = {reason.grade for reason in self.reasons}
         if "wrong" in grades:
             return State.WRONG
@@ -92,7 +92,7 @@ class Verdict:
 
     @property
     def sound(self) -> bool:
-        """Whether nothing speaks against the result."""
+        """Whether there is no reason against the result."""
         return self.state is State.SOUND
 
     @property
@@ -102,7 +102,7 @@ class Verdict:
 
     @property
     def notes(self) -> tuple[Finding, ...]:
-        """What else a reader should know."""
+        """Notes, which do not affect the state."""
         return tuple(reason for reason in self.reasons if reason.grade == "note")
 
     def _repr_html_(self) -> str:
@@ -135,7 +135,7 @@ class Verdict:
         return "\n".join([*self.lines(), "", self.sentence]).lstrip("\n")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return state, sentence and reasons, as JSON knows them."""
+        """Return state, sentence and reasons as JSON data."""
         return {
             "state": self.state.value,
             "sentence": self.sentence,

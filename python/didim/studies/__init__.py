@@ -1,1 +1,1 @@
-"""Studies made with methods: comparison, prediction, validation, simulation."""
+"""Applications of methods: comparison, prediction, validation, simulation."""

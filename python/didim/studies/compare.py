@@ -1,4 +1,4 @@
-"""The paper's experiment: a simulated log of a robot whose parameters are known, identified by every method.
+"""The paper's experiment: a simulated log of a robot with known parameters, identified by every method.
 
 Tested in ``tests/test_compare.py``.
 """
@@ -42,15 +42,15 @@ def all_methods(
     Parameters
     ----------
     experiment : Experiment
-        CLOE starts from the set ``apriori`` of its robot, (21), or where there is none from unit rotors, (17).
+        Experiment; CLOE starts from the set ``apriori`` of its robot, (21), or without one from unit rotors, (17).
     simplex_iterations : int, optional
-        Of Nelder and Mead; None for as many as the paper's recipe allows, 0 to leave the simplex out.
+        Upper bound of the iterations of Nelder and Mead; None for that of the paper's recipe, 0 to omit the simplex.
     variants : sequence of str
-        Of the simplex; one method each.
+        Variants of the simplex, one method each.
     uncertainty : {"jackknife", "decimated", "white"}, optional
-        Where standard deviations come from, as in `LeastSquaresSettings`; as in the experiment by default.
+        Source of the standard deviations, as in `LeastSquaresSettings`; by default that of the experiment.
     solver : str or solver
-        How IDIM-LS and DIDIM solve (7); CLOE has no linear system.
+        Solver of (7) in IDIM-LS and DIDIM; CLOE has no linear system.
     """
     from ..methods.cloe.cloe import CLOE
     from ..methods.didim.didim import DIDIM
@@ -92,20 +92,20 @@ def compare(
     Parameters
     ----------
     experiment : Experiment or str
-        What is simulated, or the name of a robot whose experiment comes with the package.
+        Experiment to be simulated, or the name of a robot with an included experiment.
     parameters : str, optional
-        Parameter set of the robot that is the truth. By default `PHYSICAL` where the robot has it, since a robot that no one could
-        build speaks against methods that demand physical parameters; otherwise "didim", the paper's.
+        True parameter set. By default `PHYSICAL` if the robot has it, because a physically impossible truth is unfair to
+        methods with physical constraints; otherwise "didim", the paper's.
     methods : sequence, optional
         Settings, classes or names of methods, as for `identify`; by default all of `all_methods`.
     noise : bool
-        False for a log without noise; it is then simulated with the steps of the identification, so that the truth is met.
+        False for a log without noise, simulated with the steps of the identification so that the truth is recovered exactly.
     seed : int, optional
-        Of the noise.
+        Seed of the noise.
     callback : callable, optional
-        Called with the method and every iteration.
+        Callback with the method and every iteration.
     verbose : bool, optional
-        As for `identify`, of each method.
+        As for `identify`.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def compare(
     Raises
     ------
     DidimError
-        One of its kinds.
+        Any of its subclasses.
     """
     from ..methods.cloe.cloe import CLOE
     from ..methods.start import FROM_LOG, standard_start
@@ -137,7 +137,7 @@ def compare(
         try:
             fit = fits[key] = identify(log, method, callback=told, verbose=verbose)
         except FitError as reason:
-            # The results of the methods before are worth more than a refusal.
+            # The results of the preceding methods are worth more than an error.
             if not fits:
                 raise
             notes.append(f"{key} gives no result: {reason}")
@@ -170,13 +170,13 @@ def compare(
 
 
 def truth_of(experiment: Experiment, name: str | None = None) -> Array:
-    """Return the parameter set that a simulated log is made with, (c,): the named one, else `PHYSICAL`, else "didim"."""
+    """Return the true parameter set of a simulated log, (c,): the named one, else `PHYSICAL`, else "didim"."""
     robot = experiment.robot
     return robot.parameter_set(name or (PHYSICAL if PHYSICAL in robot.sets else "didim"))
 
 
 def _key(method: Method, taken: Collection[str]) -> str:
-    """Return the key of a method in a comparison: its name, with what distinguishes it from one of the same name before it."""
+    """Return the key of a method in a comparison: its name, with a suffix if an earlier method has the same name."""
     from ..methods.cloe.cloe import CLOE
     from ..methods.method import FitSettings
 
@@ -196,7 +196,7 @@ def _key(method: Method, taken: Collection[str]) -> str:
 
 
 def position_norms(log: Experiment, parameters: Mapping[str, Array]) -> dict[str, float]:
-    """Return the norm (19) of position errors, simulated less measured (rad or m), by name; infinite where no run completes."""
+    """Return the norm (19) of position errors, simulated less measured (rad or m), by name; infinite if a run does not complete."""
     from ..experiment.loop import closed_loop
 
     (recording,) = log.recordings
@@ -210,7 +210,7 @@ def position_norms(log: Experiment, parameters: Mapping[str, Array]) -> dict[str
 
 
 def torque_errors(log: Experiment, parameters: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the relative errors of simulated torques by name, (n_dof,) each, unfiltered; NaN where no run completes."""
+    """Return the relative errors of simulated torques by name, (n_dof,) each, unfiltered; NaN if a run does not complete."""
     from ..experiment.loop import closed_loop
 
     (recording,) = log.recordings

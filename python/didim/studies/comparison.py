@@ -1,4 +1,4 @@
-"""Results of several methods on one simulated log, beside the truth, and their text in the form of Table II.
+"""Results of several methods on one simulated log, beside the truth, printed in the form of Table II.
 
 Tested in ``tests/test_compare.py``.
 """
@@ -48,18 +48,18 @@ class Comparison:
     Attributes
     ----------
     experiment : Experiment
-        With the simulated log.
+        Experiment with the simulated log.
     truth : (b,) array
         Base parameters of the log.
     fits : dict of Identification
-        By method.
+        Results by method.
     notes : tuple of str
-        What was shortened.
+        Sentences on shortened methods.
     norms : dict of float
         Norm (19) of the position errors (rad) of each method, at the "truth", and at the "start" of CLOE.
     torque_errors : dict of (n_dof,) array
         Norm of simulated less measured torque over that of the measured torque, joint by joint, at the same parameters;
-        neither is filtered. The errors of the fits themselves are of filtered torques where a method filters.
+        neither is filtered. A method's own errors may be of filtered torques.
     """
 
     experiment: Experiment
@@ -71,18 +71,18 @@ class Comparison:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Reasons of the verdicts of all methods, each with the name of its method."""
+        """Return the reasons of all verdicts, each with the name of its method."""
         return tuple(
             f"{title_of(name)}: {reason}" for name, fit in self.fits.items() for reason in fit.verdict.reasons
         )
 
     def deviations(self, method: str) -> Array:
-        """Estimate less truth in standard deviations, (b,)."""
+        """Return estimate less truth in standard deviations, (b,)."""
         fit = self.fits[method]
         return np.asarray((fit.beta - self.truth) / np.where(fit.std > 0.0, fit.std, np.nan))
 
     def to_dict(self) -> dict[str, Any]:
-        """As ``compare --json`` writes it."""
+        """Return the content of ``compare --json``."""
         names = self.experiment.robot.base_parameters.names
         return {
             "robot": self.experiment.robot.name,
@@ -134,7 +134,7 @@ class Comparison:
 
 
 def text_of(comparison: Comparison, *, every: bool = False) -> str:
-    """Return the answer, then rows of parameters, within 100 columns.
+    """Return the summary, then rows of parameters, within 100 columns.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def text_of(comparison: Comparison, *, every: bool = False) -> str:
 
 
 def _answer(comparison: Comparison) -> list[str]:
-    """Methods side by side: cost, error in sigma, error of torques and positions, status and verdict."""
+    """Return the summary: time, error in sigma, error of torques and positions, status and verdict of each method."""
     titles = {name: title_of(name) for name in comparison.fits}
     width = max(len("(truth)"), *map(len, titles.values()))
     lines = [
@@ -204,7 +204,7 @@ def _answer(comparison: Comparison) -> list[str]:
 
 
 def _parameter_rows(comparison: Comparison, rows: Iterable[int]) -> list[str]:
-    """Table of estimates beside the truth, each with its distance from it in standard deviations."""
+    """Return the table of estimates beside the truth, each with its error in standard deviations."""
     base = comparison.experiment.robot.base_parameters
     width_name, width_unit = max(map(len, base.names)), max(map(len, base.units))
     margin = f"{'':{width_name}} {'':{width_unit}}"
@@ -229,9 +229,9 @@ def off_rms(comparison: Comparison, method: str) -> float:
 
 
 def off_explained(comparison: Comparison) -> str:
-    """Return what the column ``off`` is, and how many of its numbers lie beyond `FAR` where nothing is wrong.
+    """Explain the column ``off``, with the number of entries beyond `FAR` that chance explains.
 
-    The methods of a table have the same blocks of the jackknife, so the fewest degrees of freedom stand for all.
+    All methods of a table have the same jackknife blocks, so the fewest degrees of freedom are used.
     """
     known = [
         fit.uncertainty.degrees_of_freedom for fit in comparison.fits.values() if fit.uncertainty is not None
@@ -257,7 +257,7 @@ def _off(value: float) -> str:
 
 
 def _joint_errors(comparison: Comparison) -> list[str]:
-    """Torque errors of each joint; of all methods alike: neither filtered nor decimated."""
+    """Return the torque errors of each joint, neither filtered nor decimated for any method."""
     named = {"truth": "(truth)", **{name: title_of(name) for name in comparison.fits}}
     title = "torque %"
     width = max(len(title), *map(len, named.values()))
@@ -270,7 +270,7 @@ def _joint_errors(comparison: Comparison) -> list[str]:
 
 
 def sentence(comparison: Comparison) -> str:
-    """Return one sentence on what was found, to quote."""
+    """Return one sentence on a result, for quotation."""
     if "didim" not in comparison.fits:
         return "DIDIM was not run."
     fit = comparison.fits["didim"]
@@ -295,7 +295,7 @@ def sentence(comparison: Comparison) -> str:
 
 
 def _where(comparison: Comparison, method: str) -> str:
-    """Say how far a CLOE has come."""
+    """Return the progress of a CLOE as text."""
     norm, start, truth = (comparison.norms.get(name, float("nan")) for name in (method, "start", "truth"))
     if norm <= truth * 1.001:
         return "is at the optimum"
@@ -305,7 +305,7 @@ def _where(comparison: Comparison, method: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return seconds as people say them: 0.48 s, 51 s, 16 min."""
+    """Return a duration in a readable unit: 0.48 s, 51 s, 16 min."""
     if seconds < 10.0:
         return f"{seconds:.2g} s"
     return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"

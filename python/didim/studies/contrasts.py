@@ -42,7 +42,7 @@ class Contrasts(Printed):
 
     @property
     def reading(self) -> str:
-        """What the contrasts say together."""
+        """Return the joint conclusion of the contrasts."""
         return reading(self.contrasts)
 
     def __str__(self) -> str:
@@ -52,7 +52,7 @@ class Contrasts(Printed):
         return "\n".join([*lines, *failed, "", f"{self.reading[0].upper()}{self.reading[1:]}."])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what ``didim compare --contrast --json`` writes."""
+        """Return the content of ``didim compare --contrast --json``."""
         return {
             "schema": 1,
             "experiment": self.experiment,
@@ -74,14 +74,14 @@ def contrasts_of(log: Experiment, *, verbose: bool | None = None) -> Contrasts:
     Parameters
     ----------
     log : Experiment
-        With recordings, a reference and a controller.
+        Experiment with recordings, a reference and a controller.
     verbose : bool, optional
-        Tell on stderr what goes on.
+        Report progress on stderr.
 
     Raises
     ------
     DidimError
-        One of its kinds, as the methods.
+        Any of its subclasses, as for the methods.
     """
     methods = (
         IDIMLS(uncertainty="jackknife"),

@@ -1,4 +1,4 @@
-"""Friction over speed: the torque that a result gives to friction alone, beside what a log leaves for it.
+"""Friction over speed: the friction torque of a result, beside the friction in a log.
 
 Tested in ``tests/test_friction_curve.py``.
 """
@@ -40,9 +40,9 @@ class FrictionCurve:
     low, high : (n,) arrays
         The same at a light and at a heavy load; equal to `torque` without load friction.
     measured_speed, measured : (n_rows,) arrays
-        Rows of the log: the joint's speed, and the measured torque less everything else that the model explains: links, rotors, the
-        friction of coupled motors that the other joints turn, and the payload, own offsets and own friction of the recording
-        (N.m or N).
+        Rows of the log: the joint's speed, and the measured torque less all other terms of the model: links, rotors, the
+        friction of coupled motors due to the other joints, and the payload, own offsets and own friction of the recording (N.m
+        or N).
     """
 
     speed: Array
@@ -61,7 +61,7 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
     fit : Identification
         Any result.
     experiment : Experiment
-        The log, along whose filtered measured motion the torque of links and rotors is taken.
+        The log; its filtered measured motion gives the torque of links and rotors.
 
     Returns
     -------
@@ -125,13 +125,13 @@ def friction_curves(fit: Identification, experiment: Experiment) -> list[Frictio
 
 def _alone(robot: Robot, joint: int, speed: Array, friction_only: Array) -> tuple[Array, Array]:
     """Return the friction of a joint that moves alone, without load, and its load friction per unit of ``|tau_r|``."""
-    robot, friction_only = sliding(robot, friction_only)  # a curve over speed has no path
+    robot, friction_only = sliding(robot, friction_only)  # memory has no curve over speed
     dq = np.zeros((len(speed), robot.n_dof))
     dq[:, joint] = speed
     still = np.zeros_like(dq)
     unit = np.zeros(len(friction_only))
     names = robot.parameter_names
-    # The torque of a unit of Coulomb friction is the sign, smoothed as the model has it.
+    # The torque of unit Coulomb friction is the sign, with the smoothing of the model.
     for name in (f"Fc{joint + 1}", f"Fc{joint + 1}+", f"Fc{joint + 1}-"):
         if name in names:
             unit[names.index(name)] = 1.0

@@ -1,7 +1,7 @@
-"""A log again in MuJoCo: the robot of an MJCF with its base held follows the commands, and its positions are compared.
+"""Replay of a log in MuJoCo: the robot of an MJCF follows the commands on a fixed base, and its positions are compared.
 
-MuJoCo holds a command over each step of h, and takes damping at its end, so that commands act h / 2 early: they are held back by
-that beside the delay of the result. Tested in ``tests/test_in_mujoco.py``.
+MuJoCo holds a command over each step h and evaluates damping at its end, so commands act h / 2 early. They are delayed by h / 2
+in addition to the delay of the result. Tested in ``tests/test_in_mujoco.py``.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ class MujocoValidation:
     joints : tuple of str
         Names of the joints.
     after, before : (n_joints,) array
-        Root mean square errors (rad or m) with that file, and with the robot file of the experiment; `before` is None where that
-        is not an MJCF.
+        Root mean square errors (rad or m) with that file, and with the robot file of the experiment; `before` is None unless
+        that is an MJCF.
     own : (n_joints,) array or None
-        Errors of the result on its own log; None where it was fitted on another one.
+        Errors of the result on its own log; None if it was fitted to another one.
     step_s : float
         Step of MuJoCo (s).
     """
@@ -107,13 +107,14 @@ def validate_in_mujoco(
     Parameters
     ----------
     fit : Identification
-        A result on positions: its delay, lag and offsets act on the commands, its gains where the file has no position actuator.
+        A result on positions: its delay, lag and offsets act on the commands; its gains are used if the file has no position
+        actuator.
     experiment : Experiment
         Recordings with commands.
     path : Path
-        The MJCF to try.
+        The MJCF to be tested.
     step_s : float, optional
-        Step of MuJoCo; that of the file by default. A whole number of steps makes a sample.
+        Step of MuJoCo; that of the file by default. A sample is a whole number of steps.
 
     Raises
     ------
@@ -140,7 +141,7 @@ def validate_in_mujoco(
 
 
 def _plain(drive: JointDrive) -> JointDrive:
-    """Return a drive as it was taken to be before: its gains, without delay and offset."""
+    """Return a drive with its gains, but without delay and offset, as assumed before the fit."""
     return JointDrive(
         joint=drive.joint,
         kind=drive.kind,
@@ -177,7 +178,7 @@ def _errors(
 def replayed(
     model: Any, name: str, drives: Drives, commands: Array, measured: Array, rate_hz: float, steps: int
 ) -> Array:
-    """Return what the encoders show in MuJoCo, (n_samples, n_joints), at the samples of the log.
+    """Return the encoder readings in MuJoCo, (n_samples, n_joints), at the samples of the log.
 
     Parameters
     ----------
@@ -188,7 +189,7 @@ def replayed(
     drives : Drives
         Delay, offset and, where the model has no position actuator, gains of each joint.
     commands, measured : (n_samples, n_joints) array
-        Positions (rad or m) that were commanded, held between samples, and measured, of which the first are the start.
+        Commanded positions (rad or m), held between samples, and measured ones, the first of which are the start.
     rate_hz : float
         Samples per second.
     steps : int
@@ -226,7 +227,7 @@ def replayed(
 
 
 def _places(model: Any, drives: Drives, name: str) -> tuple[list[int], list[int], list[int | None]]:
-    """Places of positions and velocities of the joints, and their position actuators; the controls of others are left at zero."""
+    """Return the addresses of the joints' positions and velocities, and their position actuators; other controls are zero."""
     import mujoco
 
     places, speeds, servo = [], [], []
@@ -253,7 +254,7 @@ def _places(model: Any, drives: Drives, name: str) -> tuple[list[int], list[int]
 
 
 def load_model(path: Path) -> Any:
-    """Load an MJCF with its base held, without contacts and joint limits; meshes whose files are absent are left out.
+    """Load an MJCF with a fixed base, without contacts, joint limits and missing meshes.
 
     Raises
     ------
@@ -292,7 +293,7 @@ def load_model(path: Path) -> Any:
 
 
 def _delete(spec: Any, item: Any) -> None:
-    """Delete an element, as versions of MuJoCo before and after 3.3.3 do it."""
+    """Delete an element, with the interface of MuJoCo before or after 3.3.3."""
     if hasattr(spec, "delete"):
         spec.delete(item)
     else:

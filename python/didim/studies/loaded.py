@@ -1,4 +1,4 @@
-"""The robot of a result in the recordings of an experiment: with their payloads, own offsets and drive gains.
+"""The robot of a result with the payload, own offsets and drive gains of each recording.
 
 Tested in ``tests/test_logs.py``.
 """
@@ -24,22 +24,22 @@ MOST_NAMES = 4
 
 
 def standard_in(fit: Identification, experiment: Experiment, robot: Robot) -> list[Array]:
-    """Return the standard parameters (p,) that the robot of a result has in each recording.
+    """Return the standard parameters (p,) of a result's robot in each recording.
 
     Parameters
     ----------
     fit : Identification
         Any result.
     experiment : Experiment
-        Its recordings name their payloads. Offsets and friction that a recording had for itself in the fit are found by its name;
-        another recording has those of the robot.
+        Its recordings name their payloads. Own offsets and friction of a recording in the fit are matched by its name; other
+        recordings have those of the robot.
     robot : Robot
         The robot, with the friction of the prediction.
 
     Raises
     ------
     FitError
-        For a payload that neither the result nor the experiment knows.
+        For a payload that is in neither the result nor the experiment.
     """
     parameters = LogParameters.of(
         robot, experiment.recordings, experiment.payloads, experiment.flange, checked=False
@@ -56,12 +56,12 @@ def standard_in(fit: Identification, experiment: Experiment, robot: Robot) -> li
 
 
 def same_parameters(fit: Identification, robot: Robot) -> None:
-    """Refuse a result whose parameters are not those of a robot, and say which differ.
+    """Refuse a result whose parameters differ from those of a robot, and name the difference.
 
     Raises
     ------
     FitError
-        Where the geometry or the friction differs (``tests/test_validate.py``).
+        When geometry or friction differ (``tests/test_validate.py``).
     """
     fitted, known = fit.parameter_names, robot.parameter_names
     if fitted == known:
@@ -88,13 +88,13 @@ def _shown(owner: str, names: list[str]) -> str:
 
 
 def unloaded(experiment: Experiment) -> Experiment:
-    """Return the experiment without payloads and own parameters: for what does not depend on them, where all are known."""
+    """Return the experiment without payloads and own parameters, for computations independent of them."""
     plain = tuple(replace(item, payload=NOTHING, own=()) for item in experiment.recordings)
     return replace(experiment, recordings=plain)
 
 
 def with_gains_of(fit: Identification, experiment: Experiment) -> Experiment:
-    """Return the experiment with torques in place of currents, by the drive gains of a result.
+    """Return the experiment with currents converted to torques by the drive gains of a result.
 
     Raises
     ------

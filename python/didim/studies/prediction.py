@@ -1,7 +1,7 @@
-"""Torques measured and predicted, on the rows that a fit is made of: what plots and reports show.
+"""Measured and predicted torques on the rows of a fit, for plots and reports.
 
-IDIM-LS predicts along the filtered measured motion, DIDIM along the motion of the closed loop that is simulated with its
-parameters, both filtered and decimated; CLOE compares the simulated torques as they are. Tested in ``tests/test_plot.py``.
+IDIM-LS predicts along the filtered measured motion, DIDIM along the simulated motion of the closed loop with its parameters,
+both filtered and decimated. CLOE compares the simulated torques directly. Tested in ``tests/test_plot.py``.
 """
 
 from __future__ import annotations
@@ -46,20 +46,20 @@ class Prediction:
     role : str
         "fit" or "held-out".
     motion : {"measured", "simulated"}
-        What the torques are predicted along.
+        Motion along which the torques are predicted.
     t : (n_rows,) array
         Times in the recording (s).
     measured, predicted : (n_rows, n_dof) arrays
         Torques (N.m) or forces (N).
     noise_correlation : (n_lags,) array or None
-        Autocorrelation that white noise has on these rows, which decimation has correlated; None where it stays white.
+        Autocorrelation of white noise on these rows after decimation; None if it stays white.
     std : (n_rows, n_dof) array or None
-        Standard deviation of the prediction error: of the residual of the fit, and of the parameters along this motion; None for
+        Standard deviation of the prediction error, from the residual of the fit and the uncertainty of the parameters; None for
         results without standard deviations.
     degrees_of_freedom : float
         Of Student's distribution of the intervals.
     sizes : (n_dof, n_base) array or None
-        Root mean square of each column of W over the rows of a joint: torque of a parameter that is 1.
+        Root mean square of each column of W over the rows of a joint: the torque of a unit parameter.
     """
 
     recording: str
@@ -81,7 +81,7 @@ class Prediction:
     def interval(self, level: float = 0.95) -> tuple[Array, Array]:
         """Return both ends of the prediction intervals, ``predicted -+ t sqrt(s_j^2 + w C w^T)``, (n_rows, n_dof) each.
 
-        They hold for motion like that of the fit: on faster motion the errors of the model are larger than its residual.
+        They are valid for motion like that of the fit: on faster motion the model error exceeds the residual of the fit.
 
         Raises
         ------
@@ -106,7 +106,7 @@ def relative_errors(predictions: Sequence[Prediction]) -> Array:
 
 
 def explained(predictions: Sequence[Prediction]) -> Array:
-    """Share of the torque that each base parameter explains when it is 1: of the joint where this share is largest.
+    """Return the largest share of a joint's torque due to each base parameter, per unit of the parameter.
 
     Parameters
     ----------
@@ -142,14 +142,14 @@ def predict(
     fit : Identification
         Any result.
     experiment : Experiment
-        What it was made of, or another log of the same robot.
+        Experiment of the fit, or another log of the same robot.
     role : str
         Recordings: "fit", "held-out", or "all".
     motion : {"measured", "simulated"}, optional
-        Along the filtered measured motion, or along that of the simulated closed loop. By default as the method has it:
-        measured for IDIM-LS and for recordings that are held out, simulated for DIDIM and CLOE.
+        Filtered measured motion, or motion of the simulated closed loop. By default that of the method: measured for IDIM-LS
+        and for held-out recordings, simulated for DIDIM and CLOE.
     as_fitted : bool
-        Filters and delay of the fit; False for those of the experiment, as `validate` has them.
+        Use filters and delay of the fit; False for those of the experiment, as in `validate`.
 
     Returns
     -------
@@ -165,8 +165,8 @@ def predict(
 
     Notes
     -----
-    The errors of IDIM-LS and CLOE are those of the result. DIDIM's are those of its last solution, made along the
-    motion one step before its parameters; here the motion is that of the parameters, and the errors agree as far as it converged.
+    The errors of IDIM-LS and CLOE are those of the result. DIDIM's are those of its last solution, along the motion of the
+    preceding iterate. Here the motion is that of the final parameters; both errors agree to the extent that it has converged.
     """
     experiment = with_gains_of(fit, with_friction_of(fit, experiment))
     robot = experiment.simulated_robot
@@ -182,7 +182,7 @@ def predict(
         experiment, delay = fitted_experiment(fit, experiment)
     else:
         delay = FitSettings().job(unloaded(experiment)).delay()
-    # CLOE compares what is simulated, sample by sample.
+    # CLOE compares simulated torques sample by sample.
     raw = motion == "simulated" and compares_raw
     found = []
     loaded = standard_in(fit, experiment, robot)
@@ -193,7 +193,7 @@ def predict(
             shift = delay.measured(recording.rate_hz)
             parts = segments(recording, experiment.signal, shift)
         else:
-            # Accelerations of a simulation belong to the torque that acts from the sample on: no hold.
+            # Simulated accelerations result from the torque that starts at the sample, so there is no hold delay.
             shift = delay.samples
             parts = [
                 _simulated(loaded[number], experiment, recording, window, shift)
@@ -218,7 +218,7 @@ def predict(
 
 
 def with_friction_of(fit: Identification, experiment: Experiment) -> Experiment:
-    """Return the experiment with the friction terms of a result, which may have chosen them or their velocities itself."""
+    """Return the experiment with the friction terms of a result, which may have been chosen by the identification."""
     saved = fit.settings.get("robot", {}).get("friction", {}).get("terms")
     if not saved and not experiment.robot.friction.open:
         return experiment
@@ -236,14 +236,14 @@ def simulate_window(
     x : (n_parameters,) array
         Standard parameters.
     experiment : Experiment
-        With a reference and a controller.
+        Experiment with a reference and a controller.
     recording, window
-        Sets rate and length; time 0 is the first sample of the window.
+        Recording and window that define rate and length; time 0 is the first sample of the window.
 
     Returns
     -------
     Simulation
-        As from `simulate`; look at its outcome.
+        As from `simulate`; its outcome tells whether it completed.
 
     Raises
     ------
@@ -257,11 +257,11 @@ def simulate_window(
 
 
 def motion_of(fit: Identification) -> tuple[Motion, bool]:
-    """Return along which motion the method of a result predicts torques, and whether it compares them sample by sample."""
+    """Return the motion for a method's predictions, and whether it compares torques sample by sample."""
     known = fit.settings.get("prediction")
     if known is not None:
         return ("measured" if known["motion"] == "measured" else "simulated"), bool(known["raw"])
-    # Results of version 0.1.0 do not say it, and there were three methods.
+    # Results of version 0.1.0 do not record it; it had three methods.
     return "measured" if fit.method == "idim-ls" else "simulated", fit.method.startswith(("cloe", "clie"))
 
 
@@ -279,7 +279,7 @@ def _raw(signal: SignalProcessing, raw: bool) -> SignalProcessing:
 def _simulated(
     x: Array, experiment: Experiment, recording: Recording, window: tuple[int, int], delay: Shift
 ) -> Segment:
-    """Return the simulated motion beside the measured torque, aligned and trimmed as DIDIM has them."""
+    """Return the simulated motion and the measured torque, aligned and trimmed as in DIDIM."""
     simulation = simulate_window(x, experiment, recording, window)
     place = f"recording '{recording.name}'"
     if not simulation.outcomes[0].completed:
@@ -326,7 +326,7 @@ def _prediction(
 
 
 def _spread(fit: Identification, w: Array, n_dof: int) -> dict[str, Any]:
-    """Return the standard deviation of predictions along the rows of a regressor, and its degrees of freedom."""
+    """Return standard deviation and degrees of freedom of predictions along the rows of a regressor."""
     uncertainty = fit.uncertainty
     if uncertainty is None or not fit.std.any() or len(uncertainty.joint_std) != n_dof:
         return {}
@@ -347,7 +347,7 @@ def _times(recording: Recording, window: tuple[int, int], signal: SignalProcessi
 
 
 def autocorrelation(parts: Sequence[Array], n_lags: int) -> Array:
-    """Autocorrelation of residuals, windows pooled: at lags 0 to n_lags.
+    """Return the autocorrelation of residuals at lags 0 to n_lags, windows pooled.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""``didim simulate``: a run of an experiment's closed loop, beside its recording and as a CSV file.
+"""``didim simulate``: a simulation of an experiment's closed loop, compared with its recording and written as CSV.
 
 Tested in ``tests/test_simulate_command.py``.
 """
@@ -33,14 +33,14 @@ Arrays = tuple[Array, Array, Array, Array]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulationReport(Printed):
-    """A run and what there is to say about it.
+    """A simulation and its errors against a recording.
 
     Attributes
     ----------
     experiment : Experiment
-        What was simulated.
+        Simulated experiment.
     recording : Recording or None
-        What it is compared with.
+        Recording for the comparison.
     loop : ClosedLoop
         Robot, reference, controller and steps.
     arrays : four (n_records, n_dof) arrays
@@ -64,7 +64,7 @@ class SimulationReport(Printed):
     def write(self, path: Path) -> None:
         """Write ``t q dq ddq tau q_ref`` as CSV, joint side, SI units, which reads back as a recording.
 
-        Positions and torques are as measured, if the experiment has a ``[measurement]``.
+        Positions and torques include the measurement noise, if the experiment has a ``[measurement]``.
         """
         q, dq, ddq, tau = self.arrays
         if self.experiment.measurement is not None:
@@ -122,7 +122,7 @@ def simulate_experiment(
     parameters : str
         Path of a result (.json) or of its parameters (.toml, .npz), or name of a parameter set.
     recording : str, optional
-        Name of the recording that sets rate, length and, where it says so, the reference; the first by default.
+        Name of the recording that defines rate, length and, if its table says so, the reference; the first by default.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def simulate_experiment(
     x = standard_parameters(loop.robot, parameters)
     trajectories, outcomes = loop.run(x[None])
     if chosen is None and outcomes[0].completed and loop.robot.friction.coulomb == "tanh":
-        # The robot reverses later than its reference: once more, with steps that are fine where it does.
+        # The robot reverses later than its reference, so it is simulated again, with fine steps at its own reversals.
         motion = Reference.through(*(values[0] for values in trajectories[:3]), rate_hz=loop.rate_hz)
         loop = loop.along(motion)
         trajectories, outcomes = loop.run(x[None])
@@ -171,16 +171,16 @@ def standard_parameters(robot: Robot, source: str) -> Array:
 def recording_errors(
     experiment: Experiment, recording: Recording, window: tuple[int, int], arrays: Arrays
 ) -> dict[str, Array]:
-    """Relative errors of a simulation against a window of a recording, per joint.
+    """Return the relative errors of a simulation against a window of a recording, per joint.
 
-    Raw simulated signals against the raw positions and torques, and against the velocities and accelerations of
-    the filtered positions, without the samples that the experiment trims: the definition of the EMPS benchmark.
+    Raw simulated signals are compared with raw positions and torques, and with velocities and accelerations of the filtered
+    positions, without the trimmed samples: the definition of the EMPS benchmark.
 
     Returns
     -------
     dict of (n_dof,) arrays
-        ``position``, ``velocity`` and ``acceleration`` where positions were measured and, with torques, ``torque``: norms of the
-        difference over norms of the measured signal; NaN where that is zero.
+        ``position``, ``velocity`` and ``acceleration`` if positions were measured and, with torques, ``torque``: norm of the
+        difference over norm of the measured signal; NaN if the latter is zero.
     """
     start, stop = window
     signal = experiment.signal

@@ -1,4 +1,4 @@
-"""Logs of a robot whose parameters are known: packaged experiments, simulated and measured.
+"""Simulated logs of robots with known parameters, from included experiments.
 
 Tested in ``tests/test_compare.py``.
 """
@@ -26,7 +26,7 @@ LOG_REFINEMENT = 4
 
 
 def packaged_experiment(robot: str) -> Experiment:
-    """Load the experiment of a robot that comes with the package.
+    """Load the experiment of an included robot.
 
     Raises
     ------
@@ -57,20 +57,20 @@ def simulated_log(
     Parameters
     ----------
     experiment : Experiment
-        With a reference of its own, a controller and, for noise, a measurement.
+        Experiment with its own reference, a controller and, for noise, a measurement.
     x : (n_parameters,) array
         Standard parameters: the truth.
     noise : bool
-        Add what the measurement adds.
+        Add the measurement noise.
     seed : int, optional
-        Of the noise; that of the measurement by default.
+        Seed of the noise; by default that of the measurement.
     refinement : int
-        Steps so many times finer than those of the experiment's simulation.
+        Ratio of the experiment's time steps to those of this simulation.
 
     Returns
     -------
     Experiment
-        The same with one recording, joint side.
+        The experiment with one recording, joint side.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def simulated_log(
         recording = Recording.from_arrays(
             arrays[0][0], arrays[3][0], rate_hz=loop.rate_hz, name="simulated log"
         )
-        # An identification has the steps that follow from this log: the log must have them too.
+        # An identification derives its steps from this log, so the log must use them too.
         if before is not None and np.array_equal(before.q, recording.q):
             break
         motion = measured_motion(recording, (0, len(recording.q)), experiment.signal, loop.robot)
@@ -98,14 +98,14 @@ def simulated_log(
             break
         loop = loop.along(motion)
     assert recording is not None
-    # The friction of the simulation is that of the log; the regressors of all methods are built with it.
+    # The log has the friction model of the simulation, which the regressors of all methods use.
     robot = experiment.simulated_robot
     log = replace(experiment, robot=robot, recordings=(recording,))
     return measured(log, seed) if noise else log
 
 
 def measured(log: Experiment, seed: int | None = None) -> Experiment:
-    """Add to a simulated log what its measurement adds.
+    """Add the measurement noise to a simulated log.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def measured(log: Experiment, seed: int | None = None) -> Experiment:
     Returns
     -------
     Experiment
-        The same log where the experiment has no measurement.
+        The same log if the experiment has no measurement.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Validation of a result on another log: torques predicted along the measured motion, and the closed loop simulated.
+"""Validation of a result on another log, by torques along the measured motion and by simulation of the closed loop.
 
 Tested in ``tests/test_validate.py``.
 """
@@ -36,9 +36,9 @@ class RecordingValidation:
         Of all joints together.
     simulated : dict of (n_dof,) arrays
         Relative errors of the simulated closed loop (`position`, `velocity`, `acceleration`, `torque`) over the first window,
-        raw; empty without a reference and a controller, or where the simulation ended early.
+        raw; empty without a reference and a controller, or if the simulation ended early.
     outcome : Outcome or None
-        How the simulation ended; None without a reference and a controller.
+        Outcome of the simulation; None without a reference and a controller.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Validation(Printed):
 
     @property
     def completed(self) -> bool:
-        """Whether every simulation that was made reached its end."""
+        """Whether every simulation reached its end."""
         return all(item.outcome is None or item.outcome.completed for item in self.recordings)
 
     def to_dict(self) -> dict[str, object]:
@@ -112,8 +112,8 @@ def _plain(values: Array) -> list[float | None]:
 def same_robot(fit: Identification, experiment: Experiment) -> None:
     """Refuse the result of another robot with the same parameters.
 
-    Equal digests of the robot file, or an equal geometry, show that it is the same; a set of parameters may have been added to the
-    file since. Results that record neither are taken at their word.
+    The robots are the same if the digests of the file or the geometries are equal; parameter sets may have been added to the
+    file since. Results that record neither are accepted.
     """
     robot = experiment.robot
     known = {digest for key, digest in fit.digests.items() if key.startswith("robot ")}
@@ -136,7 +136,7 @@ def same_robot(fit: Identification, experiment: Experiment) -> None:
 
 
 def validate(fit: Identification, experiment: Experiment | str | Path) -> Validation:
-    """Errors of a result on the recordings of an experiment: direct (torques) and simulated (closed loop).
+    """Compute the errors of a result on an experiment's recordings: direct (torques) and simulated (closed loop).
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def validate(fit: Identification, experiment: Experiment | str | Path) -> Valida
     loaded = standard_in(fit, experiment, experiment.robot)
     job = FitSettings().job(unloaded(experiment))
     delay = job.delay()
-    # Made-up gains say nothing of the real loop.
+    # Invented gains do not represent the real loop.
     law = experiment.controller
     unknown = isinstance(law, ControllerSpec) and law.settings.get("kind") == "made-up"
     closed = experiment.reference is not None and law is not None and not unknown

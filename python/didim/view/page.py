@@ -1,4 +1,4 @@
-"""Shapes and motions on a page of viser, whose files come with that package. Tested in ``tests/test_view.py``."""
+"""Shapes and motions on a page of viser, which includes the page's files. Tested in ``tests/test_view.py``."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ class Page:
     Parameters
     ----------
     robot : Robot
-        Gives the frames.
+        Robot with its frames.
     shapes : sequence of Shape
-        What is drawn on its links.
+        Shapes on its links.
     playbacks : sequence of Playback
-        The first moves the robot, the second a ghost beside it.
+        Motions of the robot and of a second, transparent one.
     host, port : str, int
-        Where the page is served.
+        Address of the server.
 
     Raises
     ------
     PlotError
-        Without viser, or where the port is taken.
+        Without viser, or if the port is in use.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class Page:
 
     @property
     def duration(self) -> float:
-        """Time that the motions last (s); zero without one."""
+        """Duration of the motions (s); zero without one."""
         return max((float(item.t[-1] - item.t[0]) for item in self.playbacks), default=0.0)
 
     def show(self, seconds: float) -> None:
@@ -171,9 +171,7 @@ class Page:
 
         try:
             mesh: Any = trimesh.load(shape.file, force="mesh")
-        except (
-            Exception
-        ) as reason:  # whatever a reader of meshes raises, the rest of the robot is worth seeing
+        except Exception as reason:  # any error of a mesh reader: the other shapes are still shown
             self._server.gui.add_markdown(f"Mesh {shape.file} cannot be read: {reason}")
             return None
         vertices = np.asarray(mesh.vertices) * np.array(shape.size)
@@ -206,7 +204,7 @@ def _place(matrix: Array) -> tuple[Array, Array]:
 
 
 def _up(gravity: Array) -> Array:
-    """Return the direction that a picture has upwards: against gravity, z without it."""
+    """Return the upward direction of a picture: against gravity, or z without it."""
     size = float(np.linalg.norm(gravity))
     return np.array([0.0, 0.0, 1.0]) if size == 0.0 else -gravity / size
 
@@ -225,9 +223,7 @@ def _server(host: str, port: int, label: str) -> Any:
     except ImportError:
         raise PlotError("didim view needs viser: pip install 'didim[view]'") from None
     try:
-        with contextlib.redirect_stdout(
-            io.StringIO()
-        ):  # its banner, which would stand in the middle of a result
+        with contextlib.redirect_stdout(io.StringIO()):  # its banner, which would interrupt a printed result
             return viser.ViserServer(host=host, port=port, label=label, verbose=False)
     except OSError as reason:
         raise PlotError(

@@ -1,4 +1,4 @@
-"""Motions to play: of a log, of the simulated closed loop beside it, of a designed motion. Tested in ``tests/test_view.py``."""
+"""Motions for playback: of a log, of the simulated closed loop, of a designed motion. Tested in ``tests/test_view.py``."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Playback:
     Attributes
     ----------
     label : str
-        Where the motion comes from.
+        Source of the motion.
     t : (n_samples,) array
         Times (s), increasing.
     q : (n_samples, n_dof) array
@@ -41,7 +41,7 @@ class Playback:
     residual: Array | None = None
 
     def at(self, time: float) -> Array:
-        """Return the positions at a time (s), (n_dof,), held beyond both ends."""
+        """Return the positions at a time (s), (n_dof,), constant beyond both ends."""
         return np.array([np.interp(time, self.t, column) for column in self.q.T])
 
     def residual_at(self, time: float) -> Array | None:
@@ -57,16 +57,16 @@ def of_log(experiment: Experiment, parameters: str | None) -> tuple[list[Playbac
     Parameters
     ----------
     experiment : Experiment
-        Gives robot, log and closed loop.
+        Experiment with robot, log and closed loop.
     parameters : str or None
         File of a result or of parameters, or name of a parameter set.
 
     Returns
     -------
     playbacks : list of Playback
-        "measured" with the residual of the torques, and "simulated" where the experiment has a closed loop.
+        "measured" with the residual torques, and "simulated" if the experiment has a closed loop.
     notes : list of str
-        Why something is not shown.
+        Reasons for missing items.
     """
     found: list[Playback] = []
     notes: list[str] = []
@@ -103,12 +103,12 @@ def _residual(experiment: Experiment, recording: Recording, parameters: str) -> 
 
 
 def of_file(path: Path, robot: Robot) -> Playback:
-    """Read a motion from a CSV file with columns ``t`` and ``q1`` to ``qn``, as `didim excite` and `didim simulate` write it.
+    """Read a motion from a CSV file with columns ``t`` and ``q1`` to ``qn``, as written by `didim excite` and `didim simulate`.
 
     Raises
     ------
     ExcitationError
-        Where a column or a number is missing, or times do not increase.
+        When a column or a number is missing, or times do not increase.
     """
     text = read_small_file(path, ExcitationError).decode("utf-8", "replace")
     names = [name.strip() for name in text.partition("\n")[0].split(",")]

@@ -1,4 +1,4 @@
-"""Shapes that stand for a robot: skeleton, joint axes, bodies, capsules, gravity. Numbers only; `page` shows them.
+"""Shapes of a robot: skeleton, joint axes, bodies, capsules, gravity. They are only data; `page` shows them.
 
 A body is drawn as the solid ellipsoid with its mass and central second moments. Its semi-axes are ``sqrt(5 l)`` for the eigenvalues
 l of ``S / m - c c'``. Tested in ``tests/test_view.py``.
@@ -39,12 +39,12 @@ SMALLEST_M = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
-    """Something to draw that moves with one link.
+    """A shape that moves with one link.
 
     Attributes
     ----------
     layer : str
-        Name of the group that is shown or hidden together.
+        Group of shapes that are shown or hidden together.
     link : int
         Link that carries it; 0 is the base.
     kind : str
@@ -56,9 +56,9 @@ class Shape:
     colour : tuple of int
         Red, green and blue, 0 to 255.
     opacity : float
-        Share of the light that it stops.
+        Opacity, from 0 to 1.
     file : Path, optional
-        Of a mesh.
+        File of a mesh.
     """
 
     layer: str
@@ -84,7 +84,7 @@ def skeleton(robot: Robot) -> list[Shape]:
     shapes: list[Shape] = []
     for joint, parent in enumerate(robot.geometry.parents):
         before = 0 if parent is None else parent + 1
-        # The place of a revolute joint in its parent's frame is the same in every pose.
+        # The position of a revolute joint in its parent's frame does not depend on the pose.
         seen = np.linalg.solve(at_zero[before], at_zero[joint + 1])
         corners = [np.zeros(3), seen[:3, 3]]
         if robot.geometry.in_line:  # along x by d, then along z by r, as in the rows of the robot file
@@ -104,7 +104,7 @@ def skeleton(robot: Robot) -> list[Shape]:
 def segment(
     layer: str, link: int, start: Array, end: Array, radius: float, colour: Colour, opacity: float = 1.0
 ) -> list[Shape]:
-    """Return the cylinder between two points of a link (m); none where they are the same."""
+    """Return the cylinder between two points of a link (m); none if they coincide."""
     between = end - start
     length = float(np.linalg.norm(between))
     if length < SMALLEST_M:
@@ -147,20 +147,20 @@ def bodies(robot: Robot, x: Array, layer: str, colour: Colour) -> tuple[list[Sha
     Parameters
     ----------
     robot : Robot
-        Gives the links.
+        Robot with its links.
     x : (c,) array
         Standard parameters (SI units, joint side).
     layer : str
         Name of the shapes.
     colour : tuple of int
-        Of the shapes.
+        Colour of the shapes.
 
     Returns
     -------
     shapes : list of Shape
         An ellipsoid and a small sphere for each link that is a body.
     refused : list of str
-        A sentence for each link that is not.
+        A sentence for each link that is not a body.
     """
     shapes: list[Shape] = []
     refused: list[str] = []
@@ -197,7 +197,7 @@ def bodies(robot: Robot, x: Array, layer: str, colour: Colour) -> tuple[list[Sha
 
 
 def capsules(found: Sequence[Capsule]) -> list[Shape]:
-    """Return the capsules that a designed motion keeps apart."""
+    """Return the capsules used for the clearance of designed motions."""
     shapes: list[Shape] = []
     for capsule in found:
         start, end = np.array(capsule.start), np.array(capsule.end)

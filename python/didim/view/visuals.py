@@ -1,4 +1,4 @@
-"""Meshes and solids that a URDF shows for its links, at their places on the links of a robot.
+"""Visual meshes and solids of a URDF, with their poses on the links of a robot.
 
 Tested in ``tests/test_view.py``.
 """
@@ -25,16 +25,16 @@ ENDINGS = (".stl", ".obj", ".ply", ".glb", ".gltf", ".dae")
 
 
 def visuals(robot: Robot, path: Path, folders: tuple[Path, ...] = ()) -> tuple[list[Shape], list[str]]:
-    """Return what the URDF shows for each link of the robot.
+    """Return the URDF's visual shapes of each link of the robot.
 
     Parameters
     ----------
     robot : Robot
-        With the correspondence to the URDF that it was read from.
+        Robot with the correspondence to its URDF.
     path : Path
         The URDF.
     folders : tuple of Path
-        Where packages and meshes are, beside the URDF's folder and those above it.
+        Folders of packages and meshes, in addition to the URDF's folder and its parents.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def _at_zero(description: Description, lock: dict[str, float]) -> dict[str, Arra
 def _shape(
     visual: Element, link: int, seen: Array, path: Path, folders: tuple[Path, ...], missing: list[str]
 ) -> Shape | None:
-    """Return one visual in the frame of the robot's link; None for a mesh that is not there."""
+    """Return one visual in the frame of the robot's link; None for a missing mesh."""
     origin = next((child.attributes for child in visual.children if child.tag == "origin"), {})
     place = seen @ pose(
         rotation_of(_numbers(origin.get("rpy", "0 0 0"))), _numbers(origin.get("xyz", "0 0 0"))
@@ -135,7 +135,7 @@ def find_mesh(name: str, path: Path, folders: tuple[Path, ...] = ()) -> Path | N
     tail = name.split("://", 1)[-1]
     above = [*folders, path.resolve().parent, *path.resolve().parents]
     if name.startswith("package://"):
-        # With or without the name of the package: people unpack one inside a folder of another name.
+        # With or without the name of the package, which may be unpacked in a folder of another name.
         candidates = [folder / part for folder in above for part in (tail, tail.partition("/")[2])]
     else:
         candidates = [Path(tail), *(folder / tail for folder in above[: len(folders) + 1])]

@@ -1,1 +1,1 @@
-"""Commands that use an identified robot: payloads, torques from outside."""
+"""Commands that use an identified robot: payloads, external torques."""

@@ -1,1 +1,1 @@
-"""Commands on robots alone: their files, base parameters and pictures."""
+"""Commands on robots: files, base parameters and pictures."""

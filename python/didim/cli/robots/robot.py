@@ -93,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _described(options: argparse.Namespace, rows_and_frames: Callable[[Robot], str]) -> int:
-    """Print rows and frames of a robot that is no URDF."""
+    """Print rows and frames of a robot that is not a URDF."""
     from ...robot.robot_file import PACKAGED, load_robot
 
     for name in ("tip", "base", "gravity"):
@@ -120,7 +120,7 @@ def _described(options: argparse.Namespace, rows_and_frames: Callable[[Robot], s
 
 
 def _refused_output(options: argparse.Namespace) -> int | None:
-    """Look whether the robot file can be written, before the work; None, or the exit code of wrong input."""
+    """Check before the work whether the robot file can be written; return None, or the exit code of wrong input."""
     if options.output is not None:
         if options.output.suffix != ".toml":
             return refuse(f"-o {options.output}: the name of a robot file ends in .toml")

@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def contents(options: argparse.Namespace) -> tuple[Robot, list[Shape], list[Playback], list[str]]:
-    """Return the robot, its shapes and motions, and a sentence for each thing that cannot be shown."""
+    """Return the robot, its shapes and motions, and sentences on missing items."""
     from ...robot.robot_file import load_robot
     from ...view import playback, shapes
     from ...view.visuals import visuals
@@ -107,7 +107,7 @@ def contents(options: argparse.Namespace) -> tuple[Robot, list[Shape], list[Play
 
 
 def _bodies_of(source: str, robot: Robot) -> tuple[Array, list[str]]:
-    """Return standard parameters to draw: those of a result as physically consistent ones, since others have no bodies."""
+    """Return the standard parameters to draw, made physically consistent for a result, because only these define bodies."""
     from ...export.source import exported_parameters
     from ...studies.run import standard_parameters
 
@@ -118,7 +118,7 @@ def _bodies_of(source: str, robot: Robot) -> tuple[Array, list[str]]:
 
 
 def _experiment(options: argparse.Namespace) -> Experiment | None:
-    """Return the experiment where the file is one: it names a robot, which a robot file does not."""
+    """Return the experiment if the file is one: unlike a robot file it names a robot."""
     from ..._tools.toml import read_toml
     from ...errors import ExperimentError
     from ...experiment.experiment_file import load_experiment
@@ -130,7 +130,7 @@ def _experiment(options: argparse.Namespace) -> Experiment | None:
 
 
 def _urdf_of(robot: Robot) -> Path | None:
-    """Return the URDF that a robot was read from, where it is there."""
+    """Return the URDF that a robot was read from, if it exists."""
     if robot.correspondence is None:
         return None
     path = (

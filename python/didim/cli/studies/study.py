@@ -127,7 +127,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> tuple[StudyResults, int]:
-    """Run a study, and return what there is when it ends or is interrupted."""
+    """Run a study, and return its results at the end or after an interruption."""
     from ...monte_carlo.results import StudyResults
     from ...monte_carlo.rows import times_path
     from ...monte_carlo.spec import load_study

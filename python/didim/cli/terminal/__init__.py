@@ -1,1 +1,1 @@
-"""What a terminal asks for: a width, colours, help, completion. Nothing here knows a result."""
+"""Output on a terminal: width, colours, help, completion; independent of results."""

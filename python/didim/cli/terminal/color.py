@@ -1,6 +1,6 @@
 """Colours of a terminal. Tested in ``tests/test_terminal.py``.
 
-A stream that is not a terminal gets none, nor does any with ``NO_COLOR`` set or with ``TERM=dumb``.
+Colours are off for a stream that is not a terminal, with ``NO_COLOR`` set, and with ``TERM=dumb``.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def is_colored(stream: TextIO) -> bool:
 
 
 def painted(text: str, code: str, stream: TextIO | None = None) -> str:
-    """Return a text in a colour, line by line; as it is on a stream without colours."""
+    """Return a text in a colour, line by line; unchanged for a stream without colours."""
     if not text or not is_colored(sys.stdout if stream is None else stream):
         return text
     return "\n".join(f"\033[{code}m{line}\033[0m" if line else line for line in text.split("\n"))

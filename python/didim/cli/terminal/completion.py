@@ -1,6 +1,7 @@
 """``didim completion``: scripts that complete the command line in bash, zsh and fish. Tested in ``tests/test_completion.py``.
 
-The scripts are written from the parsers, so they have every option and every choice. Robots and methods are those of the package.
+The scripts are generated from the parsers and therefore contain all options and choices. Robots and methods are those of the
+package.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class Option:
-    """One option: its names, what follows it (nothing, a file or other value, or one of `words`), and its help."""
+    """One option: its names, its value (none, a file or other value, or one of `words`), and its help."""
 
     names: tuple[str, ...]
     takes_value: bool
@@ -53,7 +54,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Command:
-    """One command: its options, and the words that its first argument may be (none: a file)."""
+    """One command: its options, and the choices of its first argument (none: a file)."""
 
     name: str
     text: str
@@ -81,7 +82,7 @@ def _commands(commands: Commands) -> Iterator[Command]:
 
 
 def _words(action: argparse.Action) -> tuple[str, ...]:
-    """Return the words that an argument may be, as far as they are known."""
+    """Return the known choices of an argument."""
     from ...methods.table import METHODS
     from ...robot.robot_file import PACKAGED
 
@@ -99,7 +100,7 @@ def _sentence(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
 
 
 def bash(commands: Sequence[Command]) -> str:
-    """Return the script for bash; where it has no words, bash completes files."""
+    """Return the script for bash; without choices, bash completes files."""
     names = " ".join(command.name for command in commands)
     values, options, first = [], [], []
     for command in commands:
@@ -186,7 +187,7 @@ def _zsh_values(words: Sequence[str]) -> str:
 
 
 def fish(commands: Sequence[Command]) -> str:
-    """Return the script for fish; where it has no words, fish completes files."""
+    """Return the script for fish; without choices, fish completes files."""
     lines = ["# fish completion of didim, written by `didim completion fish`"]
     lines += [
         f"complete -c didim -n __fish_use_subcommand -f -a {command.name} -d {_quoted(command.text)}"

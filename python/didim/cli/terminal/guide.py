@@ -1,4 +1,4 @@
-"""``--help``: short usage, options in groups, examples, lines of a width that reads well. Tested in ``tests/test_terminal.py``."""
+"""``--help``: short usage, options in groups, examples, lines of readable width. Tested in ``tests/test_terminal.py``."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ COMMANDS = {
 
 
 class Formatter(argparse.HelpFormatter):
-    """Formatter of help whose usage only names what must be given."""
+    """Formatter of help whose usage only names mandatory arguments."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=26, width=min(columns() or 80, WIDEST_HELP))
@@ -48,11 +48,11 @@ class Parser(argparse.ArgumentParser):
         self._positionals.title = "arguments"
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse; an unknown option is refused first, with the nearest of this command."""
+        """Parse; an unknown option is refused first, with the most similar one of this command."""
         words = list(sys.argv[1:] if args is None else args)
         commands = any(isinstance(action, argparse._SubParsersAction) for action in self._actions)
         for word in words:
-            # Options behind a command are those of the command; behind -- there is none.
+            # Options after a command belong to it; after -- there are none.
             if word == "--" or (commands and not word.startswith("-")):
                 break
             name = word.partition("=")[0]
@@ -62,7 +62,7 @@ class Parser(argparse.ArgumentParser):
         return super().parse_known_args(args, namespace)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Refuse what is no choice (a command is one too), with the nearest."""
+        """Refuse an invalid choice (commands are choices too), with the most similar one."""
         choices = [str(choice) for choice in action.choices or ()]
         if action.choices is not None and value not in action.choices:
             hint = f"{did_you_mean(str(value), choices)} (there are: {', '.join(choices)})"
@@ -71,17 +71,17 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint}")
 
     def error(self, message: str) -> NoReturn:
-        """Leave with one line."""
+        """Exit with one line."""
         self.exit(2, f"didim: {message}; see `{self.prog} --help`\n")
 
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
-        """Leave, with a message on stderr."""
+        """Exit, with a message on stderr."""
         if message:
             say(message.removeprefix("didim: "))
         sys.exit(status)
 
     def format_usage(self) -> str:
-        """Return the usage: what must be given, and ``[options]`` for all else."""
+        """Return the usage: mandatory arguments, and ``[options]`` for all others."""
         return f"usage: {self._usage()}\n"
 
     def format_help(self) -> str:
@@ -143,12 +143,12 @@ def say(text: str) -> None:
 
 
 def command_sentences(commands: argparse._SubParsersAction[Parser]) -> dict[str, str]:
-    """Return the line that the help has on each command."""
+    """Return the help sentence of each command."""
     return {choice.dest: str(choice.help) for choice in commands._choices_actions}
 
 
 def listed(rows: Iterable[tuple[str, str]], width: int) -> list[str]:
-    """Return names with a sentence each; the sentences stand in one column."""
+    """Return names with a sentence each, the sentences aligned in a column."""
     lines: list[str] = []
     for name, text in rows:
         first, *others = wrapped(text, width - 14)
@@ -157,5 +157,5 @@ def listed(rows: Iterable[tuple[str, str]], width: int) -> list[str]:
 
 
 def examples(commands: Sequence[str]) -> str:
-    """Return the text with examples that stands below the options."""
+    """Return the text with examples for the end of the help."""
     return EXAMPLES + "\n".join(f"  {command}" for command in commands)

@@ -16,7 +16,7 @@ def message(text: str, kind: str = "") -> None:
     """Print a message on stderr, after the name of the program and its kind."""
     head = f"didim: {kind}: " if kind else "didim: "
     line = head + printable(" ".join(text.split()))
-    # Programs read one line a message; people read lines of a terminal.
+    # Programs get one line per message; on a terminal it is wrapped.
     width = columns(sys.stderr) if sys.stderr.isatty() else None
     lines = [line] if width is None else wrapped(line, width)
     lines[0] = painted(head.rstrip(), KINDS[kind], sys.stderr) + lines[0][len(head) - 1 :]

@@ -1,7 +1,8 @@
 """Fit printed text into the columns of a terminal. Tested in ``tests/test_terminal.py``.
 
-Sentences wrap between words. Tables first lose columns that are for experts, then the second blank between columns; the text of a
-last column wraps inside it; a table that is still too wide continues below itself, its names and units repeated.
+Sentences wrap between words. A table that is too wide first loses the columns for experts, then the second blank between
+columns. Then the text of its last column wraps inside the column. Finally the table is continued below, with names and units
+repeated.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _RULE = re.compile(r"^-{8,}$")
 
 
 def columns(stream: TextIO | None = None) -> int | None:
-    """Return how many columns lines may take, or None where lines may have any length.
+    """Return the largest width of a line, or None for any length.
 
     The variable ``COLUMNS`` decides, then the terminal; a file or a pipe has no width.
     """
@@ -58,7 +59,7 @@ def fitted(text: str, width: int | None = None) -> str:
     text : str
         Sentences, and tables whose columns are two blanks or more apart.
     width : int, optional
-        Columns; by default those of the terminal on stdout, any number where there is none.
+        Columns; by default those of the terminal on stdout, unlimited without one.
     """
     width = columns() if width is None else width
     if width is None or all(len(line) <= width for line in text.split("\n")):
@@ -74,7 +75,7 @@ def fitted(text: str, width: int | None = None) -> str:
 
 
 def wrapped(line: str, width: int) -> list[str]:
-    """Return the lines of one sentence, each after the first indented where the sentence is one of a list."""
+    """Return the lines of one sentence; in a list, all but the first are indented."""
     if len(line) <= width:
         return [line]
     body = line.lstrip(" ")
@@ -126,7 +127,7 @@ def _table(rows: list[str], width: int) -> list[str]:
 
 
 def _spans(rows: Sequence[str]) -> Iterator[tuple[int, int]]:
-    """Yield start and end of each column: the places where all rows have two blanks or more part them."""
+    """Yield start and end of each column; columns are separated by two blanks or more in all rows."""
     length = max(map(len, rows))
     texts = [row.ljust(length) for row in rows if not _RULE.match(row)]
     blank = [all(text[k] == " " for text in texts) for k in range(length)]
@@ -136,7 +137,7 @@ def _spans(rows: Sequence[str]) -> Iterator[tuple[int, int]]:
 
 
 def _is_text(rows: Sequence[str], span: tuple[int, int]) -> bool:
-    """Whether a column begins at one place in all rows, as texts do and numbers do not."""
+    """Whether a column is left-aligned in all rows, as texts are and numbers are not."""
     start, end = span
     cells = [row[start:end] for row in rows if not _RULE.match(row)]
     return all(not cell or cell[0] != " " or not cell.strip() for cell in cells)

@@ -1,4 +1,4 @@
-"""The model of a robot as a C99 header: torques, inertia matrix and gravity, without loops or memory of its own.
+"""The model of a robot as a C99 header: torques, inertia matrix and gravity, without loops or allocation.
 
 Tested in ``tests/test_export_c.py``: compiled with every warning an error, and equal to the core.
 """
@@ -35,7 +35,7 @@ _LONGEST = 90
 
 @dataclass(frozen=True)
 class _Written:
-    """Algebra of expressions that end up in C."""
+    """Algebra of expressions for C code."""
 
     graph: Graph
     robot: Robot
@@ -95,19 +95,20 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
     Parameters
     ----------
     robot : Robot
-        The robot; its friction is written as it is (sign or tanh, dead zones, further terms).
+        The robot, with all details of its friction (sign or tanh, dead zones, further terms).
     x : (n_parameters,) array
-        Standard parameters in the order of ``robot.parameter_names``, SI units, joint side. Parameters that have the same torques
-        give the same functions: the base parameters are written, or all where friction depends on the load.
+        Standard parameters in the order of ``robot.parameter_names``, SI units, joint side. Parameters with the same torques
+        give the same functions: the code contains the base parameters, or all parameters if friction depends on the load.
     prefix : str, optional
-        What the names in the header begin with; by default the name of the robot.
+        Prefix of the names in the header; by default the name of the robot.
 
     Returns
     -------
     str
         The header: ``PREFIX_tau(q, dq, ddq, tau)``, ``PREFIX_inertia(q, M)`` (row by row) and ``PREFIX_gravity(q, tau)``, joint
-        side, SI units. They allocate nothing and need ``math.h`` alone. Where friction remembers (``hold``, ``dahl``),
-        ``PREFIX_tau(q, dq, ddq, z, tau)`` takes its states, which ``PREFIX_remember(dx, z)`` carries along a step of the positions.
+        side, SI units. They only need ``math.h`` and do not allocate. If friction has memory (``hold``, ``dahl``),
+        ``PREFIX_tau(q, dq, ddq, z, tau)`` takes its states, and ``PREFIX_remember(dx, z)`` updates them for a step of the
+        positions.
 
     Raises
     ------
@@ -124,7 +125,7 @@ def to_c(robot: Robot, x: ArrayLike, *, prefix: str | None = None) -> str:
     x = standard_vector(robot, x)
     base = robot.base_parameters
     beta = base.project(x)
-    # Load friction feels gravity but not an offset, which are one parameter to a joint that slides upright.
+    # Load friction depends on gravity but not on an offset, although both are one parameter for a vertical prismatic joint.
     written = x if robot.friction.has_load else base.lift(beta)
     values = {name: float(value) for name, value in zip(robot.parameter_names, written, strict=True)}
     n = robot.n_dof
@@ -198,7 +199,7 @@ def _tau(robot: Robot, values: dict[str, float], prefix: str) -> str:
 
 
 def _remember(robot: Robot, memory: Sequence[FrictionTerm], prefix: str) -> str:
-    """Write the function that takes the states of friction along a step of the positions, exact whatever its length."""
+    """Write the function that updates the states of friction for a step of the positions, exact for any length."""
     widths = [
         HOLD_WIDTH[robot.joint_kinds[term.joint]] if term.law == "hold" else term.velocity for term in memory
     ]
@@ -260,7 +261,7 @@ def _function(
     inputs: Sequence[str],
     prefix: str,
 ) -> str:
-    """Write a function that computes results one after the other, what is used twice once."""
+    """Write a function that computes results in sequence, common subexpressions once."""
     needed, uses = _needed(graph, [one.index for _, one in results])
     texts: dict[int, str] = {}
     lines = []
@@ -281,7 +282,7 @@ def _function(
 
 
 def _needed(graph: Graph, ends: Sequence[int]) -> tuple[list[int], dict[int, int]]:
-    """Nodes that results depend on, in order, and how often each is used."""
+    """Return the nodes that results depend on, in order, with their number of uses."""
     uses: dict[int, int] = {}
     open_ = list(ends)
     for index in open_:
@@ -318,7 +319,7 @@ def _text(name: str, taken: Sequence[object], texts: dict[int, str], prefix: str
 
 
 def _joined(text: str, signs: Sequence[str]) -> bool:
-    """Whether brackets hold operands that one of these signs joins, and nothing else outside further brackets."""
+    """Whether the outer brackets enclose operands joined by one of these signs."""
     inside = _bare(text)
     if inside == text:
         return False
@@ -331,7 +332,7 @@ def _joined(text: str, signs: Sequence[str]) -> bool:
 
 
 def _bare(text: str) -> str:
-    """Take away brackets around all of it."""
+    """Remove brackets around the whole expression."""
     if not (text.startswith("(") and text.endswith(")")):
         return text
     depth = 0
@@ -343,7 +344,7 @@ def _bare(text: str) -> str:
 
 
 def _helpers(robot: Robot, prefix: str, body: str) -> list[str]:
-    """Functions of one number that the body uses."""
+    """Return the helper functions that the body uses."""
     lines = []
     for name, head, value in (
         ("sign", "double speed, double zone", "speed > zone ? 1.0 : (speed < -zone ? -1.0 : 0.0)"),
@@ -360,7 +361,7 @@ def _helpers(robot: Robot, prefix: str, body: str) -> list[str]:
 
 
 def _table(term: FrictionTerm, prefix: str) -> list[str]:
-    """Write a law that is given by its values: cubics between neighbours, straight lines beyond the ends."""
+    """Write a tabulated law: cubics between neighbours, straight lines beyond the ends."""
     values = np.array(term.values)
     slopes = np.gradient(values, edge_order=2)  # times the step: parabola through three neighbours
     last = len(values) - 1
@@ -388,5 +389,5 @@ def _table(term: FrictionTerm, prefix: str) -> list[str]:
 
 
 def _comment(text: str) -> str:
-    """Make a text unable to end a comment."""
+    """Escape a text for use in a comment."""
     return text.replace("*/", "* /")

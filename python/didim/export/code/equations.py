@@ -1,6 +1,6 @@
-"""The inverse dynamic model (1) and M(q) once more, for any kind of scalar: recursive Newton-Euler in MDH frames.
+"""The inverse dynamic model (1) and M(q) for any kind of scalar: recursive Newton-Euler in MDH frames.
 
-The core has the fast kernels; here the same equations write themselves down. Rotors and friction are those of
+The core has the fast kernels; here the same equations generate code and formulas. Rotors and friction follow
 ``rust/src/model/friction.rs``, with (22) to (24) for coupled motors. Tested against the core in ``tests/test_export_c.py``.
 """
 
@@ -20,7 +20,7 @@ from ...robot.robot import Robot
 
 
 class Algebra(Protocol):
-    """What a kind of scalar brings besides its own ``+ - *``."""
+    """Functions of a kind of scalar, in addition to ``+ - *``."""
 
     def number(self, value: float) -> Any:
         """Return a constant."""
@@ -44,7 +44,7 @@ class Algebra(Protocol):
         """Return one over the square root."""
 
     def term(self, term: FrictionTerm, speed: Any, sign: Any) -> Any:
-        """Return the column of a further friction term that depends on speed alone."""
+        """Return the column of a further friction term that only depends on speed."""
 
 
 class Vector(tuple[Any, Any, Any]):
@@ -101,12 +101,12 @@ class Body:
     mass: Any
 
     def plus(self, other: Body) -> Body:
-        """Return both together."""
+        """Return the sum of two bodies."""
         a, b, c = (x.plus(y) for x, y in zip(self.inertia, other.inertia, strict=True))
         return Body((a, b, c), self.first.plus(other.first), self.mass + other.mass)
 
     def moved(self, rotation: Matrix, shift: Vector) -> Body:
-        """Return the same body in the frame before, which sees this one turned and shifted."""
+        """Return the same body in the preceding frame, in which this frame is rotated and shifted."""
         first = _of(rotation, self.first)
         turned = _product(_product(rotation, self.inertia), _transposed(rotation))
         # J + (2 t.h + m t.t) 1 - t h' - h t' - m t t'
@@ -131,7 +131,7 @@ class Equations:
     robot : Robot
         The robot.
     values : mapping of str to scalar
-        Standard parameters by name (SI units, joint side); what is not named is zero.
+        Standard parameters by name (SI units, joint side); all others are zero.
     algebra : Algebra
         Functions of the scalars.
     q : sequence of scalars
@@ -255,7 +255,7 @@ class Equations:
             if before is not None:
                 moved = composite.moved(self.rotations[j], self.shifts[j])
                 composites[before] = composites[before].plus(moved)
-            if self.turns[j]:  # what a unit acceleration of joint j needs
+            if self.turns[j]:  # torque for a unit acceleration of joint j
                 force, moment = self.axis.cross(composite.first), _of(composite.inertia, self.axis)
             else:
                 force, moment = self.axis.times(composite.mass), composite.first.cross(self.axis)
@@ -269,7 +269,7 @@ class Equations:
         return matrix
 
     def rotors(self) -> list[list[Any]]:
-        """Return what rotors add to M(q), (24)."""
+        """Return the contribution of rotors to M(q), (24)."""
         matrix = [[self.zero] * self.n for _ in range(self.n)]
         for j in range(self.n):
             matrix[j][j] = self.value(f"Ia{j + 1}")
@@ -282,7 +282,7 @@ class Equations:
         return matrix
 
     def _coupled(self) -> list[tuple[int, list[float]]]:
-        """Motors that turn with several joints, with the joint speeds that they add up."""
+        """Return the motors that turn with several joints, with the coefficients of the joint speeds."""
         coupling = np.array(self.robot.geometry.coupling)
         found = []
         for m, row in enumerate(coupling):
@@ -291,7 +291,7 @@ class Equations:
         return found
 
     def _links(self, dq: Sequence[Any], ddq: Sequence[Any]) -> list[Any]:
-        """Torques that move the links; gravity enters as an acceleration of the base."""
+        """Return the torques of the links; gravity is an acceleration of the base."""
         number = self.algebra.number
         omega = domega = Vector(self.zero, self.zero, self.zero)
         x, y, z = self.robot.geometry.gravity
@@ -329,12 +329,12 @@ class Equations:
         return tau
 
     def _inwards(self, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
-        """Return a wrench at frame `j` as the frame of its antecedent feels it."""
+        """Return a wrench of frame `j` in the frame of its antecedent."""
         force, moment = _of(self.rotations[j], force), _of(self.rotations[j], moment)
         return force, moment.plus(self.shifts[j].cross(force))
 
     def _friction(self, dq: Sequence[Any], signs: Sequence[Any], now: Sequence[Any]) -> list[Any]:
-        """Friction that depends on neither load nor further terms; `signs` may be kept through rest, `now` are not."""
+        """Return viscous and Coulomb friction; `signs` may be held at rest, `now` are instantaneous."""
         tau = []
         for j, (speed, sign) in enumerate(zip(dq, signs, strict=True)):
             name = f"{j + 1}"
@@ -375,6 +375,6 @@ def remembering(robot: Robot) -> list[FrictionTerm]:
 
 
 def _clean(value: float) -> float:
-    """Zero and one of right angles, which rounding misses."""
+    """Return a cosine or sine, rounded to zero or one for right angles."""
     nearest = float(round(value))
     return nearest if abs(value - nearest) < 1e-15 else value

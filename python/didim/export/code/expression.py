@@ -1,6 +1,6 @@
-"""Expressions that are written down while they are computed: the same Python makes numbers, C or formulas.
+"""Expressions recorded during a computation: the same Python code produces numbers, C or formulas.
 
-Equal expressions are one node, and what constants decide is computed at once: zeros and ones of a robot's geometry leave no trace.
+Equal expressions are one node, and constants are folded: zeros and ones of a robot's geometry vanish.
 Tested in ``tests/test_export_c.py``.
 """
 
@@ -35,14 +35,14 @@ class Graph:
     Attributes
     ----------
     nodes : list of Node
-        Each takes only nodes before it.
+        Operands of a node precede it.
     """
 
     nodes: list[Node] = field(default_factory=list)
     _known: dict[Node, int] = field(default_factory=dict, repr=False)
 
     def leaf(self, name: str) -> Expression:
-        """Return an input, by the text that stands for it."""
+        """Return an input with this name."""
         return self._node("leaf", name)
 
     def number(self, value: float) -> Expression:
@@ -57,7 +57,7 @@ class Graph:
         return self._node(name, *(one.index for one in taken), *extra)
 
     def value(self, one: Expression) -> float | None:
-        """Return what a constant is, None for anything else."""
+        """Return the value of a constant, None for any other node."""
         name, taken = self.nodes[one.index]
         return taken[0] if name == "number" else None  # type: ignore[return-value]
 
@@ -129,7 +129,7 @@ class Expression:
 
     @property
     def _negated(self) -> Expression | None:
-        """What this is the negative of, when it is one."""
+        """Return the operand of a negation, or None."""
         name, taken = self.graph.nodes[self.index]
         return Expression(self.graph, taken[0]) if name == "neg" else None  # type: ignore[arg-type]
 

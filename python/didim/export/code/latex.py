@@ -70,7 +70,7 @@ class _Symbolic:
         zone = friction.dead_zone[joint]
         if not zone > 0.0:
             return found
-        # No friction in the dead zone: the unit step, which LaTeX has as theta.
+        # No friction in the dead zone: the unit step, theta in LaTeX.
         return found * self.sympy.Heaviside(self.sympy.Abs(speed) - self.number(zone))
 
     def positive(self, value: Any) -> Any:
@@ -101,13 +101,13 @@ def symbolic_model(robot: Robot) -> list[list[tuple[str, sympy.Expr]]]:
     Returns
     -------
     list of list of (str, Expr)
-        For each joint, the base parameters that it feels with their coefficients: SymPy expressions of the symbols ``q1``,
-        ``dq1``, ``ddq1`` and so on (SI units, joint side), and of ``g`` where gravity points along an axis of the base.
+        For each joint, the base parameters in its torque with their coefficients: SymPy expressions of the symbols ``q1``,
+        ``dq1``, ``ddq1`` and so on (SI units, joint side), and of ``g`` if gravity is along an axis of the base.
 
     Raises
     ------
     FitError
-        For a larger robot, a friction term that is no formula of the speed, or without SymPy (``tests/test_export_latex.py``).
+        For a larger robot, a friction term that is not a formula of the speed, or without SymPy (``tests/test_export_latex.py``).
     """
     if robot.n_dof > MOST_JOINTS:
         raise FitError(
@@ -175,7 +175,7 @@ def to_latex(robot: Robot) -> str:
 
 
 def _short(sympy: Any, value: Any) -> Any:
-    """Write a coefficient with fewer sines and cosines, and with decimals in place of long fractions."""
+    """Simplify a coefficient: fewer sines and cosines, decimals instead of long fractions."""
     value = sympy.trigsimp(sympy.expand(value))
     return value.xreplace(
         {part: sympy.Float(part) for part in value.atoms(sympy.Rational) if part.q > LARGEST_DENOMINATOR}
@@ -183,6 +183,6 @@ def _short(sympy: Any, value: Any) -> Any:
 
 
 def _parameter(name: str) -> str:
-    """``ZZ1R`` as ``ZZ_{1R}``."""
+    """Return the LaTeX name of a parameter: ``ZZ_{1R}`` for ``ZZ1R``."""
     letters, number, rest = re.fullmatch(r"(\D+)(\d+)(.*)", name).groups()  # type: ignore[union-attr]
     return rf"\mathit{{{letters}}}_{{{number}{rest}}}"

@@ -1,4 +1,4 @@
-"""What CLOE with known links says beside its parameters, as the JSON of a result has it. Tested in ``tests/test_positions.py``."""
+"""Record of CLOE with known links in the JSON of a result. Tested in ``tests/test_positions.py``."""
 
 from __future__ import annotations
 
@@ -12,28 +12,29 @@ KEY = "positions"
 
 @dataclass(frozen=True)
 class PositionRecord:
-    """What a result on positions says beside its parameters.
+    """Further content of a result on positions.
 
     Attributes
     ----------
     rows : sequence of mapping
         One per unknown: "name", "kind", "joints" (from 1), "recording", "unit", "value", "std", "low", "high", "before", "by"
-        ("log", "bound", "prior" or "held", for what this log does not tell) and "text", what is known in place of a held one.
+        ("log", "bound", "prior" or, for parameters that the log does not identify, "held") and "text", the knowledge about a
+        held one.
     drive : mapping
-        Numbers of the servos that were simulated, one per joint: "kp", "kv", "saturation" (None without), "delay_s", "lag_s",
+        Parameters of the simulated servos, one per joint: "kp", "kv", "saturation" (None without), "delay_s", "lag_s",
         "bias_rad".
     errors : mapping
         Root mean square position errors (rad or m), one per joint: "before", "after", and "held_out" or None.
     limbs : sequence of mapping
         "name", "joints" (from 1), and "roles", names of the joints within the limb.
     weak : sequence of str
-        Unknowns that are known better together than each.
+        Unknowns that are better known in combination than separately.
     siblings : sequence of str
-        Joints that differ from those of the same place in other limbs.
+        Joints that differ from the corresponding joints of other limbs.
     smoothing : sequence of float
         Velocity of the tanh of the friction of each joint (rad/s or m/s).
     blocks, kind : int, str
-        Rollouts or stretches that the intervals were made of.
+        Number and kind (rollouts or stretches) of the blocks for the intervals.
     """
 
     rows: Sequence[Mapping[str, Any]]

@@ -32,7 +32,7 @@ def position_lines(record: PositionRecord, name: str, robot: str) -> list[str]:
 
 
 def _groups(record: PositionRecord) -> list[list[Mapping[str, Any]]]:
-    """Return the limbs, those with the same joints together."""
+    """Return the limbs, grouped by equal joints."""
     groups: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
     for limb in record.limbs:
         groups.setdefault(tuple(limb["roles"]), []).append(limb)
@@ -48,7 +48,7 @@ def limb_tables(record: PositionRecord) -> list[list[tuple[str, ...]]]:
 
 
 def shared_rows(record: PositionRecord) -> list[tuple[str, ...]]:
-    """Return heading and rows of what joints have in common; empty without any."""
+    """Return heading and rows of shared unknowns; empty without any."""
     shared = [row for row in record.rows if len(row["joints"]) != 1 or row["recording"] is not None]
     rows = [(row["name"], _cell(row), _number(row["before"]), row["unit"]) for row in shared]
     return [("in common", "value", "before", ""), *rows] if rows else []
@@ -75,7 +75,7 @@ def _side_by_side(record: PositionRecord, group: Sequence[Mapping[str, Any]]) ->
 
 
 def error_table(record: PositionRecord) -> list[tuple[str, ...]]:
-    """Return heading and rows of the rms errors: before, after, and on what was held out."""
+    """Return heading and rows of the rms errors: before, after, and on held-out recordings."""
     after, before, held_out = (record.errors.get(key) for key in ("after", "before", "held_out"))
     head = ("rms error (mrad, mm)", *(f"{limb['name']}" for limb in record.limbs))
     rows: list[tuple[str, ...]] = [head]

@@ -1,1 +1,1 @@
-"""Words of families of findings."""
+"""Sentences of families of findings."""

@@ -1,4 +1,4 @@
-"""What looks wrong where a hypothesis names a cause, the edit, and the experiment that would decide.
+"""Sentences of hypotheses: the suspected cause, the edit, and the experiment that would decide.
 
 Tested in ``tests/test_verdict.py``.
 """

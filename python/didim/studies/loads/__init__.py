@@ -1,1 +1,1 @@
-"""What is done with a known robot and a log: an unknown payload, torques from outside."""
+"""Applications of an identified robot: unknown payloads, external torques."""

@@ -1,4 +1,4 @@
-"""Contacts and changes of the payload, from torques that the model does not explain. Tested in ``tests/test_residual.py``."""
+"""Contacts and payload changes, detected in the residual torques. Tested in ``tests/test_residual.py``."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ CLEAR_SIGMA = 5.0
 
 @dataclass(frozen=True)
 class Contact:
-    """An interval with a torque from outside.
+    """An interval with an external torque.
 
     Attributes
     ----------
     start_s, stop_s : float
         Times in the recording (s).
     joints : tuple of int
-        Joints that feel it, from 1, the clearest first.
+        Joints with the torque, from 1, the most significant first.
     peak : tuple of float
         Largest torque of each of them (N.m or N).
     """
@@ -64,9 +64,9 @@ class PayloadChange:
     start_s : float
         Time (s).
     whole : bool
-        Whether the whole window has another payload than the model.
+        Whether the payload differs from the model in the whole window.
     change : tuple of 10 float
-        Change of ``XX XY XZ YY YZ ZZ MX MY MZ M`` about the flange; zero where the arm does not show it.
+        Change of ``XX XY XZ YY YZ ZZ MX MY MZ M`` about the flange; zero for unidentifiable ones.
     std : tuple of 10 float
         Standard deviations.
     """
@@ -85,12 +85,12 @@ class PayloadChange:
 
 
 def shortest_s(torque: Array, limits: Array, rate_hz: float, threshold: float) -> Array:
-    """Return how long each joint's residual must stay beyond its limit to be no excursion of its own noise (s), (n_dof,).
+    """Return the shortest time (s) beyond its limit that a joint's noise does not explain, (n_dof,).
 
-    Noise that stays correlated for a time T and gets beyond ``threshold`` standard deviations stays there for about
+    Noise with a correlation time T that exceeds ``threshold`` standard deviations does so for about
     ``sqrt(2 pi) T / threshold`` (Rice's formula for a Gaussian process). T is the integral of the autocorrelation, in
-    Sokal's window: 0.04 s for white noise in an observer of 8 Hz, some tenths of a second for the errors of a model. A push of a
-    duration D in an otherwise quiet residual has T <= D, so that it does not hide itself.
+    Sokal's window: 0.04 s for white noise in an observer of 8 Hz, some tenths of a second for the errors of a model. A push of
+    duration D in an otherwise quiet residual has T <= D, so it stays detectable.
     """
     values = np.clip(torque, -limits, limits)
     values = values - values.mean(axis=0)
@@ -106,16 +106,16 @@ def shortest_s(torque: Array, limits: Array, rate_hz: float, threshold: float) -
 
 
 def contacts(t: Array, torque: Array, limits: Array, shortest: Array | float = SHORTEST_S) -> list[Contact]:
-    """Find intervals in which torques leave their limits, for longer than noise does, or far.
+    """Find intervals in which torques exceed their limits for longer than noise does, or by far.
 
     Parameters
     ----------
     t : (n_samples,) array
         Times (s).
     torque, limits : (n_samples, n_dof) arrays
-        Torques from outside, and their limits (N.m or N).
+        External torques, and their limits (N.m or N).
     shortest : float or (n_dof,) array
-        Shortest time beyond its limit (s) of a joint that is not far beyond it.
+        Shortest time (s) of a joint slightly beyond its limit.
     """
     step = float(np.median(np.diff(t)))
     over = np.abs(torque) > limits
@@ -158,7 +158,7 @@ def clearly_loaded(ten: Array, std: Array) -> bool:
 def payload_change(
     t: Array, residual: Array, columns: Array, weights: Array, names: Sequence[int]
 ) -> PayloadChange | None:
-    """Find the time from which on another payload explains the residual; None where none does clearly.
+    """Find the time from which another payload explains the residual, or None.
 
     Parameters
     ----------
@@ -169,21 +169,21 @@ def payload_change(
     columns : (n_rows, n_dof, k) array
         Torques per unit of each parameter of a payload.
     weights : (n_dof,) array
-        Reciprocal of the size of each joint's residual where the model holds.
+        Reciprocal size of each joint's residual with a correct model.
     names : sequence of int
-        Places of the k parameters among the ten.
+        Indices of the k parameters among the ten.
     """
     rows = len(t)
     a = columns * weights[None, :, None]
     r = residual * weights
     size = np.sqrt(np.einsum("tjk,tjk->k", a, a))
-    if not size.any():  # no parameter of a load is seen beside so large a residual
+    if not size.any():  # so large a residual hides every parameter of a load
         return None
     a = a / np.where(size > 0.0, size, 1.0)
     grams = np.cumsum(np.einsum("tjk,tjl->tkl", a, a)[::-1], axis=0)[::-1]
     scores = np.cumsum(np.einsum("tjk,tj->tk", a, r)[::-1], axis=0)[::-1]
     squares = np.cumsum(np.sum(r**2, axis=1)[::-1])[::-1]
-    # Ten parameters of the last rows alone would fit anything.
+    # Ten parameters for only the last rows would fit anything.
     last = rows - max(20, rows // 20)
     places = np.unique(np.linspace(0, max(0, last), CHANGE_TIMES).astype(int))
     ridge = 1e-9 * np.trace(grams[0]) / grams.shape[1] * np.eye(grams.shape[1])
@@ -194,7 +194,7 @@ def payload_change(
     noise = max((squares[place] - gains[best]) / max(1, (rows - place) * residual.shape[1]), 1.0)
     std = np.sqrt(noise * np.diag(np.linalg.inv(grams[place] + ridge)))
     clear = np.abs(theta) > CLEAR_SIGMA * std
-    # A payload stays, a contact ends: the later half of the rows after the change must want it too.
+    # A payload stays while a contact ends: the later half of the rows after the change must support it too.
     half = place + (rows - place) // 2
     later = 2.0 * theta @ scores[half] - theta @ grams[half] @ theta
     known = [k for k, index in enumerate(names) if INERTIAL[index] in ("M", "MX", "MY", "MZ")]

@@ -1,12 +1,12 @@
-"""The momentum observer: torques from outside without accelerations, as a controller would see them.
+"""The momentum observer: external torques without accelerations, as available to a controller.
 
     p = M(q) dq,    dp/dt = tau + tau_ext + dM/dt dq - N(q, dq)
     r = K / (s + K) tau_ext                              from p, tau and N alone
 
-N is gravity, Coriolis and friction; ``M + N`` are the inverse model, and ``dM/dt dq`` is the derivative of p along the motion at
-fixed speed. Every sample uses only those before it. An error dt of a time stamp moves all joints by their speeds times dt, and
-passes the observer as the momentum times what the observer makes of dt. Source: De Luca and Mattone (2003).
-Tested in ``tests/test_residual.py``.
+N contains gravity, Coriolis and friction; ``M + N`` are the inverse model, and ``dM/dt dq`` is the derivative of p along the
+motion at constant speed. The observer is causal. An error dt of a time stamp shifts all positions by speed times dt; its effect
+on the observer is the momentum times the observer's response to dt. Source: De Luca and Mattone (2003). Tested in
+``tests/test_residual.py``.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ STEP_S = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """What a momentum observer sees.
+    """Signals of a momentum observer.
 
     Attributes
     ----------
     torque : (n_samples, n_dof) array
-        Torques from outside (N.m or N).
+        External torques (N.m or N).
     momentum : (n_samples, n_dof) array
         Generalised momentum ``M(q) dq`` (kg.m^2/s or kg.m/s).
     """
@@ -52,14 +52,14 @@ def observe(
     *,
     bandwidth_hz: float = BANDWIDTH_HZ,
 ) -> Observed:
-    """Return the torques from outside that a momentum observer sees.
+    """Return the external torques estimated by a momentum observer.
 
     Parameters
     ----------
     robot : Robot
         The robot.
     x : (n_parameters,) array
-        Its standard parameters, with the payload that it has.
+        Its standard parameters, including its payload.
     q, tau : (n_samples, n_dof) arrays
         Positions (rad or m) and torques of the motors (N.m or N), joint side.
     rate_hz : float
@@ -88,7 +88,7 @@ def observe(
 
 
 def low_pass(values: Array, rate_hz: float, bandwidth_hz: float) -> Array:
-    """Return what the observer makes of torques, (n_samples, n): ``K / (s + K)`` by backward differences."""
+    """Return torques filtered as by the observer, (n_samples, n): ``K / (s + K)`` by backward differences."""
     from scipy.signal import lfilter  # half a second
 
     share = 1.0 / (1.0 + 2.0 * np.pi * bandwidth_hz / rate_hz)
@@ -98,7 +98,7 @@ def low_pass(values: Array, rate_hz: float, bandwidth_hz: float) -> Array:
 def stamp_gain(rate_hz: float, bandwidth_hz: float) -> float:
     """Return the standard deviation of the observer's torque per unit of momentum for white noise of the time stamps (1/s^2).
 
-    It is the gain from noise of positions to their twice differentiated and filtered values, by the impulse response.
+    It is the gain from position noise to the twice differentiated and filtered positions, by the impulse response.
     """
     length = 16 + round(8.0 * rate_hz / min(bandwidth_hz, _cutoff(rate_hz)))
     impulse = np.zeros((length, 1))
@@ -122,5 +122,5 @@ def _filtered(values: Array, rate_hz: float) -> Array:
 
 
 def _before(values: Array) -> Array:
-    """Return the values with the first of them repeated, as many as there are samples."""
+    """Return the preceding values: shifted by one sample, the first one repeated."""
     return np.vstack([values[:1], values])

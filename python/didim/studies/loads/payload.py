@@ -1,9 +1,9 @@
-"""The payload of a log, with a robot that is known from another one. Tested in ``tests/test_payload.py``.
+"""The payload of a log, with a robot identified from another log. Tested in ``tests/test_payload.py``.
 
     y = W beta + W B (v + V theta) + rho,    beta ~ N(beta^, C)
 
-The covariance of the robot counts as what it is: it is added as rows with the parameters of the result. The standard deviations of
-the payload have a part from the noise of the log, by the jackknife over its blocks of time, and a part from the robot.
+The covariance of the robot enters as additional rows for the parameters of the result. The standard deviations of the payload
+have a part from the noise of the log, by the jackknife over its blocks of time, and a part from the robot.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ EXACT_VARIANCE = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """Further parameters of the log."""
+    """Estimate of the log's further parameters."""
 
     theta: Array
     covariance: Array
@@ -55,17 +55,17 @@ class _Solved:
 
 
 def identify_payload(fit: Identification, experiment: Experiment, *, seed: int = 0) -> PayloadEstimate:
-    """Estimate an unknown payload of a log, with the robot of a result.
+    """Estimate an unknown payload of a log with the robot of a result.
 
     Parameters
     ----------
     fit : Identification
         Robot with its covariance, from a log without this payload.
     experiment : Experiment
-        The log. Its recordings to fit name the payload, of which the table ``[payload.NAME]`` may know something; a log that names
-        none has one of which nothing is known. Recordings with ``offsets = "own"`` have their own offsets estimated beside it.
+        The log. Its recordings to fit name the payload; the table ``[payload.NAME]`` may give known properties. If none is
+        named, all ten parameters are unknown. Own offsets of recordings with ``offsets = "own"`` are estimated too.
     seed : int
-        Of the draws.
+        Seed of the draws.
 
     Returns
     -------
@@ -75,13 +75,13 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
     Raises
     ------
     FitError
-        For another robot, a payload that is known already, and more than one unknown payload.
+        For another robot, a known payload, and more than one unknown payload.
     DidimError
         As for an identification.
 
     Notes
     -----
-    ``test_payload.py`` checks errors against standard deviations; ``benches/payloads.py`` does so for ten random payloads.
+    ``test_payload.py`` compares errors with standard deviations; ``benches/payloads.py`` does so for ten random payloads.
     """
     experiment = with_gains_of(fit, with_friction_of(fit, experiment))
     same_robot(fit, experiment)
@@ -97,9 +97,7 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
     job = FitSettings().job(unloaded(experiment))
     delay = job.delay()
     parts = job.parts("fit", delay)
-    beta = robot.base_parameters.project(
-        fit.parameters
-    )  # for load friction: that of the robot without the payload
+    beta = robot.base_parameters.project(fit.parameters)  # for load friction, without the payload
     system = linear_system(robot, parts, job.signal, parameters.select({}, ()), beta, parameters)
     solved = _solve(fit, system, parameters, job.settings)
     payload = experiment.payloads[name]
@@ -166,11 +164,11 @@ def _with_unknown(fit: Identification, experiment: Experiment) -> tuple[Experime
     return experiment, open_names[0]
 
 
-@np.errstate(over="ignore", invalid="ignore")  # samples out of scale end in a refusal
+@np.errstate(over="ignore", invalid="ignore")  # absurdly large samples end in an error
 def _solve(
     fit: Identification, system: LinearSystem, parameters: LogParameters, settings: LeastSquaresSettings
 ) -> _Solved:
-    """Solve for the further parameters, with the robot's as known as the result says."""
+    """Solve for the further parameters, with the uncertainty of the robot's parameters."""
     b = parameters.n_base
     beta = parameters.robot.base_parameters.project(fit.parameters)
     root = _root(fit.covariance)
@@ -212,7 +210,7 @@ def _solve(
 
 
 def _root(covariance: Array) -> Array:
-    """Return L with ``L L^T`` the covariance (b, b), of as many columns as it has rank."""
+    """Return L of full column rank with ``L L^T`` the covariance (b, b)."""
     size = np.sqrt(np.diag(covariance))
     scale = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
@@ -223,7 +221,7 @@ def _root(covariance: Array) -> Array:
 def _with_body(
     estimate: PayloadEstimate, theta: Array, covariance: Array, known: Array, columns: Array, seed: int
 ) -> PayloadEstimate:
-    """Return the estimate with its nearest body, and intervals of draws."""
+    """Return the estimate with its nearest body, and intervals from draws."""
     factor = student_factor(0.95, estimate.degrees_of_freedom) / student_factor(0.95, float("inf"))
     noise = np.random.default_rng(seed).standard_normal((PAYLOAD_DRAWS, len(theta)))
     draws = theta + factor * noise @ np.linalg.cholesky(covariance).T
@@ -250,6 +248,6 @@ def _with_body(
 
 
 def _numbers(ten: Array) -> Array:
-    """Mass, centre and ``XX XY XZ YY YZ ZZ`` about the centre, (10,)."""
+    """Return mass, centre and ``XX XY XZ YY YZ ZZ`` about the centre, (10,)."""
     mass, centre, inertia = central(pseudo_inertia(ten))
     return np.array([mass, *centre, *inertia[np.triu_indices(3)]])

@@ -34,13 +34,13 @@ class PayloadEstimate(Pickled, Printed):
     name, robot, log : str
         Payload, robot and experiment.
     names : tuple of str
-        Parameters that were estimated.
+        Names of the estimated parameters.
     ten : (10,) array
-        Inertial parameters ``XX XY XZ YY YZ ZZ MX MY MZ M`` about the flange (SI); zero where no motion shows them.
+        Inertial parameters ``XX XY XZ YY YZ ZZ MX MY MZ M`` about the flange (SI); zero for unidentifiable ones.
     covariance : (10, 10) array
         Their covariance, from the noise of the log and from the robot.
     degrees_of_freedom : float
-        Of Student's distribution of the intervals.
+        Degrees of freedom of Student's distribution for the intervals.
     n_blocks : int
         Blocks of time that the jackknife left out; 0 for standard deviations by noise alone.
     relative_error : (n_dof,) array
@@ -48,14 +48,14 @@ class PayloadEstimate(Pickled, Printed):
     offsets : mapping of str to (float, float)
         Own offsets and friction of the log, less those of the robot, with standard deviations.
     body : (10,) array or None
-        Mass (kg), centre (m) and inertia ``XX XY XZ YY YZ ZZ`` about the centre (kg.m^2) of the nearest body; None for an arm
-        that does not show all of it.
+        Mass (kg), centre (m) and inertia ``XX XY XZ YY YZ ZZ`` about the centre (kg.m^2) of the nearest body; None if the arm
+        cannot identify all of it.
     body_std, body_low, body_high : (10,) arrays or None
-        Standard deviations and 95 % intervals, from draws that were made bodies.
+        Standard deviations and 95 % intervals, from draws projected to bodies.
     half_distance : float
         Half the squared distance of the estimate from the nearest body (nats).
     remarks : tuple of str
-        Sentences that a reader should know.
+        Sentences on the result.
     """
 
     name: str
@@ -82,7 +82,7 @@ class PayloadEstimate(Pickled, Printed):
 
     @property
     def mass_kg(self) -> float:
-        """Mass of the nearest body, or the estimate where there is none."""
+        """Mass of the nearest body, or the estimate without one."""
         return float(self.ten[9] if self.body is None else self.body[0])
 
     def __str__(self) -> str:

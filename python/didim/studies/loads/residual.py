@@ -1,9 +1,9 @@
-"""Torques from outside along a log, with a robot that is known. Tested in ``tests/test_residual.py``.
+"""External torques along a log, with an identified robot. Tested in ``tests/test_residual.py``.
 
     tau_ext = W beta - tau                 along the filtered motion, with intervals
     r                                      by the momentum observer, sample by sample, for the detection
 
-Torques from outside are positive where they push the joint forward.
+External torques are positive if they push the joint forward.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ SLOW = 0.02
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExternalTorque(Pickled):
-    """Torques from outside along one window.
+    """External torques along one window.
 
     Attributes
     ----------
@@ -69,17 +69,17 @@ class ExternalTorque(Pickled):
     t : (n_rows,) array
         Times of the filtered rows (s).
     torque, std : (n_rows, n_dof) arrays
-        Torque from outside (N.m or N), filtered in both directions, and the standard deviation of the prediction.
+        External torque (N.m or N), zero-phase filtered, and the standard deviation of the prediction.
     degrees_of_freedom : float
-        Of Student's distribution of its intervals.
+        Degrees of freedom of Student's distribution for its intervals.
     observer_t : (n_samples,) array
         Times of the samples (s).
     observed, limits : (n_samples, n_dof) arrays
-        What the observer sees, and what it must leave to be reported.
+        External torque of the observer, and the limits from which it is reported.
     contacts : tuple of Contact
-        Intervals in which it does, but for those that a change of the payload explains.
+        Intervals beyond the limits, except those explained by a payload change.
     payload_change : PayloadChange or None
-        Another payload than that of the model, from a time on.
+        A payload that differs from the model from some time on.
     """
 
     recording: str
@@ -94,14 +94,14 @@ class ExternalTorque(Pickled):
     payload_change: PayloadChange | None
 
     def interval(self, level: float = 0.95) -> tuple[Array, Array]:
-        """Return both ends of the intervals of the torque from outside, (n_rows, n_dof) each."""
+        """Return both ends of the intervals of the external torque, (n_rows, n_dof) each."""
         half = student_factor(level, self.degrees_of_freedom) * self.std
         return self.torque - half, self.torque + half
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Residual(Pickled, Printed):
-    """Torques from outside along a log.
+    """External torques along a log.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Residual(Pickled, Printed):
 
     @property
     def quiet(self) -> bool:
-        """Whether nothing from outside was seen."""
+        """Whether neither a contact nor a payload change was detected."""
         return not any(item.contacts or item.payload_change for item in self.windows)
 
     def __str__(self) -> str:
@@ -153,7 +153,7 @@ class Residual(Pickled, Printed):
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what was found, as plain lists and numbers, without the samples."""
+        """Return the detections, as plain lists and numbers, without the samples."""
         return {
             "fit": self.fit,
             "log": self.log,
@@ -190,7 +190,7 @@ class Residual(Pickled, Printed):
         }
 
     def csv(self) -> str:
-        """Return time, torque from outside and its standard deviation of all rows as CSV."""
+        """Return time, external torque and its standard deviation of all rows as CSV."""
         n = self.windows[0].torque.shape[1]
         head = [
             "recording",
@@ -213,7 +213,7 @@ def residual_torques(
     bandwidth_hz: float = BANDWIDTH_HZ,
     threshold: float = CONTACT_THRESHOLD,
 ) -> Residual:
-    """Find torques from outside along a log.
+    """Find external torques along a log.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def residual_torques(
     bandwidth_hz : float
         Bandwidth of the momentum observer.
     threshold : float
-        Standard deviations from which it reports.
+        Standard deviations from which it reports a contact.
 
     Returns
     -------
@@ -239,8 +239,8 @@ def residual_torques(
 
     Notes
     -----
-    The noise of the observer is the larger of the fit's residual and of its own median absolute deviation in the window, so a
-    push that lasts most of a window raises the limits. ``test_residual.py`` pushes a simulated arm; ``benches/payloads.py``
+    The noise of the observer is the larger of the fit's residual and its own median absolute deviation in the window, so a push
+    that lasts most of the window raises the limits. ``test_residual.py`` pushes a simulated arm; ``benches/payloads.py``
     measures the latency, and clean logs.
     """
     positive("bandwidth_hz", bandwidth_hz, FitError)
@@ -290,7 +290,7 @@ def _window(
     bandwidth_hz: float,
     threshold: float,
 ) -> ExternalTorque:
-    """Observe one window of a recording, and look for contacts and another payload in it."""
+    """Run the observer along one window of a recording, and detect contacts and payload changes."""
     assert recording.tau is not None  # predict refuses others
     t, torque, std, freedom = rows
     start, stop = recording.windows[window]
@@ -307,7 +307,7 @@ def _window(
     settled = when - when[0] > SETTLING / (2.0 * np.pi * bandwidth_hz)
     own = NORMAL * np.median(np.abs(observed[settled] - np.median(observed[settled], axis=0)), axis=0)
     predicted = np.stack([np.interp(when, t, column) for column in std.T], axis=1)
-    # Errors of the time stamps count by the momentum: they are largest where the arm is fast.
+    # Errors of the time stamps are proportional to the momentum: they are largest at high speed.
     late = stamp_noise(q, rate) * stamp_gain(rate, bandwidth_hz) * np.abs(found.momentum)
     limits = threshold * np.hypot(np.maximum(predicted, own), late)
     limits += _reversals(experiment.robot, x, q, rate, bandwidth_hz)
@@ -334,9 +334,9 @@ def _window(
 
 
 def _reversals(robot: Robot, x: Array, q: Array, rate_hz: float, bandwidth_hz: float) -> Array:
-    """Return what a friction that changes its sign early or late adds to the observer, (n_samples, n_dof).
+    """Return the observer's error for friction that changes its sign early or late, (n_samples, n_dof).
 
-    Coulomb friction of a slow joint is unknown: it passes the observer as a torque from outside does.
+    The sign of a slow joint's Coulomb friction is unknown, so the observer reports it as an external torque.
     """
     speed = np.abs(np.gradient(q, axis=0)) * rate_hz
     slow = speed < SLOW * speed.max(axis=0)
@@ -351,7 +351,7 @@ def _reversals(robot: Robot, x: Array, q: Array, rate_hz: float, bandwidth_hz: f
 def _payload_change(
     fit: Identification, experiment: Experiment, recording: Recording, window: int, x: Array
 ) -> PayloadChange | None:
-    """Look for another payload in the rows of a window."""
+    """Detect a payload change in the rows of a window."""
     robot = experiment.robot
     shift = Delay.recorded(fit.delay).samples
     part = segments(recording, experiment.signal, shift)[window]
@@ -363,7 +363,7 @@ def _payload_change(
     rows = system.y.size // n
     columns = (system.w @ base[:, names]).reshape(n, rows, len(names)).transpose(1, 0, 2)
     residual = (system.y - system.w @ beta).reshape(n, rows).T
-    assert fit.uncertainty is not None  # its predictions have standard deviations
+    assert fit.uncertainty is not None  # predictions have standard deviations here
     size = np.maximum(fit.uncertainty.joint_std, 1e-9 * np.abs(system.y).max())
     t = np.arange(rows) / rows * (len(part.q) / part.rate_hz)
     first = recording.t[recording.windows[window][0]] + experiment.signal.trim_start / part.rate_hz
@@ -378,20 +378,20 @@ def _weighed(
     x: Array,
     change: PayloadChange,
 ) -> PayloadChange | None:
-    """Return a change of the payload with the estimate and the standard deviations of `identify_payload`; None if it is not clear.
+    """Return a payload change with estimate and standard deviations of `identify_payload`; None if it is not significant.
 
-    These have a part from the residual as it lasts, and a part from the robot, which the search leaves out.
+    These include the correlation of the residual and the uncertainty of the robot, which the search ignores.
     """
     start, stop = recording.windows[window]
     first = start + int(np.searchsorted(recording.t[start:stop], change.start_s))
     rest = replace(
         recording, role="fit", payload=NOTHING, own=(), windows=((start if change.whole else first, stop),)
     )
-    # With the parameters of this recording, its own payload included, the estimate is the change.
+    # With the parameters of this recording, payload included, the estimate is the change.
     here = replace(fit, parameters=x, beta=experiment.robot.base_parameters.project(x), further=None)
     try:
         found = identify_payload(here, replace(experiment, recordings=(rest,)))
-    except DidimError:  # too short a rest of the log to weigh it
+    except DidimError:  # too few rows after the change to estimate it
         return replace(change, std=(0.0,) * len(change.std))
     if not clearly_loaded(found.ten, found.std):
         return None
