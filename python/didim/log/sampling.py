@@ -94,10 +94,9 @@ def time_faults(t: Array, rate_hz: float | None, file: str) -> Iterator[TimeFaul
         )
         return
     uneven = np.abs(steps - period) > STEP_TOLERANCE * period
-    even = np.flatnonzero(~uneven)
-    measured = (len(t) - 1) / float(t[-1] - t[0])
-    if uneven.any():
-        measured = float(1.0 / np.mean(steps[even])) if even.size else 1.0 / period
+    # Samples that are missing count, so that jitter, whose median step is not its mean one, is no other rate.
+    finite = steps[np.isfinite(steps)]
+    measured = float(np.rint(finite / period).sum() / finite.sum())
     for place in np.flatnonzero(uneven).tolist():
         row = place + 1
         step = float(steps[place])
