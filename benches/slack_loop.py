@@ -106,10 +106,10 @@ def slack_log(
     return didim.simulated_log(experiment, x, noise=False, refinement=2), x
 
 
-def digital_log(seed: int, *, reverse: int | None = None) -> didim.Experiment:
+def digital_log(seed: int) -> didim.Experiment:
     """Return a log like those of real arms: a digital loop of 1 to 2 Hz with a delay, and friction that the model lacks.
 
-    Stribeck friction and a ripple by position act in the loop; `reverse` is a joint (from 0) whose torque has the wrong sign.
+    Stribeck friction and a ripple by position act in the loop.
     """
     from didim.experiment.loop import closed_loop
 
@@ -155,8 +155,6 @@ def digital_log(seed: int, *, reverse: int | None = None) -> didim.Experiment:
         arrays, _ = closed_loop(exact, felt).run(x[None])
         q, tau = arrays[0][0], arrays[3][0]
     tau = tau + 0.01 * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
-    if reverse is not None:
-        tau[:, reverse] *= -1.0
     return measured(replace(exact, recordings=(replace(recording, q=q, tau=tau),)), seed)
 
 

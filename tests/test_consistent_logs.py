@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ LOAD = ten_parameters(
 )
 
 
+@cache
 def two_logs(noise: float) -> Experiment:
     """Two logs of a TX40, the second with a load and with offsets and friction of its own; so many times the packaged noise."""
     plain = didim.packaged_experiment("tx40")
@@ -73,6 +75,10 @@ def test_least_squares_makes_no_body_of_this_load(noisy: Experiment) -> None:
     ids=["idim-ls", "didim", "didim from the prior", "idim-iv", "cloe"],
 )
 def test_robot_and_load_are_bodies_in_every_method(noisy: Experiment, method: Method) -> None:
+    if isinstance(method, didim.CLOE):  # a simulation for each parameter: a third of the logs
+        noisy = replace(
+            noisy, recordings=tuple(replace(item, windows=((0, 3300),)) for item in noisy.recordings)
+        )
     fit = didim.identify(noisy, method)
     assert fit.converged
     assert violations(conditions_of(ROBOT), fit.parameters) == []

@@ -21,7 +21,7 @@ from didim.result.iteration import Reporter
 
 pytestmark = pytest.mark.usefixtures("without_causes")
 
-NELDER_MEAD = partial(CLOE, optimizer="nelder-mead", start="idim-ls", max_iterations=300)
+NELDER_MEAD = partial(CLOE, optimizer="nelder-mead", start="idim-ls", max_iterations=60)
 
 METHODS_UNDER_CONTRACT: dict[str, Contract] = {
     "idim-ls": Contract(make=IDIMLS),

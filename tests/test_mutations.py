@@ -26,8 +26,12 @@ def test_a_change_is_that_of_one_value(constants: ModuleType, project: Path) -> 
     assert len(every) > 300
     for planted in every:
         text = (project / planted.file).read_text(encoding="utf-8")
-        before, after = (ast.parse(part).body for part in (text, planted.apply(text)))
-        (changed,) = [b for a, b in zip(before, after, strict=True) if ast.dump(a) != ast.dump(b)]
+        before, after = (part.splitlines() for part in (text, planted.apply(text)))
+        first, rest = planted.line - 1, len(before) - planted.end[0]
+        last = len(after) - rest
+        assert after[:first] + after[last:] == before[:first] + before[len(before) - rest :]
+        assert after[first:last] != before[first : len(before) - rest]
+        (changed,) = ast.parse("\n".join(after[first:last])).body
         assert isinstance(changed, ast.Assign | ast.AnnAssign)
         (name,) = [node.id for node in ast.walk(changed) if isinstance(node, ast.Name) and node.id.isupper()]
         assert name == planted.name

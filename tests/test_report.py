@@ -23,7 +23,6 @@ from didim import (
     Comparison,
     Experiment,
     Identification,
-    compare,
     identify,
     report,
     validate,
@@ -40,7 +39,7 @@ from several import arm_logs
 from simulated import RATE_HZ
 from simulated import experiment as log_experiment
 from simulated import log as simulated_log
-from test_compare import ARM
+from test_compare import ARM, shortened
 
 Row = list[str]
 REPORTS = ("identify", "compare", "validate")
@@ -126,7 +125,7 @@ def fit_html(fit: Identification, arm: Experiment) -> str:
 def comparison(tmp_path_factory: pytest.TempPathFactory) -> Comparison:
     path = tmp_path_factory.mktemp("report") / "arm.toml"
     path.write_text(ARM, encoding="utf-8")
-    return compare(didim.load_experiment(path), parameters="reference")
+    return shortened(didim.load_experiment(path))
 
 
 @pytest.fixture(scope="module")
@@ -254,6 +253,7 @@ def test_the_verdict_on_what_is_not_good(fit: Identification, arm: Experiment) -
     assert "the method gives no standard deviations" in judged(blind)[2]
 
 
+@pytest.mark.usefixtures("without_drawing")
 def test_text_is_escaped(fit: Identification, arm: Experiment) -> None:
     evil = "<script>alert('1')</script> & \"co\""
     odd = replace(
@@ -305,7 +305,7 @@ def test_numbers_of_a_comparison(comparison: Comparison, pages: dict[str, str]) 
     assert effort[1:3] == [str(fits["didim"].n_iterations), str(fits["didim"].n_simulations)]
     assert float(effort[4]) == pytest.approx(np.sqrt(np.mean(deviations**2)), abs=0.006)
     assert "CLOE, Nelder-Mead gives no standard deviations and is not drawn." in page.text
-    assert "Shortened: Nelder-Mead ends after 1000 iterations" in page.text
+    assert "Shortened: Nelder-Mead ends after 50 iterations" in page.text
 
 
 def test_numbers_of_a_validation(fit: Identification, arm: Experiment, pages: dict[str, str]) -> None:

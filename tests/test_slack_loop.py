@@ -33,6 +33,12 @@ def slack() -> Experiment:
     return arm_log(1, natural_frequency_hz=2.0)
 
 
+@pytest.fixture(scope="module")
+def digital() -> Experiment:
+    """Seven axes in a slack digital loop."""
+    return BENCH.digital_log(1)
+
+
 def distance(fit: Identification, end: Identification) -> float:
     return float(np.max(np.abs(fit.beta - end.beta)[end.std > 0.0] / end.std[end.std > 0.0]))
 
@@ -145,12 +151,12 @@ def test_a_simulation_that_ends_early_leaves_the_estimate_of_the_steps(
     assert any("each step is" in remark or "steps do not shrink" in remark for remark in fit.remarks)
 
 
-def test_an_arm_at_the_edge_of_the_robots_comes_to_rest_there() -> None:
-    """Seven axes in a slack digital loop: conditions hold directions that the motion follows, and Newton's method knows it.
+def test_an_arm_at_the_edge_of_the_robots_comes_to_rest_there(digital: Experiment) -> None:
+    """Conditions hold directions that the motion follows, and Newton's method knows it.
 
     Steps that did not know it left 0.39 standard deviations on this log.
     """
-    fit = identify(BENCH.digital_log(1), DIDIM())
+    fit = identify(digital, DIDIM())
     assert fit.converged
     assert fit.n_iterations <= 10
     # The start, the iterations, one simulation a parameter once, and one in a random direction.
@@ -159,9 +165,12 @@ def test_an_arm_at_the_edge_of_the_robots_comes_to_rest_there() -> None:
     assert fit.history[-1].more["remaining_sigma"] <= 1.5 * NEAR
 
 
-def test_a_reversed_torque_ends_the_run_soon() -> None:
+def test_a_reversed_torque_ends_the_run_soon(digital: Experiment) -> None:
     """Each iteration of such a run is farther from the log than the one before; it went on to the limit of iterations."""
-    fit = identify(BENCH.digital_log(1, reverse=2), DIDIM())
+    (recording,) = digital.recordings
+    assert recording.tau is not None
+    reversed_ = replace(recording, tau=recording.tau * np.where(np.arange(7) == 2, -1.0, 1.0))
+    fit = identify(replace(digital, recordings=(reversed_,)), DIDIM())
     assert not fit.converged
     assert fit.n_iterations <= 4
     assert fit.n_simulations <= 25
@@ -169,8 +178,8 @@ def test_a_reversed_torque_ends_the_run_soon() -> None:
     assert any(remark.startswith("gave up after 3 iterations in a row") for remark in fit.remarks)
 
 
-def test_the_share_is_the_derivative_of_a_consistent_solution_by_the_plain_one() -> None:
-    log = BENCH.digital_log(1)
+def test_the_share_is_the_derivative_of_a_consistent_solution_by_the_plain_one(digital: Experiment) -> None:
+    log = digital
     method = DIDIM()
     job = method.job(log, log.simulation.robot(log.robot))
     assert isinstance(job.solver, ConsistentSolver)
