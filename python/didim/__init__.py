@@ -118,7 +118,7 @@ __all__ = [
     "study",
     "validate",
 ]
-if TYPE_CHECKING:  # modules, and the names of 0.2.0, which are found by `__getattr__`
+if TYPE_CHECKING:  # modules, and the names of 0.2.0, which `__getattr__` loads
     __all__ += [
         "EKF",
         "BaseParameters",
@@ -245,13 +245,13 @@ _MOVED = {
 """Modules of public names of 0.2.0 that are no longer public: they work in this version with a `DeprecationWarning`."""
 
 
-if not TYPE_CHECKING:  # type checkers refuse names that are not above
+if not TYPE_CHECKING:  # type checkers reject names that are not imported above
 
     def __getattr__(name: str) -> Any:
         """Load what is in `_LATER`, or a module of the package."""
         if name in _LATER:
             value = getattr(import_module(f".{_LATER[name]}", __name__), name)
-            globals()[name] = value  # found without this function the next time
+            globals()[name] = value  # next time found without this function
             return value
         if name in _MOVED:
             place = f"{__name__}.{_MOVED[name]}"

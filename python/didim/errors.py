@@ -42,7 +42,7 @@ class RankError(DidimError):
 
 
 class IndefiniteError(DidimError):
-    """Parameters with which M(q) is not positive definite: no robot has them."""
+    """Parameters with which M(q) is not positive definite, as for no real robot."""
 
 
 class FitError(DidimError):
@@ -66,11 +66,11 @@ class SimulationError(DidimError):
 
 
 class StudyError(DidimError):
-    """A study that cannot be run: a wrong key, rows of something else, or workers that do not answer."""
+    """A study that cannot be run: a wrong key, rows of another study, or failing workers."""
 
 
 class ExampleError(DidimError):
-    """An example that does not come with the package, or a folder that has its files already."""
+    """An example that does not exist, or a folder that already has its files."""
 
 
 class OutputError(DidimError):
@@ -78,11 +78,11 @@ class OutputError(DidimError):
 
 
 class ThreadsError(DidimError):
-    """A number of threads that cannot be."""
+    """Invalid number of threads."""
 
 
 class InstructionSetError(DidimError):
-    """A set of instructions that the processor does not have, or that nothing is called."""
+    """A set of instructions that the processor does not have, or an unknown name of one."""
 
 
 class PlotError(DidimError):
@@ -90,4 +90,4 @@ class PlotError(DidimError):
 
 
 class RobotWarning(UserWarning):
-    """A robot file that is probably not what was meant."""
+    """A robot file that is probably not as intended."""

@@ -1,4 +1,4 @@
-"""Results as markdown, LaTeX and CSV: for pages, papers and spreadsheets.
+"""Results as Markdown, LaTeX and CSV, for pages, papers and spreadsheets.
 
 Markdown and LaTeX have the digits of the printed table, CSV has all of them. Tested in ``tests/test_formats.py``.
 """
@@ -33,7 +33,7 @@ Result = Identification | Comparison | BaseParameters | StudyResults
 class Grid:
     """Cells of a table; `align` has a letter per column, ``l`` for text and ``r`` for numbers.
 
-    `groups` are headings over several columns each, from the first column on; `units` says that the second column has units.
+    `groups` are headings over several columns each, from the first column on; `units` is true if the second column has units.
     """
 
     head: tuple[str, ...]
@@ -51,8 +51,8 @@ def render(result: Result, form: str = "text") -> str:
     result : Identification, Comparison, BaseParameters or StudyResults
         A comparison has the form of Table II.
     form : {"text", "markdown", "latex", "csv"}
-        ``text`` is ``str(result)``; ``markdown`` has pipe tables; ``latex`` is one ``tabular`` of the package booktabs, its
-        comments say what else there is to know; ``csv`` has a heading, and every number so that it reads back as it was.
+        ``text`` is ``str(result)``; ``markdown`` has pipe tables; ``latex`` is one ``tabular`` of the package booktabs, with
+        remarks as comments; ``csv`` has a heading and all digits of every number.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def _identification(fit: Identification, form: str) -> str:
     notes = [*map(str, fit.verdict.reasons), fit.conclusion, fit.verdict.sentence]
     if form == "latex":
         lines = [" ".join(row) for row in (errors_head, *errors)]
-        # One tabular: the parameters of single logs have their owner in front.
+        # One tabular: parameters of single logs are prefixed by their owner.
         names = [] if fit.further is None else fit.further.names
         rest = [row for _, (_, *block) in further for row in block]
         body += [(name, *row[1:]) for name, row in zip(names, rest, strict=True)]
@@ -147,7 +147,7 @@ def _identification(fit: Identification, form: str) -> str:
 
 
 def _further_values(fit: Identification) -> list[tuple[Any, ...]]:
-    """Name, unit, value, role and standard deviations of the parameters of single logs, as CSV has them."""
+    """Return name, unit, value, role and standard deviations of the parameters of single logs, for CSV."""
     found = fit.further
     if found is None:
         return []
@@ -225,7 +225,7 @@ def _percent(percent: float) -> str:
 
 
 def _exact(value: float) -> str:
-    """Shortest text that reads back as the same number; empty where there is none."""
+    """Return the shortest text that reads back as the same number; empty for a missing one."""
     return repr(float(value)) if math.isfinite(value) else ""
 
 
@@ -236,7 +236,7 @@ def _csv(rows: Sequence[Sequence[str]]) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Text that markdown shows as it is."""
+    """Return a text escaped for Markdown."""
     return re.sub(r"([\\`*_|])", r"\\\1", text).replace("<", "&lt;").replace(">", "&gt;")
 
 
@@ -259,19 +259,19 @@ NUMBER = re.compile(r"[<>]?-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 
 def latex_text(text: str) -> str:
-    r"""Return text that LaTeX shows as it is: special characters escaped, and ``m^2`` as a power."""
+    r"""Return a text for LaTeX: special characters escaped, and ``m^2`` as a power."""
     pieces = re.split(r"\^(\d+)", text)
     shown = ["".join(LATEX_CHARACTERS.get(character, character) for character in part) for part in pieces]
     return "".join(f"$^{{{part}}}$" if k % 2 else part for k, part in enumerate(shown))
 
 
 def _latex_unit(unit: str) -> str:
-    """Thin spaces where the plain unit has points: ``kg.m^2``."""
+    """Return a unit with thin spaces in place of points, as in ``kg.m^2``."""
     return r"\,".join(latex_text(part) for part in unit.split("."))
 
 
 def _latex_number(cell: str) -> str:
-    """Set a number as mathematics, whose minus is one; other cells are text."""
+    """Return a number in math mode, for a proper minus sign; other cells are text."""
     if not NUMBER.fullmatch(cell):
         return "--" if cell == "-" else latex_text(cell)
     digits, _, power = cell.partition("e")

@@ -1,1 +1,1 @@
-"""Tools that know nothing of robotics."""
+"""Tools independent of robotics."""

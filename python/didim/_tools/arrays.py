@@ -1,6 +1,6 @@
 """Arrays from users: real numbers as float64, anything else refused in one sentence.
 
-NumPy would drop the imaginary part of a complex number, read the text "1.5" as a number and make NaN of None.
+NumPy would drop the imaginary part of a complex number, convert the text "1.5" to a number and None to NaN.
 Tested in ``tests/test_arrays.py``.
 """
 
@@ -23,12 +23,12 @@ _FLOAT64 = np.dtype(np.float64)
 
 
 def real_array(what: str, value: ArrayLike, error: type[DidimError]) -> Array:
-    """Return `value` as float64, of any shape and not necessarily finite; a copy only where needed.
+    """Return `value` as float64, of any shape and not necessarily finite; a copy only if needed.
 
     Parameters
     ----------
     what : str
-        How messages name it.
+        Name in messages.
     value : array_like
         Real numbers.
     error : type of DidimError
@@ -39,7 +39,7 @@ def real_array(what: str, value: ArrayLike, error: type[DidimError]) -> Array:
     DidimError
         Of class `error`, for complex numbers, texts, objects and rows of different length.
     """
-    if type(value) is np.ndarray and value.dtype is _FLOAT64:  # by far the most frequent: nothing to look at
+    if type(value) is np.ndarray and value.dtype is _FLOAT64:  # by far the most frequent case: no conversion
         return value
     try:
         array = np.asarray(value)
@@ -52,16 +52,16 @@ def real_array(what: str, value: ArrayLike, error: type[DidimError]) -> Array:
 
 
 def surely_within(array: Array, limit: float) -> bool:
-    """Tell by one sum of squares that every number is finite and at most `limit` in size.
+    """Check by one sum of squares that every number is finite and at most `limit` in size.
 
-    False says only that each must be looked at, as for the largest ones within the limit, or where the sum overflows.
-    No square may be larger than the sum: half the limit's leaves room for rounding.
+    False only means that each number must be checked, for example if some are close to the limit or the sum overflows. The
+    bound is half the squared limit, because of rounding.
     """
     return bool(np.vdot(array, array) <= 0.5 * limit * limit)
 
 
 def relative_percent(std: Array, values: Array) -> Array:
-    """Equation (11): standard deviations in percent of the size of their values; NaN where a value is zero."""
+    """Equation (11): standard deviations in percent of the size of their values; NaN for values of zero."""
     size = np.abs(values)
-    with np.errstate(over="ignore"):  # infinite where the value is next to nothing
+    with np.errstate(over="ignore"):  # infinite for tiny values
         return 100.0 * np.divide(std, size, out=np.full_like(size, np.nan), where=size > 0.0)

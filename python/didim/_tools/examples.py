@@ -1,4 +1,4 @@
-"""Examples that come with the package: folders whose README has the commands to run. Tested in ``tests/test_example.py``."""
+"""Included examples: folders whose README lists the commands. Tested in ``tests/test_example.py``."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ README = "README.md"
 
 
 def packaged_examples() -> dict[str, str]:
-    """Return what each example shows, the first line of its README, by name."""
+    """Return the first line of each example's README, by name."""
     readmes = sorted(FOLDER.glob(f"*/{README}"))
     return {path.parent.name: _readme(path.parent).partition("\n")[0].removeprefix("# ") for path in readmes}
 
 
 def example_commands(name: str) -> list[str]:
-    """Return the commands of an example in their order."""
+    """Return the commands of an example in order."""
     return re.findall(r"^    (\S.*)$", _readme(_example(name)), flags=re.MULTILINE)
 
 
@@ -32,9 +32,9 @@ def copy_example(name: str, folder: Path, *, force: bool = False) -> list[Path]:
     name : str
         One of `packaged_examples`.
     folder : Path
-        It is made where it is missing; other files that it has stay.
+        Target folder, created if missing; other files in it do not change.
     force : bool
-        Overwrite files that are there already.
+        Overwrite existing files.
 
     Returns
     -------
@@ -44,10 +44,10 @@ def copy_example(name: str, folder: Path, *, force: bool = False) -> list[Path]:
     Raises
     ------
     ExampleError
-        When there is no such example, or one of its files is there already.
+        When there is no such example, or one of its files exists.
     """
     source = _example(name)
-    # What an installer compiles beside the sources is no part of an example.
+    # Files compiled by an installer are not part of an example.
     files = sorted(path for path in source.iterdir() if path.is_file())
     there = [path.name for path in files if (folder / path.name).exists()]
     if there and not force:

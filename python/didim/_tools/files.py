@@ -1,4 +1,4 @@
-"""Writing result files: whole or not at all, checked before the work, and somewhere else rather than nowhere."""
+"""Writing of result files: atomic, checked before the work, and with a fallback location."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from .inputs import note_output
 
 
 def write_atomically(path: Path, content: str | bytes, made_of: Iterable[str] = ()) -> None:
-    """Write a file so that a reader, or a crash, never meets half of it.
+    """Write a file atomically: neither a reader nor a crash sees a part of it.
 
-    Several threads and processes may write to one path: each writes a file of its own, and the last one to finish stays.
+    Several threads and processes may write to one path: each writes a temporary file, and the last one wins.
 
     Parameters
     ----------
     path : Path
         A link is followed; a pipe or a terminal is written to directly. An existing file keeps its mode.
     content : str or bytes
-        Text is written as UTF-8. Bytes of file names that are not become escapes, which JSON reads back as they were.
+        Text is written as UTF-8. Other bytes of file names become escapes, which JSON restores.
     made_of : iterable of str
-        SHA-256 of the files that the content was computed from.
+        SHA-256 of the input files of the content.
 
     Raises
     ------
     OutputError
-        When the file is one of those that the content was computed from, or was read by the same command.
+        When the file is an input of the content, or was read by the same command.
     OSError
         When the folder is missing or not writable, or the disk is full; ``filename`` is the path.
     """
@@ -48,12 +48,12 @@ def write_atomically(path: Path, content: str | bytes, made_of: Iterable[str] = 
     except OSError as error:
         if error.errno is None:
             raise
-        # The system names the temporary file, or none.
+        # The system's message names the temporary file, or none.
         raise OSError(error.errno, os.strerror(error.errno), str(path)) from None
 
 
 def _keep_sources(path: Path, digests: frozenset[str]) -> None:
-    """Refuse to write over a file whose content is one of those that something was computed from."""
+    """Refuse to overwrite a file whose content is one of the inputs."""
     if not digests or not path.is_file():
         return
     from hashlib import file_digest
@@ -67,14 +67,14 @@ def _keep_sources(path: Path, digests: frozenset[str]) -> None:
 
 
 def check_output(path: Path) -> None:
-    """Refuse a path that nothing can be written to, before the work that makes its content.
+    """Refuse a path that cannot be written, before the work.
 
     Raises
     ------
     OutputError
         When the same command reads this file, by whatever name or link.
     OSError
-        When the path is a folder, its folder is missing, its links lead in a circle, or no file can be made there
+        When the path is a folder, its folder is missing, its links lead in a circle, or files cannot be created there
         (``test_outputs.py``).
     """
     note_output(path)
@@ -96,30 +96,30 @@ def check_output(path: Path) -> None:
 
 
 def write_elsewhere(path: Path, write: Callable[[Path], None]) -> Path | None:
-    """Write what could not be written to `path` into the current folder, or else into the folder for temporary files.
+    """Write a file that failed at `path` to the current folder, or else to the folder for temporary files.
 
     Parameters
     ----------
     path : Path
-        Gives the name; a number is added to it where it is taken.
+        Path with the name; a number is added if it is in use.
     write : callable
-        Writes the file to a path.
+        Function that writes the file to a path.
 
     Returns
     -------
     Path or None
-        Where it is now; None when it could not be written there either.
+        Path of the written file; None if this failed too.
     """
     folders = []
     for folder_of in (Path.cwd, tempfile.gettempdir):
-        with contextlib.suppress(OSError):  # the folder is gone, or nothing can be written
+        with contextlib.suppress(OSError):  # the folder was removed, or is not writable
             folders.append(Path(folder_of()))
     for folder in folders:
         for number in range(1, 1000):
             place = folder / f"{path.stem}-{number}{path.suffix}"
             if place.exists():
                 continue
-            with contextlib.suppress(Exception):  # whatever a writer stumbles over
+            with contextlib.suppress(Exception):  # any error of a writer
                 write(place)
                 return place
             break
@@ -127,11 +127,11 @@ def write_elsewhere(path: Path, write: Callable[[Path], None]) -> Path | None:
 
 
 def _require_end(path: Path) -> None:
-    """Refuse links that lead in a circle: what takes their place would be another file than was meant."""
+    """Refuse circular links: replacing them would create another file than intended."""
     if path.is_symlink():
         try:
             path.stat()
-        except FileNotFoundError:  # a link to a file that is still to be made
+        except FileNotFoundError:  # a link to a file that does not exist yet
             return
         except OSError as error:
             raise OSError(f"cannot write '{path}': {error.strerror}") from None
@@ -143,7 +143,7 @@ def _require_folder(path: Path, target: Path) -> None:
 
 
 def _write_beside(target: Path, data: bytes) -> None:
-    """Write to a file of another name in the same folder, which then takes the place of `target`."""
+    """Write to a temporary file in the same folder, which then replaces `target`."""
     try:
         mode = stat.S_IMODE(target.stat().st_mode)
     except FileNotFoundError:
@@ -163,7 +163,7 @@ _UMASK: list[int] = []
 
 
 def _umask() -> int:
-    """File mode creation mask of the process. The system only tells it when it is set, so it is asked once."""
+    """Return the file mode creation mask. It can only be read by setting it, so it is read once."""
     if not _UMASK:
         mask = os.umask(0o077)
         os.umask(mask)

@@ -1,7 +1,7 @@
-"""Files that are read: regular ones only, within memory, and never written over by the run that reads them.
+"""Input files: regular files only, within memory, and never overwritten by the run that reads them.
 
-Every reader of the package gets its bytes here, so that one place knows what a run has read. `one_run` collects this, and compares
-each output with it. Tested in ``tests/test_inputs.py`` and ``tests/test_outputs.py``.
+Every reader of the package gets its bytes here, which records all inputs of a run. `one_run` compares each output with them.
+Tested in ``tests/test_inputs.py`` and ``tests/test_outputs.py``.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class Run:
     Attributes
     ----------
     read : dict
-        Files that were read, as keys in their order.
+        Files that were read, as keys in order.
     outputs : dict
-        Files that will be written, likewise.
+        Files that will be written, as keys in order.
     """
 
     read: dict[Path, None] = field(default_factory=dict)
@@ -57,7 +57,7 @@ _RUN: ContextVar[Run | None] = ContextVar("run", default=None)
 
 @contextmanager
 def one_run() -> Iterator[Run]:
-    """Compare every output with every file that is read inside, whichever of the two comes first."""
+    """Compare every output with every input within this context, in either order of use."""
     run = Run()
     token = _RUN.set(run)
     try:
@@ -67,7 +67,7 @@ def one_run() -> Iterator[Run]:
 
 
 def note_input(path: Path) -> None:
-    """Tell that a file is read.
+    """Record an input file.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def note_input(path: Path) -> None:
 
 
 def note_output(path: Path) -> None:
-    """Tell that a file will be written.
+    """Record an output file.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def same_file(one: Path, other: Path) -> bool:
     """Whether two paths lead to one file: by links of either kind, or by two spellings of a path that does not exist."""
     try:
         return os.path.samefile(one, other)
-    except (OSError, ValueError):  # one of them does not exist, or is no name of a file
+    except (OSError, ValueError):  # one of them does not exist, or is not a valid file name
         with suppress(OSError, ValueError):
             return os.path.realpath(one) == os.path.realpath(other)
         return False
@@ -127,9 +127,9 @@ def read_file(
     error : type
         Class of the error to raise.
     missing : str
-        What the message calls a file that does not exist.
+        Noun for a missing file in the message.
     copies : int
-        How many times the content is in memory while it is read, at least.
+        Smallest ratio of the memory while reading to the file's size.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def read_file(
 def check_input(
     path: Path, error: type[DidimError], missing: str = "no such file", *, copies: int = 1
 ) -> int:
-    """Look at a file before it is opened, note that it is read, and return its bytes.
+    """Check a file before it is opened, record it as an input, and return its size (bytes).
 
     Parameters and errors as of `read_file`.
     """
@@ -179,7 +179,7 @@ def _kind(mode: int) -> str:
 
 
 def read_small_file(path: Path, error: type[DidimError], missing: str = "no such file") -> bytes:
-    """Read a file that a person writes, of at most `LARGEST_DESCRIPTION` bytes. Errors as of `read_file`."""
+    """Read a hand-written file of at most `LARGEST_DESCRIPTION` bytes. Errors as of `read_file`."""
     size = check_input(path, error, missing)
     if size > LARGEST_DESCRIPTION:
         raise error(
@@ -202,7 +202,7 @@ def first_lines(path: Path, error: type[DidimError], count: int, longest: int) -
 
 
 def free_memory() -> int | None:
-    """Return the memory (bytes) that this process can still take; None where the system does not say."""
+    """Return the memory (bytes) available to this process; None if unknown."""
     found = []
     with suppress(OSError, ValueError, IndexError):
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
@@ -219,7 +219,7 @@ def free_memory() -> int | None:
 
 
 def check_memory(size: int, where: str, error: type[DidimError]) -> None:
-    """Refuse a content of so many bytes when there is less free memory."""
+    """Refuse content that is larger than the free memory (bytes)."""
     free = free_memory() if size > SMALL_CONTENT else None
     if free is not None and size > free:
         raise error(
@@ -231,7 +231,7 @@ def check_memory(size: int, where: str, error: type[DidimError]) -> None:
 
 
 def check_expanded(size: int, packed: int, where: str, error: type[DidimError]) -> None:
-    """Refuse an archive whose content is out of proportion to its bytes, or does not fit into memory.
+    """Refuse an archive with a suspicious compression ratio, or with content that does not fit memory.
 
     Parameters
     ----------
@@ -257,11 +257,11 @@ def open_npz(raw: bytes, where: str, error: type[DidimError]) -> Any:
     Raises
     ------
     DidimError
-        Of class `error`, when its arrays are out of proportion to the file (`check_expanded`).
+        Of class `error`, when its compression ratio is suspicious (`check_expanded`).
     Exception
-        Any, for bytes of another kind.
+        Any, for invalid bytes.
     """
-    # Loaded late: commands that read no archive start without them.
+    # Imported late, to speed up commands without archives.
     import zipfile
 
     import numpy as np
@@ -275,7 +275,7 @@ def open_npz(raw: bytes, where: str, error: type[DidimError]) -> Any:
 
 
 def _declared(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> int:
-    """Bytes of an array as 64-bit numbers, by its header; 0 for a damaged one, which is refused when it is read."""
+    """Return the bytes of an array as 64-bit numbers, by its header; 0 for a damaged one, which fails when it is read."""
     from numpy.lib import format as npy
 
     try:
@@ -283,5 +283,5 @@ def _declared(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> int:
             first = npy.read_magic(file) == (1, 0)
             shape, _, dtype = (npy.read_array_header_1_0 if first else npy.read_array_header_2_0)(file)
             return prod(shape) * max(dtype.itemsize, 8)
-    except Exception:  # encrypted, of an unknown compression, cut
+    except Exception:  # encrypted, truncated, or with an unknown compression
         return 0

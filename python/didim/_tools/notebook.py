@@ -1,6 +1,6 @@
-"""How results show themselves in notebooks: tables as tables, sentences as text. Tested in ``tests/test_notebook.py``.
+"""Results in notebooks: tables as HTML tables, sentences as text. Tested in ``tests/test_notebook.py``.
 
-A class that shows itself defines ``_repr_html_`` by `page`; nothing here knows what it shows.
+A class defines ``_repr_html_`` by `page`, which is independent of the class.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ def page(title: str, *parts: str | Rows) -> str:
     Parameters
     ----------
     title : str
-        Above everything.
+        Title on top.
     *parts : str or rows
-        Text, whose lines and columns stay as they are, and tables: the first row is the heading. Empty parts are left out.
+        Preformatted text, and tables with the heading in the first row. Empty parts are omitted.
     """
     lines = [f"<strong>{html.escape(title)}</strong>"]
     for part in parts:
@@ -38,7 +38,7 @@ def page(title: str, *parts: str | Rows) -> str:
 
 
 class Printed:
-    """Base of a class whose text is made for people: a notebook shows that text, and its repr is one line of it."""
+    """Base of a class with a readable text: a notebook shows the text, and the repr is one line of it."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {str(self).partition(chr(10))[0]}>"
@@ -49,7 +49,7 @@ class Printed:
 
 
 class Brief:
-    """Base of a frozen dataclass whose repr has the shapes of arrays in place of their numbers."""
+    """Base of a frozen dataclass whose repr shows the shapes of arrays instead of their numbers."""
 
     def __repr__(self) -> str:
         shown = (f"{item.name}={_brief(getattr(self, item.name))}" for item in fields(self))  # type: ignore[arg-type]
@@ -81,7 +81,7 @@ def _table(rows: Rows) -> str:
 
 
 def _is_number(cell: str) -> bool:
-    """Whether a cell belongs on the right: a number, or nothing in its place."""
+    """Whether a cell is right-aligned: a number, or the mark of a missing one."""
     if cell in ("", "-") or cell.startswith(">"):
         return True
     try:

@@ -1,4 +1,4 @@
-"""Pickling of frozen dataclasses: their fields, and nothing that is made of them. Tested in ``tests/test_pickling.py``."""
+"""Pickling of frozen dataclasses by their fields, without cached properties. Tested in ``tests/test_pickling.py``."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 
 
 class Pickled:
-    """Base of a frozen dataclass that `pickle` and `copy.deepcopy` take.
+    """Base of a frozen dataclass for `pickle` and `copy.deepcopy`.
 
-    The state is that of the fields: what a cached property holds, such as the object of the numerical core, is made again
-    on arrival. Arrays that cannot be written stay so, and read-only mappings stay read-only.
+    The state contains the fields; cached properties, such as the object of the numerical core, are computed again. Arrays and
+    mappings that are read-only stay so.
     """
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the fields; what pickle does not carry is noted beside them."""
+        """Return the fields, with notes on properties that pickle does not preserve."""
         state: dict[str, Any] = {"values": {}, "read_only": [], "proxies": []}
         for item in fields(self):  # type: ignore[arg-type]
             value = getattr(self, item.name)

@@ -1,4 +1,4 @@
-"""Things by name: those of a table, and others as "module:name", such as a method of one's own.
+"""Objects by name: those of a table, and others as "module:name", such as a user-defined method.
 
 Tested in ``tests/test_plugins.py``.
 """
@@ -29,20 +29,20 @@ def named(
     error: type[DidimError],
     moved: Mapping[str, str] | None = None,
 ) -> Any:
-    """Return the thing of a table that has a name, or that of a module, as "module:name".
+    """Return an object by its name in a table, or as "module:name".
 
     Parameters
     ----------
     name : str
         Key of `places`, or "module:name".
     places : mapping
-        Things, or where they are, as "module:name": loaded when they are asked for.
+        Objects, or their location "module:name", imported on use.
     what : str
-        What they are, for messages, such as "method".
+        Noun for messages, such as "method".
     error : type of DidimError
         Class of the error for an unknown name, or a module that cannot be loaded.
     moved : mapping, optional
-        Names of the version before, and where they are now: they work with a `DeprecationWarning`.
+        Names of the previous version with their new location; they work with a `DeprecationWarning`.
     """
     if moved and name in moved:
         warnings.warn(
@@ -61,7 +61,7 @@ def named(
 
 
 def loaded(place: str, what: str, error: type[DidimError]) -> Any:
-    """Return what is at "module:name"; a module beside the program, or in the current folder, is found too."""
+    """Return the object at "module:name"; the program's folder and the current folder are searched too."""
     module, _, name = place.partition(":")
     search((Path.cwd(),))
     try:
@@ -82,7 +82,7 @@ def loaded(place: str, what: str, error: type[DidimError]) -> Any:
 
 
 def search(folders: Iterable[Path]) -> None:
-    """Let modules of these folders be imported, after all others: none takes the place of an installed one."""
+    """Make the modules of these folders importable, after all installed ones."""
     for folder in map(str, folders):
         if folder not in sys.path and Path(folder).is_dir():
             sys.path.append(folder)
@@ -102,13 +102,13 @@ def places(value: object) -> Iterator[str]:
 
 
 def search_beside(content: object, path: Path) -> None:
-    """Let modules beside a file be imported, if its content names one as "module:name"."""
+    """Make modules beside a file importable, if its content names one as "module:name"."""
     if any(places(content)):
         search((path.resolve().parent,))
 
 
 def source_digest(place: str) -> str:
-    """Return the SHA-256 of the source of "module:name", or an empty text where it has none."""
+    """Return the SHA-256 of the source of "module:name", or an empty text without source."""
     try:
         spec = find_spec(place.partition(":")[0])
     except (ModuleNotFoundError, ValueError):  # a missing package; a program itself

@@ -1,4 +1,4 @@
-"""One line of progress that replaces itself, on terminals and in notebooks; nowhere else. Tested in ``tests/test_progress.py``."""
+"""A progress line that updates itself, on terminals and in notebooks only. Tested in ``tests/test_progress.py``."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ WIDEST = 78
 
 
 class ProgressLine:
-    """A line that shows how far a long calculation is.
+    """A line with the progress of a long calculation.
 
-    On a terminal it is the current line of stderr, in a notebook an output that is updated; `close` removes it. Files and pipes
-    get nothing.
+    On a terminal it is the current line of stderr, in a notebook an updated output; `close` removes it. Nothing is written to
+    files and pipes.
     """
 
     def __init__(self) -> None:
@@ -31,7 +31,7 @@ class ProgressLine:
         self._notebook = not self._terminal and in_notebook()
 
     def show(self, text: str) -> None:
-        """Replace the line, once the work takes longer than a moment."""
+        """Update the line, if the work has taken longer than `DELAY_S`."""
         now = time.monotonic()
         if (
             not (self._terminal or self._notebook)
@@ -64,12 +64,12 @@ class ProgressLine:
 
 
 def shows_progress() -> bool:
-    """Whether a line of progress would be seen: stderr is a terminal, or the program runs in a notebook."""
+    """Whether a progress line is visible: stderr is a terminal, or the program runs in a notebook."""
     return _is_terminal() or in_notebook()
 
 
 def in_notebook() -> bool:
-    """Whether a notebook runs the program: no module is imported to find out."""
+    """Whether the program runs in a notebook, without importing a module."""
     ipython = sys.modules.get("IPython")
     shell = None if ipython is None else ipython.get_ipython()
     return type(shell).__name__ == "ZMQInteractiveShell"

@@ -1,4 +1,4 @@
-"""JSON of saved results: read, and refused where it is of another kind. Tested in ``tests/test_identification.py``."""
+"""Reader of the JSON of saved results. Tested in ``tests/test_identification.py``."""
 
 from __future__ import annotations
 

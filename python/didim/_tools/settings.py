@@ -1,4 +1,4 @@
-"""Checks of settings, so that the same fault has the same words everywhere. Tested in ``tests/test_settings.py``."""
+"""Checks of settings, with the same message for the same fault everywhere. Tested in ``tests/test_settings.py``."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ..errors import DidimError
 def whole(
     name: str, value: object, error: type[DidimError], *, least: int | None = None, most: int | None = None
 ) -> int:
-    """Return a whole number, NumPy's too, as the int that JSON has; 4.0 and True are refused.
+    """Return a whole number, of Python or NumPy, as an int; 4.0 and True are refused.
 
     Parameters
     ----------
     name : str
-        Setting, for the message.
+        Name of the setting in the message.
     value : object
-        What was given.
+        Given value.
     error : type of DidimError
         Class of the error to raise.
     least, most : int, optional
@@ -49,7 +49,7 @@ def share(
 
 
 def positive(name: str, value: object, error: type[DidimError], unit: str = "number") -> float:
-    """Return a finite number above zero; `unit` is its noun in the message, other parameters as `whole`."""
+    """Return a positive finite number; `unit` is its noun in the message, other parameters as `whole`."""
     if isinstance(value, Real) and not isinstance(value, bool) and 0.0 < float(value) < float("inf"):
         return float(value)
     raise error(f"{name} must be a positive {unit}, got {value!r}")
@@ -57,7 +57,7 @@ def positive(name: str, value: object, error: type[DidimError], unit: str = "num
 
 def one_of(name: str, value: object, choices: Sequence[object], error: type[DidimError]) -> None:
     """Refuse a value that is not among the choices; parameters as `whole`."""
-    # Equal is not enough: 1 == True.
+    # Equality does not suffice: 1 == True.
     if any(value is choice or (type(value) is type(choice) and value == choice) for choice in choices):
         return
     *first, last = (repr(choice) for choice in choices)

@@ -1,6 +1,6 @@
-"""How many threads the core takes: a limit from the environment or from `set_threads`, and one in worker processes.
+"""Number of threads of the core: limited by the environment or `set_threads`, and one in worker processes.
 
-``DIDIM_THREADS`` holds for a process and its children; NumPy's own threads follow it where NumPy is loaded after this package.
+``DIDIM_THREADS`` applies to a process and its children, and to NumPy's threads if NumPy is loaded after this package.
 Results have the same bits for any number. Tested in ``tests/test_threads.py``.
 """
 
@@ -24,12 +24,13 @@ _limit: list[int] = []
 
 
 def set_threads(n: int | None) -> None:
-    """Limit the threads that simulations, filters and observation matrices take.
+    """Limit the threads of simulations, filters and observation matrices.
 
     Parameters
     ----------
     n : int or None
-        Threads at most. None takes the limit away: ``DIDIM_THREADS`` holds then, or one thread in a worker process, or all cores.
+        Largest number of threads. None removes the limit: then ``DIDIM_THREADS`` applies, or one thread in a worker process, or
+        all cores.
 
     Raises
     ------
@@ -38,7 +39,7 @@ def set_threads(n: int | None) -> None:
 
     Notes
     -----
-    A setting ``threads`` of a method or a call comes before it.
+    The argument ``threads`` of a method or a call has precedence.
     """
     if n is not None:
         whole("the number of threads", n, ThreadsError, least=1, most=MOST_THREADS)
@@ -46,7 +47,7 @@ def set_threads(n: int | None) -> None:
 
 
 def core_threads(asked: int | None = None) -> int | None:
-    """Threads that a call of the core takes: those asked for, or the limit; None for all cores.
+    """Return the number of threads for a call of the core: the requested one, or the limit; None for all cores.
 
     Raises
     ------

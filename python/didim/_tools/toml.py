@@ -1,4 +1,4 @@
-"""Strict reading of TOML tables: a key is asked for with its type, and a key nobody asked for is an error.
+"""Strict reading of TOML tables: readers request keys with their types, and any other key is an error.
 
 The messages are one sentence that names the file, the table and the key, as in
 ``emps.toml: [signal] unknown key 'cutof_hz'; did you mean 'cutoff_hz'?`` (``tests/test_schema.py``).
@@ -37,7 +37,7 @@ _Default = TypeVar("_Default")
 
 @dataclass(frozen=True)
 class Asked:
-    """A key that a reader asked for: an entry of the schema of a file.
+    """A key requested by a reader: an entry of the schema of a file.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Asked:
     default
         Value without the key, or `MISSING`.
     choices : tuple of str
-        Texts that are allowed.
+        Allowed texts.
     minimum, maximum, above : float or None
         Bounds of a number.
     """
@@ -68,7 +68,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Key:
-    """A key declared once: `Table.given` reads it, and the reference pages and the JSON schema say what it is.
+    """Declaration of a key, for `Table.given`, the reference pages and the JSON schema.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Key:
     example
         A value, for the reference page.
     choices : tuple of str
-        Texts that are allowed.
+        Allowed texts.
     minimum, maximum, above : int, float or None
         Bounds of a number.
     """
@@ -101,7 +101,7 @@ _LISTENER: ContextVar[list[Asked] | None] = ContextVar("listener", default=None)
 
 @contextmanager
 def asked_keys() -> Iterator[list[Asked]]:
-    """Collect all keys that readers ask for, in their order: what the reference pages are made of."""
+    """Collect all keys requested by readers, in order, for the reference pages."""
     found: list[Asked] = []
     token = _LISTENER.set(found)
     try:
@@ -127,7 +127,7 @@ def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
     """
     raw = read_small_file(path, error, f"no such file{_near(path)}")
     try:
-        # Some editors of Windows open a file with a byte-order mark, which TOML does not know.
+        # Some Windows editors begin a file with a byte-order mark, which TOML does not allow.
         content = raw.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as reason:
         text = f"not a TOML file, byte {reason.start} is not UTF-8"
@@ -141,20 +141,20 @@ def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
         except (
             ValueError,
             RecursionError,
-        ) as reason:  # an integer of thousands of digits, brackets within brackets
+        ) as reason:  # an integer of thousands of digits, deeply nested brackets
             text = f"not valid TOML, {reason}"
     hint = "" if path.suffix == ".toml" else "; a file of this kind ends in .toml"
     raise error(f"{path.name}: {text}{hint}")
 
 
 def _near(path: Path) -> str:
-    """End of the sentence on a file that is missing, and is there with the ending .toml."""
+    """Return the end of the sentence on a missing file that exists with the suffix .toml."""
     name = f"{path.name}.toml"
     return f"; did you mean {name!r}?" if path.name and path.with_name(name).is_file() else ""
 
 
 def quoted(value: object) -> str:
-    """Return a text, or a list, as TOML: that of JSON, but for DEL, which TOML wants escaped."""
+    """Return a text or a list as TOML: like JSON, except for DEL, which TOML escapes."""
     text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     try:
         text.encode()
@@ -169,9 +169,9 @@ class Table:
     Parameters
     ----------
     mapping
-        The table as `tomllib` gives it.
+        The table as parsed by `tomllib`.
     where
-        File name that opens each message.
+        File name, the prefix of each message.
     error
         Class of the errors raised.
     path
@@ -188,7 +188,7 @@ class Table:
         self._path = path
 
     def fail(self, text: str) -> NoReturn:
-        """Raise this table's error, opened by the file and the table's name."""
+        """Raise this table's error, with file and table as prefix."""
         raise self._error(f"{self.prefix} {text}")
 
     def _note(self, key: str, kind: str, default: Any, **bounds: Any) -> None:
@@ -359,7 +359,7 @@ class Table:
         return self._child(value, key)
 
     def tables(self, key: str, default: _Default = MISSING) -> list[Table] | _Default:
-        """Array of tables ``[[key]]``; each is named by its place when there are several."""
+        """Return an array of tables ``[[key]]``; several are named by their index."""
         self._note(key, "array of tables", default)
         value = self.raw(key, default)
         if key not in self._mapping:
@@ -371,22 +371,22 @@ class Table:
         ]
 
     def changed(self, mapping: Mapping[str, Any]) -> Table:
-        """Return a table of other content in the same place."""
+        """Return a table of other content with the same location."""
         return Table(mapping, self._where, self._error, self._path)
 
     @property
     def content(self) -> dict[str, Any]:
-        """Copy of the whole table, for one of free names; counts as asking for all of it."""
+        """Return a copy of a table with free keys; all its keys count as requested."""
         self._asked.update(dict.fromkeys(self._mapping))
         return dict(self._mapping)
 
     @property
     def content_unread(self) -> dict[str, Any]:
-        """Copy of the whole table, for the record of a result; asks for nothing."""
+        """Return a copy of the table for the record of a result, without requesting keys."""
         return dict(self._mapping)
 
     def done(self) -> None:
-        """Raise on the first key that was never asked for, with the nearest key that was, or all of them."""
+        """Raise on the first key that was never requested, with the most similar valid key, or all of them."""
         for key in self._unknown():
             known = f"; known here are {listing(self._asked)}" if self._asked else ""
             self.fail(f"unknown key {key!r}{did_you_mean(key, self._asked) or known}")

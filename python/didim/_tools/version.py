@@ -1,4 +1,4 @@
-"""The version, where every module can read it."""
+"""The version, for all modules."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Words of messages: counts, lists, and the nearest known name.
+"""Words of messages: counts, lists, and the most similar known name.
 
-Whatever a user can misspell (commands, options, methods, columns, keys, robots) is suggested here and nowhere else:
+Suggestions for all misspelt names (commands, options, methods, columns, keys, robots) come from here:
 ``tests/test_mistakes.py``.
 """
 
@@ -13,7 +13,7 @@ FEW_NAMES = 12
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """End of a sentence that suggests the nearest known word, or an empty text when nothing is near."""
+    """Return the end of a sentence that suggests the most similar known word, or an empty text."""
     near = nearest(word, known)
     return f"; did you mean {near!r}?" if near else ""
 
@@ -24,7 +24,7 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 
 def known_names(word: str, known: Sequence[str], noun: str) -> str:
-    """End of a sentence on an unknown name: all known ones where they are few, else the nearest, and how many there are.
+    """Return the end of a sentence on an unknown name: all known ones if few, else the most similar, and their number.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def known_names(word: str, known: Sequence[str], noun: str) -> str:
     known
         Known names.
     noun
-        What they are, in the singular.
+        Noun for them, in the singular.
     """
     if len(known) <= FEW_NAMES:
         there = f"the {noun}s are" if len(known) > 1 else "the only one is"
@@ -46,34 +46,34 @@ def known_names(word: str, known: Sequence[str], noun: str) -> str:
 def _near(word: str, known: Iterable[str], count: int) -> list[str]:
     import difflib
 
-    # Upper and lower case are the commonest slip: they count as equal here, and only here.
+    # Wrong upper or lower case is the commonest slip, so only suggestions ignore case.
     folded = {name.lower(): name for name in known}
     return [folded[name] for name in difflib.get_close_matches(word.lower(), folded, n=count, cutoff=0.6)]
 
 
 def listing(names: Iterable[object]) -> str:
-    """Names as text for a message: ``'a', 'b', 3``."""
+    """Return names as text for a message: ``'a', 'b', 3``."""
     return ", ".join(repr(name) for name in names)
 
 
 def counted(number: int, noun: str) -> str:
-    """Count with its noun: ``1 column``, ``2 columns``."""
+    """Return a count with its noun: ``1 column``, ``2 columns``."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def joints_text(joints: Iterable[int]) -> str:
-    """Joints, numbered from 0, as text: ``joint 3``, ``joints 1, 2 and 6``."""
+    """Return joints, numbered from 0, as text: ``joint 3``, ``joints 1, 2 and 6``."""
     names = [str(int(joint) + 1) for joint in joints]
     return f"joint {names[0]}" if len(names) == 1 else f"joints {', '.join(names[:-1])} and {names[-1]}"
 
 
 def one_line(text: str) -> str:
-    """Text in one line, without the control characters that TOML forbids in comments."""
+    """Return a text in one line, without the control characters that TOML forbids in comments."""
     return "".join(character if character.isprintable() else " " for character in " ".join(text.split()))
 
 
 def printable(text: str) -> str:
-    """Text without control characters, which a terminal would obey; line breaks and tabs stay."""
+    """Return a text without control characters, which a terminal would execute; line breaks and tabs stay."""
     return "".join(
         character
         if character.isprintable() or character in "\n\t"

@@ -1,1 +1,1 @@
-"""Methods and solvers from the literature that are nowhere the best here: to compare with, by "module:Class"."""
+"""Methods and solvers from the literature for comparison, by "module:Class"; others are better in every benchmark here."""

@@ -1,4 +1,4 @@
-"""The extended Kalman filter as a method: one pass over the log, sample by sample (docs/robust.md has its limits).
+"""The extended Kalman filter as a method: one pass over the log, sample by sample (limits in docs/robust.md).
 
 Tested in ``tests/test_ekf.py``.
 """
@@ -35,14 +35,14 @@ MOST_SAMPLES = 500_000
 
 @dataclass(frozen=True, kw_only=True)
 class EKF(MethodSettings):
-    """The extended Kalman filter with its settings, beside those of `MethodSettings`.
+    """The extended Kalman filter with its settings, in addition to those of `MethodSettings`.
 
     Parameters
     ----------
     start : str, mapping, array or Identification
         Initial parameters, as for `DIDIM`; they must be near those of the robot.
     prior : float
-        Standard deviation of each initial parameter, as the share of the torques that it may change.
+        Standard deviation of each initial parameter, as the resulting share of the torques.
 
     Raises
     ------
@@ -51,8 +51,8 @@ class EKF(MethodSettings):
 
     Notes
     -----
-    Measured torques in, measured positions out. Its own standard deviations are several times too small, and it diverges from a
-    start that is far off: for live monitoring, not for parameters that are reported.
+    Inputs are measured torques, outputs measured positions. Its standard deviations are several times too small, and it
+    diverges from a distant start. Use it for online monitoring, not for reported parameters.
     """
 
     name: ClassVar[str] = "ekf"
@@ -119,7 +119,7 @@ class EKF(MethodSettings):
                 state = np.concatenate([item.q[start], np.zeros(d), beta])
                 whole = np.zeros((state.size, state.size))
                 whole[:d, :d] = np.diag(position_noise**2)
-                # A window that begins in motion has the velocity of its first samples.
+                # The initial velocity is that of the window's first samples.
                 state[d : 2 * d] = (item.q[start + 1] - item.q[start]) * rate
                 whole[d : 2 * d, d : 2 * d] = np.diag((2.0 * position_noise * rate) ** 2)
                 whole[2 * d :, 2 * d :] = covariance
@@ -173,7 +173,7 @@ def _pass(
     history: list[Iteration],
     reporter: Reporter,
 ) -> tuple[Status, str] | None:
-    """Filter one window; return how it ended if it did not reach its end."""
+    """Filter one window; return the ending if it stopped early."""
     marks = set(np.linspace(0, len(q) - 1, PARTS + 1).astype(int)[1:].tolist())
     last = filtered.beta
     for sample, (position, torque) in enumerate(zip(q, tau, strict=True)):
@@ -201,7 +201,7 @@ def _pass(
 
 
 def _shares(system: LinearSystem) -> Array:
-    """Share of the torques that a unit of each parameter makes, (b,), over all joints."""
+    """Return the share of the torques per unit of each parameter, (b,), over all joints."""
     squares = sum(
         np.mean(system.w[rows] ** 2, axis=0) / max(float(np.mean(system.y[rows] ** 2)), 1e-300)
         for rows in system.joints

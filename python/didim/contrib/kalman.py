@@ -5,8 +5,9 @@ r"""The extended Kalman filter for state and parameters: measured torques in, me
     dq+ = dq + h (I - h d ddq/d dq)^-1 ddq,   q+ = q + h dq+                  linearly implicit Euler
     noise of a step: h K M^-1 S_tau M^-T K^T h,   K = (I - h d ddq/d dq)^-1
 
-The implicit step matters: friction near standstill is stiff, 18 000 1/s on the TX40, and an explicit Euler step of 0.1 ms diverges.
-Measured limits are in docs/robust.md. Sources: Gautier and Poignet (2001); Ljung (1979) for the bias of its covariance.
+The step must be implicit, because friction near standstill is stiff: with 18 000 1/s on the TX40, an explicit Euler step of 0.1
+ms diverges. Measured limits are in docs/robust.md. Sources: Gautier and Poignet (2001); Ljung (1979) for the bias of its
+covariance.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ class Filter:
     Parameters
     ----------
     robot : Robot
-        With the smooth friction of a simulation.
+        Robot with the smooth friction of a simulation.
     state : ndarray, shape (2 d + b,)
-        Positions, velocities and the parameters that are estimated.
+        Positions, velocities and the estimated parameters.
     covariance : ndarray, shape (2 d + b, 2 d + b)
-        Of the state.
+        Covariance of the state.
     known : ndarray, shape (n_base,)
         Values of fixed parameters, zero elsewhere.
     estimated : sequence of int
@@ -68,7 +69,7 @@ class Filter:
     def predict(self, tau: Array, step: float) -> bool:
         """Advance by a step (s) under measured torques, (d,).
 
-        Returns False where M(q) is not positive definite or a number is not finite: the filter has diverged.
+        Returns False after a divergence: M(q) is not positive definite, or a number is not finite.
         """
         robot, d = self.robot, self.robot.n_dof
         q, dq = self.state[:d], self.state[d : 2 * d]
@@ -112,7 +113,7 @@ class Filter:
         gain = step * implicit @ inverse
         velocity = dq + step * (implicit @ ddq)
         n = self.state.size
-        # Rows of the transition of q and dq; the parameters stay.
+        # Rows of the transition of q and dq; the parameters are constant.
         top = np.zeros((2 * d, n))
         top[d:, :d] = -gain @ by_q
         top[d:, d : 2 * d] = np.eye(d) - gain @ by_dq
@@ -130,7 +131,7 @@ class Filter:
         return True
 
     def correct(self, q: Array) -> None:
-        """Take in measured positions, (d,)."""
+        """Update the state with measured positions, (d,)."""
         d = q.size
         columns = self.covariance[:, :d]
         innovation = columns[:d] + np.diag(self.position_noise**2)

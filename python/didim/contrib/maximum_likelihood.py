@@ -2,9 +2,9 @@
 
     min sum_t e_t^T G_t^-1 e_t,   e_t = tau_t - W_t beta,   G_t = S_tau + J_q S_q J_q^T + J_v S_v J_v^T + J_a S_a J_a^T
 
-Each sample is weighted by the noise that the motion has there, which depends on the parameters: the solution is iterated. The
-noise of positions is that of the log, those of velocities and accelerations are this times the gains of filter and differences.
-Tested in ``tests/test_maximum_likelihood.py``; docs/robust.md says what it is worth.
+The weight of each sample depends on the motion and on the parameters, so the solution is iterated. The position noise is that
+of the log; times the gains of filter and differences it gives the noise of velocities and accelerations. Tested in
+``tests/test_maximum_likelihood.py``; docs/robust.md has an evaluation.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ class MaximumLikelihood(MethodSettings):
     Parameters
     ----------
     position_noise, torque_noise : sequence of float, optional
-        Standard deviations of a sample of the log, per joint (rad or m; N.m or N). By default that of positions comes from
-        their fifth differences, and that of torques from the residual, less the share of it that the motion explains.
+        Standard deviations of a sample of the log, per joint (rad or m; N.m or N). By default position noise is estimated from
+        fifth differences, and torque noise from the residual, less the part due to the motion's noise.
     max_iterations : int
-        Most solutions with weights.
+        Upper bound of the weighted solutions.
 
     Raises
     ------
@@ -58,8 +58,8 @@ class MaximumLikelihood(MethodSettings):
 
     Notes
     -----
-    It changes the variance of the estimate and leaves the bias that a noisy observation matrix makes: for comparison with the
-    literature, not for parameters that are reported.
+    It changes the variance of the estimate but not the bias due to a noisy observation matrix. Use it for comparison with the
+    literature, not for reported parameters.
     """
 
     name: ClassVar[str] = "ml"
@@ -127,20 +127,20 @@ class MaximumLikelihood(MethodSettings):
 
 @dataclass(eq=False)
 class _Noise:
-    """Noise of a log, and what the rows have of it.
+    """Noise of a log and of its rows.
 
     Attributes
     ----------
     job, parts, system
-        What is solved, and the motion that it was made of.
+        Job, its motion and its linear system.
     position : (n_dof,) array
         Standard deviation of a sample's positions (rad or m).
     torque : (n_dof,) array
-        That of a row's torques (N.m or N); from the residual of the last solution where it was not given.
+        Standard deviation of a row's torques (N.m or N); by default from the residual of the last solution.
     least : (n_dof,) array
         Lower bound of `torque`: the white noise of the logged torques.
     given : bool
-        Whether the noise of the torques was given.
+        Whether the settings give the torque noise.
     """
 
     job: Job
@@ -155,7 +155,7 @@ class _Noise:
     def of(
         cls, method: MaximumLikelihood, job: Job, parts: Sequence[Segment], system: LinearSystem
     ) -> _Noise:
-        """Return the noise that the settings give, or that of the log."""
+        """Return the noise of the settings, or that estimated from the log."""
         windows = [
             (item.q[start:stop], np.asarray(item.tau)[start:stop])
             for item in job.experiment.recordings
@@ -177,7 +177,7 @@ class _Noise:
         return cls(job, parts, system, position, torque, torque, method.torque_noise is not None)
 
     def whiteners(self, fit: Fit) -> Array:
-        """Whiteners of all rows for the parameters of a solution, (rows per joint, n_dof, n_dof)."""
+        """Return the whiteners of all rows for the parameters of a solution, (rows per joint, n_dof, n_dof)."""
         job = self.job
         n_dof, x = job.robot.n_dof, job.robot.base_parameters.lift(job.selection.expand(fit.solution))
         motion = np.concatenate([self._of_motion(part, x) for part in self.parts])
@@ -188,7 +188,7 @@ class _Noise:
         return whitening(motion + np.diag(self.torque**2).reshape(1, n_dof, n_dof))
 
     def _of_motion(self, part: Segment, x: Array) -> Array:
-        """Covariance of the torque error that the noise of the motion makes, at the rows of a window."""
+        """Return the covariance of the torque error due to the motion's noise, at the rows of a window."""
         robot, signal = self.job.robot, self.job.signal
         partials = torque_partials(robot, part.q, part.dq, part.ddq, x)
         _, *gains = row_noise(signal, part.rate_hz)
@@ -200,7 +200,7 @@ class _Noise:
 
 
 def _weighted(system: LinearSystem, job: Job, whiteners: Array, condition_number: float) -> Fit:
-    """Solve the whitened system, and return the solution in the terms of the system as it was."""
+    """Solve the whitened system, and return the solution for the original system."""
     white = replace(
         system,
         w=whitened(system.w, whiteners),

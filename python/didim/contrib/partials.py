@@ -18,7 +18,7 @@ def torque_partials(robot: Robot, q: Array, dq: Array, ddq: Array, x: Array) -> 
     Parameters
     ----------
     robot : Robot
-        Its friction is part of the torque. A sign has no derivative where it jumps: there the difference is large.
+        Robot, friction included. The finite difference is large where a sign jumps.
     q, dq, ddq : ndarray, shape (n_samples, n_dof)
         Motion, SI units.
     x : ndarray, shape (n_parameters,)

@@ -3,9 +3,8 @@ r"""Maximum likelihood with noise in positions, velocities and accelerations: Ol
     G = S_tau + J_q S_q J_q^T + J_v S_v J_v^T + J_a S_a J_a^T      J = d tau / d (q, dq, ddq)
     min sum_t e_t^T G_t^-1 e_t,   e_t = tau_t - W_t x              iterated, as J depends on x
 
-Every sample has a covariance G of its own, over the joints. The noise of the derivatives is that of the positions times the
-gains of filter and differences. The weights change the variance of the estimate and leave the bias that noise in W makes
-(docs/robust.md).
+Every sample has its own covariance G over the joints. The noise of the derivatives is that of the positions times the gains of
+filter and differences. The weights change the variance of the estimate but not its bias due to noise in W (docs/robust.md).
 """
 
 from __future__ import annotations

@@ -2,10 +2,10 @@ r"""Total least squares: noise in the observation matrix as well as in the torqu
 
     [A / c, Y / |Y|] = U S V^T,    x = -|Y| v_1:b / v_b+1 / c        v the last right singular vector
 
-``A`` is the weighted matrix and ``c`` the norms of its columns. Total least squares takes the noise of all scaled columns, the
-torques among them, as independent and equally large. Those of a robot's observation matrix are neither: the estimate is here
-for comparison, as ``IDIMLS(solver="didim.contrib.total:Total")`` (docs/robust.md).
-Sources: Golub and Van Loan (1980); Van Huffel and Vandewalle (1991).
+``A`` is the weighted matrix and ``c`` the norms of its columns. Total least squares assumes independent noise of equal size in
+all scaled columns and in the torques. A robot's observation matrix has neither, so the estimate is included for comparison
+only, as ``IDIMLS(solver="didim.contrib.total:Total")`` (docs/robust.md). Sources: Golub and Van Loan (1980); Van Huffel and
+Vandewalle (1991).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def total_least_squares(a: Array, y: Array) -> Array | None:
     Returns
     -------
     ndarray, shape (b,), or None
-        Estimate; None where there is none, because the torques are no part of the direction that fits worst.
+        Estimate; None if there is no solution, because the last singular vector has no component along the torques.
 
     Notes
     -----
@@ -68,7 +68,7 @@ class Total:
         Raises
         ------
         FitError
-            Where total least squares has no solution.
+            When total least squares has no solution.
         """
         first = solve(system, settings, progress)
         if first.stopped:

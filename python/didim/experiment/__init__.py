@@ -1,1 +1,1 @@
-"""A robot, its log, its closed loop and the settings, as a file says them."""
+"""Experiments: robot, log, closed loop and settings, read from a file."""

@@ -1,7 +1,7 @@
-"""``didim init``: a first experiment file for one or several logs, from what their columns say.
+"""``didim init``: a first experiment file for one or several logs, from their columns.
 
-Names of columns are guessed at, and everything guessed is marked to be confirmed. What cannot be guessed is left as a commented
-line with a question. Tested in ``tests/test_init.py`` and ``tests/test_init_logs.py``.
+Columns are recognised by their names, and every assumption is marked for confirmation. Open questions are commented lines.
+Tested in ``tests/test_init.py`` and ``tests/test_init_logs.py``.
 """
 
 from __future__ import annotations
@@ -68,39 +68,39 @@ def initialise(
     Parameters
     ----------
     robot : str
-        Packaged name, or path of a robot file or a URDF.
+        Name of an included robot, or path of a robot file or a URDF.
     logs : Path or sequence of Path
-        Text with one sample a line, .npz, .mat, .h5, or a ROS bag. Several are several recordings, or the signals of one where no
-        file has positions and torques both.
+        Text with one sample a line, .npz, .mat, .h5, or a ROS bag. Several files are several recordings, or the signals of one
+        if no file has both positions and torques.
     output : Path, optional
         Experiment file; beside the first log, with its name, by default.
     rate_hz : float, optional
-        Sampling rate, where the log has no time stamps.
+        Sampling rate, if the log has no time stamps.
     columns : mapping of str to str, optional
-        Columns by kind of signal where names do not tell: ``{"torque": "14-19"}``, or ``{"torque": "drives.csv:1-6"}``.
+        Columns by kind of signal, if names are not sufficient: ``{"torque": "14-19"}``, or ``{"torque": "drives.csv:1-6"}``.
     gains : sequence of float, or "estimate"
         Drive gains (N.m or N per A or V), one or one per joint.
     servo : mapping of str to sequence of float, optional
-        Gains ``kp`` (N.m/rad) and ``kv`` (N.m.s/rad) of position servos, one or one per joint: of a log of commanded and measured
-        positions a fit of the drives is written, with links held at the values of the robot file.
+        Gains ``kp`` (N.m/rad) and ``kv`` (N.m.s/rad) of position servos, one or one per joint: for a log of commanded and
+        measured positions, the file describes a fit of the drives, with links fixed at the values of the robot file.
     sides : mapping of str to str, optional
         Sides of the gears by table: ``{"torque": "motor"}``.
     values_per_sample : int, optional
-        Of text with one value a line.
+        Number of values per sample in a text with one value per line.
     topic : str, optional
         Topic of a ROS bag.
     chain : mapping, optional
-        `tip`, `base` and `lock` of a URDF, as of `load_robot`. Without them the chain of a tree is the one whose joints the log
+        `tip`, `base` and `lock` of a URDF, as for `load_robot`. By default the chain of a tree is the one whose joints the log
         names. The robot is then written beside the experiment file.
     force : bool
         Overwrite an existing file.
     write : callable
-        Called with path and text at the end.
+        Function of path and text that writes the file.
 
     Returns
     -------
     path, draft
-        Where it is, and what was read and what is open.
+        Path of the file, and its content with open questions.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def _check_options(
 
 
 def _check_free(path: Path) -> None:
-    """Refuse a file that is there, unless it is an unfinished draft as `didim init` wrote it."""
+    """Refuse an existing file, unless it is an unedited draft of `didim init`."""
     if not path.exists():
         return
     edited = ""
@@ -221,7 +221,7 @@ def _check_free(path: Path) -> None:
 
 
 def _open(questions: Sequence[str]) -> list[str]:
-    """Key that keeps a file with open questions from being used."""
+    """Return the key that prevents the use of a file with open questions."""
     if not questions:
         return []
     return [
@@ -232,7 +232,7 @@ def _open(questions: Sequence[str]) -> list[str]:
 
 
 def _finished(text: str, draft: Draft) -> str:
-    """Text with its mark, where questions are open."""
+    """Return the text, marked as a draft if questions are open."""
     if not draft.questions:
         return text
     text = text.rstrip("\n")
@@ -242,7 +242,7 @@ def _finished(text: str, draft: Draft) -> str:
 def _model(
     robot: str, logs: Sequence[Path], chain: Mapping[str, Any], topic: str | None
 ) -> tuple[Robot, str | None]:
-    """Load the robot; of a tree the chain whose joints the logs name, and the text of its robot file."""
+    """Load the robot; for a tree the chain named by the logs, with the text of its robot file."""
     if Path(robot).suffix.lower() != ".urdf":
         return load_robot(robot, **chain), None
     if any(chain.values()):
@@ -264,12 +264,12 @@ def _model(
 
 
 def _is_robot(path: Path) -> bool:
-    """Whether a path is rather the name of a robot."""
+    """Whether a path is probably the name of a robot."""
     return path.suffix.lower() in (".toml", ".urdf") or (PACKAGED / f"{path}.toml").is_file()
 
 
 def _named(robot: str, path: Path) -> str:
-    """Return how the experiment names the robot: a path is relative to the experiment file."""
+    """Return the robot's name for the experiment: a path is relative to the experiment file."""
     if (PACKAGED / f"{robot}.toml").is_file() and not robot.endswith(".toml"):
         return robot
     return Path(os.path.relpath(robot, path.parent)).as_posix()
@@ -295,7 +295,7 @@ def _head(robot: Robot, named: str, path: Path, logs: Sequence[Path], name: str)
 
 
 def _transmission(robot: Robot, draft: Draft) -> list[str]:
-    """Commented lines of the gear ratios, where the columns are of motors and the robot has none."""
+    """Return commented lines of the gear ratios, if the columns are on the motor side and the robot has no reduction."""
     if robot.reduction is not None:
         return []
     draft.questions.append(
@@ -310,9 +310,9 @@ def _transmission(robot: Robot, draft: Draft) -> list[str]:
 
 
 def _recordings(text: str, robot: Robot, path: Path) -> tuple[list[Recording], bool]:
-    """Read the recordings of the file as it stands, and whether their torques are known; none where something is open.
+    """Read the recordings of the draft, and whether their torques are known; none if questions are open.
 
-    Drive gains may be open: the band of the motion does not depend on them.
+    Drive gains may be open, because the bandwidth of the motion does not depend on them.
     """
     closed = text.replace(f"\n{OPEN_GAIN} ", f"\n{OPEN_GAIN[2:]} ")
     table = Table(tomllib.loads(closed), path.name, ExperimentError)
@@ -328,7 +328,7 @@ def _recordings(text: str, robot: Robot, path: Path) -> tuple[list[Recording], b
 
 
 def _servos(robot: Robot, options: DraftOptions, draft: Draft) -> list[str]:
-    """Lines of a fit on positions: links held, commands held between samples, the servos' law, and a delay to be found."""
+    """Return the lines of a fit on positions: fixed links, held commands, the law of the servos, and an unknown delay."""
     limbs = [limb for limb in limbs_of(robot) if len(limb.joints) < robot.n_dof]
     if limbs:
         names = ", ".join(f"{limb.name} ({counted(len(limb.joints), 'joint')})" for limb in limbs)
@@ -361,7 +361,7 @@ def _servos(robot: Robot, options: DraftOptions, draft: Draft) -> list[str]:
 
 
 def _limits(robot: Robot) -> list[str]:
-    """Line of the servos' largest torques, where actuators or joints have them."""
+    """Return the line of the servos' largest torques, if actuators or joints have them."""
     if any(getattr(item, "effort", None) is not None for item in robot.actuators):
         return ["# saturation: that of the actuators of the robot file"]
     efforts = [limits.effort for limits in robot.limits]

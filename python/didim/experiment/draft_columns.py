@@ -1,4 +1,4 @@
-"""Columns of a log, sorted by what their names say. Tested in ``tests/test_init.py``."""
+"""Columns of a log, classified by their names. Tested in ``tests/test_init.py``."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ UNITS = {
 """Unit by word in a column name."""
 
 MAKERS: tuple[tuple[str, str, str | None], ...] = (
-    # Universal Robots, RTDE: target_moment is of the controller's own model.
+    # Universal Robots, RTDE: target_moment comes from the controller's model.
     (r"actual_q[_\[]?(\d+)\]?", "position", "rad"),
     (r"target_q[_\[]?(\d+)\]?", "reference", "rad"),
     (r"actual_qd[_\[]?(\d+)\]?", "velocity", None),
@@ -117,7 +117,7 @@ MAKERS: tuple[tuple[str, str, str | None], ...] = (
 
 @dataclass(frozen=True)
 class Column:
-    """What the name of a column says.
+    """A column with the properties in its name.
 
     Attributes
     ----------
@@ -130,15 +130,15 @@ class Column:
     unit : str or None
         Unit in the name.
     motor : bool
-        Whether the name says motor.
+        Whether the name indicates the motor side.
     variable : str or None
         Array of a file of arrays that the column belongs to.
     stem : str
-        The name without numbers: columns of one signal share it.
+        The name without numbers, common to the columns of one signal.
     placed : bool
-        Whether the name only says where a signal was measured (``Joint_1``): the name of the file may say which it is.
+        Whether the name only gives a location (``Joint_1``); the name of the file may then give the kind.
     file : int
-        Number of the file, from 0, of a log in several files.
+        Number of the file, from 0, in a log of several files.
     """
 
     name: str | int
@@ -160,17 +160,17 @@ def column(name: str, joint_names: Sequence[str] = ()) -> Column:
     name : str
         Name of the column.
     joint_names : sequence of str
-        Names of the robot's joints: a column with one of them is of that joint, whatever numbers the name has.
+        Names of the robot's joints; they take precedence over numbers in the column's name.
 
     Returns
     -------
     Column
-        With kind ``other`` where no word is known.
+        Column; its kind is ``other`` if no word is known.
     """
     for pattern, what, unit in MAKERS:
         match = re.fullmatch(pattern, name.strip(), flags=re.IGNORECASE)
         if match:
-            # A stamp of the header is when the message was made, and better than when it arrived.
+            # The header's time of the measurement is better than the time of arrival.
             number = int(match.group(1)) if match.groups() and match.group(1) else None
             return Column(name, "time" if what == "stamp" else what, number, unit, stem=_stem(name))
     named = _joint_of(name, joint_names)
@@ -178,7 +178,7 @@ def column(name: str, joint_names: Sequence[str] = ()) -> Column:
         return _column(name, name)
     joint, rest = named
     found = _column(name, rest)
-    # A log of positions alone may name its columns after the joints and nothing else.
+    # A log of only positions may use the joint names as column names.
     bare = not re.search(r"\w", rest)
     return replace(
         found, number=joint + 1, what="position" if bare else found.what, placed=bare or found.placed
@@ -186,7 +186,7 @@ def column(name: str, joint_names: Sequence[str] = ()) -> Column:
 
 
 def _joint_of(name: str, joint_names: Sequence[str]) -> tuple[int, str] | None:
-    """Joint (from 0) that a name of a column has in it, the longest where there are several, and the name without it."""
+    """Return the joint (from 0) in a column's name, the longest match, and the name without it."""
     for affix in ("", r"[_\W]*joint[_\W]*"):  # shoulder_pan for shoulder_pan_joint
         short = {joint: re.sub(affix, "", key, flags=re.IGNORECASE) for joint, key in enumerate(joint_names)}
         for joint, key in sorted(short.items(), key=lambda item: -len(item[1])):
@@ -235,7 +235,7 @@ def _column(name: str, text: str) -> Column:
         and all(word in PLACES for word in signal)
         and unit in (None, "rad", "deg", "m", "mm", "count")
     ):
-        # A name such as motor_3 says nothing of what it is unless it has a unit.
+        # A name such as motor_3 does not define the kind without a unit.
         kind = "position" if unit is not None or not motor else "other"
         placed = True
     if any(word in FOREIGN for word in words):
@@ -244,7 +244,7 @@ def _column(name: str, text: str) -> Column:
 
 
 def name_without_signal(name: str) -> tuple[str, ...]:
-    """Words of the name of a file, without those of a signal: what the files of one log have in common.
+    """Return the words of a file name without those of a signal, the common part of one log's files.
 
     Parameters
     ----------
@@ -258,14 +258,14 @@ def name_without_signal(name: str) -> tuple[str, ...]:
 
 
 def _common_begin(names: Sequence[str]) -> str:
-    """Longest text that all names begin with."""
+    """Return the longest common prefix of all names."""
     first, last = min(names), max(names)
     end = next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
     return first[:end]
 
 
 def joints_by_name(found: Sequence[str], joint_names: Sequence[str], n_dof: int) -> tuple[list[str], str]:
-    """Joints of a log in the order of the robot's, and how they were found where their names are others.
+    """Return the joints of a log in the order of the robot's, with a sentence if names were matched approximately.
 
     Parameters
     ----------
@@ -279,7 +279,7 @@ def joints_by_name(found: Sequence[str], joint_names: Sequence[str], n_dof: int)
     Returns
     -------
     list of str, str
-        Names of the log, none where it is not clear which joint is which, and a sentence, empty where the names are the robot's.
+        Names in the log, none if the match is ambiguous, and a sentence, empty if the names are the robot's.
     """
     if joint_names and set(joint_names) <= set(found):
         return list(joint_names), ""
@@ -300,7 +300,7 @@ def joints_by_name(found: Sequence[str], joint_names: Sequence[str], n_dof: int)
 
 
 def listed(columns: Sequence[Column]) -> str:
-    """Return the names of columns as a text; of a matrix its name."""
+    """Return the names of columns as a text, for a matrix its name."""
     variable = columns[0].variable
     if variable is not None and isinstance(columns[0].name, int):
         return f"{variable!r}"

@@ -1,8 +1,8 @@
 """Several files of one command: several recordings, or several signals of one log.
 
-Half of the public logs have a file for each signal: positions in one, velocities or torques in another. Files that hold positions
-and torques are recordings; of those that hold one of them, files whose names differ only in the word of the signal belong together.
-Tested in ``tests/test_init_files.py``.
+Half of the public logs have one file per signal, such as positions, velocities or torques. A file with both positions and
+torques is a recording. Other files form one recording if their names differ only in the word of the signal. Tested in
+``tests/test_init_files.py``.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SAME_TIME = 0.5
 
 
 class Log(Protocol):
-    """What the writer of a recording needs of a log, in one file or in several."""
+    """Interface of a log, in one file or in several, for the writer of a recording."""
 
     columns: list[Column]
     joints: tuple[str, ...]
@@ -42,28 +42,28 @@ class Log(Protocol):
 
     @property
     def keys(self) -> list[str]:
-        """Lines of TOML that every table of it has."""
+        """Return the TOML lines common to its tables."""
 
     @property
     def named(self) -> bool:
         """Whether all columns have names."""
 
     def want(self, columns: Sequence[Column]) -> None:
-        """Announce columns."""
+        """Request columns before reading."""
 
     def values(self, columns: Sequence[Column]) -> Array:
-        """Values of some columns, (n_samples, n)."""
+        """Return the values of some columns, (n_samples, n)."""
 
     def place(self, item: Column, row: int) -> str:
-        """Place of a value in words, with file, row from 1 and column."""
+        """Return the location of a value in words: file, row from 1, column."""
 
     def lines(self, columns: Sequence[Column], robot: Robot) -> list[str]:
-        """Lines of TOML that name some columns."""
+        """Return the TOML lines that name some columns."""
 
 
 @dataclass
 class LogFiles:
-    """A log in several files with equal rows; the attribute `file` of a column says which has it.
+    """A log in several files with equal rows; the attribute `file` of a column is the number of its file.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class LogFiles:
     columns : list of Column
         Those of all files.
     joints, note
-        Of a bag, which is never one of several files.
+        Joints and note of a bag, which is never one of several files.
     """
 
     files: Sequence[LogSource]
@@ -82,7 +82,7 @@ class LogFiles:
 
     @property
     def keys(self) -> list[str]:
-        """Keys of the first file."""
+        """Return the keys of the first file."""
         return self.files[0].keys
 
     @property
@@ -91,20 +91,20 @@ class LogFiles:
         return all(source.named for source in self.files)
 
     def want(self, columns: Sequence[Column]) -> None:
-        """Announce columns."""
+        """Request columns before reading."""
         for number, source in enumerate(self.files):
             source.want([item for item in columns if item.file == number])
 
     def values(self, columns: Sequence[Column]) -> Array:
-        """Values of some columns, (n_samples, n)."""
+        """Return the values of some columns, (n_samples, n)."""
         return np.hstack([self.files[item.file].values([item]) for item in columns])
 
     def place(self, item: Column, row: int) -> str:
-        """Place of a value in words, with file, row from 1 and column."""
+        """Return the location of a value in words: file, row from 1, column."""
         return self.files[item.file].place(item, row)
 
     def lines(self, columns: Sequence[Column], robot: Robot) -> list[str]:
-        """Lines of TOML that name some columns; one column a file becomes a list of files."""
+        """Return the TOML lines that name some columns; one column per file becomes a list of files."""
         numbers = [item.file for item in columns]
         if len(set(numbers)) < 2:
             return self.files[numbers[0] if numbers else 0].lines(columns, robot)
@@ -118,19 +118,19 @@ class LogFiles:
 
 
 def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Log, str, Path]], list[str]]:
-    """Decide which files are recordings of their own, and which are signals of one.
+    """Decide which files are separate recordings, and which are signals of one.
 
     Parameters
     ----------
     sources : sequence of LogSource
         All files, in the order of the command line.
     robot : Robot
-        Its joints.
+        Robot with its joints.
 
     Returns
     -------
     list of (Log, str, Path), list of str
-        Logs with the name of the recording and a path for messages, and sentences on what was decided.
+        Logs with the name of the recording and a path for messages, and sentences on the decisions.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Lo
 
 
 def _kinds(columns: Sequence[Column], file: int | None = None) -> list[str]:
-    """Kinds of signals among some columns."""
+    """Return the kinds of signals among some columns."""
     there = {item.what for item in columns if (file is None or item.file == file) and not item.placed}
     return [kind for kind in ("time", *SIGNALS) if kind in there]
 
@@ -182,7 +182,7 @@ def _groups(sources: Sequence[LogSource], robot: Robot) -> list[list[LogSource]]
 
 
 def _complete(group: Sequence[LogSource], robot: Robot) -> bool:
-    """Whether files have positions of all joints and what their drives made, together."""
+    """Whether files together have positions and efforts of all joints."""
     kinds = [item.what for source in group for item in source.columns if not item.placed]
     return kinds.count("position") >= robot.n_dof and any(
         kinds.count(kind) >= robot.n_dof for kind in EFFORTS
@@ -190,7 +190,7 @@ def _complete(group: Sequence[LogSource], robot: Robot) -> bool:
 
 
 def _disjoint(group: Sequence[LogSource], robot: Robot) -> bool:
-    """Whether no two files have the same signal, apart from time stamps; files of one column may have one each."""
+    """Whether no two files have the same signal, apart from time stamps; one-column files may."""
     seen: set[tuple[str, int | None]] = set()
     blank = 0
     for source in group:
@@ -204,12 +204,12 @@ def _disjoint(group: Sequence[LogSource], robot: Robot) -> bool:
         if mine & seen:
             return False
         seen |= mine
-    # Without a word on any of them, positions and torques are told from their values.
+    # If no name gives a kind, positions and torques are distinguished by their values.
     return blank == 0 or (blank == len([s for s in group if any(i.what != "time" for i in s.columns)]) >= 2)
 
 
 def _merged(group: Sequence[LogSource], robot: Robot) -> LogFiles:
-    """One log of several files with equal rows."""
+    """Merge several files with equal rows into one log."""
     columns = [replace(item, file=k) for k, source in enumerate(group) for item in source.columns]
     rows = [_rows(source) for source in group]
     for source, count in zip(group, rows, strict=True):
@@ -230,7 +230,7 @@ def _rows(source: LogSource) -> int:
 
 
 def _by_values(log: LogFiles, robot: Robot) -> None:
-    """Tell positions, velocities and torques from their values where no name says which file has them."""
+    """Classify positions, velocities and torques by their values, if file names do not."""
     blocks = [
         [k for k, item in enumerate(log.columns) if item.file == number and item.what != "time"]
         for number in range(len(log.files))
@@ -245,7 +245,7 @@ def _by_values(log: LogFiles, robot: Robot) -> None:
 
 
 def _one_time(log: LogFiles) -> None:
-    """Keep the time stamps of the file with the positions; refuse files whose stamps differ."""
+    """Use the time stamps of the file with the positions; refuse files with different stamps."""
     stamps = [item for item in log.columns if item.what == "time"]
     if len({item.file for item in stamps}) < 2:
         return

@@ -1,8 +1,8 @@
-"""Filters for a log: the band of its motion, and the best of three cut-offs on blocks that were held out.
+"""Filters for a log: the bandwidth of its motion, and the best of three cut-offs on held-out blocks.
 
-The band comes from the reference where there is one, otherwise from the positions, up to where their velocity sinks into the
-noise: jitter of the time stamps and steps of the encoder do not count. Three cut-offs around it are then compared by the torques
-that IDIM-LS predicts for every other block of time. Tested in ``tests/test_init_filters.py``.
+The bandwidth is that of the reference, or without one that of the positions, up to the frequency at which their velocity
+disappears in the noise by time stamps and encoder. Three cut-offs around it are then compared by the torques that IDIM-LS
+predicts for every other block of time. Tested in ``tests/test_init_filters.py``.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ AT_REST = 0.02
 
 @dataclass(frozen=True)
 class Filters:
-    """Settings of ``[signal]`` for a log, and why.
+    """Settings of ``[signal]`` for a log, with the reason.
 
     Attributes
     ----------
     cutoff_hz : float
         Cut-off of the positions.
     trim : int
-        Samples to leave out at both ends.
+        Samples to be trimmed at both ends.
     decimation : tuple of int
         Stages of the parallel filter.
     reason : str
@@ -80,11 +80,11 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
     Parameters
     ----------
     robot : Robot
-        Its robot.
+        Robot of the log.
     recordings : sequence of Recording
         At least one, joint side.
     comparable : bool
-        Whether the torques are in N.m or N, so that cut-offs can be compared by what they predict.
+        Whether the torques are in N.m or N, which permits a comparison of cut-offs by predicted torques.
     """
     rate = min(recording.rate_hz for recording in recordings)
     samples = min(stop - start for recording in recordings for start, stop in recording.windows)
@@ -122,11 +122,11 @@ def _row(numbers: Sequence[str]) -> str:
 
 
 def _stages(band: float, cutoff: float, rate: float, samples: int) -> tuple[int, ...]:
-    """Stages of the parallel filter: down to a few times the band, where friction that the model does not have is averaged out."""
+    """Return the stages of the parallel filter, down to a few bandwidths, which averages friction missing in the model."""
     wanted = 0.5 * rate / (ROWS_TIMES * band) if band > 0.0 else 0.5 * rate / cutoff
     factor = int(min(wanted, samples / LEAST_DECIMATED_ROWS))
     stages: list[int] = []
-    # In stages of 10 at most: one filter for more would be unsound.
+    # Stages of at most 10, because a single filter for more would be unsound.
     while factor >= 2:
         stage = min(factor, 10)
         stages.append(stage)
@@ -139,10 +139,10 @@ def _trim(cutoff: float, rate: float, samples: int) -> int:
 
 
 def _band(recordings: Sequence[Recording]) -> tuple[float, str]:
-    """Highest frequency of the motion (Hz), and what it was read from, as the begin of a sentence."""
+    """Return the bandwidth of the motion (Hz) and its source, as the beginning of a sentence."""
     if all(recording.q_ref is not None for recording in recordings):
         references = [replace(item, q=item.q_ref, dq=None) for item in recordings if item.q_ref is not None]
-        # A reference may be jittered and rounded too: then its spectrum in long pieces says nothing.
+        # A reference may be jittered and rounded too, which spoils its spectrum in long pieces.
         found = max(min(motion_band(item), contiguous_band(item) or math.inf) for item in references)
         if found > 0.0:
             return found, "the reference moves below"
@@ -155,9 +155,9 @@ def _band(recordings: Sequence[Recording]) -> tuple[float, str]:
 def _held_out_error(
     robot: Robot, recordings: Sequence[Recording], cutoff: float, trim: int, stages: tuple[int, ...]
 ) -> float | None:
-    """Relative error of the torques of every other block, by IDIM-LS on the blocks between; None where there is none.
+    """Return the relative torque error on every other block, by IDIM-LS on the blocks between, or None.
 
-    All cut-offs are compared on the same rows: trimmed as for the lowest, and decimated alike.
+    All cut-offs are compared on the same rows: trimmed for the lowest, with equal decimation.
     """
     signal = SignalProcessing(cutoff_hz=cutoff, trim_start=trim, trim_end=trim, decimation=stages)
     count = len(robot.base_parameters.names)
@@ -183,7 +183,7 @@ def _held_out_error(
 
 
 def _solution(system: LinearSystem, used: NDArray[np.bool_]) -> Array:
-    """Least squares with every joint's rows over their norm; what the motion does not tell stays small."""
+    """Solve by least squares with normalised rows per joint; unidentifiable parameters stay small."""
     weights = np.zeros(len(system.y))
     for joint, size in zip(system.joints, system.norms(np.where(used, system.y, 0.0)), strict=True):
         weights[joint] = used[joint] / max(size, np.finfo(float).tiny)
@@ -194,13 +194,13 @@ def _solution(system: LinearSystem, used: NDArray[np.bool_]) -> Array:
 
 
 def sentence_of(filters: Filters) -> str:
-    """Return what was chosen and why, as ``didim init`` prints it."""
+    """Return the sentence of ``didim init`` on the choice and its reason."""
     stages = f", decimation by {math.prod(filters.decimation)}" if filters.decimation else ""
     return f"cut-off {filters.cutoff_hz:g} Hz{stages}, {counted(filters.trim, 'sample')} trimmed: {filters.reason}"
 
 
 def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float] | None:
-    """Return begin and end (s) of the motion, to tenths of a second inside it; None where the arm does not rest before or after.
+    """Return begin and end (s) of the motion, to tenths of a second inside it, or None if the arm rests neither before nor after.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def moving_window(q: Array, times: Array, rate_hz: float) -> tuple[float, float]
 
 
 def _stretches(places: NDArray[np.intp], rest: int) -> tuple[int, int] | None:
-    """First and last sample of the moving ones, without short stretches of motion that a rest parts from it at either end."""
+    """Return first and last sample of the motion, without short stretches separated by a rest at either end."""
     if not places.size:
         return None
     breaks = np.flatnonzero(np.diff(places) > rest)

@@ -1,4 +1,4 @@
-"""Columns without names, told by their values: stamps grow, and velocities are the differences of positions.
+"""Classification of unnamed columns by their values: stamps grow, and velocities are differences of positions.
 
 Tested in ``tests/test_init_logs.py``.
 """
@@ -19,11 +19,11 @@ SAME = 0.999
 
 
 def layout(values: Array, n_dof: int) -> list[Column]:
-    """Sort unnamed columns of a log.
+    """Classify the unnamed columns of a log.
 
-    Time comes first if the first column grows. The rest must be blocks of one column per joint. A block is a position if another
-    one is its velocity; of two blocks, the smoother one is. What is left is a torque when it is one block; of several it stays open
-    which, because currents and torques of a controller's own model look alike.
+    The first column is the time if it grows. The others must be blocks of one column per joint. A block is a position if
+    another one is its velocity; of two blocks, the smoother one is. A single remaining block is a torque. Several remain an
+    open question, because currents and the torques of a controller's model look alike.
 
     Parameters
     ----------
@@ -73,7 +73,8 @@ def kinds_of_blocks(blocks: list[Array], t: Array) -> list[str]:
     ]
     score, position, velocity = max(pairs)
     if score > ALIKE:
-        # An acceleration is to the velocity as this is to the position: the chain begins with the position.
+        # An acceleration is related to the velocity as the velocity to the position, so the first block of the chain is the
+        # position.
         before = [(s, k) for s, k, other in pairs if other == position and s > ALIKE]
         if before:
             position, velocity = max(before)[1], position
@@ -94,7 +95,7 @@ def kinds_of_blocks(blocks: list[Array], t: Array) -> list[str]:
 
 
 def _alike(a: Array, b: Array) -> float:
-    """Median correlation of the columns of two blocks that both move; 0 when none does."""
+    """Return the median correlation of the moving columns of two blocks; 0 if none move."""
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     sizes = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
     moving = sizes > 0.0
@@ -104,6 +105,6 @@ def _alike(a: Array, b: Array) -> float:
 
 
 def _roughness(block: Array) -> float:
-    """Root mean square of second differences over that of the values about their mean: torques are rougher than motions."""
+    """Return the rms of second differences over that of the values about their mean: torques are rougher than motions."""
     size = np.linalg.norm(block - block.mean(axis=0))
     return float(np.linalg.norm(np.diff(block, n=2, axis=0)) / size) if size > 0.0 else np.inf

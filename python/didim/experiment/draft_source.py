@@ -1,4 +1,4 @@
-"""A log of any container, as ``didim init`` sees it: columns, their values, and the lines of TOML that name them.
+"""A log of any container for ``didim init``: columns, their values, and the TOML lines that name them.
 
 Tested in ``tests/test_init.py`` and ``tests/test_init_logs.py``.
 """
@@ -54,17 +54,17 @@ class LogSource:
     data : DataFile
         The file.
     columns : list of Column
-        What there is in it.
+        Columns of the file.
     keys : list of str
-        Lines of TOML that every table of it has: file, delimiter, topic.
+        TOML lines common to its tables: file, delimiter, topic.
     path : Path
-        Where it is.
+        Path of the file.
     named : bool
         Whether the columns have names.
     joints : tuple of str
-        Joints of a bag of which it is not clear which joint of the robot each is; none where it is.
+        Joints of a bag that could not be assigned to joints of the robot; empty if all were.
     note : str
-        How the joints of a bag were found, where their names are not those of the robot.
+        Sentence on joints of a bag that were matched approximately by name.
     """
 
     data: DataFile
@@ -76,7 +76,7 @@ class LogSource:
     note: str = ""
 
     def want(self, columns: Sequence[Column]) -> None:
-        """Announce columns: a text is then parsed once, and of a bag the messages of other joints are left out."""
+        """Request columns: a text is then parsed once, and a bag's messages of other joints are skipped."""
         if isinstance(self.data, RosBag):
             if columns:
                 self.data.want([item.name for item in columns], columns[0].variable, len(columns))
@@ -84,7 +84,7 @@ class LogSource:
             self.data.want([item.name for item in columns], None, len(columns))
 
     def values(self, columns: Sequence[Column]) -> Array:
-        """Values of some columns, (n_samples, n)."""
+        """Return the values of some columns, (n_samples, n)."""
         if isinstance(self.data, RosBag):
             names = [item.name for item in columns]
             self.data.want(names, columns[0].variable, len(names))
@@ -99,13 +99,13 @@ class LogSource:
         return self.data.get([item.name], item.variable, 1)
 
     def place(self, item: Column, row: int) -> str:
-        """Place of a value in words, with file, row from 1 and column."""
+        """Return the location of a value in words: file, row from 1, column."""
         line = f" (line {row + 1})" if self.named and isinstance(self.data, CsvFile) else ""
         matrix = f" of {item.variable!r}" if item.variable not in (None, item.name) else ""
         return f"{self.path.name}: row {row}{line}, column {item.name!r}{matrix}"
 
     def lines(self, columns: Sequence[Column], robot: Robot) -> list[str]:
-        """Lines of TOML that name some columns."""
+        """Return the TOML lines that name some columns."""
         names = [item.name for item in columns]
         if isinstance(self.data, RosBag):
             if not names or columns[0].variable == "stamp" or names == list(robot.joint_names):
@@ -131,29 +131,29 @@ def open_log(
     topic: str | None = None,
     alone: bool = True,
 ) -> LogSource:
-    """Open a file of a log and sort its columns.
+    """Open a file of a log and classify its columns.
 
     Parameters
     ----------
     log : Path
-        Any container that an experiment reads.
+        File of any supported container.
     beside : Path
         Folder of the experiment file.
     robot : Robot
-        Its joints and their names.
+        Robot with the names of its joints.
     values_per_sample : int, optional
-        Of a text with one value a line.
+        Number of values per sample in a text with one value per line.
     topic : str, optional
-        Of a bag.
+        Topic of a bag.
     alone : bool
-        Whether it is the only file: a text with one value a line must then hold whole samples.
+        Whether it is the only file: a text with one value per line must then contain whole samples.
 
     Raises
     ------
     RecordingError
         When the log cannot be read.
     ExperimentError
-        When an option is not for this container.
+        When an option does not apply to this container.
     """
     file = Path(os.path.relpath(log, beside)).as_posix()
     keys = [f"file = {quoted(file)}"]
@@ -169,7 +169,7 @@ def open_log(
 
 
 def log_names(log: Path, topic: str | None) -> list[str]:
-    """Names in a file, before it is known which robot it is of: columns, arrays, joints of a bag.
+    """Return the names in a file, before its robot is known: columns, arrays, joints of a bag.
 
     Raises
     ------
@@ -185,7 +185,7 @@ def log_names(log: Path, topic: str | None) -> list[str]:
 
 
 def _by_file_name(source: LogSource) -> None:
-    """Take the kind of signal from the name of the file where the names of all columns leave it open."""
+    """Derive the kind of signal from the file name, if no column name gives it."""
     signals = [item for item in source.columns if item.what != "time"]
     if not all(item.placed or (item.what == "other" and not source.named) for item in signals):
         return
@@ -230,7 +230,7 @@ def _text(
 
 
 def _first_lines(log: Path) -> list[str]:
-    """First lines of a text, at least one."""
+    """Return the first lines of a text, at least one."""
     lines = first_lines(log, RecordingError, SNIFFED_LINES, LONGEST_LINE)
     return [line.decode("utf-8-sig", errors="replace").rstrip("\r\n") for line in lines]
 
@@ -240,7 +240,7 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _signs(lines: list[str]) -> tuple[str, str | None]:
-    """Delimiter and decimal sign of a text: those with which the lines below the first are numbers."""
+    """Return delimiter and decimal sign of a text, with which the lines after the first are numbers."""
     rows = [line for line in lines[1:] if line.strip()]
     for delimiter in (";", "\t", ",", " "):
         cells = [cell.strip() for line in rows for cell in _cells(line, delimiter)]
@@ -256,7 +256,7 @@ def _signs(lines: list[str]) -> tuple[str, str | None]:
 
 
 def _arrays(data: DataFile, keys: list[str], robot: Robot, log: Path) -> LogSource:
-    """Columns of a file of arrays: vectors by their names, columns of a matrix by its name and their number."""
+    """Return the columns of a file of arrays: vectors by name, columns of a matrix by name and number."""
     assert isinstance(data, ArrayFile)
     columns: list[Column] = []
     for name in data.names:
@@ -283,7 +283,7 @@ def _arrays(data: DataFile, keys: list[str], robot: Robot, log: Path) -> LogSour
 
 
 def _labelled(data: ArrayFile, name: str, labels: Sequence[str], kind: Column, robot: Robot) -> list[Column]:
-    """Columns of a matrix whose columns have names: by the robot's joints where all are found, otherwise in their order."""
+    """Return the columns of a matrix with column names: by the robot's joints if all match, otherwise in their order."""
     stems = [label.removesuffix(".pos").removesuffix("_joint") for label in labels]
     joints = [joint.removesuffix("_joint") for joint in robot.joint_names]
     named = set(joints) <= set(stems) and len(set(stems)) == len(stems)
@@ -299,7 +299,7 @@ def _labelled(data: ArrayFile, name: str, labels: Sequence[str], kind: Column, r
 
 
 def _bag(data: RosBag, keys: list[str], robot: Robot, log: Path) -> LogSource:
-    """Columns of a bag: the joints of the robot by name, or by names that differ in their beginning only."""
+    """Return the columns of a bag: the robot's joints by name, or by names with another prefix."""
     if data.ambiguous:
         keys = [*keys, f"topic = {quoted(data.topic)}"]
     names, note = joints_by_name(data.joints, robot.joint_names, robot.n_dof)
@@ -322,7 +322,7 @@ def _bag(data: RosBag, keys: list[str], robot: Robot, log: Path) -> LogSource:
 
 
 def choose_columns(sources: Sequence[LogSource], kind: str, text: str) -> None:
-    """Make the columns that the user names those of a kind, and no others.
+    """Assign exactly the columns named by the user to a kind of signal.
 
     Parameters
     ----------
@@ -331,7 +331,7 @@ def choose_columns(sources: Sequence[LogSource], kind: str, text: str) -> None:
     kind : str
         Kind of signal.
     text : str
-        Names, numbers and ranges of numbers from 1, after ``FILE:`` those of one file.
+        Names, numbers and ranges of numbers from 1; a prefix ``FILE:`` selects one file.
 
     Raises
     ------
@@ -358,7 +358,7 @@ def choose_columns(sources: Sequence[LogSource], kind: str, text: str) -> None:
 
 
 def _places(source: LogSource, text: str) -> list[int] | str:
-    """Places of the columns that a text names, or its first part that names none."""
+    """Return the indices of the columns named in a text, or its first part that does not name a column."""
     names: dict[str, list[int]] = {}
     for k, item in enumerate(source.columns):
         names.setdefault(str(item.name), []).append(k)
@@ -383,7 +383,7 @@ def _places(source: LogSource, text: str) -> list[int] | str:
 
 def _choose(source: LogSource, kind: str, places: list[int]) -> None:
     if isinstance(source.data, RosBag):
-        # Joints are chosen once, for all signals of the bag.
+        # The joints are chosen once for all signals of the bag.
         order = [source.columns[k].name for k in places]
         source.joints, source.note = (), ""
         for k, item in enumerate(source.columns):
@@ -392,7 +392,7 @@ def _choose(source: LogSource, kind: str, places: list[int]) -> None:
                 number = order.index(item.name) + 1 if item.name in order else None
                 source.columns[k] = replace(item, what=signal if number else "other", number=number)
         return
-    # Velocities of a file that names them keep their kind; what was taken for this one is none now.
+    # Named velocities keep their kind; other columns previously assigned to this kind lose it.
     for k, item in enumerate(source.columns):
         if item.what == kind:
             source.columns[k] = replace(item, what="other")

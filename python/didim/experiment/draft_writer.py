@@ -37,7 +37,7 @@ OPEN_GAIN = "# gain = 1.0"
 
 @dataclass
 class Draft:
-    """An experiment file and what is open about it."""
+    """An experiment file and its open questions."""
 
     text: str = ""
     read: list[str] = field(default_factory=list)
@@ -49,12 +49,12 @@ class Draft:
 
 @dataclass(frozen=True)
 class DraftOptions:
-    """What the user says of a log.
+    """Options of the user for a log.
 
     Attributes
     ----------
     rate_hz : float or None
-        Sampling rate, where the log has no time stamps.
+        Sampling rate, if the log has no time stamps.
     gains : sequence of float, or "estimate"
         Drive gains, or none.
     sides : mapping of str to str
@@ -70,7 +70,7 @@ class DraftOptions:
 
 
 def has_gains(robot: Robot, options: DraftOptions) -> bool:
-    """Whether the gains of position servos are known: those of the user, or of the robot's actuators."""
+    """Whether the gains of position servos are known, from the user or from the robot's actuators."""
     return all(
         key in options.servo
         or (bool(robot.actuators) and all(getattr(item, key, None) is not None for item in robot.actuators))
@@ -84,7 +84,7 @@ class RecordingWriter:
     Parameters
     ----------
     robot
-        Its robot.
+        Robot of the log.
     source
         The log.
     name
@@ -92,9 +92,9 @@ class RecordingWriter:
     file
         Name of the file in messages.
     options
-        What the user says of the log.
+        Options of the user.
     draft
-        Takes sentences and questions.
+        Draft that collects sentences and questions.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class RecordingWriter:
 
     @property
     def motors(self) -> bool:
-        """Whether columns are of motors."""
+        """Whether columns are on the motor side."""
         return any(
             self._of_motors(table, columns)
             for table, columns in (("position", self.position), ("torque", self.torque))
@@ -126,14 +126,14 @@ class RecordingWriter:
 
     @property
     def positions_only(self) -> bool:
-        """Whether commanded and measured positions are all that there is, and the gains of the servos are known."""
+        """Whether the log only has commanded and measured positions, and the gains of the servos are known."""
         return bool(self.position and self.reference and not self.torque and self.servo)
 
     def lines(self) -> list[str]:
-        """Lines of the table."""
+        """Return the lines of the table."""
         lines = ["", "[[recording]]", f"name = {quoted(self.name)}"]
         stamps = [item for item in self.source.columns if item.what == "time"]
-        # The stamp of a header is when a message was made, another one when it arrived.
+        # The header's stamp is the time of the measurement, another one the time of arrival.
         stamps.sort(key=lambda item: "stamp" not in str(item.name))
         for group in (stamps[:1], self.position, self.torque, self.reference):
             self.source.want(group)
@@ -163,7 +163,7 @@ class RecordingWriter:
         return item.file, item.variable, item.name
 
     def _group(self, kind: str) -> list[Column]:
-        """Columns of a kind, one for each joint, in the order of their numbers; a question where several could be meant."""
+        """Return the columns of a kind, one per joint, by their numbers; ask if several are possible."""
         n = self.robot.n_dof
         groups: dict[tuple[int, str | None, str], list[Column]] = {}
         for item in self.source.columns:
@@ -178,7 +178,7 @@ class RecordingWriter:
             better = [group for group in whole if any(word in str(group[0].stem) for word in PREFERRED)]
             if len(better) == 1:
                 whole = better
-            elif kind == "velocity":  # only offered, in commented lines
+            elif kind == "velocity":  # only as commented lines
                 return []
             else:
                 names = "; ".join(listed(group) for group in whole)
@@ -215,14 +215,14 @@ class RecordingWriter:
             return ["# rate_hz = 1000 # at what rate was it recorded? No column of time stamps was found"]
         stamp = stamps[0]
         t = self._first_rollout(self.source.values([stamp])[:, 0])
-        # Messages may repeat a stamp: resampling leaves those out.
+        # Messages may repeat a stamp; resampling drops these.
         steps = np.diff(t)
         step = float(np.median(steps[steps != 0.0])) if steps.any() else math.nan
         if not step > 0.0:
             raise RecordingError(
                 f"{self.file}: column {stamp.name!r} looks like time stamps, and does not grow"
             )
-        # A robot is logged at 10 Hz to 50 kHz.
+        # Robots are logged at 10 Hz to 50 kHz.
         unit = stamp.unit or ("s" if step < 0.11 else "ms" if step < 110.0 else "us")
         seconds = {"s": 1.0, "ms": 1e-3, "us": 1e-6}.get(unit)
         if seconds is None:
@@ -235,7 +235,7 @@ class RecordingWriter:
         if faults:
             return self._resampled(stamp, unit, t, faults[0].sentence, table)
         rate = (len(t) - 1) / float(t[-1] - t[0])
-        # Time stamps are rounded: a whole number of Hz within a thousandth is meant.
+        # Time stamps are rounded, so a rate within a thousandth of a whole number of Hz is that number.
         rate = round(rate) if round(rate) > 0 and abs(rate - round(rate)) < 1e-3 * rate else rate
         self.rate = rate if self.rate is None else self.rate
         self._tell(f"time stamps {stamp.name!r} in {unit}: {self.rate:.9g} Hz, {counted(len(t), 'sample')}")
@@ -243,25 +243,25 @@ class RecordingWriter:
 
     @property
     def _rollouts(self) -> list[Column]:
-        """The column that numbers rollouts, where it has several numbers."""
+        """Return the column that numbers rollouts, if it has several numbers."""
         found = [item for item in self.source.columns if str(item.name) in ROLLOUTS]
         return [item for item in found[:1] if np.ptp(self.source.values([item])) > 0.0]
 
     def _first_rollout(self, t: Array) -> Array:
-        """Time stamps of the first rollout, for others begin anew."""
+        """Return the time stamps of the first rollout; others restart the time."""
         if not self._rollouts:
             return t
         number = self.source.values(self._rollouts)[:, 0]
         return t[: int(np.argmax(number != number[0]))]
 
     def _resampled(self, stamp: Column, unit: str, t: Array, fault: str, table: list[str]) -> list[str]:
-        """Lines of uneven time stamps: the log is made even, and what that costs is told."""
+        """Return the lines for uneven time stamps: the log is resampled, with a sentence on the effect."""
         plan = resampling(t, self.rate, self.file)
         self.rate = plan.rate_hz
         self._tell(f"time stamps {stamp.name!r} in {unit}: uneven, {counted(len(t), 'sample')} ({fault})")
         self._tell(f"resample = true: {plan.sentence(step_range(t))}")
         steps = np.diff(t)
-        # With gaps the windows are the stretches between them.
+        # With gaps, the windows are the stretches between them.
         windows = [] if (steps > LONGEST_GAP_STEPS * np.median(steps)).any() else self._windows(t)
         return [
             f"rate_hz = {plan.rate_hz:.9g} # confirm",
@@ -271,7 +271,7 @@ class RecordingWriter:
         ]
 
     def _windows(self, t: Array | None) -> list[str]:
-        """Line of the window in which the arm moves, where it rests before or after; or of the rollouts."""
+        """Return the line of the window of the motion, if the arm rests before or after; or of the rollouts."""
         if self._rollouts:
             return [f"rollouts = {quoted(str(self._rollouts[0].name))} # each has a start of its own"]
         if not self.position or self.rate is None:
@@ -318,11 +318,11 @@ class RecordingWriter:
         ]
 
     def _offers(self, wanted: str) -> bool:
-        """Whether a fit on positions could do without what is missing."""
+        """Whether a fit on positions does not need the missing signals."""
         return wanted == "torque" and bool(self.reference and self.position)
 
     def _other_count(self, wanted: str) -> str:
-        """Return what the question says where the log has a signal for another number of joints."""
+        """Return the part of the question on a signal with a different number of joints."""
         kinds = ("torque", "current", "voltage") if wanted == "torque" else (wanted,)
         for kind in kinds:
             there = [item for item in self.source.columns if item.what == kind]
@@ -331,7 +331,7 @@ class RecordingWriter:
         return ""
 
     def _open_blocks(self) -> str:
-        """Columns without names that could be meant."""
+        """Return unnamed columns that are candidates."""
         if self.source.named:
             return ""
         blocks: dict[str, list[Column]] = {}
@@ -344,7 +344,7 @@ class RecordingWriter:
         return f" ({' or '.join(found)})" if found else ""
 
     def _of_motors(self, table: str, columns: list[Column]) -> bool:
-        """Whether values are in front of the gears: as the user says, or the names of the columns."""
+        """Whether values are on the motor side, by the user's options or the names of the columns."""
         if table in self.sides:
             return self.sides[table] == "motor"
         return all(item.motor for item in columns)
@@ -356,7 +356,7 @@ class RecordingWriter:
         )
 
     def _plausible(self, columns: list[Column]) -> Array:
-        """Values of a signal; refuse one that is out of all proportion, as two numbers that run together make it."""
+        """Return the values of a signal; refuse an absurd value, as from two numbers run together."""
         values = self.source.values(columns)
         apart = np.abs(values - np.median(values, axis=0))
         usual = np.quantile(apart, USUAL_SHARE, axis=0)
@@ -385,7 +385,7 @@ class RecordingWriter:
                 else:
                     told = "mm" if span > 20.0 else "m"
             units.append(told)
-        # All revolute joints of one log are in one unit.
+        # All revolute joints of a log have one unit.
         if not sure and "deg" in units:
             units = ["deg" if unit == "rad" else unit for unit in units]
         unit = quoted(units[0] if len(set(units)) == 1 else units)
@@ -399,7 +399,7 @@ class RecordingWriter:
         return [*lines, self._side(table, columns)]
 
     def _velocity(self) -> list[str]:
-        """Commented lines: measured velocities may be better than differences of the positions, or late."""
+        """Return commented lines: measured velocities may be better than differences of positions, or delayed."""
         unit = "rad/s" if "revolute" in self.robot.joint_kinds else "m/s"
         lines = ["[recording.velocity]", *self.source.lines(self.velocity, self.robot)]
         lines += [f'unit = "{unit}"', 'side = "joint"']
@@ -444,5 +444,5 @@ class RecordingWriter:
 
 
 def names_of(robot: Robot) -> str:
-    """Return names of the joints as the end of a comment, where the robot has them."""
+    """Return the names of the joints as the end of a comment, if the robot has them."""
     return f": {one_line(', '.join(robot.joint_names))}" if robot.joint_names else ""

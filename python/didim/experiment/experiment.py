@@ -28,7 +28,7 @@ from .unknown import Unknown
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Experiment:
-    """What an experiment file says; equally well made in Python, from a robot and recordings.
+    """Content of an experiment file; it can also be made in Python from a robot and recordings.
 
     Attributes
     ----------
@@ -43,28 +43,28 @@ class Experiment:
     signal, least_squares, delay
         Settings.
     fixed
-        Parameters kept at a value.
+        Parameters fixed at a value.
     dropped
         Parameters taken as zero.
     digests
         SHA-256 of each file read, by role and file name: ``experiment emps.toml``, ``robot emps.toml``,
         ``data DATA_EMPS.mat``.
     reference, controller
-        What the robot followed, and what made it: as the file describes them, or as made in Python; None without.
+        Reference motion and controller, described by the file or made in Python, or None.
     simulation
-        How the closed loop is simulated.
+        Settings of the simulation of the closed loop.
     payloads
-        What is known of the payloads that recordings name.
+        Known properties of the payloads that recordings name.
     flange
-        Pose of the flange (3 x 4), as `didim.robot.payload.flange_in_last_frame` takes it; None for that of the last link.
+        Pose of the flange (3 x 4), see `didim.robot.payload.flange_in_last_frame`; None for that of the last link.
     measurement
-        What a simulated measurement adds to a simulation, or None.
+        Noise and quantisation of simulated measurements, or None.
     links
         "estimated", or "fixed": masses and inertias of the links are those of the robot file.
     unknown
-        What is known beforehand of the unknowns of the drives, by kind (`didim.experiment.unknown`).
+        Prior knowledge of the unknowns of the drives, by kind (`didim.experiment.unknown`).
     remarks
-        What reading the file found to say: defaults that have changed since it was written.
+        Sentences on reading the file: defaults that have changed since it was written.
 
     Raises
     ------
@@ -104,32 +104,32 @@ class Experiment:
         controller: Controller | None = None,
         **settings: Any,
     ) -> Experiment:
-        """Make an experiment of arrays at hand, with the filters that ``didim init`` would choose.
+        """Make an experiment from arrays, with the filters that ``didim init`` would choose.
 
         Parameters
         ----------
         robot : Robot, str or Path
-            Robot, its file, or the name of a packaged one.
+            Robot, its file, or the name of an included one.
         q, tau : array, shape (n_samples, n_dof)
             Positions (rad or m) and torques (N.m or N), joint side; `tau` may be None for CLOE.
         rate_hz : float
             Samples per second.
         reference : array, Reference or "measured", optional
-            What the robot was to follow: reference positions of every sample, a motion, or the measured motion.
+            Reference: positions of every sample, a motion, or the measured motion.
         controller : Controller, optional
-            What made it follow: DIDIM, IDIM-IV and CLOE need both.
+            Controller; DIDIM, IDIM-IV and CLOE need reference and controller.
         **settings
-            Other attributes of the experiment, such as ``name`` or ``signal``, which takes the place of the chosen filters.
+            Other attributes of the experiment, such as ``name`` or ``signal``, which replaces the chosen filters.
 
         Returns
         -------
         Experiment
-            Its `notes` say which filters were chosen, and why.
+            Experiment whose `notes` give the chosen filters and the reason.
 
         Raises
         ------
         DidimError
-            One of its kinds, for arrays of the wrong shape, or a robot that cannot be read.
+            Any of its subclasses, for arrays of the wrong shape, or a robot that cannot be read.
 
         Notes
         -----
@@ -154,7 +154,7 @@ class Experiment:
     def from_recordings(
         cls, robot: Robot | str | Path, recordings: Sequence[Recording], **settings: Any
     ) -> Experiment:
-        """Make an experiment of recordings, with the filters that ``didim init`` would choose; see `from_arrays`."""
+        """Make an experiment from recordings, with the filters that ``didim init`` would choose; see `from_arrays`."""
         from .draft_filters import choose_filters, sentence_of
 
         robot = robot if isinstance(robot, Robot) else load_robot(robot)
@@ -200,17 +200,17 @@ class Experiment:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what reading the file, the robot and the recordings changed."""
+        """Sentences on changes made while reading the file, the robot and the recordings."""
         of_recordings = (note for recording in self.recordings for note in recording.notes)
         return (*self.remarks, *self.robot.notes, *of_recordings)
 
     @property
     def simulated_robot(self) -> Robot:
-        """Robot as it is simulated: with smooth friction, where the settings of the simulation say so."""
+        """Robot of the simulation: with smooth friction, if its settings say so."""
         return self.simulation.robot(self.robot)
 
     def with_gains(self, gains: Array) -> Experiment:
-        """Return the experiment with torques in place of currents, by drive gains (n_dof,)."""
+        """Return the experiment with currents converted to torques by drive gains (n_dof,)."""
         return replace(self, recordings=tuple(item.with_gains(gains) for item in self.recordings))
 
     def __post_init__(self) -> None:

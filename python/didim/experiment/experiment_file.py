@@ -1,6 +1,6 @@
-"""An experiment: a robot, its recordings, and how they are to be processed, read from one TOML file.
+"""Reader of experiment files: a robot, its recordings, and their processing, in one TOML file.
 
-A new log takes a file and no Python. Every key is checked, and each message names the file, the table and the
+A new log needs a file but no Python. Every key is checked, and each message names the file, the table and the
 key. Tested in ``tests/test_experiment.py``.
 """
 
@@ -100,9 +100,9 @@ def load_experiment(
     path
         Experiment .toml.
     data
-        Folder that the data files are looked up in; beside the experiment file by default.
+        Folder of the data files; by default that of the experiment file.
     faults
-        For `didim.check`: takes what is wrong with time stamps, which then raises no error.
+        For `didim.check`: callback for faults of time stamps, which then do not raise an error.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def load_experiment(
     RobotError
         On a wrong robot file.
     RecordingError
-        On a data file that is not as the experiment says.
+        On a data file that contradicts the experiment.
     """
     path = Path(path)
     _refuse_other(path)
@@ -131,12 +131,12 @@ def load_experiment(
 
 
 def experiment_of(log: object, robot: Robot | str | Path | None = None) -> Experiment:
-    """Return an experiment as it is, from its file, or from recordings of a robot.
+    """Return an experiment, given itself, its file, or recordings of a robot.
 
     Raises
     ------
     ExperimentError
-        For a recording without its robot, an experiment with one, and anything else (``test_from_arrays.py``).
+        For a recording without its robot, an experiment with a robot, and any other argument (``test_from_arrays.py``).
     """
     recordings = [log] if isinstance(log, Recording) else log
     if isinstance(recordings, list | tuple) and all(isinstance(item, Recording) for item in recordings):
@@ -156,7 +156,7 @@ def experiment_of(log: object, robot: Robot | str | Path | None = None) -> Exper
 
 
 def _refuse_other(path: Path) -> None:
-    """Refuse a file of another kind by what its name says, with the command that it is for."""
+    """Refuse a file of another kind by its name, with the command for it."""
     kind = path.suffix.lower()
     if is_log(path):
         raise ExperimentError(
@@ -182,16 +182,16 @@ def read_experiment(
     faults: list[tuple[str, TimeFault]] | None = None,
     digests: Mapping[str, str] | None = None,
 ) -> Experiment:
-    """Make an experiment of the content of an experiment file; the file itself need not exist.
+    """Make an experiment from the content of an experiment file; the file itself need not exist.
 
     Parameters
     ----------
     content
-        Tables of the file, as `tomllib` gives them.
+        Tables of the file, as parsed by `tomllib`.
     path
-        Names the file in messages; files that the content names are looked up beside it.
+        Name of the file in messages; paths in the content are relative to its folder.
     robot
-        Robot in place of the one that the content names, before the experiment's friction.
+        Robot that replaces the one named in the content, without the experiment's friction.
     data, faults
         As for `load_experiment`.
     digests
@@ -274,9 +274,9 @@ def read_experiment(
 
 
 def _changed_defaults(content: Mapping[str, Any]) -> tuple[str, ...]:
-    """Sentence on a recipe that is to meet digits of others, where it lacks keys whose defaults are others than in 0.1.0.
+    """Return a sentence on a recipe that reproduces published digits, if it lacks keys whose defaults have changed since 0.1.0.
 
-    A file of its own filters has nothing to meet and is not told.
+    Files with filters of their own do not get the sentence.
     """
     signal = content.get("signal", {})
     recipe = [
@@ -313,13 +313,13 @@ def _optional(
 
 
 def robot_place(name: str, folder: Path) -> str | Path:
-    """Return what `load_robot` takes for the robot that an experiment in `folder` names: a packaged name, or a file beside it."""
-    # A name that is not a packaged robot's is a file beside the experiment, and its message names files there.
+    """Return the argument of `load_robot` for an experiment in `folder`: an included name, or a file beside it."""
+    # Any other name is a file beside the experiment, and messages suggest files there.
     return name if (PACKAGED / f"{name}.toml").is_file() else folder / name
 
 
 def _robot(table: Table, path: Path, given: Robot | None) -> Robot:
-    """Load the robot, by packaged name or path from the experiment file, with the experiment's friction."""
+    """Load the robot, by included name or path relative to the experiment file, with the experiment's friction."""
     name = table.text("robot")
     robot = load_robot(robot_place(name, path.parent)) if given is None else given
     friction = table.table("friction", None)
@@ -331,7 +331,7 @@ def _robot(table: Table, path: Path, given: Robot | None) -> Robot:
 def _settings(
     make: Callable[..., _Settings], read: Callable[[Table], dict[str, Any]], table: Table | None
 ) -> _Settings:
-    """Make settings of a table, or the defaults without one; their errors get the table's name in front."""
+    """Make settings from a table, or the defaults without one; errors are prefixed by the table's name."""
     options = read(table if table is not None else Table({}, "", ExperimentError))
     if table is None:
         return make(**options)

@@ -38,14 +38,14 @@ def closed_loop(
     experiment : Experiment
         Its reference, controller and simulation settings.
     recording : Recording, optional
-        Sets rate and length; an experiment whose reference is a motion of its own needs none.
+        Recording that defines rate and length; not needed if the reference is independent of recordings.
     window : (start, stop), optional
         Samples of the recording; all of them by default.
 
     Returns
     -------
     ClosedLoop
-        Ready to run, with the friction of ``[simulation]``.
+        Closed loop with the friction of ``[simulation]``.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def _memory(
     window: tuple[int, int] | None,
     state: tuple[Array, Array] | None,
 ) -> ControllerMemory:
-    """State of the controller at the beginning of a window or of a run, as ``[simulation]`` says."""
+    """Return the state of the controller at the beginning of a window or of a run, according to ``[simulation]``."""
     settings = experiment.simulation
     start, stop = window or (0, 0 if recording is None else len(recording.q))
     if settings.controller_state is not None:
@@ -145,7 +145,7 @@ def _memory(
     tau = without_spikes(tau[start:stop], experiment.signal)
     if recording.has_positions:
         return memory_of_log(controller, reference, recording.rate_hz, recording.q[start:stop], tau, state)
-    # Without measured positions the robot is taken to be where its reference is.
+    # Without measured positions the robot is assumed to be at its reference.
     times = np.arange(stop - start) / recording.rate_hz
     return memory_of_log(controller, reference, recording.rate_hz, reference.at(times)[0], tau, state)
 
@@ -153,13 +153,13 @@ def _memory(
 def measured_motion(
     recording: Recording, window: tuple[int, int], signal: SignalProcessing, robot: Robot
 ) -> Reference | None:
-    """Return the measured motion of a window, as it is or filtered; None where it does not show which velocities are near zero."""
+    """Return the measured motion of a window, raw or filtered; None if it does not reveal velocities near zero."""
     if not recording.has_positions:
         return None
     q = recording.q[slice(*window)]
     if len(q) < LEAST_NOISE_SAMPLES or robot.friction.coulomb != "tanh":
         return None
-    # A filter smears reversals over milliseconds: as measured is better where the noise of the velocity lets it.
+    # A filter smears reversals over milliseconds, so raw positions are better unless the velocity is too noisy.
     if np.all(white_noise(q) * recording.rate_hz <= np.asarray(robot.friction.smoothing)):
         return Reference.sampled(q, rate_hz=recording.rate_hz)
     if signal.cutoff_hz is None:
@@ -168,7 +168,7 @@ def measured_motion(
 
 
 def outside_limits(robot: Robot, reference: Reference, duration_s: float) -> list[str]:
-    """Sentences on joints whose reference leaves the limits of the robot file in a run; empty if none does."""
+    """Return sentences on joints whose reference exceeds the limits of the robot file."""
     t = np.linspace(0.0, duration_s, 20_001)
     q, dq, _ = reference.at(t)
     found = []

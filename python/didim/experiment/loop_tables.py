@@ -85,7 +85,7 @@ _LIMITS = {"max_position": "", "max_velocity": "_s", "max_acceleration": "_s2"}
 
 
 def _one_unit(table: Table, key: str, robot: Robot) -> tuple[float, str]:
-    """Factor to SI and unit of a matrix key such as ``points_deg``; a robot of both kinds takes SI units of each: ``points_si``."""
+    """Return factor to SI and unit of a matrix key such as ``points_deg``; with both kinds of joints it is ``points_si``."""
     kinds = set(robot.joint_kinds)
     units = ["si"] if len(kinds) == 2 else (["rad", "deg"] if kinds == {"revolute"} else ["m", "mm"])
     given = [unit for unit in units if table.has(f"{key}_{unit}")]
@@ -97,7 +97,7 @@ def _one_unit(table: Table, key: str, robot: Robot) -> tuple[float, str]:
 def _joint_values(
     table: Table, key: str, robot: Robot, per: str = "", default: float | None = None
 ) -> list[float]:
-    """One number per joint of a key such as ``max_velocity_rad_s``: a number for all of a kind, or one per joint."""
+    """Return one number per joint of a key such as ``max_velocity_rad_s``, given once per kind or per joint."""
     values: list[float | None] = [default] * robot.n_dof
     for unit, factor in POSITION.items():
         numbers = table.spread(f"{key}_{unit}{per}", robot.n_dof, None)
@@ -160,7 +160,7 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
             table.fail(
                 "natural_frequency_hz needs inertia (kg.m^2 or kg, one per joint) or inertia_of (a parameter set)"
             )
-        # An inertia that needs the reference is 1 until there is one.
+        # An inertia along the reference is 1 until the reference is known.
         gains["inertia"] = inertia or [1.0] * n
         kind = "tuned"
     else:
@@ -174,14 +174,14 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
             gains["integral_time_s"] = table.spread("integral_time_s", n)
     table.done()
     recipe = ControllerRecipe(robot, kind, {**gains, **options}, inertia_of, feedforward)
-    # Now, so that a wrong number is an error of loading.
+    # A wrong number must fail on loading.
     _told(table, recipe.plain)
     digital = options["digital"]
     return ControllerSpec(recipe, settings, 0.0 if digital is None else digital.sample_time_s)
 
 
 def _of_actuators(robot: Robot) -> dict[str, list[float]]:
-    """Gains and largest torques of the robot's position actuators, each where all joints have it; none is infinite."""
+    """Return gains and largest torques of the robot's position actuators, if all joints have finite ones."""
     found: dict[str, list[float]] = {}
     for key in ("kp", "kv"):
         values = [
@@ -197,18 +197,18 @@ def _of_actuators(robot: Robot) -> dict[str, list[float]]:
 
 @dataclass(frozen=True)
 class ControllerRecipe:
-    """How the controller of a file is made for a reference.
+    """Recipe for the controller of a file, given a reference.
 
     Attributes
     ----------
     robot : Robot
         The robot.
     maker : str
-        Function of `Controller` that makes it.
+        Constructor of `Controller`.
     options : mapping
         Its arguments.
     inertia_of, feedforward_of : str or None
-        Parameter sets whose mean inertia along the reference tunes the gains, and whose torque is fed forward.
+        Parameter sets for gains tuned by the mean inertia along the reference, and for the feed-forward torque.
     """
 
     robot: Robot
@@ -218,7 +218,7 @@ class ControllerRecipe:
     feedforward_of: str | None
 
     def plain(self) -> Controller:
-        """Return the controller without what depends on the reference."""
+        """Return the controller without the parts that depend on the reference."""
         return getattr(Controller, self.maker)(**self.options)  # type: ignore[no-any-return]
 
     def __call__(self, reference: Reference) -> Controller:
@@ -235,7 +235,7 @@ class ControllerRecipe:
 
 
 def _made_up(table: Table, settings: Mapping[str, Any]) -> ControllerSpec:
-    """Read a controller whose gains a method makes from its estimate (``didim.loop.tuning.made_up``)."""
+    """Read a controller whose gains a method computes from its estimate (``didim.loop.tuning.made_up``)."""
     table.number("natural_frequency_hz", 10.0, above=0.0)
     table.number("tracking_error", 1e-3, above=0.0)
     table.done()
@@ -245,10 +245,10 @@ def _made_up(table: Table, settings: Mapping[str, Any]) -> ControllerSpec:
 
 @dataclass(frozen=True)
 class MadeUpRecipe:
-    """Stands for gains that a method makes from its estimate."""
+    """Placeholder for gains that a method computes from its estimate."""
 
     def __call__(self, reference: Reference) -> Controller:
-        """Refuse: there are no gains yet.
+        """Raise an error, because there are no gains yet.
 
         Raises
         ------
@@ -379,7 +379,7 @@ def _positive(table: Table, key: str, values: Sequence[float]) -> tuple[float, .
 
 
 def _told(table: Table, make: Callable[[], _Made]) -> _Made:
-    """Return what `make` makes, or raise its error with the table's name in front."""
+    """Return the object made by `make`, or raise its error prefixed by the table's name."""
     try:
         return make()
     except DidimError as error:

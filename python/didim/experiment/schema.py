@@ -1,9 +1,9 @@
-"""The schema of robot and experiment files: every key that their readers ask for, with type, bounds, default and an example.
+"""The schema of robot and experiment files: every key of the readers with type, bounds, default and an example.
 
-Keys are declared once, as rows of `didim._tools.toml.Key`, or are those that the readers ask for: these read the sample files of
-``packaged/schema``, which have every table, while each key is noted, and ``packaged/schema/keys.toml`` has their sentences.
-``docs/robot_keys.md``, ``docs/experiment_keys.md`` and the JSON schemas for editors are printed from this. A key is added as a row.
-Tested in ``tests/test_reference_pages.py``.
+Keys are declared once, as rows of `didim._tools.toml.Key`, or requested by the readers. The latter are recorded while the
+readers process the sample files of ``packaged/schema``, which contain every table; ``packaged/schema/keys.toml`` has their
+sentences. ``docs/robot_keys.md``, ``docs/experiment_keys.md`` and the JSON schemas for editors are generated from this. A new
+key is a new row. Tested in ``tests/test_reference_pages.py``.
 """
 
 from __future__ import annotations
@@ -61,23 +61,23 @@ class Entry:
     path, key : str
         Table and key; the path of the file itself is empty.
     kinds : tuple of str
-        Types that it may have, in words.
+        Its types in words.
     unit : str
         Unit, from the end of the key; empty without one.
     default : str
-        What holds without the key: "required", a value, or "-" where that depends on other keys.
+        Default: a value, "required", or "-" if it depends on other keys.
     choices : tuple of str
-        Texts that are allowed.
+        Allowed texts.
     bounds : str
         Bounds of a number in words.
     example : str
-        A value of the samples; empty for tables.
+        A value from the samples; empty for tables.
     meaning : str
         One sentence.
     always : bool
-        Whether every table of this path in the samples has it: a key of one kind of table is not required by all.
+        Whether every table of this path in the samples has it; a key of one kind of table is not required in others.
     asked : tuple of Asked
-        What the readers asked for.
+        Requests by the readers.
     """
 
     path: str
@@ -156,13 +156,13 @@ def _tables(content: Mapping[str, Any], path: str) -> Iterator[tuple[str, set[st
 
 
 def _general(path: str) -> str:
-    """Path without numbers of tables and without names that the user is free to choose."""
+    """Return a path without table numbers and free names."""
     path = re.sub(r" \d+", "", path)
     return re.sub(r"^(parameters|payload|unknown)\.(?!fixed)[^.]+", r"\1.NAME", path)
 
 
 def _free(path: str, key: str) -> bool:
-    """Whether a key is a name that the user is free to choose, or that of a parameter."""
+    """Whether a key is a free name, or that of a parameter."""
     return (
         (path in ("parameters", "payload", "unknown") and key not in ("fixed", "dropped", "links"))
         or path in ("parameters.fixed", "urdf.lock")
@@ -179,7 +179,7 @@ def _entry(
     always: bool,
 ) -> Entry:
     kinds = tuple(dict.fromkeys(item.kind for item in asked if item.kind))
-    # A type in words says it all where one is given.
+    # A type in words is complete if given.
     said = [kind for kind in kinds if " or " in kind or kind.startswith("list of [")]
     bounds = {
         "at least": [item.minimum for item in asked if item.minimum is not None],
@@ -205,7 +205,7 @@ def _entry(
 
 def _default(path: str, key: str, asked: list[Asked]) -> str:
     defaults = [item.default for item in asked]
-    # A reader that looks whether a key is there does without it.
+    # A reader that tests for a key does not require it.
     if all(value is MISSING for value in defaults):
         return "required"
     settings = {item.name: item.default for item in fields(SETTINGS[path])} if path in SETTINGS else {}
@@ -220,7 +220,7 @@ def _default(path: str, key: str, asked: list[Asked]) -> str:
 
 
 def _one(value: Any) -> Any:
-    """One number for a list of equal ones, as one per joint."""
+    """Return one number for a list of equal ones, such as one per joint."""
     equal = isinstance(value, list) and len(value) > 1 and all(item == value[0] for item in value)
     return value[0] if equal else value
 
@@ -307,7 +307,7 @@ def _object() -> dict[str, Any]:
 
 
 def _node(root: dict[str, Any], path: str) -> dict[str, Any]:
-    """Object of a table; names that the user is free to choose are further properties."""
+    """Return the object of a table; free names are further properties."""
     node = root
     for part in path.split(".") if path else []:
         if part == "NAME":

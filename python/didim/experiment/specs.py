@@ -1,4 +1,4 @@
-"""References, controllers, simulations and measurements as an experiment file describes them.
+"""Descriptions of references, controllers, simulations and measurements in an experiment file.
 
 Tested in ``tests/test_closed_loop.py``.
 """
@@ -26,14 +26,14 @@ from ..signal.processing import SignalProcessing
 
 @dataclass(frozen=True)
 class ReferenceSpec:
-    """A reference as a file describes it.
+    """Description of a reference in a file.
 
     Attributes
     ----------
     kind : str
         "recorded", "measured", "fourier" or "point-to-point".
     made : Reference or None
-        The motion, where it does not depend on a recording.
+        The motion, if it does not depend on a recording.
     settings : Mapping
         The table, for the record of a result.
     """
@@ -72,12 +72,12 @@ class ReferenceSpec:
 
 @dataclass(frozen=True)
 class ControllerSpec:
-    """A controller as a file describes it; gains may need the inertia along the reference.
+    """Description of a controller in a file; gains may need the inertia along the reference.
 
     Attributes
     ----------
     build : callable
-        Makes the controller for a reference.
+        Function that makes the controller for a reference.
     settings : Mapping
         The table, for the record of a result.
     sample_time_s : float
@@ -91,36 +91,34 @@ class ControllerSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationSettings:
-    """How the closed loop is simulated.
+    """Settings of the simulation of the closed loop.
 
     Attributes
     ----------
     step_s : float or None
         Largest step (s).
     fine_step_s : tuple of float or None
-        Largest step where the velocity of a joint is near zero (s), one for all joints or one per joint. What is near zero is
-        read off the measured motion where there is one that can tell, as measured or filtered, and off the reference
-        otherwise.
+        Largest step where the velocity of a joint is near zero (s), one for all joints or one per joint. These times are those
+        of the measured motion, raw or filtered, if it reveals them, otherwise those of the reference.
     rate_hz : float or None
         Records per second of a run without a recording, which has its own; 1000 by default.
     duration_s : float or None
         Length of a run without a recording; that of the reference by default.
     smoothing : tuple of float or None
-        Velocity of ``tanh`` friction per joint (rad/s or m/s) in simulations and in what is built on them; the friction of
-        the robot by default.
+        Velocity of ``tanh`` friction per joint (rad/s or m/s) in simulations and regressors along them; by default the friction
+        of the robot.
     divergence : float
         Tracking error (rad or m) that ends a run.
     start : {"measured", "reference"} or None
-        State at time 0: the filtered measured one, or that of the reference. By default measured where the reference
-        comes from a recording, which may begin in motion, and the reference's where it is a motion of its own.
+        State at time 0: the filtered measured one, or that of the reference. By default measured if the reference comes from a
+        recording, which may begin in motion, and otherwise that of the reference.
     controller_start : {"log", "balance", "zero"} or None
-        Integrators and outputs on their way at time 0: those with which the law gives the measured torques, those of static
-        balance with the parameters that are simulated, or zero. By default "log" where the recording has torques, otherwise
-        "balance".
+        Integrators and delayed outputs at time 0: those that reproduce the measured torques, those of static balance with the
+        simulated parameters, or zero. By default "log" if the recording has torques, otherwise "balance".
     controller_state : ControllerMemory or None
-        The exact state at the beginning of the recording or of the run, in the place of `controller_start`.
+        The exact state at the beginning of the recording or of the run, which replaces `controller_start`.
     integrator : {"rk4", "imex"}
-        Classical Runge-Kutta, or the method that takes steep friction implicitly.
+        Classical Runge-Kutta, or the method with implicit friction.
     """
 
     step_s: float | None = None
@@ -143,7 +141,7 @@ class SimulationSettings:
                 raise ExperimentError("give controller_start or controller_state, not both")
 
     def robot(self, robot: Robot) -> Robot:
-        """Return the robot as it is simulated: with smooth friction, where the settings say so."""
+        """Return the robot of the simulation: with smooth friction, if the settings say so."""
         if self.smoothing is None:
             # A sign that is kept through rest has no state in a simulation.
             terms = [term for term in robot.friction.terms if term.law != "hold"]
@@ -153,14 +151,14 @@ class SimulationSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """What a simulated measurement adds to a simulation, joint side.
+    """Noise and quantisation of simulated measurements, joint side.
 
     Attributes
     ----------
     encoder_resolution, position_noise, torque_noise : tuple of float
         Step of the encoders (rad or m), standard deviation of position noise, and of torque noise (N.m or N), per joint.
     seed : int
-        Of NumPy's default generator.
+        Seed of NumPy's default generator.
     """
 
     encoder_resolution: tuple[float, ...] = ()
@@ -169,13 +167,13 @@ class Measurement:
     seed: int = 0
 
     def measure(self, q: Array, tau: Array) -> tuple[Array, Array]:
-        """Positions and torques as a log has them; `q` and `tau` are (n_samples, n_dof)."""
+        """Return positions and torques with noise and quantisation; `q` and `tau` are (n_samples, n_dof)."""
         for name in ("encoder_resolution", "position_noise", "torque_noise"):
             values = getattr(self, name)
             if len(values) not in (0, q.shape[1]):
                 raise ExperimentError(f"{name} needs {q.shape[1]} numbers, one per joint, got {len(values)}")
         rng = np.random.default_rng(self.seed)
-        # Both are drawn always: one setting must not change the noise of the other.
+        # Both are always drawn, because one setting must not change the noise of the other.
         noise_q, noise_tau = rng.standard_normal((2, *q.shape))
         if self.position_noise:
             q = q + noise_q * np.asarray(self.position_noise)

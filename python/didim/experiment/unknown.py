@@ -44,18 +44,18 @@ LINK = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 
 @dataclass(frozen=True, kw_only=True)
 class Unknown:
-    """What is known beforehand of one kind of parameter.
+    """Prior knowledge of one kind of parameter.
 
     Attributes
     ----------
     start : float or None
-        Where the search starts; that of the robot, of the controller, or zero by default.
+        Start of the search; by default the value of the robot, of the controller, or zero.
     low, high : float
         Bounds.
     sigma : float
         Standard deviation of the start as a prior; infinite without one.
     shared : {"joint", "limb", "robot", "log"}
-        Which joints have it in common.
+        Joints that share it.
     """
 
     start: float | None = None
@@ -66,13 +66,13 @@ class Unknown:
 
 
 def joint_kinds(robot: Robot) -> tuple[str, ...]:
-    """Return the kinds of standard parameters of joints: rotor inertia, friction and its terms."""
+    """Return the kinds of joint parameters: rotor inertia, friction and its terms."""
     heads = (re.sub(r"\d+", "", name) for name in robot.parameter_names)
     return tuple(dict.fromkeys(head for head in heads if head not in LINK))
 
 
 def read_unknown(table: Table, others: tuple[str, ...]) -> dict[str, Unknown]:
-    """Read ``[unknown]``: a table by kind, of the drives or one of `others`, kinds of parameters of the joints."""
+    """Read ``[unknown]``: one table per kind of drive unknown, or of joint parameter in `others`."""
     found = {}
     for kind in table.content:
         if kind not in DRIVE + others:
@@ -90,7 +90,7 @@ def read_unknown(table: Table, others: tuple[str, ...]) -> dict[str, Unknown]:
 
 
 def _shared(table: Table, kind: str) -> Shared:
-    """Read `shared`: true means the whole robot. Delays and lags are shared by default, for drives on one bus have the same."""
+    """Read `shared`: true means the whole robot. Delays and lags are shared by default, as drives on one bus have the same."""
     default = kind in ("delay_s", "lag_s")
     given = table.raw("shared", default, "true, false, or text")
     choices: dict[object, Shared] = {True: "robot", False: "joint"}

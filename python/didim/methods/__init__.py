@@ -1,1 +1,1 @@
-"""The methods: along which motion (7) is written."""
+"""Identification methods, which differ in the motion along which (7) is written."""

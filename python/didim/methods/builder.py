@@ -1,4 +1,4 @@
-"""The result of a run: one builder for every method, so that rows, degrees of freedom and errors are counted alike.
+"""Builder of results for all methods: rows, degrees of freedom and errors are counted in one way.
 
 Tested in ``tests/test_builder.py``.
 """
@@ -46,7 +46,7 @@ LARGEST_CONDITION_NUMBER = 1e10
 
 @dataclass(frozen=True)
 class TorqueErrors:
-    """Errors of the torques on the rows that are summed.
+    """Torque errors, summed over rows.
 
     Attributes
     ----------
@@ -99,32 +99,32 @@ def identification(
     evidence: Sequence[Finding] = (),
     standard: Array | None = None,
 ) -> Identification:
-    """Put together the result of a method.
+    """Build the result of a method.
 
     Parameters
     ----------
     job : Job
         Experiment and settings of the run.
     method : Described
-        Its name, and along which motion it predicts.
+        Name of the method, and the motion of its predictions.
     status, history, condition_number, delay, remarks, evidence
         As in `Identification`.
     beta : (b,) array
         All base parameters, fixed ones included, then the further parameters of the logs.
     covariance : (n_estimated, n_estimated) array
-        Covariance of the estimated ones.
+        Covariance of the estimated parameters.
     errors : TorqueErrors
         Errors of the torques on the rows of the fit.
     q : (n_samples, n_dof) array
-        Positions at which physics is checked.
+        Positions at which physical consistency is checked.
     uncertainty : Uncertainty, optional
-        How `covariance` was found; the residuals of the joints are filled in here.
+        Source of `covariance`; the residuals of the joints are added here.
     held_out : bool
-        Whether the recordings kept out have torques to compare with.
+        Whether held-out recordings have torques for comparison.
     settings : mapping, optional
-        What the method adds to the record of the settings.
+        Additional settings of the method for the record.
     standard : (n_parameters,) array, optional
-        Physically consistent standard parameters, those of logs behind them or not; beta lifted without them.
+        Physically consistent standard parameters, optionally followed by those of the logs; by default beta lifted.
     """
     robot = job.robot
     full = job.selection.expand_covariance(covariance)
@@ -142,7 +142,9 @@ def identification(
         if role == "estimated"
     }
     flags = physical_flags(robot, beta[:b], full[:b, :b], q, unknown=estimated)
-    if not status.converged:  # signs on the way, without standard deviations, are no evidence
+    if (
+        not status.converged
+    ):  # signs of an unfinished iteration, without standard deviations, are not evidence
         flags = tuple(
             item for item in flags if np.isfinite(item.sigmas) or not {*item.parameters} & estimated
         )
@@ -182,7 +184,7 @@ def identification(
 def _split(
     job: Job, beta: Array, covariance: Array, uncertainty: Uncertainty | None
 ) -> tuple[Uncertainty | None, Further]:
-    """Return the uncertainty of the robot's parameters alone, and the further parameters of the logs."""
+    """Return the uncertainty of only the robot's parameters, and the further parameters of the logs."""
     b, names = job.parameters.n_base, job.robot.base_parameters.names
     white = np.full(job.parameters.n_further, np.nan)
     if uncertainty is not None:
@@ -220,10 +222,10 @@ def fitted(
     evidence: Sequence[Finding] = (),
     parts: Sequence[Segment] = (),
 ) -> Identification:
-    """Put together the result of a method that ends with the solution of a system (7); see `identification`.
+    """Build the result of a method that ends with the solution of a system (7); see `identification`.
 
-    `beta` are the parameters reached, (b,), where they are not those of the last solution. `parts` is the motion along which the
-    system was written, where its residual can be tested for friction that the model lacks.
+    `beta` are the final parameters, (b,), if they differ from the last solution. `parts` is the motion of the system, if its
+    residual can be tested for missing friction.
     """
     spread = spread_of_fit(system, fit, job.settings, job.selection)
     if parts and status.converged:
@@ -271,7 +273,7 @@ def fitted(
 def _friction(
     job: Job, method: Described, system: LinearSystem, fit: Fit, parts: Sequence[Segment]
 ) -> FrictionAlarm:
-    """Test the residual of a fit for friction that the model lacks."""
+    """Test the residual of a fit for missing friction."""
     x = job.parameters.lift(job.selection.expand(fit.solution))
     load = [
         rigid_torque(job.robot, part.q, part.dq, part.ddq, job.parameters.standard(x, part.recording))
@@ -286,7 +288,7 @@ def _friction(
 
 
 def _drift(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
-    """Return how recordings that share offsets or friction differ in them."""
+    """Return the differences of recordings that share offsets or friction."""
     own = {key for item in job.experiment.recordings if item.role == "fit" for key in item.own}
     kinds: tuple[tuple[Literal["offset", "friction"], str], ...] = (
         ("offset", "offsets"),
@@ -301,7 +303,7 @@ def _drift(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
 
 
 def _drift_findings(job: Job, moved: Sequence[Difference]) -> list[Finding]:
-    """Return findings on a result whose recordings do not share what they are said to share."""
+    """Return findings on recordings that differ in declared common parameters."""
     return [
         Finding(
             code="drift",
@@ -315,7 +317,7 @@ def _drift_findings(job: Job, moved: Sequence[Difference]) -> list[Finding]:
 
 
 def load_findings(job: Job, system: LinearSystem, fit: Fit) -> list[Finding]:
-    """Return a finding for each recording that carries a load which another does not."""
+    """Return a finding for each recording with a load that another does not have."""
     if not job.parameters.simple or not {block.recording for block in system.blocks} - {
         system.blocks[0].recording
     }:
@@ -343,7 +345,7 @@ def load_finding(load: Load, text: str, recording: str = "") -> Finding:
 
 
 def record(job: Job, **more: Any) -> dict[str, Any]:
-    """Return settings and recordings of a run, as JSON has them (lists, no tuples)."""
+    """Return settings and recordings of a run as JSON data (lists instead of tuples)."""
     return experiment_record(
         job.experiment,
         job.robot,
@@ -357,8 +359,8 @@ def record(job: Job, **more: Any) -> dict[str, Any]:
 
 
 def experiment_record(experiment: Experiment, robot: Robot, **more: Any) -> dict[str, Any]:
-    """Return what a result records of its experiment and of the robot with the friction of the run, as JSON has it."""
-    import scipy  # loads subprocess and more
+    """Return the record of experiment and robot, with the friction of the run, as JSON data."""
+    import scipy  # imports subprocess and more
 
     asked = {
         "versions": {"didim": __version__, "numpy": np.__version__, "scipy": scipy.__version__},
@@ -389,13 +391,13 @@ def experiment_record(experiment: Experiment, robot: Robot, **more: Any) -> dict
 
 
 def delay_asked(job: Job) -> object:
-    """Return the setting of the delay as JSON has it."""
+    """Return the setting of the delay as JSON data."""
     setting = job.delay_setting
     return setting.samples if isinstance(setting, Delay) else setting
 
 
 def solved_status(fit: Fit) -> Status:
-    """Return how a single least-squares problem ended."""
+    """Return the status of a single least-squares problem."""
     if fit.stopped:
         return Status.STOPPED
     if not fit.converged:
@@ -404,7 +406,7 @@ def solved_status(fit: Fit) -> Status:
 
 
 def digests(experiment: Experiment) -> dict[str, str]:
-    """Return the digests of all files that an experiment was read from."""
+    """Return the digests of all files of an experiment."""
     found = dict(experiment.digests)
     for recording in experiment.recordings:
         found |= {f"data {file}": digest for file, digest in recording.digests.items()}

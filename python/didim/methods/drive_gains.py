@@ -32,7 +32,7 @@ def run_with_gains(
     Raises
     ------
     FitError
-        Where nothing is known that sets the scale, and where the currents do not identify all.
+        When no known quantity sets the scale, or the currents do not identify all parameters.
     """
     delay = job.delay()
     parts = job.parts("fit", delay)
@@ -47,7 +47,7 @@ def run_with_gains(
         currents = Currents.of(system, reduction)
         torque = currents.columns @ theta + currents.known
         solution = np.concatenate([theta, gains])
-        # Errors are shares of the torques that these gains make of the currents.
+        # Errors are shares of the torques computed with these gains.
         solved = replace(solved, y=gains[currents.motor] * currents.current, known=None)
         fit = Fit(
             solution=solution,

@@ -1,7 +1,7 @@
-"""Friction that an identification finds before the rest: which terms, and their velocities.
+"""Choice of friction terms and their velocities, before the identification of the parameters.
 
-Both are found along the measured motion by least squares, whatever the method is, and kept: the columns of (7) and the simulated
-robot then have known laws. Tested in ``tests/test_friction_choice.py``.
+For every method both are determined by least squares along the measured motion and then fixed: the columns of (7) and the
+simulated robot have known laws. Tested in ``tests/test_friction_choice.py``.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ class FoundFriction:
     velocities : tuple of VelocityEstimate
         Velocities of atan and Stribeck terms (rad/s or m/s).
     choice : FrictionChoice or None
-        How terms were chosen, where they were.
+        Choice of the terms, if any.
     """
 
     velocities: tuple[VelocityEstimate, ...]
     choice: FrictionChoice | None = None
 
     def record(self) -> dict[str, Any]:
-        """Return what a result's settings say, as JSON has it."""
+        """Return the record for a result's settings, as JSON data."""
         record: dict[str, Any] = {
             "velocities": [
                 {**asdict(item), "std": item.std if item.std == item.std else None}
@@ -51,7 +51,7 @@ class FoundFriction:
         return record
 
     def remarks(self) -> list[str]:
-        """Return sentences on what was found."""
+        """Return sentences on the terms and velocities."""
         sentences = []
         if self.choice is not None:
             before, after = 100.0 * self.choice.held_out_before, 100.0 * self.choice.held_out_after
@@ -88,16 +88,16 @@ class FoundFriction:
 def with_known_friction(
     method: Method, experiment: Experiment, say: Callable[[str], None]
 ) -> tuple[Experiment, FoundFriction | None]:
-    """Return the experiment with known friction laws, and how they were found; None where nothing was open.
+    """Return the experiment with known friction laws, and their estimates; None if all laws were known.
 
     Parameters
     ----------
     method : method
-        Its filters, delay, fixed and dropped parameters hold for the search as well.
+        Method whose filters, delay, fixed and dropped parameters also apply to the search.
     experiment : Experiment
-        Its friction may have terms of unknown velocity, or leave the choice of terms to the log.
+        Experiment whose friction has terms of unknown velocity, or leaves the choice of terms to the log.
     say : callable
-        Told what is going on.
+        Callback for sentences on the progress.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def with_known_friction(
     chosen = (dict(job.fixed), job.dropped)
 
     def solved(system: LinearSystem) -> tuple[Array, Array]:
-        fit = solve(system, replace(job.settings, uncertainty="white"))  # only the estimate counts
+        fit = solve(system, replace(job.settings, uncertainty="white"))  # only the estimate is used
         return fit.solution, fit.weights
 
     robot = experiment.robot

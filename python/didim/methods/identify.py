@@ -39,30 +39,30 @@ def identify(
     Parameters
     ----------
     experiment : Experiment, path, Recording or sequence of Recording
-        Log with its robot and settings, the path of its file, or recordings of `robot`, whose filters are then chosen as by
-        ``didim init`` and said in a note of the result.
+        Log with its robot and settings, the path of its file, or recordings of `robot`, with filters chosen as by ``didim
+        init`` and reported in a note of the result.
     method : method, class or str, optional
         IDIM-LS by default: settings such as ``didim.DIDIM(start="unit")``, their class, or a name of `didim methods`;
-        "module:Class" for a method of one's own.
+        "module:Class" for a user-defined method.
     robot : Robot, str or Path, optional
-        Robot of recordings, its file, or the name of a packaged one.
+        Robot of recordings, its file, or the name of an included one.
     uncertainty : {"jackknife", "decimated", "white"}, optional
-        Where standard deviations come from, in place of the method's setting (`LeastSquaresSettings`).
+        Source of the standard deviations, which overrides the method's setting (`LeastSquaresSettings`).
     callback : callable, optional
-        Called with every `Iteration`; when it returns True the method stops there.
+        Callback with every `Iteration`; the method stops if it returns True.
     verbose : bool, optional
         True prints every iteration on stderr, False nothing. By default a terminal or a notebook shows one line with the
-        iteration and the time that is left at most, and removes it at the end.
+        iteration and an upper bound of the remaining time, and removes it at the end.
 
     Returns
     -------
     Identification
-        Parameters, their uncertainty, and how well they explain the log.
+        Parameters, their uncertainty, and the torque errors.
 
     Raises
     ------
     DidimError
-        One of its kinds, for a log or settings that allow no estimate.
+        Any of its subclasses, for a log or settings without an estimate.
 
     Notes
     -----
@@ -104,12 +104,12 @@ def identify(
 
 
 def default_method(experiment: Experiment) -> str:
-    """Return the name of the method that an experiment is identified by: CLOE where its links are known, otherwise IDIM-LS."""
+    """Return the name of an experiment's default method: CLOE if its links are known, otherwise IDIM-LS."""
     return "cloe" if experiment.links == "fixed" else "idim-ls"
 
 
 def _identified(experiment: Experiment, method: Method, reporter: Reporter, start: float) -> Identification:
-    """Choose the friction that is open, run the method, and judge the result."""
+    """Choose open friction terms, run the method, and judge the result."""
     experiment, friction = with_known_friction(method, experiment, reporter.say)
     fit = method.run(experiment, reporter)
     fit = replace(fit, remarks=(*fit.remarks, *experiment.remarks))

@@ -1,8 +1,8 @@
-"""IDIM-IV: the inverse dynamic model with measured motion, and the simulated one as instruments.
+"""IDIM-IV: the inverse dynamic model along measured motion, with instruments from simulated motion.
 
     beta^(k+1) = (Z^T O W)^-1 Z^T O Y          Z = W along the motion simulated with beta^k
 
-W has the noise of the measured motion in it, Z has not; what both share is free of it. The iteration, its safe steps and its
+W contains the noise of the measured motion; Z does not, so Z^T W is free of its bias. The iteration, its safe steps and its
 start are those of DIDIM. Source: Janot, Vandanjon and Gautier (2014). Tested in ``tests/test_contrast.py``.
 """
 
@@ -34,23 +34,23 @@ WEAK = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class IDIMIV(DIDIMSettings):
-    """IDIM-IV with its settings: those of `DIDIMSettings`, with another end.
+    """IDIM-IV with its settings: those of `DIDIMSettings`, with another stopping rule.
 
     Parameters
     ----------
     sigma_fraction : float
         Stop after a full step that changes no parameter by more than this fraction of its standard deviation.
     tolerance : float
-        Or when the norm of the residual changes by less than this share; 0 by default, because the residual along the measured
-        motion hardly depends on the instruments.
+        Alternative stopping rule: the norm of the residual changes by less than this share; 0 by default, because the residual
+        along the measured motion hardly depends on the instruments.
 
     physical : bool
-        Move the estimate of every iteration to the nearest robot, as consistent DIDIM does.
+        Project the estimate of every iteration to the nearest robot, as in consistent DIDIM.
 
     Notes
     -----
-    The result has in ``fit.settings["instruments"]`` the strength of the instruments, the Durbin-Wu-Hausman test and Durbin
-    and Watson's statistic. `didim.contrast` with IDIM-LS and DIDIM says whether the filter or the controller is wrong
+    ``fit.settings["instruments"]`` of the result contains the strength of the instruments, the Durbin-Wu-Hausman test and
+    Durbin and Watson's statistic. `didim.contrast` with IDIM-LS and DIDIM shows whether the filter or the controller is wrong
     (docs/idim_iv.md).
     """
 
@@ -75,8 +75,8 @@ class IDIMIV(DIDIMSettings):
 
 
 def _with_diagnosis(fit: Identification, solved: Solved) -> Identification:
-    """Return the result with what the instruments say, in its settings and as remarks."""
-    if solved.kept:  # the motion does not identify all parameters: there is no result to judge
+    """Return the result with the diagnosis of the instruments, in its settings and as remarks."""
+    if solved.kept:  # without an estimate of all parameters there is no result to judge
         return fit
     names, diagnosis = solved.system.names, instrument_diagnosis(solved.system, solved.fit)
     test = diagnosis.test

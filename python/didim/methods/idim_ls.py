@@ -1,4 +1,4 @@
-"""IDIM-LS: the inverse dynamic model with measured motion, and least squares (section III of the paper)."""
+"""IDIM-LS: the inverse dynamic model along measured motion, by least squares (section III of the paper)."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class IDIMLS(FitSettings):
     Parameters
     ----------
     gains : {"maximum-likelihood", "ols", "tls"}
-        How drive gains are estimated where torques were logged as currents (docs/currents.md); the last two are biased.
+        Estimator of drive gains if currents were logged instead of torques (docs/currents.md); the last two are biased.
 
     Notes
     -----
-    ``test_published.py`` meets the published figures of the EMPS, and those of a prototype for the TX40.
+    ``test_published.py`` reproduces the published figures of the EMPS, and those of a prototype for the TX40.
     """
 
     name: ClassVar[str] = "idim-ls"
@@ -73,7 +73,7 @@ class IDIMLS(FitSettings):
             return reporter.progress(history[-1])
 
         fit = job.solve(system, record)
-        if not history:  # the solver reported no solution of its own
+        if not history:  # a direct solver does not report iterations
             record(1, fit.solution, fit.residual)
         return fitted(
             job,
@@ -95,9 +95,9 @@ def direct_estimate(
     reporter: Reporter,
     compensate_samples: Delay | None = None,
 ) -> Identification:
-    """Return the IDIM-LS estimate with the settings of another method, which starts there or takes gains from it.
+    """Return the IDIM-LS estimate with the settings of another method, for its start or its gains.
 
-    `compensate_samples` is the delay that the other run has found already.
+    `compensate_samples` is the delay of the other run.
     """
     shared = {item.name for item in fields(MethodSettings)} - {"friction"} | {"weights", "reweightings"}
     settings: dict[str, Any] = {name: getattr(method, name, None) for name in shared}

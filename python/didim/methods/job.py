@@ -1,4 +1,4 @@
-"""A job: an experiment with the settings that hold for one run of a method."""
+"""A job: an experiment with the settings of one run of a method."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ LARGEST_CUTOFF = 0.4
 
 @dataclass(frozen=True)
 class Delay:
-    """Delay of the torque after the motion that a run takes back.
+    """Torque delay that a run compensates.
 
     Attributes
     ----------
     samples : float or tuple of float
-        How late the torque was recorded, in samples of the recordings: of all joints, or of each.
+        Delay of the recorded torque, in samples: of all joints, or of each.
     hold_s : float
-        Sample time of a digital controller whose hold is allowed for along measured motion (`signal.align.hold_samples`), s;
+        Sample time (s) of a digital controller whose hold is compensated along measured motion (`signal.align.hold_samples`);
         zero for none.
     estimate : DelayEstimate or None
-        Where the samples come from; None for given numbers.
+        Estimate of the samples; None for given numbers.
     """
 
     samples: float | tuple[float, ...] = 0.0
@@ -56,14 +56,14 @@ class Delay:
     estimate: DelayEstimate | None = None
 
     def measured(self, rate_hz: float) -> float | tuple[float, ...]:
-        """Return how far the torque is moved back against measured motion, in samples at a rate."""
+        """Return the shift of the torque relative to measured motion, in samples at a rate."""
         hold = hold_samples(self.hold_s, rate_hz)
         if isinstance(self.samples, tuple):
             return tuple(value - hold for value in self.samples)
         return self.samples - hold
 
     def record(self) -> dict[str, Any]:
-        """Return what a result says about the delay."""
+        """Return the record of the delay for a result."""
         several = isinstance(self.samples, tuple)
         record: dict[str, Any] = {"compensated_samples": list(self.samples) if several else self.samples}  # type: ignore[arg-type]
         if self.hold_s:
@@ -81,14 +81,14 @@ class Delay:
 
     @classmethod
     def recorded(cls, record: Mapping[str, Any]) -> Delay:
-        """Return the delay that a result took back."""
+        """Return the delay compensated in a result."""
         samples = record.get("compensated_samples", 0.0)
         return cls(tuple(samples) if isinstance(samples, list) else samples, record.get("hold_s", 0.0))
 
 
 @dataclass(frozen=True)
 class Job:
-    """An experiment with the settings that hold for this run."""
+    """An experiment with the settings of this run."""
 
     experiment: Experiment
     robot: Robot
@@ -103,7 +103,7 @@ class Job:
     parameters: LogParameters
 
     def parts(self, role: str, delay: Delay | Shift = 0.0) -> list[Segment]:
-        """Return the filtered windows of the recordings of a role, the torque taken back by a delay, or by so many samples."""
+        """Return the filtered windows of a role's recordings, with compensation of a delay, given as an object or in samples."""
         recordings = [
             (number, item) for number, item in enumerate(self.experiment.recordings) if item.role == role
         ]
@@ -118,8 +118,8 @@ class Job:
     def system(self, parts: Sequence[Segment], beta: Array | None = None) -> LinearSystem:
         """Return the linear system (7) of filtered windows.
 
-        Load friction needs the torque of links and rotors: that of the base parameters `beta`, (b,), or without them that of the
-        estimate from these very windows.
+        Load friction needs the torque of links and rotors, computed from the base parameters `beta`, (b,), or by default from
+        an estimate with these windows.
         """
         if self.robot.friction.has_load and beta is None:
 
@@ -139,14 +139,14 @@ class Job:
 
     @property
     def reduction(self) -> Array:
-        """Reduction matrix of the motors whose currents were logged, (n_dof, n_dof): the identity for currents of the joints."""
+        """Return the reduction matrix of the motors with logged currents, (n_dof, n_dof): the identity for joint-side currents."""
         drives = (item.drives for item in self.experiment.recordings if item.role == "fit")
         found = next((item for item in drives if item is not None), None)
         return np.eye(self.robot.n_dof) if found is None else np.array(found)
 
     @property
     def declared_delay(self) -> Delay:
-        """The delay that the settings give: without the estimate that they may ask for."""
+        """Return the delay of the settings, without any estimate."""
         setting = self.delay_setting
         if isinstance(setting, Delay):
             return setting
@@ -157,7 +157,7 @@ class Job:
         return Delay(tuple(float(value) for value in setting))
 
     def delay(self) -> Delay:
-        """Return the delay that is taken back, by estimate if one was asked for."""
+        """Return the delay to be compensated, estimated if the settings ask for it."""
         declared = self.declared_delay
         if self.delay_setting != "estimate":
             return declared
@@ -172,7 +172,7 @@ class Job:
         )
 
     def estimate_delay(self) -> DelayEstimate:
-        """Estimate how late the torque was recorded, with the cut-off that explains the log best."""
+        """Estimate the delay of the torque, with the cut-off that explains the log best."""
         cutoff = self.signal.cutoff_hz
         rate = min(item.rate_hz for item in self.experiment.recordings)
         found: list[tuple[float, DelayEstimate]] = []
@@ -215,9 +215,9 @@ class Job:
         )
 
     def predicted(self, recording: Recording, beta: Array, delay: Delay | Shift) -> tuple[Array, Array, int]:
-        """Norms of the errors and of the torques of each joint, and its rows, predicted along a recording, all windows together.
+        """Return norms of errors and torques, and the rows, per joint, for predictions along all windows of a recording.
 
-        `beta` are the base parameters (b,) that the robot has in this recording.
+        `beta` are the base parameters (b,) of the robot in this recording.
         The friction is that of the experiment, not that of its simulation, as in `didim.studies.prediction.predict`.
         """
         robot = self.experiment.robot
@@ -229,7 +229,7 @@ class Job:
         return system.norms(prediction_error(system, beta)), system.norms(system.y), n_rows
 
     def held_out(self, beta: Array, delay: Delay | Shift) -> list[HeldOut]:
-        """Errors of the torques predicted for the recordings kept out, with all parameters of the run, (b + e,)."""
+        """Return the torque errors on held-out recordings, with all parameters of the run, (b + e,)."""
         found = []
         for number, recording in enumerate(self.experiment.recordings):
             if recording.role != "held-out":
@@ -248,7 +248,7 @@ class Job:
 
 
 def shift(delay: Delay | Shift, rate_hz: float) -> Shift:
-    """Return how far the torque is moved back against measured motion, in samples at a rate."""
+    """Return the shift of the torque relative to measured motion, in samples at a rate."""
     return delay.measured(rate_hz) if isinstance(delay, Delay) else delay
 
 
@@ -261,7 +261,7 @@ def sample_time_s(experiment: Experiment) -> float:
 
 
 def prediction_error(system: LinearSystem, beta: Array) -> Array:
-    """``Y - W beta``, infinite where floating point ends."""
+    """Return ``Y - W beta``, infinite after an overflow."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(system.y - system.w @ beta)
 

@@ -1,4 +1,4 @@
-"""The measured motion of a log, whatever the method, for the evidence. Tested in ``tests/test_verdict_faults.py``."""
+"""Measured motion of a log as evidence, for any method. Tested in ``tests/test_verdict_faults.py``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .method import Method, MethodSettings
 def measured_along(fit: Identification, experiment: Experiment, method: Method) -> Measured | None:
     """Return the measured motion and torques of a log with the filters of a method and the delay of its result.
 
-    None without positions, torques or drive gains, and for settings that are not those of IDIM-LS.
+    None without positions, torques or drive gains, and for settings other than those of IDIM-LS.
     """
     asked = method if isinstance(method, MethodSettings) else None
     try:
@@ -43,12 +43,12 @@ def measured_along(fit: Identification, experiment: Experiment, method: Method) 
 
 
 def least_errors(job: Job) -> Array:
-    """Return the errors that plain IDIM-LS leaves, (n_dof,) (N.m or N, root mean squares on its rows).
+    """Return the torque errors of plain IDIM-LS, (n_dof,) (N.m or N, root mean squares on its rows).
 
     Raises
     ------
     DidimError
-        For a log that it cannot solve.
+        For a log without a solution.
     """
     system = job.system(job.parts("fit", job.declared_delay))
     sizes = [max(1, rows.stop - rows.start) for rows in system.joints]

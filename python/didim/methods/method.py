@@ -1,4 +1,4 @@
-"""A method: its settings, along which motion it writes (7), and how it runs."""
+"""Interface and common settings of methods."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Motion = Literal["measured", "simulated"]
 
 
 class Described(Protocol):
-    """What a result says of its method."""
+    """Description of a method in a result."""
 
     @property
     def name(self) -> str:
@@ -40,7 +40,7 @@ class Described(Protocol):
 
 
 class Method(Described, Protocol):
-    """Settings of a method, and how it runs; a new one needs no more than this and a row in `table.METHODS`, or "module:Class"."""
+    """Interface of a method; a new one only needs this and a row in `table.METHODS`, or is named "module:Class"."""
 
     def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
         """Identify the parameters of an experiment's robot.
@@ -50,39 +50,39 @@ class Method(Described, Protocol):
         experiment : Experiment
             Robot, recordings and settings.
         reporter : Reporter
-            Hears every iteration, and may stop the run; hears sentences on the progress.
+            Receiver of iterations and of sentences on the progress; it can stop the run.
 
         Returns
         -------
         Identification
-            With ``elapsed`` still zero.
+            Result, with ``elapsed`` still zero.
 
         Raises
         ------
         DidimError
-            One of its kinds, for a log or settings that allow no estimate: without a reference or a controller where the loop
-            is simulated, for a start with which the robot cannot be simulated.
+            Any of its subclasses, for a log or settings without an estimate: for a simulated loop without reference or
+            controller, or for a start that cannot be simulated.
         """
 
 
 @dataclass(frozen=True, kw_only=True)
 class MethodSettings:
-    """Settings that every method has; what is None is taken from the experiment file.
+    """Settings of all methods; None stands for the setting of the experiment.
 
     Parameters
     ----------
     variance : {"r-b", "r-1"}, optional
         Divisor of (9), as in `LeastSquaresSettings`.
     uncertainty : {"jackknife", "decimated", "white"}, optional
-        Where standard deviations come from, as in `LeastSquaresSettings`.
+        Source of the standard deviations, as in `LeastSquaresSettings`.
     blocks : int, optional
-        Blocks of time of the jackknife.
+        Number of time blocks of the jackknife.
     signal : SignalProcessing, optional
         Filters, trimming and decimation.
     compensate_samples : float, sequence of float, "hold", "estimate" or Delay, optional
-        Delay of the torque that is taken back, as in `DelaySettings`; or that of another run.
+        Compensation of the torque delay, as in `DelaySettings`; or the delay of another run.
     fixed : mapping of str to float, optional
-        Base parameters that are known.
+        Known base parameters.
     dropped : sequence of str, optional
         Base parameters taken as zero.
     friction : {"auto"}, optional
@@ -105,7 +105,7 @@ class MethodSettings:
     def __post_init__(self) -> None:
         if self.friction not in (None, "auto"):
             raise FitError(f"friction must be 'auto' or None, got {self.friction!r}")
-        # Wrong values are reported when the settings are made, not after a long reading of files.
+        # Wrong values are reported at once, not after reading large files.
         self.least_squares(LeastSquaresSettings())
         if self.compensate_samples is not None and not isinstance(self.compensate_samples, Delay):
             setting = DelaySettings(compensate_samples=self.compensate_samples).compensate_samples
@@ -114,7 +114,7 @@ class MethodSettings:
             object.__setattr__(self, "dropped", dropped_names(self.dropped))
 
     def least_squares(self, default: LeastSquaresSettings) -> LeastSquaresSettings:
-        """Return settings of least squares, with the defaults of an experiment where nothing was asked for."""
+        """Return the settings of least squares, with those of an experiment as defaults."""
         given = {key: getattr(self, key, None) for key in LeastSquaresSettings.__dataclass_fields__}
         return replace(default, **{key: value for key, value in given.items() if value is not None})
 
@@ -123,11 +123,11 @@ class MethodSettings:
         return "least-squares"
 
     def job(self, experiment: Experiment, robot: Robot | None = None) -> Job:
-        """Return the experiment with the settings that hold; `robot` for other friction than the experiment's."""
+        """Return the experiment with the settings of this run; `robot` for other friction than the experiment's."""
         fixed = dict(experiment.fixed if self.fixed is None else self.fixed)
         dropped = experiment.dropped if self.dropped is None else dropped_names(self.dropped)
         robot = robot or experiment.robot
-        # A simulated joint rests by its smooth sign: a torque at standstill has no column there.
+        # In a simulation smooth friction holds a joint at rest, so a standstill torque has no column.
         resting = [term for term in robot.friction.terms if term.law == "rest"]
         silent = [term.parameter for term in resting if robot.friction.dead_zone[term.joint] == 0.0]
         dropped = (*dropped, *(name for name in silent if name not in dropped and name not in fixed))
@@ -154,7 +154,7 @@ class MethodSettings:
         Raises
         ------
         FitError
-            For logs that the method, its solver or the friction cannot have.
+            For logs that the method, its solver or the friction does not support.
         """
         parameters = LogParameters.of(robot, experiment.recordings, experiment.payloads, experiment.flange)
         if parameters.n_gains and not self.estimates_gains:
@@ -186,16 +186,16 @@ class MethodSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FitSettings(MethodSettings):
-    """Settings of the methods that solve (7), beside those of `MethodSettings`.
+    """Settings of the methods that solve (7), in addition to those of `MethodSettings`.
 
     Parameters
     ----------
     solver : str or solver, optional
-        How (7) is solved: a name of `didim.regression.solver.SOLVERS`, or a function ``solve(system, settings, progress)``; by
-        default what `physical` says.
+        Solver of (7): a name of `didim.regression.solver.SOLVERS`, or a function ``solve(system, settings, progress)``; by
+        default according to `physical`.
     physical : bool, optional
-        Solve (7) under the conditions that a robot meets: the solver "consistent" with its default settings. False for plain
-        least squares; by default what the method is best with, True for DIDIM and False for IDIM-LS and IDIM-IV.
+        Solve (7) with physical constraints: the solver "consistent" with its default settings. False for plain least squares.
+        The default is the better choice for the method: True for DIDIM and False for IDIM-LS and IDIM-IV.
     weights, reweightings : optional
         As in `LeastSquaresSettings`.
     """
@@ -227,7 +227,7 @@ class FitSettings(MethodSettings):
         return "consistent" if physical else "least-squares"
 
     def for_logs(self, experiment: Experiment) -> Self:
-        """Return the settings with plain least squares where the default is physical and drive gains are unknown."""
+        """Return the settings, with plain least squares instead of a physical default if drive gains are unknown."""
         if self.solver is not None or self.physical is not None or not self.physical_by_default:
             return self
         known = all(item.drives is None for item in experiment.recordings)

@@ -1,4 +1,4 @@
-"""Start of DIDIM and CLOE: regular points, (17) and (21), robots made from the log, named sets, estimates, vectors.
+"""Start of DIDIM and CLOE: regular points (17) and (21), robots computed from the log, named sets, estimates, vectors.
 
 Tested in ``tests/test_didim.py``.
 """
@@ -26,8 +26,9 @@ FROM_LOG = ("consistent", "prior")
 def unit_rotors(robot: Robot) -> Array:
     """Return the regular initial point (17): unit rotor inertias and nothing else, (n_parameters,).
 
-    Rotors turn with ``C dq`` and add ``C^T diag(Ja) C`` to M(q). By (24) the ``Ia`` of a joint contains what coupled
-    rotors put on its diagonal, so that unit rotors give ``Ia5 = 2`` and ``Ia6 = 1`` for the TX40: all ones would be singular.
+    Rotors turn with ``C dq`` and add ``C^T diag(Ja) C`` to M(q). By (24) the ``Ia`` of a joint contains the diagonal
+    contributions of coupled rotors. Unit rotors therefore give ``Ia5 = 2`` and ``Ia6 = 1`` for the TX40; all ones would be
+    singular.
     """
     coupling = np.array(robot.geometry.coupling)
     coupling = coupling / np.diag(coupling)[:, None]
@@ -38,21 +39,21 @@ def unit_rotors(robot: Robot) -> Array:
 
 
 def start_from_log(job: Job, delay: Delay, name: str) -> Array:
-    """Return standard parameters of a robot made from a log, (p,), with those that logs have beside it, (p + e,).
+    """Return standard parameters of a robot computed from a log, (p,), and with the further parameters of logs, (p + e,).
 
     Parameters
     ----------
     job : Job
-        Its recordings need positions.
+        Job whose recordings have positions.
     delay : Delay
         Delay of the torque.
     name : str
-        "consistent" for the consistent solution along the measured motion, "prior" for the robot that it is drawn to.
+        "consistent" for the consistent solution along the measured motion, "prior" for the robot of its prior.
 
     Raises
     ------
     DidimError
-        One of its kinds, for a log that has no positions or no torques, for unknown drive gains, and when no robot meets all
+        Any of its subclasses, for a log without positions or torques, for unknown drive gains, and when no robot meets all
         conditions.
     """
     if job.parameters.n_gains:
@@ -68,7 +69,7 @@ def start_from_log(job: Job, delay: Delay, name: str) -> Array:
 
 
 def standard_start(robot: Robot, start: Start) -> Array:
-    """Return standard parameters to start from, (n_parameters,).
+    """Return the standard parameters of the start, (n_parameters,).
 
     Parameters
     ----------
@@ -116,7 +117,7 @@ def standard_start(robot: Robot, start: Start) -> Array:
 
 
 def further_of(start: Start) -> dict[str, float]:
-    """Return the further parameters of logs that a start has: those of a result, none of others."""
+    """Return the further parameters of logs in a start: those of a result, otherwise none."""
     if isinstance(start, Identification) and start.further is not None:
         return start.further.by_name
     return {}

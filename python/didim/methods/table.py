@@ -1,6 +1,6 @@
-"""The methods, a row each: what the command line, comparisons, studies, reports and the pages say of them.
+"""Table of the methods, for the command line, comparisons, studies, reports and pages.
 
-`identify`, `compare` and `study` take a method that is no row of it as "module:Class". ``tests/test_pages.py`` compares README.md,
+`identify`, `compare` and `study` accept any other method as "module:Class". ``tests/test_pages.py`` compares README.md,
 docs/choose.md and docs/api.md with the table, ``tests/test_plugins.py`` runs a method from outside the package.
 """
 
@@ -17,7 +17,7 @@ from .method import Method
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """What there is to say of a method before it runs.
+    """Description of a method.
 
     Attributes
     ----------
@@ -99,12 +99,12 @@ def method_class(name: str) -> Any:
     Parameters
     ----------
     name : str
-        A name of `METHODS`, or "module:Class" for a method of one's own.
+        A name of `METHODS`, or "module:Class" for a user-defined method.
 
     Raises
     ------
     FitError
-        For an unknown name, whose sentence lists those that are known, or what is no method (``test_plugins.py``).
+        For an unknown name, with a list of the known ones, or an object that is not a method (``test_plugins.py``).
     """
     made = named(name, {row.name: row.place for row in METHODS.values()}, "method", FitError, MOVED)
     if not (inspect.isclass(made) and callable(getattr(made, "run", None))):
@@ -113,12 +113,12 @@ def method_class(name: str) -> Any:
 
 
 def method_of(method: object) -> Method:
-    """Return a method by its name, its class with default settings, or as it is.
+    """Return a method, given by name, by class (with default settings) or as an object.
 
     Raises
     ------
     FitError
-        For anything else.
+        For any other argument.
     """
     if isinstance(method, str):
         method = method_class(method)

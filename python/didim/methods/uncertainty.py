@@ -1,4 +1,4 @@
-"""Standard deviations of a result: the jackknife for every method, or those that the solver gives.
+"""Standard deviations of a result: by the jackknife for every method, or from the solver.
 
 Tested in ``tests/test_uncertainty.py``.
 """
@@ -28,16 +28,16 @@ FEW_ROWS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Covariance of the estimated parameters, and how it was found.
+    """Covariance of the estimated parameters, and its source.
 
     Attributes
     ----------
     covariance : (n_estimated, n_estimated) array
-        Covariance that a result has.
+        Covariance of the result.
     uncertainty : Uncertainty or None
-        For all base parameters; None where the solver gives no covariance.
+        Uncertainty of all base parameters; None if the solver has no covariance.
     remarks : tuple of str
-        Sentences that a reader should know.
+        Sentences for the result.
     """
 
     covariance: Array
@@ -53,17 +53,17 @@ def spread_of_fit(
     Parameters
     ----------
     system : LinearSystem
-        What was solved.
+        The system.
     fit : Fit
-        Its solution; `Fit.factors` of solvers whose deletions are not those of weighted least squares.
+        Its solution, with `Fit.factors` if the solver's deletions differ from those of weighted least squares.
     settings : LeastSquaresSettings
-        Which uncertainty, how many blocks, and the divisor of (9).
+        Kind of uncertainty, number of blocks, and the divisor of (9).
     selection : Selection
-        Places of the estimated among the base parameters.
+        Indices of the estimated base parameters.
     """
     if not fit.covariance.any():
         return Spread(fit.covariance, None)
-    if system.w.shape[0] < system.w.shape[1]:  # physical conditions still give a solution
+    if system.w.shape[0] < system.w.shape[1]:  # physical constraints still yield a solution
         sentence = "there are fewer rows than parameters, so the residual says nothing of the noise: no standard deviations"
         return Spread(np.zeros_like(fit.covariance), None, (sentence,))
     factors, noise = fit.factors, fit.covariance
@@ -83,10 +83,10 @@ def spread_of_fit(
 
 
 def velocity_columns(system: LinearSystem, solution: Array) -> list[Array]:
-    """Return the columns of the velocities that friction laws were fitted with, (r,) each.
+    """Return the columns of the estimated velocities of friction laws, (r,) each.
 
-    The velocities were estimated beside the parameters: with their columns in the system, the variances of the parameters include
-    what is not known of the velocities. A law whose parameter is zero has no column.
+    The velocities were estimated too. With their columns in the system, the variances of the parameters include the uncertainty
+    of the velocities. A law with a parameter of zero has no column.
     """
     values = {name: float(solution[system.names.index(name)]) for name in system.slopes}
     columns = [values[name] * slope for name, slope in system.slopes.items()]
@@ -107,17 +107,17 @@ def spread_of_factors(
     Parameters
     ----------
     factors : Factors
-        Weighted system that the deletions are made of; columns beyond those of `names` are velocities.
+        Weighted system of the deletions; columns beyond those of `names` are velocities.
     covariance : (n, n) array
-        Covariance without the jackknife, whose correlations stay.
+        Covariance without the jackknife; its correlations are retained.
     known : {"decimated", "white", "correlated"}
-        What `covariance` is.
+        Kind of `covariance`.
     blocks : sequence of Block
         Rows of each joint in each window.
     settings : LeastSquaresSettings
-        Which uncertainty, how many blocks, and the divisor of (9).
+        Kind of uncertainty, number of blocks, and the divisor of (9).
     selection : Selection
-        Places of the estimated among the base parameters.
+        Indices of the estimated base parameters.
     names : sequence of str
         Estimated parameters.
     """
@@ -174,9 +174,9 @@ def spread_of_factors(
 
 
 def with_alarm(spread: Spread, alarm: FrictionAlarm, selection: Selection) -> Spread:
-    """Return a spread that knows of friction that the model lacks: ``s^2 = s_jackknife^2 + shift^2``, correlations as they were.
+    """Return a spread that includes missing friction: ``s^2 = s_jackknife^2 + shift^2`` with unchanged correlations.
 
-    The other kinds of uncertainty are what was asked for, and stay.
+    Other kinds of uncertainty were requested explicitly and do not change.
     """
     if spread.uncertainty is None:
         return spread

@@ -1,1 +1,1 @@
-"""Monte Carlo studies: many simulated logs, identified by several methods, on any executor of `concurrent.futures`."""
+"""Monte Carlo studies: many simulated logs identified by several methods, on any executor of `concurrent.futures`."""

@@ -1,7 +1,7 @@
-"""Tasks on an executor: a window of them at a time, those of lost workers again, none counted twice.
+"""Execution of tasks: a window at a time, with retries for lost workers, and each task counted once.
 
-The function that runs a task returns a row whatever the method does, so an exception of a future is a fault of the
-machinery: a worker that died, or one that cannot import didim. Tested in ``tests/test_study_executors.py``.
+The function that runs a task returns a row even if the method fails. An exception of a future therefore means that a worker
+died, or cannot import didim. Tested in ``tests/test_study_executors.py``.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ Outcome = tuple[Any, Any, str | None]
 def run_all(
     function: Callable[[Any], Any], tasks: Iterable[Any], pool: Pool, *, window: int | None = None
 ) -> Iterator[Outcome]:
-    """Run a function on tasks, and return results as they come.
+    """Run a function on tasks, and yield results in order of completion.
 
     Parameters
     ----------
     function : callable
-        Of a module that workers can import. It must not raise, except for `StudyError`, which ends everything.
+        Function of a module that workers can import. It must not raise, except for `StudyError`, which ends the run.
     tasks : iterable
-        Plain data; taken as they are needed.
+        Plain data, consumed on demand.
     pool : Pool
         Workers.
     window : int, optional
-        Tasks that are submitted ahead.
+        Number of tasks submitted ahead.
 
     Yields
     ------
     task, result, sentence
-        Each task once: with its result, or with None and the sentence of what happened to its workers, `ATTEMPTS` times.
+        Each task once: with its result, or with None and a sentence on its workers, which failed `ATTEMPTS` times.
 
     Raises
     ------
     StudyError
-        When no worker works, or an executor broke that cannot be started again.
+        When no worker works, or a broken executor cannot be restarted.
     """
     run = _Run(function, pool, window or WINDOW_PER_WORKER * pool.workers)
     finished = False
@@ -62,7 +62,7 @@ def run_all(
 
 
 class _Run:
-    """State of one run: what is submitted, and what must be run again."""
+    """State of one run: submitted tasks, and tasks to be repeated."""
 
     def __init__(self, function: Callable[[Any], Any], pool: Pool, window: int) -> None:
         self._function, self._pool, self._window = function, pool, window
@@ -76,7 +76,7 @@ class _Run:
         self._losses = self._results = 0
 
     def stop(self, *, wait: bool) -> None:
-        """Give up what runs, and the pool."""
+        """Cancel the running tasks, and stop the pool."""
         for future in self._running:
             future.cancel()
         if self._executor is not None:
@@ -87,7 +87,7 @@ class _Run:
         numbered = enumerate(tasks)
         exhausted = False
         while True:
-            # After a pool broke, its tasks run one at a time: the one that kills its worker is found, and no other is blamed.
+            # After a pool broke, its tasks run one at a time, which identifies the one that kills its worker.
             while self._alone and not self._running:
                 self._submit(*self._alone.popleft())
             while not self._alone and len(self._running) < self._window:
@@ -125,7 +125,7 @@ class _Run:
         except BrokenExecutor as reason:
             self._broken(reason, [])
         except (Exception, CancelledError) as reason:
-            # Dask and Ray name the one task whose workers died.
+            # Dask and Ray name the task whose workers died.
             del self._running[future]
             self._lost(number, task, reason, self._again)
         else:
@@ -134,7 +134,7 @@ class _Run:
             self._outcomes.append((task, result, None))
 
     def _lost(self, number: int, task: Any, reason: BaseException, place: deque[tuple[int, Any]]) -> None:
-        """Run a task again whose worker is lost, unless that has happened too often."""
+        """Repeat a task whose worker is lost, up to `ATTEMPTS` times."""
         self._attempts[number] += 1
         text = self._count_loss(reason)
         if self._attempts[number] < ATTEMPTS:
@@ -143,7 +143,7 @@ class _Run:
             self._outcomes.append((task, None, f"its worker was lost {ATTEMPTS} times: {text}"))
 
     def _broken(self, reason: BaseException, also: list[tuple[int, Any]]) -> None:
-        """Start the pool again after one of its processes died, which ends all its tasks."""
+        """Restart the pool after one of its processes died, which ends all its tasks."""
         executor, self._executor = self._executor, None
         lost = list(also)
         for future, (number, task) in self._running.items():
@@ -167,7 +167,7 @@ class _Run:
             self._alone.extend(lost)
 
     def _count_loss(self, reason: BaseException) -> str:
-        """Return the reason as text, or give up where no worker has ever returned a result."""
+        """Return the reason as text, or raise if no worker has ever returned a result."""
         self._losses += 1
         text = " ".join(f"{type(reason).__name__}: {reason}".split())
         if not self._results and self._losses >= FIRST_LOSSES:

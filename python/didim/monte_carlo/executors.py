@@ -1,6 +1,6 @@
-"""Executors by name: processes of this machine, threads, loky, and the workers of Dask, Ray and MPI.
+"""Executors by name: local processes, threads, loky, and the workers of Dask, Ray and MPI.
 
-Anything else that is a `concurrent.futures.Executor` is taken as it is. Tested in ``tests/test_study_executors.py``.
+Any other `concurrent.futures.Executor` can be passed as an object. Tested in ``tests/test_study_executors.py``.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ heap of a worker grows with every task: on the TX40 to 300 MB, and to 190 MB wit
 
 @dataclass(frozen=True)
 class Pool:
-    """How to get an executor, and another one when it breaks.
+    """Source of executors, with restart of a broken one.
 
     Attributes
     ----------
     name : str
-        In messages.
+        Name in messages.
     start : callable
-        Return an executor.
+        Function that returns an executor.
     stop : callable
-        Shut one down: ``stop(executor, wait)``, at once without `wait`.
+        Function ``stop(executor, wait)`` that shuts one down, at once without `wait`.
     workers : int
-        Tasks that run at a time.
+        Number of parallel tasks.
     restarts : bool
         Whether `start` may be called again.
     """
@@ -61,16 +61,16 @@ class Pool:
 def pool(
     executor: Executor | str = "process", workers: int | None = None, address: str | None = None
 ) -> Iterator[Pool]:
-    """Return workers by the name of their executor, or those of an executor that is there already.
+    """Return workers by the name of their executor, or those of an existing executor.
 
     Parameters
     ----------
     executor : Executor or str
-        One of `NAMES`, or any executor; it is left as it is in the end.
+        One of `NAMES`, or any executor, which is not shut down.
     workers : int, optional
-        Processes or threads; by default as many as this process may use. Dask, Ray and MPI have their own number.
+        Number of processes or threads; by default all processors of this process. Dask, Ray and MPI have their own number.
     address : str, optional
-        Scheduler of Dask, or head of Ray; without one they start workers on this machine.
+        Address of Dask's scheduler or Ray's head; without one they start local workers.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def pool(
         elif executor == "dask":
             client = stack.enter_context(_dask_client(workers, address))
             threads = sum(client.nthreads().values())
-            # Dask runs the tasks of a lost worker again by itself.
+            # Dask itself repeats the tasks of a lost worker.
             yield Pool("dask", lambda: client.get_executor(pure=False), _stop_dask, max(1, threads))
         elif executor == "ray":
             ray = stack.enter_context(_ray_session(workers, address))
@@ -119,7 +119,7 @@ def pool(
 
 @contextlib.contextmanager
 def worker_environment() -> Iterator[None]:
-    """Give processes that are started meanwhile one thread each, as the core of this one, and little memory."""
+    """Limit processes started in this context to one thread each, for NumPy and the core, and to little memory."""
     changes = dict.fromkeys((VARIABLE, *NUMPY_VARIABLES), "1") | {MALLOC_VARIABLE: str(LARGE_BYTES)}
     before = {name: os.environ.get(name) for name in changes}
     os.environ.update(changes)
@@ -134,7 +134,7 @@ def worker_environment() -> Iterator[None]:
 
 
 class SerialExecutor(Executor):
-    """Runs each task at once, in the thread that submits it."""
+    """Executor that runs each task immediately in the calling thread."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Run a function."""
@@ -147,7 +147,7 @@ class SerialExecutor(Executor):
 
 
 class RayExecutor(Executor):
-    """Ray as an executor: a task of one processor for each call.
+    """Ray as an executor: one task with one processor per call.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ class RayExecutor(Executor):
         self._remote: dict[Callable[..., Any], Any] = {}
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Run a function of a module that workers can import."""
+        """Submit a function of a module that workers can import."""
         if fn not in self._remote:
             self._remote[fn] = self._ray.remote(fn)
         future: Future[Any] = self._remote[fn].remote(*args, **kwargs).future()
@@ -168,15 +168,17 @@ class RayExecutor(Executor):
 
 
 def start_worker() -> None:
-    """Prepare a process: no warnings of methods on stderr, and no life after that of its parent."""
+    """Prepare a worker process: no warnings on stderr, and termination with its parent."""
     warnings.simplefilter("ignore")
     parent = multiprocessing.parent_process()
-    if parent is not None and parent.sentinel is not None:  # loky has none, and ends its workers itself
+    if (
+        parent is not None and parent.sentinel is not None
+    ):  # loky has no parent process, and ends its workers itself
         threading.Thread(target=_die_with, args=(parent.sentinel,), daemon=True).start()
 
 
 def _die_with(sentinel: int) -> None:
-    """End this process with its parent: a killed parent takes no leave, and workers would wait for tasks for ever."""
+    """End this process with its parent: workers of a killed parent would wait for tasks for ever."""
     wait([sentinel])
     os._exit(1)
 
@@ -201,7 +203,7 @@ def _workers_of(executor: Executor) -> int:
 
 
 def _processes(workers: int) -> Executor:
-    # A forked child would have the threads of its parent in an unknown state.
+    # A forked child would inherit its parent's threads in an unknown state.
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(workers, mp_context=context, initializer=start_worker)
 
@@ -211,16 +213,16 @@ def _stop(executor: Executor, wait_for_it: bool) -> None:
 
 
 def _stop_dask(executor: Executor, wait_for_it: bool) -> None:
-    # Without waiting it cancels what it has, and knows no other option.
+    # Without waiting it cancels its tasks; it has no other option.
     executor.shutdown(wait=wait_for_it)
 
 
 def _leave(executor: Executor, wait_for_it: bool) -> None:
-    """Leave an executor to its owner."""
+    """Do not shut down the executor of the caller."""
 
 
 def _stop_processes(executor: Executor, wait_for_it: bool) -> None:
-    # Asked for before the shutdown, which forgets them.
+    # Read before the shutdown, which deletes them.
     processes = list((getattr(executor, "_processes", None) or {}).values())
     executor.shutdown(wait=wait_for_it, cancel_futures=True)
     if not wait_for_it:

@@ -1,7 +1,7 @@
-"""Figures of merit of a method on a scenario, each with the interval that its number of runs allows.
+"""Figures of merit of a method on a scenario, each with a confidence interval over the runs.
 
-A method is judged run by run: medians, quantiles and coverage, and failures that are counted. The figure of the published
-study, the error of the mean estimate, stands beside them. Tested in ``tests/test_study_figures.py``.
+A method is judged by medians, quantiles and coverage over the runs, and by the number of failures. The figure of the published
+study, the error of the mean estimate, is included. Tested in ``tests/test_study_figures.py``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ NAN = math.nan
 
 @dataclass(frozen=True)
 class Estimate:
-    """A figure with its 95 % interval over the runs; NaN where there is none."""
+    """A figure with its 95 % interval over the runs, or NaN."""
 
     value: float
     low: float = NAN
@@ -41,15 +41,16 @@ class Figures:
     Attributes
     ----------
     scenario, method : str
-        Which.
+        Names.
     runs, failed, not_converged : int
-        Runs; those that ended in an error or with a lost worker, without an estimate; and those that did not converge, whose
-        estimates count below.
+        Number of runs; of those without an estimate, because of an error or a lost worker; and of those that did not converge,
+        whose estimates are included below.
     bias : Estimate
-        Mean error of a parameter in reported standard deviations, root mean square over the parameters, without the part
-        that the number of runs explains.
+        Mean error of a parameter in reported standard deviations, root mean square over the parameters, less the scatter of the
+        mean over the runs.
     rms : Estimate
-        Error of a parameter in reported standard deviations, root mean square over parameters and runs: 1 when they are right.
+        Error of a parameter in reported standard deviations, root mean square over parameters and runs: 1 for correct standard
+        deviations.
     coverage : Estimate
         Share of the parameters within their 95 % intervals.
     torque_error : Estimate
@@ -59,7 +60,7 @@ class Figures:
     parameter_error : Estimate
         Median of ``|beta - truth| / |truth|``.
     mean_error : float
-        The same of the mean estimate over the runs, which the published study tabulates: scatter hides in it.
+        The same for the mean estimate over the runs, as tabulated in the published study; averaging conceals scatter.
     simulations, seconds : float
         Medians.
     """
@@ -80,7 +81,7 @@ class Figures:
     seconds: float
 
 
-# Rows of a damaged file may have numbers whose squares are infinite: so are their figures then.
+# Numbers of a damaged file may have infinite squares; the figures are then infinite too.
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")
 def figures_of(
     scenario: str,
@@ -100,16 +101,16 @@ def figures_of(
     truth : sequence
         True base parameters; None for one that the simulated robot does not have.
     seconds : sequence of float
-        Times of the runs that have one.
+        Times of the runs, where known.
     """
     failed = [row for row in rows if row["status"] in (FAILED, ERROR, LOST)]
     fits = [row for row in rows if row["status"] not in (FAILED, ERROR, LOST)]
     known = np.array([np.nan if value is None else value for value in truth], dtype=np.float64)
-    # A method with keys of its own may have other parameters than the scenario: its torques are judged, and they are not.
+    # A method with its own keys may have other parameters than the scenario; then only its torques are judged.
     alike = [row for row in fits if len(row["beta"]) == len(known)]
     beta, std = (_numbers([row[key] for row in alike], len(known)) for key in ("beta", "std"))
     factor = _numbers([[row["factor"]] for row in alike], 1)
-    # A parameter without a standard deviation or without a true value is not judged: its z is NaN.
+    # A parameter without standard deviation or true value is not judged (z is NaN).
     z = np.divide(beta - known, std, out=np.full_like(beta, np.nan), where=std > 0.0)
     judged = np.isfinite(z)
     z = z[judged.any(axis=1)][:, judged.any(axis=0)]
@@ -148,23 +149,23 @@ def _error_of_mean(beta: Array, known: Array) -> float:
 
 
 def _bias(z: Array) -> Estimate:
-    """Root mean square over parameters of the mean of z over runs, without the scatter of that mean: variance over runs."""
+    """Return the root mean square over parameters of the mean of z over runs, less the scatter of that mean."""
     if not len(z):
         return Estimate(NAN)
     whole = np.ones((1, len(z))) / len(z)
     raw, value = (float(squares[0]) for squares in _squared_bias(z, whole))
     if len(z) < 2:
         return Estimate(math.sqrt(max(0.0, value)))
-    # A resampled mean scatters around the mean of these runs, and not around what that was freed of.
+    # A resampled mean scatters around the uncorrected mean of these runs.
     off = _squared_bias(z, _resampled(len(z)))[1] - raw
     low, high = value + np.quantile(off, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
     return Estimate(*(math.sqrt(max(0.0, square)) for square in (value, float(low), float(high))))
 
 
 def _squared_bias(z: Array, weights: Array) -> tuple[Array, Array]:
-    """Mean square over parameters of the mean of z, and the same without the scatter of that mean, (resamples,) each.
+    """Return the mean square over parameters of the mean of z, with and without the scatter of that mean, (resamples,) each.
 
-    A parameter that a resample lacks altogether does not count in it.
+    Parameters without any value in a resample are ignored there.
     """
     known = np.isfinite(z)
     share = weights @ known
@@ -179,7 +180,7 @@ def _squared_bias(z: Array, weights: Array) -> tuple[Array, Array]:
 
 
 def _rms(z: Array) -> Estimate:
-    """Root mean square of z over parameters and runs."""
+    """Return the root mean square of z over parameters and runs."""
     if not len(z):
         return Estimate(NAN)
     known = np.isfinite(z)
@@ -194,13 +195,13 @@ def _rms(z: Array) -> Estimate:
 
 
 def _resampled(runs: int) -> Array:
-    """Weights of the runs in resamples of them, (resamples, runs). The same rows give the same resamples, and the same report."""
+    """Return the weights of the runs in bootstrap resamples, (resamples, runs), reproducible for the same rows."""
     chosen = np.random.default_rng(runs).integers(0, runs, (RESAMPLES, runs))
     return np.stack([np.bincount(row, minlength=runs) for row in chosen]) / runs
 
 
 def _mean(shares: Array) -> Estimate:
-    """Return the mean over runs of the share of parameters: the parameters of one run are correlated, and the runs are not."""
+    """Return the mean over runs of the share of parameters: runs are independent, but the parameters of one run are not."""
     if not shares.size:
         return Estimate(NAN)
     per_run = np.nanmean(shares, axis=1)
@@ -212,7 +213,7 @@ def _mean(shares: Array) -> Estimate:
 
 
 def _median(values: Array) -> Estimate:
-    """Median, with the interval between order statistics, which holds for any distribution."""
+    """Return the median with the interval between order statistics, valid for any distribution."""
     values = np.sort(values[np.isfinite(values)])
     n = len(values)
     if not n:
@@ -224,7 +225,7 @@ def _median(values: Array) -> Estimate:
 
 
 def _rank(n: int) -> int | None:
-    """Largest k for which the median is between the order statistics k and n - 1 - k (from 0) in 95 % of the samples, or None."""
+    """Return the largest k with the median between order statistics k and n - 1 - k (from 0) in 95 % of samples, or None."""
     total, rank = 0.0, None
     for k in range(n // 2):
         total += math.comb(n, k) * 0.5**n

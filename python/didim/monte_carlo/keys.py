@@ -1,8 +1,8 @@
-"""Dotted keys: what a scenario changes in the content of an experiment file, of a robot file, or in the settings of methods.
+"""Dotted keys: changes by a scenario of an experiment file, of a robot file, or of the settings of methods.
 
 ``signal.cutoff_hz`` is a key of the experiment, ``robot.joint.2.d_m`` one of the robot file (the second joint), and
 ``method.max_iterations`` a setting of every method. ``truth.`` in front restricts a key to the simulated robot,
-``model.`` to what the methods are told of it. Tested in ``tests/test_study_spec.py``.
+``model.`` to the robot model of the methods. Tested in ``tests/test_study_spec.py``.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ PROCESSING = ("signal", "least_squares", "delay", "parameters")
 
 @dataclass(frozen=True)
 class Parts:
-    """Keys of a scenario, by the content that they change.
+    """Keys of a scenario, grouped by the content that they change.
 
     Attributes
     ----------
     truth, model : dict
-        Keys of the experiment: of the simulated log, and of what the methods are given.
+        Keys of the experiment, for the simulated log and for the methods.
     truth_robot, model_robot : dict
         Keys of the robot file, likewise.
     method : dict
@@ -42,7 +42,7 @@ class Parts:
 
 
 def parts_of(keys: Keys) -> Parts:
-    """Sort the keys of a scenario by what they change.
+    """Group the keys of a scenario by the content that they change.
 
     Raises
     ------
@@ -85,17 +85,16 @@ def _put(place: dict[str, Any], root: str, key: str, value: object) -> None:
 def changed(content: Mapping[str, Any], keys: Keys, what: str) -> dict[str, Any]:
     """Return the content of a file with dotted keys set.
 
-    A number in a key is a place in a list, from 1. The value ``{ times = 0.7 }`` multiplies the number, or the numbers, of
-    the file.
+    A number in a key is an index of a list, from 1. The value ``{ times = 0.7 }`` multiplies the number or numbers of the file.
 
     Parameters
     ----------
     content : mapping
-        As `tomllib` gives it; it stays as it is.
+        Content as parsed by `tomllib`; it is not modified.
     keys : mapping
         Values by dotted key.
     what : str
-        Names the file in messages.
+        Name of the file in messages.
 
     Raises
     ------

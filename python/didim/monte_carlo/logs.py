@@ -1,4 +1,4 @@
-"""The simulated robot of a scenario, its logs, and what the methods are told of it. Tested in ``tests/test_study.py``."""
+"""The simulated robot of a scenario, its logs, and the model of the methods. Tested in ``tests/test_study.py``."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ class Truth:
     Attributes
     ----------
     key : str
-        What the log depends on.
+        Key of everything that the log depends on.
     experiment : Experiment
         Without a recording.
     x : (n_parameters,) array
         Standard parameters.
     refinement, noise_in_loop_hz, root, keys
-        Of the steps of the log, of a controller that reads the noise, and of the random numbers.
+        Settings of the log's steps, of a controller that reads the noise, and of the random numbers.
     other : tuple of (n_samples, n_dof) arrays, or None
         Position, velocity, acceleration and true torque of the other motion.
     """
@@ -60,7 +60,7 @@ class Truth:
 
     @cached_property
     def clean(self) -> Experiment:
-        """The same with the log without noise.
+        """The experiment with the noise-free log.
 
         Raises
         ------
@@ -77,7 +77,7 @@ class Truth:
         return measured(self.clean, _integer(numbers))
 
     def starts(self, seed: int, model: Model) -> Callable[[float], Array]:
-        """Return a function that draws a start: true base parameters, each times a factor within 1 -+ spread."""
+        """Return a function that draws a start: the true base parameters, each times a random factor within 1 -+ spread."""
 
         def draw(spread: float) -> Array:
             rng = np.random.default_rng(random_numbers(self.root, self.keys, seed, STARTS))
@@ -89,7 +89,7 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What the methods of a scenario are told.
+    """Robot model and settings of the methods of a scenario.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Model:
     names, units : tuple of str
         Base parameters of its robot.
     beta : (b,) array
-        Their true values: NaN where the simulated robot has no such parameter.
+        Their true values; NaN for parameters that the simulated robot does not have.
     method : dict
         Settings of all methods.
     other : tuple or None
@@ -113,7 +113,7 @@ class Model:
     other: tuple[Array, Array, Array, Array] | None
 
     def torque_errors(self, x: Array) -> tuple[float, Array]:
-        """Norm of the torque error on the other motion over that of the torque: of all joints, and (n_dof,); NaN without one."""
+        """Return the relative torque error on the other motion, of all joints and per joint (n_dof,); NaN without such a motion."""
         n = self.experiment.robot.n_dof
         if self.other is None:
             return float("nan"), np.full(n, np.nan)
@@ -124,12 +124,12 @@ class Model:
 
 
 def truth_of(shared: Mapping[str, Any], keys: Keys) -> Truth:
-    """Return the simulated robot of a scenario; its log is simulated when it is asked for.
+    """Return the simulated robot of a scenario; its log is simulated on first use.
 
     Raises
     ------
     DidimError
-        When the files do not allow it.
+        When the files are not consistent with the scenario.
     """
     parts = parts_of(keys)
     robot = _robot(shared, parts.truth_robot)
@@ -148,12 +148,12 @@ def truth_of(shared: Mapping[str, Any], keys: Keys) -> Truth:
 
 
 def model_of(shared: Mapping[str, Any], keys: Keys, own: Keys, truth: Truth) -> Model:
-    """Return what the methods of a scenario are told; `own` are the keys of one method.
+    """Return the model for the methods of a scenario; `own` are the keys of one method.
 
     Raises
     ------
     DidimError
-        When the files do not allow it.
+        When the files are not consistent with the scenario.
     """
     parts = parts_of(keys)
     mine = parts_of({f"model.{key}": value for key, value in own.items()})
@@ -172,7 +172,7 @@ def model_of(shared: Mapping[str, Any], keys: Keys, own: Keys, truth: Truth) -> 
 
 
 def _true_values(robot: Robot, truth: Truth) -> Array:
-    """Return true base parameters of the robot that methods are told of: a term that the simulated robot lacks is zero."""
+    """Return the true base parameters for the model of the methods; terms that the simulated robot lacks are zero."""
     values = dict(zip(truth.experiment.robot.parameter_names, truth.x.tolist(), strict=True))
     x = np.array([values.get(name, 0.0) for name in robot.parameter_names])
     return robot.base_parameters.project(x)
@@ -191,7 +191,7 @@ def _experiment(shared: Mapping[str, Any], keys: Keys, robot: Robot) -> Experime
 def _other_motion(
     shared: Mapping[str, Any], keys: Keys, robot: Robot, x: Array
 ) -> tuple[Array, Array, Array, Array] | None:
-    """Motion that torque errors are judged on: by default a random Fourier series of the next seed."""
+    """Return the motion for the torque errors: by default a random Fourier series of the next seed."""
     other = dict(shared["other_motion"])
     reference = changed(shared["experiment"], keys, shared["files"][0])["reference"]
     if not other:
@@ -208,6 +208,6 @@ def _other_motion(
 
 
 def _integer(numbers: np.random.SeedSequence) -> int:
-    """Return the seed that `Measurement` takes."""
+    """Return the seed for `Measurement`."""
     high, low = numbers.generate_state(2, np.uint64).tolist()
     return int((high << 64) | low)

@@ -25,11 +25,11 @@ def method_of(
     Parameters
     ----------
     name : str
-        Such as "didim".
+        Name such as "didim".
     settings : mapping
-        Plain data. ``start = { spread = 0.15 }`` is a start within 15 % of the truth, drawn anew for each seed.
+        Plain data. ``start = { spread = 0.15 }`` is a random start within 15 % of the truth, a different one for each seed.
     start : callable, optional
-        Draws a start with a spread.
+        Function that draws a start with a spread.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def method_of(
     wanted = options.get("start")
     if isinstance(wanted, Mapping) and set(wanted) == {"spread"}:
         spread = share("start.spread", wanted["spread"], StudyError)
-        # Without a seed there is nothing to draw from: the settings are only checked.
+        # Without a seed the settings are only checked.
         options["start"] = "unit" if start is None else start(spread)
     method: Method = made(**options)
     return method

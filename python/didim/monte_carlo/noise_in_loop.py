@@ -1,8 +1,8 @@
-"""Logs whose controller reads noisy positions, so that the noise of the encoders reaches the torque.
+"""Logs whose controller reads noisy positions: the torque then contains the encoder noise.
 
 The law is linear: a controller that reads ``q + n`` gives the torque of one that reads ``q``, less ``kp n + kv dn/dt``, with the
-backward difference of the noise. That torque is fed forward here, straight lines between the samples of the controller, and the
-closed loop is simulated with steps of one sample. Tested in ``tests/test_study.py``.
+backward difference of the noise. That torque is fed forward, with linear interpolation between the controller's samples, and
+the closed loop is simulated with steps of one sample. Tested in ``tests/test_study.py``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..log.recording import Recording
 
 
 def measured_in_loop(experiment: Experiment, x: Array, seed: int, rate_hz: float) -> Experiment:
-    """Simulate a log whose controller reads what the encoders measure.
+    """Simulate a log whose controller reads the noisy encoders.
 
     Parameters
     ----------
@@ -28,14 +28,14 @@ def measured_in_loop(experiment: Experiment, x: Array, seed: int, rate_hz: float
     x : (n_parameters,) array
         Standard parameters: the truth.
     seed : int
-        Of the noise.
+        Seed of the noise.
     rate_hz : float
         Samples of the controller per second, a multiple of the rate of the log.
 
     Returns
     -------
     Experiment
-        With one recording, joint side.
+        Experiment with one recording, joint side.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Rows of a study, and the figures of merit that they give. Tested in ``tests/test_study_figures.py``."""
+"""Rows of a study, and their figures of merit. Tested in ``tests/test_study_figures.py``."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class StudyResults(Printed):
     Attributes
     ----------
     name : str
-        Of the study.
+        Name of the study.
     rows : Rows
         Every row once.
     scenarios, methods : tuple of str
-        In the order of the study; by name where only rows are known, numbers by their size.
+        Names in the order of the study; if only rows are known, sorted by name, with numbers by size.
     head : tuple of str
         Headings of the columns that text, markdown, LaTeX and the report show; CSV and Parquet have all figures.
     """
@@ -57,7 +57,7 @@ class StudyResults(Printed):
         paths : str or Path
             Files of rows.
         appended : bool
-            They are outputs of this run.
+            Whether they are outputs of this run.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class StudyResults(Printed):
 
     @cached_property
     def figures(self) -> tuple[Figures, ...]:
-        """Figures of merit of every method on every scenario that has rows."""
+        """Return the figures of merit of every method on every scenario with rows."""
         times = self.rows.times
         found = []
         for scenario in self.scenarios:
@@ -103,7 +103,7 @@ class StudyResults(Printed):
         return tuple(found)
 
     def columns(self) -> dict[str, list[str | int | float]]:
-        """Return the figures as columns: estimates have one each for their value, low and high end."""
+        """Return the figures as columns; an estimate has three, for value, lower and upper end."""
         found: dict[str, list[str | int | float]] = defaultdict(list)
         for item in self.figures:
             for key in (field.name for field in fields(item)):
@@ -157,7 +157,7 @@ class StudyResults(Printed):
 
 
 def _natural(name: str) -> list[str | float]:
-    """Key that sorts the numbers of a name by their size: ``cutoff_hz = 60`` comes before ``cutoff_hz = 200``."""
+    """Return the key for sorting names with numbers by size: ``cutoff_hz = 60`` comes before ``cutoff_hz = 200``."""
     parts = re.split(r"(\d+(?:\.\d*)?(?:e[-+]?\d+)?)", name)
     return [float(part) if k % 2 else part for k, part in enumerate(parts)]
 

@@ -1,4 +1,4 @@
-"""Rows of a study as JSON lines: appended whole, read with care, merged by ``cat``. Tested in ``tests/test_study_rows.py``."""
+"""Rows of a study as JSON lines: appended whole, validated when read, merged by ``cat``. Tested in ``tests/test_study_rows.py``."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Rows:
     times : dict
         Times by id.
     remarks : tuple of str
-        Lines that were not rows, and rows that contradict each other.
+        Sentences on lines that are not rows, and on contradictory rows.
     """
 
     fits: dict[str, Row] = field(default_factory=dict)
@@ -52,33 +52,33 @@ class Rows:
 
     @property
     def done(self) -> set[str]:
-        """Ids of the tasks that need not be run again: all but those whose workers died."""
+        """Ids of the finished tasks: all except those whose workers died."""
         rows = [*self.fits.values(), *self.truths.values(), *self.untrue.values()]
         return {row["id"] for row in rows if row["status"] != LOST}
 
 
 def times_path(path: Path) -> Path:
-    """Return the file of the times that belong to a file of rows."""
+    """Return the file with the times of a file of rows."""
     return path.with_name(f"{path.stem}.times{path.suffix or '.jsonl'}")
 
 
 def read_rows(*paths: Path, appended: bool = False) -> Rows:
-    """Read files of rows, and the times beside them.
+    """Read files of rows, and the files of their times.
 
-    A row that stands in several files counts once. A line that a killed process has left unfinished is dropped with a remark, and
-    so is a row whose content is not that of its digest. Rows of versions before 0.3.0 have no digest, and a remark says so.
+    A row in several files counts once. An unfinished line of a killed process is dropped with a remark, and so is a row whose
+    content contradicts its digest. Rows of versions before 0.3.0 have no digest, and a remark says so.
 
     Parameters
     ----------
     paths : Path
         Files of rows.
     appended : bool
-        The files are outputs of this run, which go on.
+        Whether the files are outputs of this run, to be continued.
 
     Raises
     ------
     StudyError
-        For a file that is missing, or holds something else.
+        For a missing file, or one with other content.
     """
     collected = Collected()
     for path in paths:
@@ -90,7 +90,7 @@ def read_rows(*paths: Path, appended: bool = False) -> Rows:
 
 
 def rows_of(lines: Iterable[tuple[str, str | None]]) -> Rows:
-    """Return rows from lines, each with that of its times or None."""
+    """Return rows from lines, each with the line of its times or None."""
     pairs = list(lines)
     collected = Collected()
     collected.add(((k, json.loads(row)) for k, (row, _) in enumerate(pairs, 1)), "rows")
@@ -101,7 +101,7 @@ def rows_of(lines: Iterable[tuple[str, str | None]]) -> Rows:
 
 
 class Collected:
-    """Rows and times as they come from files."""
+    """Collector of rows and times from files."""
 
     def __init__(self) -> None:
         self._found: dict[str, Row] = {}
@@ -114,7 +114,7 @@ class Collected:
         Raises
         ------
         StudyError
-            For a row that no study writes; the sentence names the file, the line and the key.
+            For an invalid row; the sentence names the file, the line and the key.
         """
         torn: list[int] = []
         changed: list[int] = []
@@ -154,7 +154,7 @@ class Collected:
         Raises
         ------
         StudyError
-            For times that are none; the sentence names the file, the line and the key.
+            For invalid times; the sentence names the file, the line and the key.
         """
         for number, row in lines:
             if row is not None:
@@ -162,20 +162,20 @@ class Collected:
                 self._times[row["id"]] = row
 
     def rows(self) -> Rows:
-        """Return what was collected."""
+        """Return the collected rows."""
         return _sorted(self._found, self._times, self._remarks)
 
 
 def _is_sound(row: Row) -> bool:
-    """Whether a row has the content that its digest was made of."""
+    """Whether a row's content matches its digest."""
     try:
         return bool(row[SEAL] == seal_of(row))
-    except ValueError:  # infinities, or texts that are none, which no row is written with
+    except ValueError:  # infinities or invalid texts, which rows never contain
         return False
 
 
 def _places(lines: list[int]) -> str:
-    """Numbers of lines as the subject of a sentence."""
+    """Return numbers of lines as the subject of a sentence."""
     if len(lines) == 1:
         return f"line {lines[0]} is"
     more = f" and {len(lines) - 3} more" if len(lines) > 3 else ""
@@ -183,7 +183,7 @@ def _places(lines: list[int]) -> str:
 
 
 def _sorted(found: dict[str, Row], times: dict[str, Row], remarks: Iterable[str]) -> Rows:
-    # Rows come in the order in which workers ended: that of the ids is always the same.
+    # Workers finish in any order; the order of the ids is reproducible.
     ordered = [found[key] for key in sorted(found)]
     return Rows(
         fits={row["id"]: row for row in ordered if row["method"] is not None},
@@ -204,13 +204,13 @@ def _content(path: Path, appended: bool) -> bytes:
 
 
 def _lines(content: bytes) -> Iterable[Line]:
-    """Lines of a file that are not empty."""
+    """Return the nonempty lines of a file."""
     for number, line in enumerate(content.split(b"\n"), 1):
         if not line.strip():
             continue
         try:
             row = json.loads(line)
-        except (ValueError, RecursionError):  # brackets within brackets
+        except (ValueError, RecursionError):  # deeply nested brackets
             yield number, None
             continue
         yield number, row if isinstance(row, dict) else None
@@ -263,7 +263,7 @@ FIT = {
 
 
 def _check(row: Row, kinds: dict[str, str], where: str) -> None:
-    """Refuse a row without a key, or with a value of another kind."""
+    """Refuse a row with a missing key or a value of the wrong kind."""
     for key, kind in kinds.items():
         if key not in row:
             raise StudyError(f"{where}: a row of a study has the key {key!r}, and this one has not")
@@ -277,7 +277,7 @@ def _shown(value: object) -> str:
 
 
 def _check_row(row: Row, where: str) -> None:
-    """Refuse a row that no worker makes: all that reads rows relies on it."""
+    """Refuse a row that no worker could write; all readers of rows rely on this."""
     _check(row, HEAD, where)
     status = row["status"]
     if row["method"] is None:
@@ -302,17 +302,17 @@ OPENING = b'{"id":'
 
 
 class RowFile:
-    """File that rows are appended to, each by one write: a reader or a crash never meets half of one but the last.
+    """File of rows, each appended by a single write: at most the last line can be incomplete.
 
     Parameters
     ----------
     path : Path
-        It is left as it is until the first row is appended; an unfinished last line is cut off then.
+        The file; it is not changed before the first row is appended, which removes an unfinished last line.
 
     Raises
     ------
     StudyError
-        When another process writes to the file, or it holds something else than rows.
+        When another process writes to the file, or it contains other than rows.
     """
 
     def __init__(self, path: Path) -> None:
@@ -334,7 +334,7 @@ class RowFile:
         Raises
         ------
         OSError
-            When it could not be written whole, such as on a full disk.
+            When it could not be written completely, for example on a full disk.
         """
         if not self._whole:
             _cut_unfinished(self._file)
@@ -342,12 +342,12 @@ class RowFile:
         data = line.encode() + b"\n"
         written = os.write(self._file, data)
         if written != len(data):
-            # The rest of this line would be torn by the next: take back what came of it.
+            # The next line would be appended to this incomplete one, so it is removed.
             os.ftruncate(self._file, os.fstat(self._file).st_size - written)
             raise OSError(28, "No space left on device", str(self.path))
 
     def close(self) -> None:
-        """Close the file, which also gives up its lock."""
+        """Close the file and release its lock."""
         os.close(self._file)
 
     def __enter__(self) -> Self:
@@ -362,7 +362,7 @@ class RowFile:
 def _lock(file: int, path: Path) -> None:
     try:
         import fcntl
-    except ImportError:  # Windows: two studies of one file are not noticed there
+    except ImportError:  # Windows: two studies with one file are not detected there
         return
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -376,9 +376,9 @@ def _lock(file: int, path: Path) -> None:
 
 
 def _require_rows(path: Path) -> None:
-    """Refuse a file of something else: appending to it would spoil it.
+    """Refuse a file of other content, which appending would damage.
 
-    One line with an id is enough, because any other may be damaged; a first line that was never finished opens as a row does.
+    One line with an id suffices, because others may be damaged; an unfinished first line must begin like a row.
     """
     with path.open("rb") as file:
         opening = file.read(len(OPENING))
@@ -398,7 +398,7 @@ def _require_rows(path: Path) -> None:
 
 
 def _cut_unfinished(file: int) -> None:
-    """Cut off what stands behind the last line break."""
+    """Remove the text after the last line break."""
     end = size = os.fstat(file).st_size
     while end > 0:
         begin = max(0, end - 65536)

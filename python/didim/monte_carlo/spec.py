@@ -1,4 +1,4 @@
-"""A study as its file says it: an experiment, scenarios, methods and seeds. Tested in ``tests/test_study_spec.py``."""
+"""Specification of a study: an experiment, scenarios, methods and seeds. Tested in ``tests/test_study_spec.py``."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ MOST_SCENARIOS = 100_000
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """What a simulated log is like, and what the methods are told of it.
+    """Changes of the simulated log, and of the model of the methods.
 
     Attributes
     ----------
     name : str
         In tables and rows.
     keys : mapping
-        Dotted keys with their values, beside those of the files (`didim.monte_carlo.keys`).
+        Dotted keys with values that replace those of the files (`didim.monte_carlo.keys`).
     """
 
     name: str
@@ -54,13 +54,13 @@ class MethodSpec:
     label : str
         In tables and rows.
     name : str
-        Of the method, such as "didim".
+        Name of the method, such as "didim".
     settings : mapping
         Its settings.
     keys : mapping
-        Dotted keys of the experiment, for this method alone.
+        Dotted keys of the experiment for this method only.
     seeds : int or None
-        Fewer seeds than the study has, for a slow method.
+        Number of seeds for this method, if fewer than for the study, because it is slow.
     """
 
     label: str
@@ -77,7 +77,7 @@ class StudySpec:
     Attributes
     ----------
     name : str
-        In reports.
+        Name in reports.
     experiment, robot : mapping
         Content of the experiment file and of the robot file.
     files : (str, str)
@@ -85,17 +85,17 @@ class StudySpec:
     parameters : str
         Parameter set of the robot file: the truth.
     refinement : int
-        Steps of the log, so many times finer than those of the methods.
+        Ratio of the methods' time steps to those of the log.
     noise_in_loop_hz : float or None
-        Samples per second of a controller that reads the noisy positions; None where noise is only added to the log.
+        Samples per second of a controller that reads the noisy positions; None if noise is only added to the log.
     other_motion : mapping
-        Keys that make the other motion on which torque errors are judged; none when it is empty.
+        Keys of the other motion, for the torque errors; empty for none.
     scenarios, methods : tuple
         Every method is run on every scenario.
     seeds, root : int
-        Logs of each scenario, and the root of their random numbers.
+        Number of logs per scenario, and the root of their random numbers.
     folders : tuple of str
-        Where the modules of methods and friction laws of one's own are looked for, after those that are installed.
+        Folders with modules of user-defined methods and friction laws, searched after the installed ones.
     sources : mapping
         SHA-256 of the source of each such "module:name".
     """
@@ -116,7 +116,7 @@ class StudySpec:
     sources: Mapping[str, str] = field(default_factory=dict)
 
     def shared(self) -> dict[str, Any]:
-        """Return what all tasks of the study have in common, as plain data."""
+        """Return the common part of the study's tasks, as plain data."""
         return {
             "experiment": dict(self.experiment),
             "robot": dict(self.robot),
@@ -126,7 +126,7 @@ class StudySpec:
             "noise_in_loop_hz": self.noise_in_loop_hz,
             "other_motion": dict(self.other_motion),
             "root": self.root,
-            # Only where there are some: the rows of other studies keep their ids.
+            # Only if there are any, which preserves the ids of other studies' rows.
             **({"sources": dict(self.sources)} if self.sources else {}),
         }
 
@@ -137,7 +137,7 @@ def canonical(value: object, what: str = "the study") -> str:
     Raises
     ------
     StudyError
-        For what JSON does not have, such as a date or infinity.
+        For values without JSON form, such as a date or infinity.
     """
     try:
         return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
@@ -148,7 +148,7 @@ def canonical(value: object, what: str = "the study") -> str:
 
 
 def digest(text: str) -> str:
-    """SHA-256 of a text, 32 hexadecimal digits of it."""
+    """Return the first 32 hexadecimal digits of a text's SHA-256."""
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
@@ -173,7 +173,7 @@ def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudyS
     content : mapping
         Tables of the file.
     path : Path
-        Names the file in messages; files that it names are looked up beside it.
+        Name of the file in messages; paths in it are relative to its folder.
 
     Raises
     ------
@@ -217,7 +217,7 @@ def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudyS
 
 
 def _experiment(name: str, path: Path) -> tuple[dict[str, Any], Path]:
-    """Content and path of the experiment, a packaged one or a file beside the study."""
+    """Return content and path of the experiment, an included one or a file beside the study."""
     packaged = EXPERIMENTS / f"{name}.toml"
     where = packaged if packaged.is_file() else path.parent / name
     content = read_toml(where, ExperimentError)
@@ -250,7 +250,7 @@ def _repeat(table: Table) -> tuple[int, int]:
 
 
 def _scenarios(table: Table) -> tuple[Scenario, ...]:
-    """Named scenarios times the grid."""
+    """Return the named scenarios combined with the grid."""
     grid = table.table("grid", None)
     axes = {} if grid is None else grid.content
     for key, values in axes.items():
@@ -323,7 +323,7 @@ def _method(table: Table, item: object) -> MethodSpec:
 
 
 def _distinct(table: Table, what: str, names: Sequence[str], contents: Sequence[str]) -> None:
-    """Refuse two of one name, or two of one content."""
+    """Refuse duplicates in name or content."""
     for values, how in ((names, "the same name"), (contents, "the same content")):
         twice = sorted({name for name, value in zip(names, values, strict=True) if values.count(value) > 1})
         if twice:

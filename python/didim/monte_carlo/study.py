@@ -1,4 +1,4 @@
-"""`study`: run a Monte Carlo study, or go on with one. Tested in ``tests/test_study.py``."""
+"""`study`: run or resume a Monte Carlo study. Tested in ``tests/test_study.py``."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from .worker import ERROR, FAILED, LOST, lost_row, run_task
 
 @dataclass
 class Progress:
-    """How far a study is.
+    """Progress of a study.
 
     Attributes
     ----------
     total, done : int
-        Tasks, and how many have a row.
+        Number of tasks, and of tasks with a row.
     found : int
-        Of these, from earlier runs.
+        Number of rows from earlier runs.
     failed, lost : int
-        Rows of errors, and of tasks whose workers died.
+        Number of rows with errors, and of tasks whose workers died.
     seconds : float
-        Since the start.
+        Time since the start.
     """
 
     total: int
@@ -47,7 +47,7 @@ class Progress:
     seconds: float = 0.0
 
     def __str__(self) -> str:
-        """One line, with the time that is left."""
+        """Return one line with the remaining time."""
         rate = (self.done - self.found) / max(self.seconds, 1e-9)
         left = (self.total - self.done) / max(rate, 1e-9)
         found = f", {self.found} from before" if self.found else ""
@@ -65,29 +65,29 @@ def study(
     progress: Callable[[Progress], None] | None = None,
     verbose: bool | None = None,
 ) -> StudyResults:
-    """Simulate many logs, identify each by several methods, and keep every result.
+    """Simulate many logs, identify each by several methods, and record every result.
 
     Parameters
     ----------
     spec : path, mapping or StudySpec
         Study file, or its content (docs/studies.md).
     output : path, optional
-        File of JSON lines that rows are appended to. Rows that it has already are not made again, so that the same call goes on
-        with a study that was interrupted.
+        File of JSON lines to which rows are appended. Existing rows are not computed again, so the same call resumes an
+        interrupted study.
     executor : Executor or str
         "process" (spawned), "thread", "serial", "loky", "dask", "ray" or "mpi", or any `concurrent.futures.Executor`.
-        A program that uses processes must guard its start by ``if __name__ == "__main__":``.
+        A program with processes needs the guard ``if __name__ == "__main__":``.
     workers : int, optional
-        Processes or threads; all cores that this process may use by default.
+        Number of processes or threads; by default all cores available to this process.
     address : str, optional
         Scheduler of Dask, or head of Ray.
     window : int, optional
-        Tasks that are submitted ahead; four for each worker by default.
+        Number of tasks submitted ahead; by default four per worker.
     progress : callable, optional
-        Called after each row.
+        Callback after each row.
     verbose : bool, optional
-        By default a terminal or a notebook shows one line with the rows and the time that is left, and removes it at the end;
-        False shows nothing.
+        By default a terminal or a notebook shows one line with the number of rows and the remaining time, and removes it at the
+        end; False hides it.
 
     Returns
     -------
@@ -97,8 +97,7 @@ def study(
     Raises
     ------
     StudyError
-        For a wrong study, a file that another study writes to or that holds something else than rows of this study, or workers
-        that do not work.
+        For a wrong study, an output file that is in use or contains other than rows of this study, or failing workers.
     DidimError
         For a wrong experiment, robot or method, before the work begins.
     """
@@ -149,7 +148,7 @@ def _run(
     address: str | None,
     window: int | None,
 ) -> Iterator[dict[str, Any]]:
-    """Results of the tasks that have no row yet."""
+    """Run the tasks without a row."""
     done = known.done
 
     def missing() -> Iterator[Task]:
@@ -166,7 +165,7 @@ def _run(
 
 
 def _require_own(spec: StudySpec, known: Rows, place: Path) -> None:
-    """Refuse rows of which none belongs to the study: its own would be mixed with them."""
+    """Refuse a file in which no row belongs to the study, before rows of both are mixed."""
     ids = {row["id"] for rows in (known.fits, known.truths, known.untrue) for row in rows.values()}
     if ids and not any(task["id"] in ids for task in tasks(spec)):
         raise StudyError(
@@ -175,7 +174,7 @@ def _require_own(spec: StudySpec, known: Rows, place: Path) -> None:
 
 
 def check_study(spec: StudySpec) -> None:
-    """Refuse a study whose scenarios or methods cannot be, before any work.
+    """Refuse a study with invalid scenarios or methods, before any work.
 
     Raises
     ------

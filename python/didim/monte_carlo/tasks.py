@@ -1,4 +1,4 @@
-"""Tasks of a study: plain data that any process can be sent, each with an id that says what its row is of.
+"""Tasks of a study: plain data for any process, each with an id that identifies its row.
 
 Tested in ``tests/test_study.py``.
 """
@@ -27,8 +27,8 @@ CHUNK = 10
 def tasks(spec: StudySpec) -> Iterator[Task]:
     """Return the tasks of a study: one for the truth of each scenario, and one for each scenario, seed and method.
 
-    All scenarios have their first seeds before any has its last, so an interrupted study says something of all of them. The
-    methods of one seed follow each other, because they share its log.
+    The first seeds of all scenarios precede later seeds, so an interrupted study has rows of every scenario. The methods of one
+    seed are consecutive, because they share its log.
     """
     text = canonical(spec.shared())
     common = {
@@ -71,7 +71,7 @@ def count(spec: StudySpec) -> int:
 
 
 def _id(common: Task, scenario: Scenario, method: MethodSpec | None, seed: int | None) -> str:
-    """Digest of everything that decides a row; names and labels do not."""
+    """Return the digest of everything that determines a row; names and labels do not."""
     what = None if method is None else [method.name, dict(method.settings), dict(method.keys)]
     return digest(canonical([common["version"], common["digest"], dict(scenario.keys), what, seed]))
 
@@ -79,15 +79,16 @@ def _id(common: Task, scenario: Scenario, method: MethodSpec | None, seed: int |
 def random_numbers(root: int, keys: Keys, seed: int, purpose: int) -> np.random.SeedSequence:
     """Return the random numbers of one log, or of another purpose.
 
-    They follow from the root, from the keys that change the simulated log, and from the number of the seed: methods, and
-    scenarios that only process the log in another way, share their logs, and a grid that grows leaves the others alone.
+    They follow from the root, from the keys that change the simulated log, and from the number of the seed. Methods, and
+    scenarios that only process the log differently, therefore share their logs, and extending a grid does not change existing
+    ones.
 
     Parameters
     ----------
     root : int
-        Of the study.
+        Root of the study.
     keys : mapping
-        Of the scenario.
+        Keys of the scenario.
     seed : int
         Number of the log.
     purpose : int

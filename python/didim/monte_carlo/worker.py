@@ -1,6 +1,6 @@
-"""The work of one task, in whatever process it runs: simulate the log, identify it, and return the row.
+"""Work of one task: simulate the log, identify it, and return the row.
 
-A row is the same for the same task, whoever makes it and when; times are beside it. Tested in ``tests/test_study.py``.
+A row only depends on its task; times are stored separately. Tested in ``tests/test_study.py``.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _Made = TypeVar("_Made")
 
 
 class _Kept:
-    """The last few things that were made, by key; one thread makes each, and the others wait for it."""
+    """Cache of the last few objects by key; one thread computes an object while others wait for it."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -82,15 +82,15 @@ def run_task(task: Task) -> dict[str, Any]:
     Raises
     ------
     StudyError
-        When the study was made by another version of didim. Everything else that goes wrong is a row.
+        When the study comes from another version of didim. All other errors become rows.
     """
     if task["version"] != __version__:
         raise StudyError(
             f"the study was made by didim {task['version']}, and the worker on {platform.node()} has didim {__version__}: "
             "install the same version everywhere"
         )
-    _shared(task)  # a worker without the modules of the study fails the study, not its rows
-    # Workers share the cores already. A limit that was set on purpose stays.
+    _shared(task)  # if the study's modules are missing, the study fails instead of its rows
+    # Workers already share the cores. An explicit limit is respected.
     os.environ.setdefault(VARIABLE, "1")
     start, spent = time.perf_counter(), time.thread_time()
     head = {
@@ -138,12 +138,12 @@ def lost_row(task: Task, sentence: str) -> dict[str, Any]:
 
 
 def sealed(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row with the digest of its content, by which an edited or damaged one is found."""
+    """Return a row with the digest of its content, which reveals an edited or damaged row."""
     return {**row, SEAL: seal_of(row)}
 
 
 def seal_of(row: dict[str, Any]) -> str:
-    """Digest of the content of a row, whatever the order of its keys."""
+    """Return the digest of a row's content, independent of the order of its keys."""
     return digest(canonical({key: value for key, value in row.items() if key != SEAL}))
 
 
@@ -168,14 +168,14 @@ def _truth(task: Task, shared: dict[str, Any]) -> Truth:
     def make() -> Truth:
         found = truth_of(shared, keys)
         if found.noise_in_loop_hz is None:
-            found.clean  # noqa: B018 - now, so that one thread simulates it
+            found.clean  # noqa: B018 - one thread simulates it here
         return found
 
     return _TRUTHS.get((task["digest"], _key(keys)), make)
 
 
 def _truth_row(task: Task) -> dict[str, Any]:
-    """Row of a scenario: the truth, and how large the noise is beside the signal."""
+    """Return the row of a scenario: the truth, and the ratio of noise to signal."""
     shared = _shared(task)
     truth = _truth(task, shared)
     model = model_of(shared, task["scenario"]["keys"], {}, truth)
@@ -223,7 +223,7 @@ def _fit_row(task: Task, seconds: dict[str, float]) -> dict[str, Any]:
 
 
 def _judged(fit: Identification, model: Model, log: Experiment) -> dict[str, Any]:
-    """Errors beside the truth."""
+    """Return the errors relative to the truth."""
     off = fit.beta - model.beta
     known = np.isfinite(off) & (fit.std > 0.0)
     sigmas = np.abs(off[known]) / fit.std[known]
@@ -253,7 +253,7 @@ def _line(row: dict[str, Any]) -> str:
 
 
 def _memory_mb() -> float | None:
-    """Largest memory that this process has held (MB); None where the system does not say."""
+    """Return the peak memory of this process (MB); None if unknown."""
     try:
         import resource
     except ImportError:  # Windows

@@ -1,6 +1,6 @@
-"""State of a long search, in a file: written as it goes on, read to go on from.
+"""Checkpoint file of a long search, from which it can be resumed.
 
-A digest of the whole content seals it: a file that has changed since it was written is refused.
+A digest of the content protects it: a modified file is refused.
 
 Tested in ``tests/test_cloe.py``.
 """
@@ -32,9 +32,9 @@ class Checkpoint:
     Attributes
     ----------
     path : Path or None
-        An ``.npz`` file; None for a search that leaves nothing.
+        An ``.npz`` file; None for a search without checkpoints.
     problem : str
-        Digest of the problem that it belongs to.
+        Digest of its problem.
     """
 
     path: Path | None
@@ -45,14 +45,14 @@ class Checkpoint:
     def save(
         self, arrays: Mapping[str, Array], numbers: Mapping[str, Any], history: Sequence[Iteration]
     ) -> None:
-        """Write the state of the search; the one before is replaced only once this one is whole.
+        """Write the state of the search atomically.
 
         Parameters
         ----------
         arrays, numbers : mapping
             The state of the search.
         history : sequence of Iteration
-            So far.
+            Iterations so far.
         """
         if self.path is None:
             return
@@ -68,7 +68,7 @@ class Checkpoint:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentence on states that could not be saved."""
+        """Return the sentence on states that could not be saved."""
         if not self.failures:
             return ()
         return (
@@ -77,17 +77,17 @@ class Checkpoint:
         )
 
     def load(self) -> tuple[dict[str, Array], dict[str, Any], list[Iteration]] | None:
-        """Read arrays, numbers and history; None where there are none yet.
+        """Read arrays, numbers and history; None without a file.
 
         Raises
         ------
         FitError
-            For a file that is not a checkpoint, or one of another problem.
+            For a file that is not a checkpoint, or belongs to another problem.
         """
         path = self.path
         if path is None or not path.exists():
             return None
-        if not path.is_file():  # a device may have no end
+        if not path.is_file():  # a device may be endless
             raise FitError(f"{path}: a checkpoint must be a file")
         try:
             # From memory: NumPy does not close files that are not archives.
@@ -96,7 +96,7 @@ class Checkpoint:
             text, seal = str(named.pop("record")), str(named.pop("seal"))
         except FitError:
             raise
-        except Exception as reason:  # whatever the reader of archives stumbles over in bytes of another kind
+        except Exception as reason:  # any error of the archive reader on invalid bytes
             raise FitError(f"{path}: this is not a checkpoint of a search ({reason})") from None
         if seal != _seal(text, named):
             raise FitError(f"{path}: this checkpoint is damaged; take it away, or name another file")
@@ -111,7 +111,7 @@ class Checkpoint:
 
 
 def _seal(record: str, arrays: Mapping[str, Any]) -> str:
-    """Digest of everything that a checkpoint holds."""
+    """Return the digest of the content of a checkpoint."""
     digest = hashlib.sha256(record.encode())
     for name, values in sorted(arrays.items()):
         digest.update(f"{name} {values.dtype.str} {values.shape}".encode())

@@ -42,42 +42,42 @@ class CLOE(CLOESettings):
     Parameters
     ----------
     optimizer : {"levenberg-marquardt", "nelder-mead"}
-        Gauss-Newton steps with damping, a covariance included; or the paper's simplex.
+        Gauss-Newton steps with damping, with a covariance; or the paper's simplex.
     output : {"position", "torque", "both"}
-        What is compared: positions (19), torques, or both.
+        Compared outputs: positions (19), torques, or both.
     start : str, mapping, array or Identification, optional
         Initial parameters (`didim.methods.start.standard_start`); "apriori" is (21), the default; "idim-ls" the estimate of
-        IDIM-LS, "consistent" and "prior" robots made from the log. With ``physical=True`` the start of consistent DIDIM, whose
-        estimate the search starts at; further starts are the robots nearest to random points.
+        IDIM-LS, "consistent" and "prior" robots computed from the log. With ``physical=True`` it is the start of consistent
+        DIDIM, whose estimate starts the search; further starts are the robots nearest to random points.
     physical : bool, optional
-        True for steps under the conditions of a robot, by Levenberg-Marquardt (`didim.methods.cloe.consistent`).
+        True for steps with physical constraints, by Levenberg-Marquardt (`didim.methods.cloe.consistent`).
     max_iterations : int, optional
         100 for Levenberg-Marquardt, 200 per parameter for the simplex.
     max_evaluations : int, optional
-        Of the simplex; 200 per parameter.
+        Upper bound for the simplex; 200 per parameter by default.
     variant : {"adaptive", "scaled", "literal"}
-        Of the simplex. Literal: ``fminsearch`` as it is, first edges of 5 % or 0.00025, coefficients 1, 2, 1/2, 1/2. Scaled:
-        first edges that each change the outputs by 0.3 of the initial norm, shorter where M(q) would not stay positive
-        definite. Adaptive: those, and the coefficients of Gao and Han (2012). The last two start again from the best
-        point when the simplex has collapsed.
+        Variant of the simplex. Literal: unmodified ``fminsearch``, first edges of 5 % or 0.00025, coefficients 1, 2, 1/2, 1/2.
+        Scaled: first edges that each change the outputs by 0.3 of the initial norm, shorter where M(q) would not stay positive
+        definite. Adaptive: scaled, with the coefficients of Gao and Han (2012). The last two restart from the best point after
+        a collapse of the simplex.
     starts : int
-        Searches from so many points: `start`, and random ones around it that can be simulated. The best result is
-        returned, with a remark on how many reached the same optimum.
+        Number of starting points: `start`, and random ones around it that can be simulated. The best result is returned, with a
+        remark on how many reached the same optimum.
     seed : int
-        Of these points.
+        Seed of these points.
     checkpoint : path, optional
-        File (``.npz``) that the search is saved to as it goes on, and continued from where it is there; with one start.
+        File (``.npz``) for the state of the search, which is resumed if the file exists; only with one start.
     tolerance : float
-        Levenberg-Marquardt stops when the cost falls by less than this share (20).
+        Relative decrease of the cost at which Levenberg-Marquardt stops (20).
     noise : sequence of float, optional
-        Standard deviation of the measured positions per joint (rad or m): weights of Levenberg-Marquardt. Estimated from
-        fifth differences of the measured positions by default, that of torques likewise.
+        Standard deviation of the measured positions per joint (rad or m): weights of Levenberg-Marquardt. By default both
+        position and torque noise are estimated from fifth differences.
     variance, signal, compensate_samples, fixed, dropped : optional
-        As in `didim.methods.method.MethodSettings`; trimming and delay count for the torque errors of the result.
+        As in `didim.methods.method.MethodSettings`; trimming and delay only affect the torque errors of the result.
     threads : int, optional
         All cores by default.
     executor : Executor, optional
-        Runs the searches from further starts: any of `concurrent.futures`. They report no iterations.
+        Executor of `concurrent.futures` for the searches from further starts, which do not report iterations.
 
     Raises
     ------
@@ -121,7 +121,7 @@ class CLOE(CLOESettings):
         return replace(best, status=Status.INTERRUPTED) if interrupted else best
 
     def _begun(self, experiment: Experiment, reporter: Reporter) -> SafeSteps | ConsistentSteps:
-        """Return the search from the start: among robots, if so asked, that of consistent DIDIM."""
+        """Return the search from the start, which for a physical search is that of consistent DIDIM."""
         if self.physical:
             return consistent_steps(self, experiment, reporter)
         job = self.job(experiment, experiment.simulated_robot)
@@ -139,7 +139,7 @@ def _search_apart(method: CLOE, experiment: Experiment, point: Array) -> Identif
 
 
 def _further_starts(problem: OutputError, count: int, seed: int) -> list[Array]:
-    """Return random points around the start, each moved back towards it until M(q) is positive definite there."""
+    """Return random points around the start, each moved towards it until M(q) is positive definite."""
     rng = np.random.default_rng(seed)
     found = []
     for _ in range(count):
@@ -155,7 +155,7 @@ def _cost(fit: Identification) -> float:
 
 
 def _best(fits: Sequence[Identification], asked: int) -> Identification:
-    """Return the result of lowest cost, with what became of the others."""
+    """Return the result of lowest cost, with a remark on the others."""
     costs = np.array([_cost(fit) for fit in fits])
     best = fits[int(np.argmin(costs))]
     reached = int(np.sum(costs <= costs.min() * (1.0 + SAME_OPTIMUM)))
@@ -173,7 +173,7 @@ def _best(fits: Sequence[Identification], asked: int) -> Identification:
     ]
     return replace(
         best,
-        # The whole search, not its best part.
+        # Time and simulations of all searches, not only of the best.
         status=fits[-1].status if fits[-1].status in (Status.STOPPED, Status.INTERRUPTED) else best.status,
         n_simulations=sum(fit.n_simulations for fit in fits),
         remarks=(*best.remarks, sentence),

@@ -1,11 +1,11 @@
-"""CLOE whose every iterate is a robot: the steps of Levenberg and Marquardt under physical conditions.
+"""CLOE with physical constraints: steps of Levenberg and Marquardt in which every iterate is a robot.
 
     x+ = argmin |e + J (B x - beta)|^2 / s^2 + damping |D (B x - beta)|^2 / s^2 + prior,   x a robot          (A)
 
-``e`` are the weighted output errors and ``J`` their derivatives with respect to the base parameters. ``s^2`` is the variance
-of the errors for as many independent rows as DIDIM has, so the prior weighs here what it weighs there: the rows of CLOE are
-many times oversampled. The search starts at the estimate of consistent DIDIM, with its conditions, made-up gains and steps in
-time. Tested in ``tests/test_consistent_methods.py``.
+``e`` are the weighted output errors and ``J`` their derivatives with respect to the base parameters. ``s^2`` is the variance of
+the errors for the number of independent rows in DIDIM, so the prior has the same weight as there; the rows of CLOE are many
+times oversampled. The search starts at the estimate of consistent DIDIM, with its conditions, invented gains and time steps.
+Tested in ``tests/test_consistent_methods.py``.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ one sigma."""
 
 
 class ConsistentSteps:
-    """Steps of Levenberg and Marquardt among robots; candidates are standard parameters, (p + e,), and those of logs."""
+    """Steps of Levenberg and Marquardt among robots; candidates are standard parameters and those of logs, (p + e,)."""
 
     measure = "promised_fall"
     most_raises = 4
@@ -52,7 +52,7 @@ class ConsistentSteps:
         self.problem, self.constrained, self.x, self.begun = problem, constrained, x, begun
 
     def begin(self) -> Array:
-        """Return the robot to start from."""
+        """Return the robot at the start."""
         return self.x
 
     def begun_near(self, target: Array) -> ConsistentSteps:
@@ -69,7 +69,7 @@ class ConsistentSteps:
     def trials(
         self, candidate: Array, errors: Array, jacobian: Array, damping: float
     ) -> tuple[list[Array], float]:
-        """Return a robot for each damping, and the share of the cost that the linear model promises with the least."""
+        """Return a robot for each damping, and the share of the cost by which the linear model decreases with the least damping."""
         found = self._robots(
             self.point(candidate), errors, jacobian, damping * DAMPINGS, float(errors @ errors)
         )
@@ -93,7 +93,7 @@ class ConsistentSteps:
         return found
 
     def met(self, measure: float, fall: float, *, accepted: bool) -> bool:
-        """Whether little was promised, or came: a step that was to bring much and brought nothing is no optimum."""
+        """Whether the predicted or an accepted decrease is small: a failed step with a large prediction is not an optimum."""
         return measure <= AT_OPTIMUM or (accepted and fall <= AT_OPTIMUM)
 
     def correction(self, jacobian: Array, normal: Array, cost: float) -> Advance | None:
@@ -105,12 +105,12 @@ class ConsistentSteps:
         return advance
 
     def finish(self, fit: Identification, candidate: Array) -> Identification:
-        """Return the result with the robot, and with what consistent DIDIM says of the log."""
+        """Return the result with the robot, and with the findings of consistent DIDIM on the log."""
         begun, asked = self.begun, fit.settings["cloe"]
         remarks = begun.remarks
         if not begun.converged:
             remarks = (*remarks, f"the search starts where consistent DIDIM ended: {begun.status.value}")
-        # What contradicts the torques does so wherever the search ends.
+        # Contradictions of the torques do not depend on the end of the search.
         contradictions = [
             reason
             for reason in begun.evidence
@@ -136,7 +136,7 @@ def consistent_steps(method: CLOESettings, experiment: Experiment, reporter: Rep
     Raises
     ------
     DidimError
-        One of its kinds: without a reference or a controller, or where consistent DIDIM cannot start.
+        Any of its subclasses: without a reference or a controller, or if consistent DIDIM cannot start.
     """
     shared = ("variance", "uncertainty", "blocks", "signal", "compensate_samples")
     didim = DIDIM(

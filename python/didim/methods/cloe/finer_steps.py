@@ -1,11 +1,11 @@
-r"""The optimum of CLOE for finer time steps than those of its search.
+r"""Corrections of CLOE's optimum for time steps finer than those of its search.
 
     beta <- beta - (G^T G)^-1 G^T e_f(beta)                                                       (A)
 
-``e_f`` are the weighted output errors of a simulation with divided steps, and ``G`` the derivatives of the search, which need no
-more accuracy: the optimum is where ``G^T e_f = 0``. A step of the search is fine for the simulation and yet too coarse for the
-estimate, because the error of the integration repeats with the motion. It does not average out as the noise of the encoders does.
-Fourth-order Runge-Kutta with halved steps has a sixteenth of it. Tested in ``tests/test_cloe.py``.
+``e_f`` are the weighted output errors of a simulation with divided steps, and ``G`` the derivatives of the search, which are
+accurate enough: the optimum satisfies ``G^T e_f = 0``. Time steps that suffice for the simulation may be too coarse for the
+estimate, because the integration error repeats with the motion and does not average out like encoder noise. With halved steps,
+fourth-order Runge-Kutta has a sixteenth of this error. Tested in ``tests/test_cloe.py``.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Corrected(Generic[T]):
     errors : (n_rows,) array
         Its weighted errors.
     moved : float
-        Length of the way to it in standard deviations for white noise, which bounds that of each parameter.
+        Length of the correction in standard deviations for white noise, an upper bound of that of each parameter.
     """
 
     problem: OutputError
@@ -62,25 +62,25 @@ def corrected(
     advance: Callable[[T, Array], T],
     point_of: Callable[[T], Array],
 ) -> Corrected[T] | None:
-    """Repeat the correction (A) from the optimum of the search.
+    """Iterate the correction (A) from the optimum of the search.
 
     Parameters
     ----------
     problem : OutputError
         The problem with the steps of the search.
     candidate : T
-        The optimum of the search: a point, or standard parameters that give one.
+        The optimum of the search: a point, or standard parameters.
     normal : (n, n) array
         ``G^T G``, the weighted normal matrix at the optimum.
     advance : callable
-        Candidate after one correction with the errors of divided steps.
+        Function that corrects a candidate with the errors of divided steps.
     point_of : callable
-        Estimated base parameters of a candidate, (n,).
+        Function that returns the estimated base parameters of a candidate, (n,).
 
     Returns
     -------
     Corrected or None
-        None where a run with divided steps does not reach its end.
+        None if a run with divided steps does not complete.
     """
     finer = problem.divided(STEP_PARTS)
     begun = point = point_of(candidate)
@@ -102,6 +102,6 @@ def corrected(
 
 
 def _length(step: Array, normal: Array, errors: Array, rows: int) -> float:
-    """Length of a step in standard deviations: no parameter moves by more of its own."""
+    """Return the length of a step in standard deviations, an upper bound for every parameter."""
     variance = float(errors @ errors) / rows
     return math.sqrt(max(0.0, float(step @ normal @ step)) / variance) if variance > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""CLOE with currents: the drive gains of IDIM-LS, held. Tested in ``tests/test_drive_gains.py``.
+"""CLOE with currents, and drive gains fixed at those of IDIM-LS. Tested in ``tests/test_drive_gains.py``.
 
 Positions say nothing of drive gains, and CLOE compares no currents, so the gains are those of the rows along the measured motion.
 What CLOE estimates does not depend on them: its covariance and theirs stand side by side.
@@ -24,14 +24,14 @@ Run = Callable[[Experiment, Reporter], Identification]
 
 
 def has_currents(experiment: Experiment) -> bool:
-    """Return whether a recording to fit has currents whose drive gains are unknown."""
+    """Return whether a fitted recording has currents with unknown drive gains."""
     return any(item.drives is not None for item in experiment.recordings if item.role == "fit")
 
 
 def run_with_held_gains(
     method: CLOESettings, run: Run, experiment: Experiment, reporter: Reporter
 ) -> Identification:
-    """Identify the drive gains by IDIM-LS, and all else by CLOE on the torques that they give.
+    """Identify the drive gains by IDIM-LS, and the other parameters by CLOE with the resulting torques.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def run_with_held_gains(
 
 
 def _with_gains(fit: Identification, direct: Further) -> Further:
-    """Return the further parameters of a result with the drive gains of another one behind them."""
+    """Return the further parameters of a result followed by the drive gains of another one."""
     part = direct.part("gain")
     own = fit.further
     covariance = fit.covariance if own is None else own.covariance

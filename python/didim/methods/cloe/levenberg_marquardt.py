@@ -1,4 +1,4 @@
-"""CLOE by Levenberg and Marquardt: Gauss-Newton with damping, a step that keeps M(q) > 0, and a covariance.
+"""CLOE by Levenberg and Marquardt: Gauss-Newton with damping, steps with M(q) > 0, and a covariance.
 
 Tested in ``tests/test_cloe.py``.
 """
@@ -41,16 +41,16 @@ Advance = Callable[[Array, Array], Array]
 
 
 class Steps(Protocol):
-    """Candidates of a search, and where it has come to its end.
+    """Candidates of a search, and its test of convergence.
 
     Attributes
     ----------
     measure : str
-        Name of the number that tells an optimum, in the history.
+        Name, in the history, of the number that tests for an optimum.
     most_raises : int
-        Times that the damping is raised beyond `DAMPINGS` before the search ends.
+        Number of times that the damping is raised beyond `DAMPINGS` before the search ends.
     least_fall : float
-        Share of the cost whose fall ends the search, whatever the tolerance.
+        Relative decrease of the cost at which the search ends, whatever the tolerance.
     """
 
     measure: str
@@ -58,7 +58,7 @@ class Steps(Protocol):
     least_fall: float
 
     def begin(self) -> Array:
-        """Return the candidate to start from."""
+        """Return the candidate at the start."""
 
     def point(self, candidate: Array) -> Array:
         """Return the estimated base parameters of a candidate, (n,)."""
@@ -66,20 +66,20 @@ class Steps(Protocol):
     def trials(
         self, candidate: Array, errors: Array, jacobian: Array, damping: float
     ) -> tuple[list[Array], float]:
-        """Return a candidate for each of `DAMPINGS`, and the measure of the optimum here."""
+        """Return a candidate for each of `DAMPINGS`, and the measure of optimality."""
 
     def met(self, measure: float, fall: float, *, accepted: bool) -> bool:
-        """Whether the search that ends has come to an optimum."""
+        """Whether the search has ended at an optimum."""
 
     def correction(self, jacobian: Array, normal: Array, cost: float) -> Advance | None:
-        """Return the undamped step with given errors (`finer_steps.corrected`); None where the outputs do not tell one."""
+        """Return the undamped step with given errors (`finer_steps.corrected`); None if the outputs do not determine it."""
 
     def finish(self, fit: Identification, candidate: Array) -> Identification:
         """Return the result at a candidate."""
 
 
 def search(problem: OutputError, steps: Steps) -> Identification:
-    """Search to the end from the start of the steps, or from where the checkpoint of the problem has it."""
+    """Search from the start, or resume from the checkpoint of the problem."""
     method = problem.method
     weigh_by_noise(problem)
     candidate, damping, history, initial = steps.begin(), 1e-3, list[Iteration](), math.nan
@@ -97,7 +97,7 @@ def search(problem: OutputError, steps: Steps) -> Identification:
     errors = every[0]
     cost = float(errors @ errors)
     initial = cost if math.isnan(initial) else initial
-    # A search that has ended stays where it is.
+    # A finished search is not continued.
     finished = found is not None and numbers["finished"]
     status = Status.CONVERGED if finished else Status.NOT_CONVERGED
     normal = np.eye(point.size)
@@ -148,7 +148,7 @@ def search(problem: OutputError, steps: Steps) -> Identification:
                 f"{each * (most - number):.0f} s left"
             )
             ended = not accepted or fall <= max(method.tolerance, steps.least_fall)
-            # (20) alone would also be met where the damping has taken all steps away.
+            # (20) alone would also hold if the damping suppressed all steps.
             converged = ended and steps.met(measure, fall, accepted=accepted)
             state = {
                 "damping": damping,
@@ -201,7 +201,7 @@ def search(problem: OutputError, steps: Steps) -> Identification:
 
 
 class SafeSteps:
-    """Steps of Gauss and Newton with damping, each kept where M(q) is positive definite; candidates are points."""
+    """Damped Gauss-Newton steps, shortened until M(q) is positive definite; candidates are points."""
 
     measure = "gradient_cosine"
     most_raises = 8
@@ -251,7 +251,7 @@ class SafeSteps:
 
 
 def weigh_by_noise(problem: OutputError) -> None:
-    """Weight outputs by the noise of their measurements, given or estimated."""
+    """Weight outputs by the given or estimated noise of their measurements."""
     method = problem.method
     q = np.concatenate([window.q for window in problem.windows])
     if len(q) <= NOISE_SAMPLES:
@@ -273,7 +273,7 @@ def weigh_by_noise(problem: OutputError) -> None:
 def _trials(
     problem: OutputError, point: Array, normal: Array, gradient: Array, diagonal: Array, dampings: Array
 ) -> Array:
-    """Return points for several dampings, each kept where M(q) is positive definite."""
+    """Return points for several dampings, with steps shortened until M(q) is positive definite."""
     size = np.sqrt(diagonal)
     scaled = normal / np.outer(size, size)
     trials = []
@@ -285,7 +285,7 @@ def _trials(
 
 
 def _correction(problem: OutputError, jacobian: Array, point: Array, errors: Array) -> Array:
-    """Return a point after an undamped step with given errors, kept where M(q) is positive definite."""
+    """Return the point after an undamped step with given errors, shortened until M(q) is positive definite."""
     normal = jacobian @ jacobian.T
     diagonal = np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0)
     return np.asarray(_trials(problem, point, normal, jacobian @ errors, diagonal, np.zeros(1))[0])
@@ -309,8 +309,8 @@ def spread_at(
 ) -> tuple[Spread, float, list[str]]:
     """Return the spread of the estimate, the condition number of the scaled columns, and remarks.
 
-    The covariance is that of the correlation which the output errors show, with the variances of the jackknife unless the settings
-    say otherwise: of the linear problem with the last Jacobian, without another simulation.
+    The covariance is that of the linear problem with the last Jacobian, without another simulation. It includes the correlation
+    of the output errors and, unless the settings say otherwise, the variances of the jackknife.
     """
     nothing = Spread(np.zeros_like(normal), None)
     if jacobian is None:

@@ -1,7 +1,7 @@
 """Nelder and Mead's simplex with the trial points of an iteration evaluated together.
 
-Reflection, expansion and both contractions depend only on the simplex: as four candidates of one simulation they cost
-little more than one, and the iterates stay those of SciPy's sequential algorithm to the last bit
+Reflection, expansion and both contractions only depend on the simplex. As four candidates of one simulation they take little
+more time than one, and the iterates equal those of SciPy's sequential algorithm to the last bit
 (``tests/test_nelder_mead.py``).
 """
 
@@ -17,7 +17,7 @@ from ..._tools.arrays import Array
 
 @dataclass(frozen=True)
 class Simplex:
-    """State of a simplex search, enough to continue it.
+    """State of a simplex search, sufficient to resume it.
 
     Attributes
     ----------
@@ -26,7 +26,7 @@ class Simplex:
     values : (n + 1,) array
         Their values.
     iterations, evaluations, simulations : int
-        So far: iterations, evaluations that the sequential algorithm would have made, and those really made.
+        Numbers of iterations, of evaluations in the sequential algorithm, and of those actually made.
     """
 
     points: Array
@@ -52,7 +52,7 @@ def edged_simplex(x: Array, edges: Array) -> Array:
 
 
 def started(batch: Callable[[Array], Array], points: Array) -> Simplex:
-    """Evaluate a first simplex and put its best vertex first."""
+    """Evaluate a first simplex, and sort its best vertex first."""
     values = batch(points)
     order = np.argsort(values)
     return Simplex(points[order], values[order], 1, len(points), len(points))
@@ -69,27 +69,27 @@ def minimise(
     max_evaluations: int,
     progress: Callable[[Simplex], bool] | None = None,
 ) -> tuple[Simplex, bool]:
-    """Search on from a simplex.
+    """Continue the search from a simplex.
 
     Parameters
     ----------
     batch : callable
-        Values of (m, n) points, (m,); infinite where a point is not allowed.
+        Function that returns values of (m, n) points, (m,); infinite for inadmissible points.
     simplex : Simplex
-        From `start`, or where an earlier search ended.
+        From `started`, or the end of an earlier search.
     adaptive : bool
-        Coefficients of Gao and Han (2012), which depend on the dimension, instead of 1, 2, 1/2, 1/2.
+        Whether to use the coefficients of Gao and Han (2012), which depend on the dimension, instead of 1, 2, 1/2, 1/2.
     x_tolerance, f_tolerance : float
-        End when all vertices are as near to the best one, and their values too.
+        Largest distances of all vertices, and of their values, from the best one at which the search ends.
     max_iterations, max_evaluations : int
-        Of this and all earlier searches that led to the simplex.
+        Upper bounds, including earlier searches that led to the simplex.
     progress : callable, optional
-        Told the simplex after every iteration; True stops.
+        Callback with the simplex after every iteration; True stops.
 
     Returns
     -------
     Simplex, bool
-        Where the search ended, and whether by the tolerances.
+        Final simplex, and whether the tolerances are met.
     """
     n = simplex.points.shape[1]
     if adaptive:

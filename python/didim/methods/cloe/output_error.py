@@ -1,4 +1,4 @@
-"""The closed-loop output error of candidates: what CLOE (19) and CLIE minimise, whichever way they search.
+"""The closed-loop output error of candidates, minimised by CLOE (19) and CLIE.
 
 Tested in ``tests/test_cloe.py``.
 """
@@ -49,7 +49,7 @@ DERIVATIVE_STEP = 1e-4
 
 @dataclass(frozen=True)
 class Window:
-    """A window of a log with the closed loop that runs along it."""
+    """A window of a log with its closed loop."""
 
     loop: ClosedLoop
     q: Array
@@ -65,11 +65,11 @@ class OutputError:
     Attributes
     ----------
     start : (n,) array
-        Estimated base parameters to start from.
+        Estimated base parameters at the start.
     scale : (n,) array
-        Change of each that changes the torques, along the reference, by as much as they are large.
+        Change of each parameter that changes the torques along the reference by their own size.
     weight_q, weight_tau : (n_dof,) arrays
-        Weights of squared position and torque errors; zero where an output does not count.
+        Weights of squared position and torque errors; zero for an unused output.
     n_simulations : int
         Simulations so far.
     """
@@ -89,13 +89,13 @@ class OutputError:
         self.weight_tau = np.full(n, 1.0 if method.output in ("torque", "both") else 0.0)
 
     def standard(self, points: Array) -> Array:
-        """Return standard parameters of (m, n) points, (m, n_parameters), with the further ones of the logs behind them."""
+        """Return standard parameters of (m, n) points, (m, n_parameters), followed by the further ones of the logs."""
         beta = np.tile(self.job.selection.values, (len(points), 1))
         beta[:, self.estimated] = points
         return np.ascontiguousarray([self.base.lift(row) for row in beta])
 
     def costs(self, points: Array) -> Array:
-        """Return sums of weighted squared errors, (m,); infinite where a run ends early or a point is not a number."""
+        """Return sums of weighted squared errors, (m,); infinite if a run ends early or a point is not finite."""
         total = np.zeros(len(points))
         good = np.isfinite(points).all(axis=1)
         total[~good] = np.inf
@@ -115,7 +115,7 @@ class OutputError:
         return total
 
     def errors(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Weighted errors of points, (m, n_rows), and which runs completed. `blocks` says where rows stand."""
+        """Return weighted errors of points, (m, n_rows), in the order of `blocks`, and which runs completed."""
         parts = [self._errors(points[k : k + TOGETHER]) for k in range(0, len(points), TOGETHER)]
         self.n_simulations += len(points)
         return np.concatenate([rows for rows, _ in parts]), np.concatenate([ended for _, ended in parts])
@@ -135,7 +135,7 @@ class OutputError:
         return np.concatenate(rows, axis=1), completed
 
     def blocks(self) -> list[Block]:
-        """Blocks of the rows: one output along one window after the other, sample by sample, joint by joint within."""
+        """Return the blocks of the rows: by output, window, sample and joint."""
         found, place, n = [], 0, self.robot.n_dof
         for window in self.windows:
             for weights in (self.weight_q, self.weight_tau):
@@ -156,20 +156,20 @@ class OutputError:
         return found
 
     def derivatives(self, point: Array, errors: Array) -> Array:
-        """Return derivatives of the weighted errors, (n, n_rows), by differences of simulations side by side."""
+        """Return derivatives of the weighted errors, (n, n_rows), by differences of parallel simulations."""
         steps = DERIVATIVE_STEP * self.scale
         moved, completed = self.errors(point + np.diag(steps))
         moved -= errors
         moved /= steps[:, None]
         if not completed.all():
-            # At the edge of the feasible set the other side is inside.
+            # At the boundary of the feasible set the step to the other side is inside.
             back = np.flatnonzero(np.logical_not(completed))
             other, inside = self.errors(point - np.diag(steps)[back])
             moved[back] = np.where(inside[:, None], (errors - other) / steps[back, None], 0.0)
         return moved
 
     def safe_share(self, point: Array, target: Array) -> float:
-        """Return the share of the way to a target that keeps M(q) positive definite."""
+        """Return the share of the step to a target for which M(q) stays positive definite."""
         x, y = self.standard(np.stack([point, target]))
         recordings = sorted({window.recording for window in self.windows})
         return min(
@@ -190,7 +190,7 @@ class OutputError:
         return other
 
     def no_start(self) -> FitError:
-        """Return the error for a start that cannot be simulated, with what becomes of its run."""
+        """Return the error for a start that cannot be simulated, with the outcome of its run."""
         x = self.standard(self.start[None])
         outcomes = [window.loop.run(self.base.standard(x, window.recording))[1][0] for window in self.windows]
         ended = next((outcome for outcome in outcomes if not outcome.completed), "gives no number")
@@ -200,13 +200,13 @@ class OutputError:
         )
 
     def checkpoint(self) -> Checkpoint:
-        """Return the file of the search, which knows this problem; of no file it need not."""
+        """Return the checkpoint of the search, tied to this problem."""
         path = self.method.checkpoint
         self.saved = Checkpoint(None, "") if path is None else Checkpoint(Path(path), self.fingerprint())
         return self.saved
 
     def fingerprint(self) -> str:
-        """Digest of all that makes two searches the same problem: the log, the closed loop, what is estimated and how."""
+        """Return the digest that identifies a problem: the log, the closed loop, the estimated parameters, the settings."""
         settings = self.settings()
         for key in ("max_iterations", "max_evaluations", "threads", "checkpoint", "tolerance", "starts"):
             settings.pop(key)
@@ -276,7 +276,7 @@ class OutputError:
         settings: dict[str, Any],
         remarks: Sequence[str] = (),
     ) -> Identification:
-        """Put together the result at a point, with the errors of the simulated torques there."""
+        """Build the result at a point, with the errors of its simulated torques."""
         x = self.standard(point[None])[0]
         errors, sizes = np.zeros(self.robot.n_dof), np.zeros(self.robot.n_dof)
         positions, n_rows, cost = [], 0, 0.0
@@ -286,7 +286,7 @@ class OutputError:
         for window in self.windows:
             own = self.base.standard(x, window.recording)
             (q, _, _, tau), _ = window.loop.run(own[None], threads=self.method.threads)
-            # The measured torque is moved back against the motion and trimmed, as by the other methods.
+            # The delay of the measured torque is compensated, and it is trimmed, as in the other methods.
             (simulated,), torque = align([np.ascontiguousarray(tau[0])], window.tau, delay.samples)
             kept = kept_samples(len(torque), window.place, self.job.signal)
             errors += np.sum((simulated - torque)[kept] ** 2, axis=0)
@@ -322,7 +322,7 @@ class OutputError:
         return replace(result, n_simulations=self.n_simulations)
 
     def settings(self) -> dict[str, Any]:
-        """Return what was asked for."""
+        """Return the settings."""
         asked = asdict(replace(self.method, start="unit", executor=None))
         del asked["executor"]
         start = self.method.chosen_start
@@ -360,7 +360,7 @@ def _windows(job: Job, output: Output) -> list[Window]:
                     f"recording '{recording.name}': the torques of joint {joint} are too large to be squared; check their unit"
                 )
             place = place_of(recording, (start, stop))
-            kept_samples(len(q), place, job.signal)  # now, not after the search
+            kept_samples(len(q), place, job.signal)  # before the search, not after it
             found.append(Window(loop, q, tau, place, number, count))
     if not found:
         raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")

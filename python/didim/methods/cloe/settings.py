@@ -24,7 +24,7 @@ Variant = Literal["scaled", "adaptive", "literal"]
 
 @dataclass(frozen=True, kw_only=True)
 class CLOESettings(MethodSettings):
-    """Settings of CLOE without its searches, which read them: the parameters are those of `didim.CLOE`.
+    """Settings of CLOE without its searches; the parameters are those of `didim.CLOE`.
 
     Raises
     ------

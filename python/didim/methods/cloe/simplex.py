@@ -1,4 +1,4 @@
-"""CLOE by the simplex of the paper: as ``fminsearch`` has it, and in a form that arrives.
+"""CLOE by the simplex of the paper: as in ``fminsearch``, and in a variant that converges.
 
 Tested in ``tests/test_cloe.py``.
 """
@@ -31,7 +31,7 @@ TOLD_EVERY = 100
 
 
 class SimplexSearch:
-    """A search that can be interrupted, saved and continued."""
+    """A search that can be interrupted, saved and resumed."""
 
     def __init__(self, problem: OutputError) -> None:
         self.problem, self.reporter, self.method = problem, problem.reporter, problem.method
@@ -45,7 +45,7 @@ class SimplexSearch:
         self.norms: list[float] = []
         self.stalled, self.patient = False, False
         self.simplex: Simplex
-        # The search is in units of the edges: a collapsed simplex is one of small fractions of them.
+        # Coordinates are in units of the first edges, so a collapsed simplex spans small fractions of 1.
         self.unit = np.ones(n)
         self.initial = float(self._values(problem.start[None])[0])
         if not math.isfinite(self.initial):
@@ -113,7 +113,7 @@ class SimplexSearch:
     def _begun(self) -> Simplex:
         start = self.problem.start
         unit = np.ones_like(start)
-        # What an interruption before the first simplex would leave.
+        # State for an interruption before the first simplex.
         alone = np.array([self.initial])
         self.simplex = Simplex(start[None], alone, iterations=1, evaluations=1, simulations=1)
         if self.literal:
@@ -125,15 +125,15 @@ class SimplexSearch:
         return first
 
     def _edged(self, point: Array, norm: float) -> tuple[Array, Array]:
-        """Return a simplex whose edges change the outputs by a share of their errors, and the lengths of these edges."""
+        """Return a simplex with edges that change the outputs by a share of their errors, and the lengths of the edges."""
         problem = self.problem
         columns = problem.derivatives(point, problem.errors(point[None])[0][0])
         sizes = np.linalg.norm(columns, axis=1)
-        # A parameter without effect here gets an edge by what it does to the torques.
+        # A parameter without effect here gets an edge by its effect on the torques.
         edges = np.where(sizes > 0.0, EDGE * norm / np.where(sizes > 0.0, sizes, 1.0), 0.1 * problem.scale)
         edges = np.minimum(edges, problem.scale)
         for k in range(point.size):
-            # Half of what keeps M(q) positive definite, on the side where that is more.
+            # Half of the largest step with M(q) positive definite, on the side with the larger one.
             way = np.zeros_like(point)
             way[k] = 2.0 * edges[k]
             up, down = problem.safe_share(point, point + way), problem.safe_share(point, point - way)
@@ -147,14 +147,14 @@ class SimplexSearch:
         Returns False once restarts no longer reduce the norm.
         """
         norm = float(self.simplex.values[0])
-        # Where a new shape does not help either it is the end that is near: from now on a simplex may collapse.
+        # If a new shape does not help either, the optimum is near, and the simplex may collapse from now on.
         self.patient |= self.stalled and norm > (1.0 - PROGRESS) * self.before
         if not self.stalled and norm >= (1.0 - WORTH) * self.before:
             return False
         old = self.simplex
         points, unit = self._edged(self.best, norm)
         fresh = started(lambda points: self._values(points * unit), points / unit)
-        # All at once, and only now: an interruption must leave the old simplex in its own units.
+        # Assigned together at the end: an interruption must leave the old simplex in its own units.
         self.before, self.norms, self.stalled, self.unit = norm, [], False, unit
         self.restarts += 1
         self.simplex = replace(
@@ -225,7 +225,7 @@ class SimplexSearch:
         )
 
     def _continued(self) -> Simplex | None:
-        """State in which an earlier run of the same search has stopped, if it left a checkpoint."""
+        """Return the state of an earlier run of the same search from its checkpoint, or None."""
         found = self.checkpoint.load()
         if found is None:
             return None

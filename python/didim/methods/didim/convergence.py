@@ -1,8 +1,8 @@
-"""How a DIDIM run ends: the rule that stopped it, and how far it still was from its fixed point.
+"""End of a DIDIM run: its stopping rule, and its distance from the fixed point.
 
-The iteration ``x <- F(x)`` contracts: near its end each step is ``rate`` times the one before, so that
-``rate / (1 - rate)`` times the last step is left to go. A slack control loop contracts slowly: the residual rests while the
-parameters still move. Distances are measured in standard deviations. Tested in ``tests/test_didim_endings.py``.
+The iteration ``x <- F(x)`` contracts: near its end each step is ``rate`` times the preceding one, and the remaining distance is
+``rate / (1 - rate)`` times the last step. With a slack control loop it contracts slowly: the residual is steady while the
+parameters still change. Distances are measured in standard deviations. Tested in ``tests/test_didim_endings.py``.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ SAFETY = 1.5
 
 @dataclass(frozen=True)
 class Contraction:
-    """How fast the iteration approaches its fixed point.
+    """Contraction of the iteration towards its fixed point.
 
     Attributes
     ----------
     rate : float
-        Norm of a step over that of the step before, in standard deviations; below 1 for an iteration that converges.
+        Ratio of the norms of successive steps, in standard deviations; below 1 for a converging iteration.
     remaining_rms, remaining_largest : float
         Estimated distance from the fixed point in standard deviations: root mean square of all parameters, and upper bound of
-        the largest; infinite where the steps do not shrink.
+        the largest; infinite if the steps do not shrink.
     """
 
     rate: float
@@ -46,16 +46,16 @@ class Contraction:
 
 @dataclass
 class Path:
-    """Steps that an iteration has made, each (b,); a shortened step begins anew."""
+    """Steps of an iteration, each (b,); a shortened step restarts the list."""
 
     steps: list[Array] = field(default_factory=list)
 
     def add(self, step: Array, *, full: bool) -> None:
-        """Take the change of the base parameters in one iteration, and whether it was the whole step."""
+        """Add the change of the base parameters in one iteration, and whether it was the full step."""
         self.steps = [*self.steps[-(MOST_STEPS - 1) :], step] if full else []
 
     def contraction(self, std: Array) -> Contraction | None:
-        """Return the contraction in units of `std`, (b,), zero for parameters that do not count; None before two full steps."""
+        """Return the contraction in units of `std`, (b,), zero for ignored parameters; None before two full steps."""
         counted_in = std > 0.0
         if len(self.steps) < 2 or not counted_in.any():
             return None
@@ -67,9 +67,9 @@ def contraction_of(steps: Sequence[Array]) -> Contraction:
 
     Notes
     -----
-    The rate is the larger of the last two ratios of norms. The distance is a geometric series, or the distance from the point
-    that two directions of contraction extrapolate to, whichever is larger. Where the ratios still rise, because the slowest
-    direction is not yet alone, the series has a rate that rises once more.
+    The rate is the larger of the last two ratios of norms. The distance is the larger of a geometric series and of an
+    extrapolation with two directions of contraction. If the ratios still rise, because the slowest direction does not yet
+    dominate, the rate of the series is raised once more.
     """
     norms = [float(np.linalg.norm(step)) for step in steps]
     ratios = [after / before for before, after in pairwise(norms) if before > 0.0]
@@ -79,7 +79,7 @@ def contraction_of(steps: Sequence[Array]) -> Contraction:
     last = np.abs(steps[-1])
     if not rate < 1.0:
         return Contraction(rate, float("inf"), float("inf"))
-    # A single jump says nothing of the slowest direction: the first steps come from far away.
+    # A single jump, as in the first steps, is not a contraction along the slowest direction.
     rising = max(0.0, min(ratios[-1] - ratios[-2], ratios[-2] - ratios[-3])) if len(ratios) > 2 else 0.0
     expected = max(rate, min(rate + rising, LARGEST_RATE))
     left = SAFETY * expected / (1.0 - expected)
@@ -92,7 +92,7 @@ def contraction_of(steps: Sequence[Array]) -> Contraction:
 
 
 def _extrapolated(steps: Sequence[Array]) -> Array | None:
-    """Distance to the fixed point by minimal polynomial extrapolation with two modes; None with too few or unusable steps."""
+    """Return the distance to the fixed point by minimal polynomial extrapolation with two modes, or None."""
     if len(steps) < 4:
         return None
     # s_{k+2} + a s_{k+1} + b s_k = 0 for two modes; the sum of all steps to come follows from a and b.
@@ -135,7 +135,7 @@ def rule_sentence(
 
 
 def slow_sentence(contraction: Contraction, n_iterations: int) -> str:
-    """Say that the iteration contracts slowly, and how far its end may be."""
+    """Return the sentence on slow contraction and the remaining distance."""
     if not np.isfinite(contraction.remaining_largest):
         return (
             f"the steps do not shrink (factor {contraction.rate:.2g} per iteration): the distance from the fixed point is "
@@ -149,7 +149,7 @@ def slow_sentence(contraction: Contraction, n_iterations: int) -> str:
 
 
 def best_sentence(iteration: int, n_iterations: int, error: float) -> str:
-    """Say which point a run that did not converge returns."""
+    """Return the sentence on the point returned by a run that did not converge."""
     which = "the start" if iteration == 0 else f"iteration {iteration}"
     return (
         f"The result is the best of the start and {counted(n_iterations, 'iteration')}, {which}, with simulated torques off by "
@@ -158,7 +158,7 @@ def best_sentence(iteration: int, n_iterations: int, error: float) -> str:
 
 
 def lost_sentence(n_iterations: int, error: float) -> str:
-    """Say that a run has given up."""
+    """Return the sentence on a run that gave up."""
     return (
         f"gave up after {n_iterations} iterations in a row with simulated torques {100.0 * error:.3g} % off: no robot in this "
         "closed loop explains the log; check the signs of the torques, the controller and the reference"
@@ -166,7 +166,7 @@ def lost_sentence(n_iterations: int, error: float) -> str:
 
 
 def stuck_sentence(stuck: Mapping[int, str]) -> str:
-    """Say which parameters were kept because simulated joints stuck; `stuck` has their names by iteration, 0 for the start."""
+    """Return the sentence on parameters left unchanged because simulated joints stuck; `stuck` has their names by iteration."""
     first = min(stuck)
     where = "the start" if first == 0 else f"iteration {first}"
     more = (
@@ -179,7 +179,7 @@ def stuck_sentence(stuck: Mapping[int, str]) -> str:
 
 
 def step_sentence(error: Array, size: Array) -> str:
-    """Say that the steps of the integration are too large; error and size of the torques are (n_dof,), rms (N.m or N)."""
+    """Return the sentence on too large time steps; error and size of the torques are (n_dof,), rms (N.m or N)."""
     if not np.isfinite(error).all():
         return "the integration step is too large: with half of it the simulation ends early; reduce step_s and fine_step_s"
     joint = int(np.argmax(np.divide(error, size, out=np.full_like(error, np.inf), where=size > 0.0)))

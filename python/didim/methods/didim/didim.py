@@ -1,8 +1,8 @@
 """DIDIM: closed-loop output error on the torques, by linear least squares per iteration (section IV of the paper).
 
-The closed loop is simulated with the current parameters; the regressor along the simulated motion, filtered and decimated
-in parallel with the measured torques, gives the next ones by least squares. Only torques are needed: no positions, no
-velocities, no band-pass filter. By default every iterate is a robot: (7) is solved under physical conditions. Tested in
+The closed loop is simulated with the current parameters; the regressor along the simulated motion, filtered and decimated in
+parallel with the measured torques, gives the next parameters by least squares. Only torques are needed, neither positions and
+velocities nor a band-pass filter. By default every iterate is a robot: (7) is solved with physical constraints. Tested in
 ``tests/test_didim.py`` and ``tests/test_consistent.py``.
 """
 

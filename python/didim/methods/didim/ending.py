@@ -1,4 +1,4 @@
-"""The end of a run of DIDIM: its result, and the sentences that a reader must know. Tested in ``tests/test_didim_endings.py``."""
+"""The end of a run of DIDIM: its result, and sentences on it. Tested in ``tests/test_didim_endings.py``."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def result_at(
     first_error: float,
     remarks: Sequence[str],
 ) -> Identification:
-    """Put together the result at a point, with the errors of its parameters; without standard deviations unless converged.
+    """Build the result at a point, with the errors of its parameters; without standard deviations unless converged.
 
     Parameters
     ----------
     point, solved
-        Iterate, and the linear system along its motion or the motion before it, solved.
+        Iterate, and the solved linear system along its motion or the preceding one.
     problem
-        What was solved, and the closed loops of the log.
+        Problem, with the closed loops of the log.
     status, ending, history
         As in `Identification`.
     first_error
@@ -52,7 +52,7 @@ def result_at(
     if fit.standard is not None:
         fit = replace(fit, standard=point.x)
     if not status.converged:
-        # (10) holds at the minimum: of any other point it says nothing.
+        # (10) is only valid at the minimum.
         fit = replace(fit, covariance=np.zeros_like(fit.covariance))
     suspected = problem.suspected(system, fit, converged=status.converged)
     result = fitted(
@@ -86,7 +86,7 @@ def result_at(
 
 
 def _sentences(point: Iterate, problem: Problem, *, suspected: bool) -> list[str]:
-    """Sentences on stuck joints, the steps in time, and the reference."""
+    """Return sentences on stuck joints, time steps and the reference."""
     found, simulator = [], problem.simulator
     if problem.stuck:
         found.append(stuck_sentence(problem.stuck))
@@ -94,7 +94,7 @@ def _sentences(point: Iterate, problem: Problem, *, suspected: bool) -> list[str
         simulated = point.simulated
         fine, torque = simulator.finer(point.x, simulated), simulated.motions[0][3]
         error, size = (np.sqrt(np.mean(values**2, axis=0)) for values in (fine - torque, fine))
-        # With a wrong log no step is small enough.
+        # With a wrong log no time step is small enough.
         if not suspected and not np.all(error <= LARGE_ERROR * size):
             found.append(step_sentence(error, size))
     if getattr(simulator.experiment.reference, "kind", "") == "measured":

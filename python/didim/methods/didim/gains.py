@@ -1,4 +1,4 @@
-"""Made-up gains in an experiment: those of a robot, by rule (D). Tested in ``tests/test_consistent_methods.py``."""
+"""Invented gains in an experiment, computed from a robot by rule (D). Tested in ``tests/test_consistent_methods.py``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ...loop.tuning import made_up
 
 
 def with_gains(experiment: Experiment, x: Array, q: Array) -> Experiment:
-    """Return an experiment whose made-up controller, if it has one, has the gains of a robot by rule (D)."""
+    """Return the experiment with gains by rule (D) from a robot, if its controller is invented."""
     spec = experiment.controller
     if not isinstance(spec, ControllerSpec) or spec.settings.get("kind") != "made-up":
         return experiment
@@ -29,7 +29,7 @@ def with_gains(experiment: Experiment, x: Array, q: Array) -> Experiment:
 
 @dataclass(frozen=True)
 class Ready:
-    """A controller that needs no reference."""
+    """A controller independent of the reference."""
 
     controller: Controller
 

@@ -1,4 +1,4 @@
-"""How far an iteration goes towards its solution: as M(q) > 0 allows, or by secant steps whose torques fit no worse.
+"""Globalisation: length of the step towards the solution, by M(q) > 0, or by secant steps without loss of fit.
 
 Tested in ``tests/test_didim.py`` and ``tests/test_consistent.py``.
 """
@@ -31,7 +31,7 @@ class Globalisation(Protocol):
     """A rule for the step from an iterate towards the solution of its system."""
 
     def step(self, iterate: Iterate, solved: Solved) -> Step:
-        """Go towards the solution, and simulate there."""
+        """Take a step towards the solution, and simulate the new iterate."""
 
 
 def in_sigma(problem: Problem, solved: Solved, step: Array) -> float:
@@ -43,27 +43,27 @@ def in_sigma(problem: Problem, solved: Solved, step: Array) -> float:
 
 
 class SafeSteps:
-    """Steps that keep M(q) > 0, halved until the simulation after them reaches its end."""
+    """Steps with M(q) > 0, halved until the simulation completes."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.reporter = problem, problem.reporter
         self.method, self.simulator = problem.method, problem.simulator
 
     def step(self, iterate: Iterate, solved: Solved) -> Step:
-        """Go towards the solution as far as M(q) > 0 and the simulation there allow."""
+        """Take the longest step towards the solution with M(q) > 0 and a complete simulation."""
         largest = self._largest(iterate, solved.target)
         moved = in_sigma(self.problem, solved, solved.target - iterate.x)
-        # The simulation that may be the last one has its check of the steps in time beside it.
+        # If this simulation may be the last one, its time steps are checked in parallel.
         length, after = self._advance(iterate, solved.target, largest, moved <= self.method.sigma_fraction)
         if length < largest and self.simulator.take_small_steps():
-            # A step that keeps M(q) > 0 leads to a robot; that it cannot be simulated is a matter of the steps in time.
+            # With M(q) > 0 the iterate is a robot; a failed simulation then needs smaller time steps.
             again = self.simulator.simulate(iterate.x, iterate.simulated.scale)
             if isinstance(again, Simulated):
                 return Step(length, largest, moved, replace(iterate, simulated=again), repeated=True)
         return Step(length, largest, moved, after)
 
     def _largest(self, iterate: Iterate, target: Array) -> float:
-        """Largest share of the way that keeps M(q) > 0 of the robot with every payload."""
+        """Return the largest share of the step with M(q) > 0 for every payload."""
         parameters = self.problem.base
         groups: dict[int, list[Array]] = {}
         for window, motion in zip(self.simulator.windows, iterate.simulated.motions, strict=True):
@@ -82,11 +82,11 @@ class SafeSteps:
     def _advance(
         self, iterate: Iterate, target: Array, largest: float, checked: bool
     ) -> tuple[float, Iterate | Outcome]:
-        """Halve the step until the simulation after it reaches its end; stay where no step does."""
+        """Halve the step until the simulation completes; keep the iterate if none does."""
         length, ended = largest, Outcome(SimulationStatus.DIVERGED)
         for _ in range(MOST_HALVINGS):
             x = iterate.x + length * (target - iterate.x) if length < 1.0 else target
-            # With "first" the scale has served its turn; after a full step it would only spoil known gains.
+            # With "first" the scale is no longer needed; after a full step it would falsify known gains.
             updating = self.method.gain_updating == "always" and length < 1.0
             found = self.simulator.simulate(x, self.simulator.gain_scale(x) if updating else None, checked)
             if isinstance(found, Simulated):
@@ -98,9 +98,9 @@ class SafeSteps:
 
 
 class SecantSteps:
-    """Steps among robots: from the third on secant steps of at most 1, shorter where the torques fit clearly worse.
+    """Steps among robots: from the third on secant steps of at most 1, shortened if the torques fit clearly worse.
 
-    The robots are a convex set, so no step needs M(q) to be looked at; secant steps end two-cycles.
+    The robots are a convex set, so M(q) need not be checked; secant steps break two-cycles.
     """
 
     def __init__(self, problem: ConsistentProblem) -> None:
@@ -110,7 +110,7 @@ class SecantSteps:
         self._length = 1.0
 
     def step(self, iterate: Iterate, solved: Solved) -> Step:
-        """Go towards the solution by a secant step, halved where a run ends early or the cost of the torques rises."""
+        """Take a secant step towards the solution, halved if a run ends early or the torque cost rises."""
         estimated = self.problem.job.selection.estimated
         ahead = self.problem.base.project(solved.target - iterate.x)[estimated]
         wanted = self._secant(ahead, inverse(solved.fit.covariance)) if iterate.iteration >= 2 else 1.0
@@ -120,7 +120,7 @@ class SecantSteps:
         return Step(length, 1.0, moved, after, wanted)
 
     def _secant(self, ahead: Array, metric: Array) -> float:
-        """Length that would have ended the last step where its gradient vanishes; at most 1."""
+        """Return the length at which the gradient along the last step would have vanished; at most 1."""
         before = self._before
         old = 0.0 if before is None else float(before @ metric @ before)
         if before is None or not old > 0.0:

@@ -37,15 +37,15 @@ class Iterations:
     Attributes
     ----------
     problem : Problem
-        What is solved along the motion of an iterate.
+        Linear problem along the motion of an iterate.
     globalisation : Globalisation
-        How far an iteration goes towards its solution.
+        Rule for the length of a step.
     history : list of Iteration
         Iterations so far.
     status : Status
-        Ending, as far as it is known.
+        Ending, if known.
     over : bool
-        Whether the last iteration has been made.
+        Whether the run has ended.
     solved : Solved
         The last solution.
     """
@@ -66,7 +66,7 @@ class Iterations:
 
     @classmethod
     def of(cls, method: DIDIMSettings, job: Job, reporter: Reporter) -> Iterations:
-        """Return the iterations of a job: among robots where its solver is consistent."""
+        """Return the iterations of a job: among robots if its solver is consistent."""
         if isinstance(job.solver, ConsistentSolver):
             consistent = ConsistentProblem(method, job, job.solver, reporter)
             return cls(consistent, SecantSteps(consistent))
@@ -74,18 +74,18 @@ class Iterations:
         return cls(problem, SafeSteps(problem))
 
     def result(self) -> Identification:
-        """Iterate to the end, and put the result together."""
+        """Iterate to the end, and build the result."""
         iterate = self._best = self.begin()  # the start, (17) by default
         self._first_error = iterate.simulated.error
         while not self.over:
             system = self.problem.observe(iterate)  # Y, and W along the simulated motion, (6)
             solved = self.problem.solve(iterate, system)  # (7) and (8)
             step = self.globalisation.step(iterate, solved)  # towards the solution, and simulated there
-            iterate = self.stop(iterate, solved, step)  # or go on from here
+            iterate = self.stop(iterate, solved, step)  # or continue from here
         return self._finish(iterate)
 
     def begin(self) -> Iterate:
-        """Simulate the start, with smaller steps in time where those of the experiment do not do."""
+        """Simulate the start, with smaller time steps if those of the experiment fail."""
         x = self.problem.start()
         scale = self.simulator.gain_scale(x)
         simulated = self.simulator.simulate(x, scale)
@@ -96,7 +96,7 @@ class Iterations:
         return Iterate(x, simulated, 0)
 
     def stop(self, iterate: Iterate, solved: Solved, step: Step) -> Iterate:
-        """Record the iteration, and end the run where the rule or the callback says so; return the iterate reached."""
+        """Record the iteration, and end the run by the stopping rule or the callback; return the current iterate."""
         if isinstance(step.after, Iterate) and step.repeated:
             return step.after
         self.solved = solved
@@ -111,7 +111,7 @@ class Iterations:
         self.status = Status.STOPPED if stopped else Status.NOT_CONVERGED
         self._compare(after)
         if not stopped and self._rule_holds(after, solved, step):
-            # Repeat the last iterations with the experiment's own steps in time: the result must not depend on the start.
+            # Repeat the last iterations with the experiment's time steps, so the result does not depend on the start.
             usual = self.simulator.take_usual_steps(after.x)
             if usual is not None:
                 return replace(after, simulated=usual)
@@ -121,7 +121,7 @@ class Iterations:
         return after
 
     def _compare(self, after: Iterate) -> None:
-        """Keep the best iterate, and give up where nothing but worse ones follow."""
+        """Record the best iterate, and give up if only worse ones follow."""
         error, best = after.simulated.error, self._best.simulated.error
         self._lost = self._lost + 1 if error >= max(1.0, best) else 0
         if error < best:
@@ -131,7 +131,7 @@ class Iterations:
             self._remarks.append(lost_sentence(self._lost, error))
 
     def _finish(self, iterate: Iterate) -> Identification:
-        """Put together the result: the last iterate if the iterations converged, the best one otherwise."""
+        """Build the result: the last iterate if the iterations converged, the best one otherwise."""
         solved, best = self.solved, self._best
         if self.status is not Status.CONVERGED:
             iterate = best
@@ -150,7 +150,7 @@ class Iterations:
         )
 
     def _settle(self, iterate: Iterate, solved: Solved) -> Iterate:
-        """End the run, at the fixed point in a slack loop; with instruments or unknown gains the iteration is another one."""
+        """End the run, in a slack loop at the fixed point; not with instruments or unknown gains, whose iteration differs."""
         self.over = True
         problem, method = self.problem, self.method
         if self._exact or problem.instrumental or problem.base.n_gains:
@@ -183,7 +183,7 @@ class Iterations:
         return Iterate(end.place.x, end.place.simulated, len(self.history))
 
     def _entry(self, iterate: Iterate, solved: Solved, step: Step) -> Iteration:
-        """Entry of the history."""
+        """Return the entry of the history."""
         after = step.after
         x = after.x if isinstance(after, Iterate) else iterate.x
         norm = float(np.linalg.norm(solved.fit.residual))
@@ -209,13 +209,13 @@ class Iterations:
         )
 
     def _rule_holds(self, after: Iterate, solved: Solved, step: Step) -> bool:
-        """Whether the residual or the parameters have come to rest; keeps the sentence on the rule that fired."""
+        """Whether the residual or the parameters have converged; stores the sentence on the rule."""
         method, entry = self.method, self.history[-1]
         change = entry.more["residual_change"]
-        # A diverging robot may have steady residuals; it is further from the log than no torque at all.
+        # A diverging robot may have steady residuals, but is further from the log than zero torque.
         sound = step.length >= step.wanted and after.simulated.error < 1.0 and not solved.kept
         sound = sound and len(self.history) >= self._attempts.patience
-        # Without noise the residual, and the sigmas made of it, end as rounding.
+        # Without noise the residual, and the sigmas from it, become rounding.
         self._exact = entry.relative_error <= ROUNDING
         steady = change <= method.tolerance and step.moved <= self.problem.steady_within
         if not sound or not (self._exact or step.moved <= method.sigma_fraction or steady):

@@ -1,9 +1,9 @@
-"""What an iteration of DIDIM and IDIM-IV solves: (7) along the simulated motion, or along the measured one with instruments.
+"""Linear problem of an iteration: (7) along simulated motion (DIDIM), or along measured motion with instruments (IDIM-IV).
 
     DIDIM      W, y of (7) along the motion of the iterate
     IDIM-IV    W, y along the measured motion, instruments along that of the iterate
 
-solved by the solver of the run, in part where the motion does not identify all, or under the conditions of a robot. Tested
+solved by the solver of the run, for the identifiable parameters only, or with physical constraints. Tested
 in ``tests/test_didim.py``, ``tests/test_consistent.py`` and ``tests/test_contrast.py``.
 """
 
@@ -53,7 +53,7 @@ STARTS = ("consistent", "idim-ls")
 
 
 class Problem:
-    """The linear system of an iterate, solved as far as the motion identifies the parameters.
+    """The linear system of an iterate, solved for the parameters that its motion identifies.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Problem:
     steady_within : float
         Largest change in standard deviations at which a steady residual ends the iteration.
     most_lost : float
-        Iterations in a row, farther from the log than no torque at all and than the best one, after which the run gives up.
+        Number of successive iterations, further from the log than zero torque and than the best one, after which the run gives up.
     """
 
     steady_within = np.inf
@@ -88,11 +88,11 @@ class Problem:
 
     @property
     def instrumental(self) -> bool:
-        """Whether the simulated motion gives the instruments of the measured one."""
+        """Whether the simulated motion provides instruments for the measured one."""
         return self.method.motion == "measured"
 
     def start(self) -> Array:
-        """Return the standard parameters to start from, with fixed and dropped ones at their values."""
+        """Return the standard parameters of the start, with fixed and dropped ones at their values."""
         start = self.method.chosen_start
         further: dict[str, float] = {}
         if isinstance(start, str) and start == "idim-ls":
@@ -118,13 +118,13 @@ class Problem:
         return x
 
     def no_start(self, reason: str) -> FitError:
-        """Return the error of a start that cannot be simulated."""
-        # A log that is wrong makes IDIM-LS wrong, which may be the start and scales the gains.
+        """Return the error for a start that cannot be simulated."""
+        # A wrong log makes IDIM-LS wrong, which may be the start and scales the gains.
         why = "".join(f"; {finding.sentence}" for finding in self.simulator.suspicions())
         return FitError(f"DIDIM cannot start from these parameters: {reason}{why}")
 
     def observe(self, iterate: Iterate) -> LinearSystem:
-        """Return (7): measured torques, and the regressor along the simulated motion or beside its instruments."""
+        """Return (7): measured torques, and the regressor along the simulated motion or with instruments from it."""
         parts = self.simulator.segments(iterate.simulated)
         along = self._about(iterate, self.job.system(parts, self.base.project(iterate.x)))
         if not self.instrumental:
@@ -132,9 +132,9 @@ class Problem:
         return replace(self._about(iterate, self.measured), instruments=along.w)
 
     def _about(self, iterate: Iterate, system: LinearSystem) -> LinearSystem:
-        """Return a system as it is, or with unknown drive gains the system that is linear in them about an iterate.
+        """Return a system, linearised about an iterate if drive gains are unknown.
 
-        The start knows nothing of the torques, so the first system is about the estimate with its gains.
+        The start contains no information on the torques, so the first system is about the estimate with its gains.
         """
         n = self.base.n_gains
         if not n:
@@ -151,8 +151,8 @@ class Problem:
     def solve(self, iterate: Iterate, system: LinearSystem) -> Solved:
         """Solve the system of an iterate.
 
-        Parameters that this motion does not identify, because simulated joints stick in friction, keep the values of the iterate;
-        it is the log that lacks them only if the measured motion does not identify them either.
+        Parameters that this motion does not identify, because simulated joints stick in friction, keep the values of the
+        iterate. The log is at fault only if the measured motion does not identify them either.
         """
         job = self.job
         try:
@@ -170,19 +170,19 @@ class Problem:
         return Solved(system, fit, target, std, kept)
 
     def _blame_log(self) -> None:
-        """Raise the error of a log whose measured motion does not identify all parameters either."""
+        """Raise the error on the log, if its measured motion does not identify all parameters either."""
         try:
             self.simulator.direct()
         except RankError:
             raise
         except DidimError:
-            return  # the measured motion says nothing
+            return  # the measured motion is not available
 
     def suspected(self, system: LinearSystem, fit: Fit, *, converged: bool) -> list[Finding]:
-        """Return what looks wrong with the torques of a result."""
+        """Return the suspected faults of a result's torques."""
         if not converged:
             return self.simulator.suspicions()
-        # With unknown gains the rows are those of the motors, and the sign of a gain is estimated.
+        # With unknown gains the rows are on the motor side, and the sign of a gain is estimated.
         return torque_findings(system) if not self.base.n_gains else []
 
     @property
@@ -191,7 +191,7 @@ class Problem:
         return self.simulator.remarks
 
     def evidence(self, suspected: Sequence[Finding], output_error: float) -> list[Finding]:
-        """Return what speaks against a result."""
+        """Return the findings against a result."""
         updating = self.method.gain_updating != "never"
         return [*suspected, *following_findings(output_error, updating=updating)]
 
@@ -219,10 +219,10 @@ class Problem:
 
 
 class ConsistentProblem(Problem):
-    """The system under the conditions of a robot: every iterate is one.
+    """The system with physical constraints: every iterate is a robot.
 
-    The prior is sized by the log along its measured motion, made-up gains are those of the consistent solution there, and the
-    conditions (B) are those of the largest step that the log allows.
+    The log along its measured motion defines the size of the prior, invented gains (from the consistent solution), and the
+    conditions (B) of the largest admissible time step.
     """
 
     steady_within = 3.0
@@ -235,7 +235,7 @@ class ConsistentProblem(Problem):
         try:
             parts = job.parts("fit", simulator.delay)
         except DidimError:
-            # Without positions the motion is that of the reference, as long as nothing is simulated.
+            # Without positions the reference replaces the motion before the first simulation.
             parts = self._references()
         self.measured = job.system(parts)
         q = np.concatenate([part.q for part in parts])
@@ -264,7 +264,7 @@ class ConsistentProblem(Problem):
         return segments_of(windows, Simulated(motions, None, 0.0))
 
     def start(self) -> Array:
-        """Return standard parameters to start from, those of a robot."""
+        """Return the standard parameters of the start, which belong to a robot."""
         start = self.method.chosen_start
         assert self.conditions is not None
         assert self.direct.standard is not None
@@ -279,12 +279,12 @@ class ConsistentProblem(Problem):
         return self.conditions.solve(root, root @ target).x
 
     def no_start(self, reason: str) -> FitError:
-        """Return the error of a start that cannot be simulated."""
+        """Return the error for a start that cannot be simulated."""
         why = "".join(f"; {finding.sentence}" for finding in self.contradictions)
         return FitError(f"consistent DIDIM cannot start from these parameters: {reason}{why}")
 
     def solution(self, system: LinearSystem) -> Fit:
-        """Solve a system under the conditions; with instruments their estimate is moved to the nearest robot (10)."""
+        """Solve a system with the constraints; an estimate with instruments is projected to the nearest robot (10)."""
         if system.instruments is None:
             return self.solver(system, self.job.settings)
         problem = self.conditions
@@ -307,16 +307,16 @@ class ConsistentProblem(Problem):
         )
 
     def suspected(self, system: LinearSystem, fit: Fit, *, converged: bool) -> list[Finding]:
-        """Return what looks wrong with the torques of a result, unless that is known already."""
+        """Return the suspected faults of a result's torques, unless already known."""
         return torque_findings(system) if converged and not self.contradictions else []
 
     @property
     def remarks(self) -> Sequence[str]:
-        """What contradicts the torques."""
+        """Return sentences on contradictions of the torques."""
         return [finding.sentence for finding in self.contradictions]
 
     def evidence(self, suspected: Sequence[Finding], output_error: float) -> list[Finding]:
-        """Return what speaks against a result."""
+        """Return the findings against a result."""
         return [
             *suspected,
             *self.contradictions,

@@ -1,16 +1,15 @@
-r"""How the torques of the simulated robot answer to its parameters, beside the regressor along its motion.
+r"""Response of the simulated torques to the parameters, compared with the regressor along the motion.
 
-DIDIM takes ``d tau_s / d beta`` for the regressor W: it neglects how the motion depends on the parameters. In a tight loop it
-hardly does. In a slack one it does, and with ``S = d tau_s / d beta`` in the rows of (7), ``A`` and ``A_S`` the weighted W and S,
-``A = Q R``:
+DIDIM approximates ``d tau_s / d beta`` by the regressor W and neglects the dependence of the motion on the parameters. In a
+tight loop this dependence is small. In a slack one it is not. With ``S = d tau_s / d beta`` in the rows of (7), ``A`` and
+``A_S`` the weighted W and S, ``A = Q R``:
 
     F(beta) - beta* = P J (beta - beta*),  J = 1 - R^-1 Q^T A_S        one iteration of DIDIM near its fixed point
     beta* = beta + K (F(beta) - beta),     K = (1 - P J)^-1            a step of Newton's method to it
     C = G^-1 Q^T Sigma Q G^-T,             G = Q^T A_S                 covariance of the fixed point, instead of (10)
 
-``P`` is the derivative of the solution by that of plain least squares: 1 without conditions, and what is left of a change
-where the conditions of a robot hold some directions. Without P a step of Newton's method points out of the robots, and no
-step along the edge comes nearer.
+``P`` is the derivative of the solution with respect to that of plain least squares: 1 without constraints, and a projection if
+physical constraints are active. Without P a Newton step would leave the set of robots and stall at its boundary.
 
 The fixed point is the estimate with instruments W: ``W^T (y - tau_s) = 0``. The columns of S are differences of
 simulations. Tested in ``tests/test_slack_loop.py``.
@@ -49,7 +48,7 @@ def noise_of(fit: Fit) -> float:
 
 
 def response_to(system: LinearSystem, fit: Fit, rows: Rows, base: Array, direction: Array) -> Array | None:
-    """Return the derivative of the torques (r,) along a change of the parameters, (n,); `base` are the torques without it."""
+    """Return the derivative of the torques (r,) along a change of the parameters, (n,); `base` are the unchanged torques."""
     size = float(np.linalg.norm((system.w @ direction) * fit.weights))
     if not size > 0.0:
         return None
@@ -59,9 +58,10 @@ def response_to(system: LinearSystem, fit: Fit, rows: Rows, base: Array, directi
 
 
 def share_moved(system: LinearSystem, fit: Fit, rows: Rows, base: Array) -> float | None:
-    """Return the size of J by one random direction: nearly its Frobenius norm, in standard deviations; None if it cannot be known.
+    """Estimate the size of J by one random direction: nearly its Frobenius norm, in standard deviations; None if unknown.
 
-    All directions are alike in the coordinates ``R beta``, and a single one sees the sum of all squares.
+    In the coordinates ``R beta`` all directions are equivalent, and the expected square along a random one is the sum of all
+    squares.
     """
     weighted = system.w * fit.weights[:, None]
     size = np.linalg.norm(weighted, axis=0)
@@ -69,7 +69,7 @@ def share_moved(system: LinearSystem, fit: Fit, rows: Rows, base: Array) -> floa
         return None
     q, triangle = np.linalg.qr(weighted / size)
     n = len(size)
-    # Signs of the triangle are a matter of the library: with a positive diagonal there is one direction for all.
+    # The signs of the triangle depend on the library; a positive diagonal makes the direction unique.
     signs = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)
     random = np.random.default_rng(n).choice([-1.0, 1.0], n)
     if abs(np.diag(triangle)).min() < 1.0 / LARGEST_CONDITION:
@@ -95,7 +95,7 @@ class Response:
     gain : (n, n) array
         K.
     rate : float
-        Largest absolute eigenvalue of P J: what an iteration leaves of the slowest direction.
+        Largest absolute eigenvalue of P J: the contraction rate along the slowest direction.
     """
 
     slopes: Array
@@ -107,7 +107,7 @@ class Response:
     def at(
         cls, system: LinearSystem, fit: Fit, rows: Rows, base: Array, share: Array | None = None
     ) -> Response | None:
-        """Return the response at an iterate by a simulation for each parameter; None where one ends early, or G is singular.
+        """Return the response at an iterate, by one simulation per parameter; None if one ends early, or G is singular.
 
         `share` is P, (n, n); None for 1.
         """
@@ -137,7 +137,7 @@ class Response:
         return response if share is None else response.under(share)
 
     def under(self, share: Array) -> Response:
-        """Return the response of an iteration under conditions that leave P, (n, n), of a change."""
+        """Return the response of an iteration with constraints and their projection P, (n, n)."""
         held = share @ self.jacobian
         gain = np.asarray(np.linalg.inv(np.eye(len(held)) - held), dtype=np.float64)
         return replace(self, gain=gain, rate=float(np.abs(np.linalg.eigvals(held)).max()))
@@ -160,6 +160,6 @@ class Response:
         return replace(fit, covariance=spread[:n, :n], factors=factors)
 
     def wider(self, system: LinearSystem, fit: Fit, settings: LeastSquaresSettings) -> float:
-        """Largest factor from the standard deviations of (10) to those of the fixed point."""
+        """Return the largest ratio of the fixed point's standard deviations to those of (10)."""
         before, after = fit.std, self.with_errors(system, fit, settings).std
         return float(np.max(np.divide(after, before, out=np.ones_like(before), where=before > 0.0)))

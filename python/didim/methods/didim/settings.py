@@ -16,33 +16,32 @@ GainUpdating = Literal["first", "always", "never"]
 
 @dataclass(frozen=True, kw_only=True)
 class DIDIMSettings(FitSettings):
-    """Settings of DIDIM, beside those of `FitSettings`.
+    """Settings of DIDIM, in addition to those of `FitSettings`.
 
     Parameters
     ----------
     start : str, mapping, array or Identification, optional
         Initial parameters (`didim.methods.start.standard_start`): "consistent" for the consistent solution along the measured
-        motion, "prior" for the robot that the estimate is drawn to, "unit" for (17), "idim-ls", a parameter set of the robot
-        file, ... The default is "consistent" for physically consistent estimates and "unit" for plain ones. A consistent run
-        begins with the robot nearest to the start.
+        motion, "prior" for the robot of the prior, "unit" for (17), "idim-ls", a parameter set of the robot file, ... The
+        default is "consistent" for physically consistent estimates and "unit" for plain ones. A consistent run begins with the
+        robot nearest to the start.
     tolerance : float
-        Stop when the norm of the residual changes by less than this share (absolute value of the change; the paper takes
-        2.5 %).
+        Stop when the norm of the residual changes by less than this share (absolute value; 2.5 % in the paper).
     sigma_fraction : float
-        Or when no parameter changes by more than this fraction of its standard deviation. The result names the rule that
-        fired. A slack loop then goes on to the fixed point by Newton's method, and has the standard deviations of that point
+        Alternatively stop when no parameter changes by more than this fraction of its standard deviation. The result names the
+        rule that fired. With a slack loop, Newton's method then continues to the fixed point and gives its standard deviations
         (`didim.methods.didim.slack`).
     max_iterations : int
-        Least-squares solutions at most.
+        Upper bound of the least-squares solutions.
     gain_updating : {"first", "always", "never"}
         Scale the gains of the simulated controller by ``J(x) / J``, joint by joint, in the first simulation, also after every
         step that had to be shortened, or never; ``J`` is the mean of ``diag M(q)`` along the reference, once for the parameters
-        simulated and once for the IDIM-LS estimate. A robot far from the real one then tracks like it. After a full step
-        the gains are those of the controller, so that the result does not depend on it.
+        simulated and once for the IDIM-LS estimate. A robot far from the real one then tracks like it. After a full step the
+        gains are those of the controller, so the result does not depend on the scaling.
     margin : float
-        A step that must be shortened keeps at least this share of M(q), at every position of the motion (between 0 and 1).
+        Share of M(q) that a shortened step preserves, at every position of the motion (between 0 and 1).
     stop : bool
-        False to make all iterations, whatever the rule says.
+        False to disable the stopping rules.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Rates of a simulated robot, the steps that follow from them, and which conditions (B) a log allows.
+"""Rates of a simulated robot, the resulting time steps, and the conditions (B) that a log allows.
 
     lambda_max( M(q)^-1 diag(Fv + kv + Fc/v) ) <= max_j (Fv_j + kv_j + Fc_j/v_j) / Ia_j <= c/h     for every q      (C)
 
@@ -46,12 +46,12 @@ def damping_of(controller: Controller) -> Array:
 def simulable(
     solver: ConsistentSolver, system: LinearSystem, settings: LeastSquaresSettings, damping: Array
 ) -> tuple[ConsistentSolver, Fit, float | None]:
-    """Return the solver with the conditions (B) of the largest step that the log allows, its solution and that step (s).
+    """Return the solver with the conditions (B) of the largest admissible step, its solution and that step (s).
 
     Parameters
     ----------
     solver : ConsistentSolver
-        Its robot has smooth friction.
+        Solver whose robot has smooth friction.
     system : LinearSystem
         Rows along the measured motion.
     settings : LeastSquaresSettings
@@ -71,7 +71,7 @@ def simulable(
         bound = solver.on(system, wanted)
         try:
             other = bound(system, settings)
-        except FitError:  # rotors that are fixed or dropped contradict (B)
+        except FitError:  # fixed or dropped rotors contradict (B)
             return free, fit, None
         if float(np.sum((other.residual * fit.weights) ** 2)) <= (1.0 + COST) * cost:
             return bound, other, step
@@ -114,7 +114,7 @@ def rates(robot: Robot, x: Array, q: Array, damping: Array) -> tuple[float, Arra
 
 
 def largest_rates(robot: Robot, each: Array, q: Array, damping: Array) -> tuple[float, Array]:
-    """Return the largest of the `rates` of several robots, standard parameters (m, p): those of the recordings of a log."""
+    """Return the largest of the `rates` of several robots, standard parameters (m, p), one per recording."""
     found = [rates(robot, x, q, damping) for x in each]
     return max(slow for slow, _ in found), np.asarray(np.max([fast for _, fast in found], axis=0))
 
@@ -131,7 +131,7 @@ def _largest(drives: Drives, x: Array, choices: Sequence[Terms]) -> Array:
 def chosen_steps(slow: float, fast: Array, settings: SimulationSettings) -> tuple[float, tuple[float, ...]]:
     """Return the steps (s) for rates: coarse, and fine per joint, at most those of the experiment.
 
-    They are rounded down to quarter octaves, so neighbouring iterates share a schedule.
+    They are rounded down to quarter octaves, so similar iterates share a schedule.
     """
 
     def below(cap: float, rate: float) -> float:
@@ -139,7 +139,7 @@ def chosen_steps(slow: float, fast: Array, settings: SimulationSettings) -> tupl
         return float(step if step == cap else 2.0 ** (np.floor(4.0 * np.log2(step)) / 4.0))
 
     coarse = below(STEP if settings.step_s is None else settings.step_s, slow)
-    if settings.integrator == "imex":  # Coulomb friction asks for no step
+    if settings.integrator == "imex":  # Coulomb friction does not require a step
         fast = np.full(fast.shape, slow)
     default = coarse if settings.integrator == "imex" else FINE_STEP
     fine = default if settings.fine_step_s is None else settings.fine_step_s

@@ -1,4 +1,4 @@
-"""The closed loops of a log: simulations with candidate parameters, their steps in time and the gains of their controllers.
+"""The closed loops of a log: simulations with candidate parameters, their time steps and controller gains.
 
 Tested in ``tests/test_didim.py`` and ``tests/test_consistent.py``.
 """
@@ -35,7 +35,7 @@ SAME = 1e-9
 class LogSimulator:
     """The closed loop of every window, with the steps of the experiment or smaller ones.
 
-    It also has the IDIM-LS estimate that starts and gains may need.
+    It also provides the IDIM-LS estimate for starts and gains.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class LogSimulator:
     experiment : Experiment
         Robot, log and closed loop.
     windows : list of Window
-        Windows with the steps that are taken now.
+        Windows with the current time steps.
     n_simulations : int
         Simulations so far.
     remarks : list of str
@@ -73,14 +73,14 @@ class LogSimulator:
 
     @property
     def measured(self) -> bool:
-        """Whether every recording that is fitted has measured positions."""
+        """Whether every fitted recording has measured positions."""
         recordings = self.job.experiment.recordings
         return all(recording.has_positions for recording in recordings if recording.role == "fit")
 
     def simulate(self, x: Array, scale: Array | None = None, checked: bool = False) -> Simulated | Outcome:
         """Simulate every window with parameters `x`, (n_parameters,), and scaled gains, (n_dof,).
 
-        `checked` simulates the first window with half the steps beside it, on another core.
+        `checked` also simulates the first window with half the steps, on another core.
         """
         if checked:
             from concurrent.futures import ThreadPoolExecutor
@@ -99,7 +99,7 @@ class LogSimulator:
         return found
 
     def finer(self, x: Array, simulated: Simulated) -> Array:
-        """Torques along the first window with half the steps, (n_kept, n_dof); NaN after an early end."""
+        """Return the torques along the first window with half the steps, (n_kept, n_dof); NaN after an early end."""
         if simulated.finer is not None:
             return simulated.finer
         self.n_simulations += 1
@@ -115,7 +115,7 @@ class LogSimulator:
     def take_small_steps(self) -> bool:
         """Switch to uniform small steps, at most once, unless the log looks wrong; return whether they changed.
 
-        Those of the experiment suit the robot of the log and its motion; one with less inertia is stiff elsewhere too.
+        The experiment's steps suit the robot and motion of the log; a robot with less inertia is stiff elsewhere too.
         """
         if self._refined or self.suspicions():
             return False
@@ -130,7 +130,7 @@ class LogSimulator:
         return True
 
     def take_usual_steps(self, x: Array) -> Simulated | None:
-        """Return the simulation with the steps of the experiment after small ones; None where these hold, or remain needed."""
+        """Return a simulation with the experiment's steps after small ones; None if unchanged or still too large."""
         if self._usual is None:
             return None
         small, self.windows, self._usual = self.windows, self._usual, None
@@ -141,12 +141,12 @@ class LogSimulator:
         return None
 
     def reference_positions(self) -> Array:
-        """Positions along the references at which M(q) is looked at, (n, n_dof)."""
+        """Return positions along the references at which M(q) is evaluated, (n, n_dof)."""
         positions = [window.loop.reference.at(window.loop.t)[0] for window in self.windows]
         return checked_positions(np.concatenate(positions))
 
     def gain_scale(self, x: Array) -> Array | None:
-        """Factor of the gains of each joint: J(x) over the J of the IDIM-LS estimate, (n_dof,); None where they stay."""
+        """Return the factor of each joint's gains: J(x) over the J of the IDIM-LS estimate, (n_dof,); None for no scaling."""
         if self.method.gain_updating == "never":
             return None
         q = self.reference_positions()
@@ -154,7 +154,7 @@ class LogSimulator:
         return np.where((real > 0.0) & (here > 0.0), here / np.where(real > 0.0, real, 1.0), 1.0)
 
     def _inertias(self, x: Array, q: Array) -> Array:
-        """Mean of the diagonal of M(q), (n_dof,)."""
+        """Return the mean diagonal of M(q), (n_dof,)."""
         robot = self.job.robot
         masses = inertia_matrix(robot, q, x[: len(robot.parameter_names)])
         return np.asarray(np.diagonal(masses, axis1=1, axis2=2).mean(axis=0))
@@ -162,7 +162,7 @@ class LogSimulator:
     def direct(self) -> Identification:
         """Return the IDIM-LS estimate with the settings of the method.
 
-        A log without measured positions has the inertias of its joints along the reference, which is all that gains need of it.
+        Without measured positions the inertias along the reference replace it, which suffices for the gains.
         """
         if self._direct is None:
             experiment = with_positions(self.job.experiment)
@@ -172,7 +172,7 @@ class LogSimulator:
         return self._direct
 
     def suspicions(self) -> list[Finding]:
-        """Return what looks wrong along the measured motion, which no wrong parameter spoils."""
+        """Return suspected faults along the measured motion, which is independent of parameters."""
         if not self.measured:
             return []
         try:
@@ -182,33 +182,33 @@ class LogSimulator:
         return [finding for finding in found if finding.code in TORQUE_CODES]
 
     def segments(self, found: Simulated) -> list[Segment]:
-        """Return a simulated motion with the measured torques beside it."""
+        """Return a simulated motion with the measured torques."""
         return segments_of(self.windows, found)
 
 
 class RateSimulator(LogSimulator):
-    """Loops whose steps in time follow from the rates of each candidate.
+    """Loops with time steps chosen by the rates of each candidate.
 
     Attributes
     ----------
     q : (n, n_dof) array
-        Positions of the log at which rates and inertias are looked at.
+        Positions of the log at which rates and inertias are evaluated.
     damping : (n_dof,) array
         Damping gains of a continuous controller (`simulability.damping_of`).
     real : (p,) array
-        Standard parameters whose inertias the controller was made for.
+        Standard parameters with the inertias for the controller.
     """
 
     steps_follow_rates = True
 
     def prepare(self, experiment: Experiment, q: Array, damping: Array, real: Array) -> None:
-        """Take the closed loop of an experiment, and what its steps follow from."""
+        """Prepare the closed loop of an experiment, and the data for its steps."""
         self.experiment, self.q, self.damping, self.real = experiment, q, damping, real
         self._prepared: dict[tuple[object, object], list[Window]] = {}
         self.choose_steps(real)
 
     def experiment_at(self, x: Array) -> Experiment:
-        """Return the experiment with the steps in time that the rates of an iterate allow."""
+        """Return the experiment with time steps for the rates of an iterate."""
         settings = self.experiment.simulation
         fitted = [k for k, item in enumerate(self.experiment.recordings) if item.role == "fit"]
         robots = np.unique([self.job.parameters.standard(x, number) for number in fitted], axis=0)
@@ -216,7 +216,7 @@ class RateSimulator(LogSimulator):
         return replace(self.experiment, simulation=replace(settings, step_s=coarse, fine_step_s=fine))
 
     def choose_steps(self, x: Array) -> None:
-        """Take the steps of an iterate."""
+        """Switch to the steps of an iterate."""
         experiment = self.experiment_at(x)
         steps = experiment.simulation.step_s, experiment.simulation.fine_step_s
         if steps not in self._prepared:
@@ -224,16 +224,16 @@ class RateSimulator(LogSimulator):
         self.windows = self._prepared[steps]
 
     def simulate(self, x: Array, scale: Array | None = None, checked: bool = False) -> Simulated | Outcome:
-        """Simulate every window with the steps of these parameters, which need no check."""
+        """Simulate every window with the steps of these parameters, without a check."""
         self.choose_steps(x)
         return super().simulate(x, scale)
 
     def take_small_steps(self) -> bool:
-        """Say that the steps are as small as the rates ask."""
+        """Return False, because the steps already follow from the rates."""
         return False
 
     def gain_scale(self, x: Array) -> Array | None:
-        """Factor of the gains of each joint: J(x) over that of the consistent solution; None for 1."""
+        """Return the factor of each joint's gains: J(x) over that of the consistent solution; None for 1."""
         if self.method.gain_updating == "never":
             return None
         scale = self._inertias(x, self.q) / self._inertias(self.real, self.q)
@@ -241,7 +241,7 @@ class RateSimulator(LogSimulator):
 
 
 def with_positions(experiment: Experiment) -> Experiment:
-    """Return an experiment whose robot is taken to be where its reference is, wherever positions were not measured."""
+    """Return an experiment in which the reference replaces positions that were not measured."""
     recordings = [
         item if item.has_positions else replace(item, q=np.asarray(item.q_ref), has_positions=True)
         for item in experiment.recordings

@@ -1,7 +1,7 @@
-"""The end of DIDIM in a slack loop: Newton's method to the fixed point, and the standard deviations that it has there.
+"""The end of DIDIM in a slack loop: Newton's method to the fixed point, and its standard deviations.
 
-Where the motion follows the parameters, DIDIM contracts slowly, stops short of its fixed point, and (10) takes no account of it.
-One simulation in a random direction tells. Tested in ``tests/test_slack_loop.py``.
+If the motion depends on the parameters, DIDIM contracts slowly and stops before its fixed point, and (10) ignores this. One
+simulation in a random direction detects it. Tested in ``tests/test_slack_loop.py``.
 """
 
 from __future__ import annotations
@@ -50,16 +50,16 @@ SAFETY = 1.5
 
 @dataclass
 class Attempts:
-    """When a run may go on to its fixed point, and how often: a bounded number of simulations.
+    """Attempts of a run to reach its fixed point, with a bounded number of simulations.
 
     Attributes
     ----------
     most_iterations : int
-        Iterations that the run may make.
+        Upper bound of the run's iterations.
     made : int
-        Attempts so far.
+        Number of attempts so far.
     patience : int
-        Iterations after which the rule on rest is asked again.
+        Number of iterations after which the stopping rule is evaluated again.
     """
 
     most_iterations: int
@@ -67,20 +67,20 @@ class Attempts:
     patience: int = 0
 
     def failed(self, n_iterations: int) -> None:
-        """Take an attempt in which no step came nearer: it was made too far from the fixed point."""
+        """Record an attempt without progress, made too far from the fixed point."""
         self.made += 1
-        # The last iteration is asked too: a run that rests there has come to its end.
+        # The rule is also evaluated at the last iteration, at which the run may have converged.
         self.patience = min(2 * n_iterations, self.most_iterations)
 
     @property
     def exhausted(self) -> bool:
-        """Whether the last failure was the last attempt, so that the run ends by its rule."""
+        """Whether no attempts remain, and the run ends by its rule."""
         return self.made >= MOST_ATTEMPTS
 
 
 @dataclass(frozen=True)
 class Loop:
-    """The closed loops of a log, and how (7) is solved along their motion."""
+    """The closed loops of a log, and the solution of (7) along their motion."""
 
     job: Job
     windows: Sequence[Window]
@@ -90,7 +90,7 @@ class Loop:
     """Conditions of a robot that the solutions meet."""
 
     def share(self, place: Place) -> Array | None:
-        """Return P, the derivative of a solution by that of plain least squares, (n, n); None for 1."""
+        """Return P, the derivative of a solution with respect to that of plain least squares, (n, n); None for 1."""
         problem, fit = self.conditions, place.fit
         if problem is None or fit.standard is None:
             return None
@@ -131,9 +131,9 @@ class Place:
     x : (p,) array
         Standard parameters.
     simulated : Simulated
-        Their motion.
+        Simulated motion.
     system, fit
-        (7) along it, solved.
+        The system (7) along it, and its solution.
     """
 
     x: Array
@@ -155,17 +155,17 @@ class Settled:
     Attributes
     ----------
     place : Place
-        The last point; its fit has its residual, and the covariance of the fixed point.
+        The last point; its fit has the residual there, and the covariance of the fixed point.
     rate : float
-        What a plain iteration leaves of the slowest direction.
+        Contraction rate of a plain iteration along the slowest direction.
     distances : tuple of float
-        Distance from the fixed point, at first and after each step, in its standard deviations.
+        Distance from the fixed point, initially and after each step, in its standard deviations.
     wider : float
-        Largest factor from the standard deviations of a tight loop to those of the fixed point.
+        Largest ratio of the fixed point's standard deviations to those for a tight loop.
     history : tuple of Iteration
-        Its steps.
+        Steps to the fixed point.
     reached : bool
-        False where a step did not come nearer: then the response is not that of the fixed point, and the distance is not known.
+        False if a step made no progress: the response then differs from that at the fixed point, and the distance is unknown.
     """
 
     place: Place
@@ -177,12 +177,12 @@ class Settled:
 
     @property
     def remaining(self) -> float:
-        """Upper estimate of the distance of the parameter that is farthest from its fixed point, in standard deviations."""
+        """Upper estimate of the largest distance of a parameter from the fixed point, in standard deviations."""
         return SAFETY * self.distances[-1]
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a reader of the result should know."""
+        """Return remarks for the result."""
         if not self.reached:
             return (
                 "slow contraction: in this slack loop no step came nearer to the fixed point, and the distance from it is unknown; "
@@ -204,7 +204,7 @@ class Settled:
         )
 
     def continued(self, history: Sequence[Iteration]) -> list[Iteration]:
-        """Return the history of the run with the steps, and what is known now of the distance before them."""
+        """Return the history of the run with the steps, and with the distances before them, now known."""
         known = {"contraction": self.rate}
         if self.reached:
             known["remaining_sigma"] = SAFETY * self.distances[0]
@@ -221,20 +221,20 @@ def settled(
     most_iterations: int,
     progress: Callable[[Iteration], bool],
 ) -> tuple[Settled | None, int]:
-    """Go on to the fixed point if the loop is slack; None if it is not, or if its response cannot be known; and the simulations.
+    """Continue to the fixed point if the loop is slack; otherwise, or without a response, return None; also the simulations.
 
-    A step that does not come nearer was made too far from the fixed point: the run then goes on with its own iterations.
+    A step without progress was made too far from the fixed point; the run then continues with its own iterations.
 
     Parameters
     ----------
     loop : Loop
-        The closed loops, with the steps in time of the point.
+        The closed loops, with the time steps of the point.
     x, simulated : (p,) array and Simulated
-        Where the iteration ended.
+        End of the iteration.
     slow : Contraction or None
-        What its last steps say.
+        Contraction of its last steps.
     history, most_iterations, progress
-        Iterations so far, how many there may be, and the callback that hears of each; True ends the steps.
+        Iterations so far, their upper bound, and the callback for each; True ends the steps.
     """
     count = 0
 
@@ -281,23 +281,23 @@ def settled(
 
 
 def _with_errors(loop: Loop, place: Place, response: Response) -> Place:
-    """Return a place with the residual of its parameters, not of the solution along its motion, and their covariance."""
+    """Return a point with the residual of its own parameters, instead of the solution along its motion, and their covariance."""
     beta = loop.estimates(place.x)
     fit = replace(place.fit, solution=beta, residual=place.system.y - place.system.w @ beta)
     return replace(place, fit=response.with_errors(place.system, fit, loop.job.settings))
 
 
 def _distance(loop: Loop, place: Place, response: Response) -> float:
-    """Distance from the fixed point in its standard deviations, of the parameter that is farthest."""
+    """Return the largest distance of a parameter from the fixed point, in its standard deviations."""
     std = response.with_errors(place.system, place.fit, loop.job.settings).std
     left = np.abs(response.gain @ (place.fit.solution - loop.estimates(place.x)))
     return float(np.max(np.divide(left, std, out=np.zeros_like(left), where=std > 0.0)))
 
 
 def _newton(loop: Loop, place: Place, response: Response, distance: float) -> tuple[Place | None, float, int]:
-    """Step of Newton's method, shorter where it does not come nearer; also its length and the number of simulations.
+    """Take a Newton step, shortened until it makes progress; return also its length and the number of simulations.
 
-    It is a solution of (7) with torques that are moved: under the conditions of a robot it is one.
+    It is a solution of (7) with shifted torques, and therefore a robot under physical constraints.
     """
     target = loop.standard(_fixed_point(loop, place, response))
     length = 1.0
@@ -313,10 +313,10 @@ def _newton(loop: Loop, place: Place, response: Response, distance: float) -> tu
 
 
 def _fixed_point(loop: Loop, place: Place, response: Response) -> Fit:
-    """Return the solution of (7) that is the fixed point if the motion answers to the parameters as it does here.
+    """Return the fixed point for a linear response of the motion, as a solution of (7).
 
-    Under conditions P changes on the way, so the iteration itself is made with the torques that the response predicts, without
-    a simulation, by Newton's method; without conditions one step is all.
+    With constraints P changes along the step, so Newton's method iterates with torques predicted by the response, without a
+    simulation. Without constraints one step suffices.
     """
     here = loop.estimates(place.x)
     change, fit = np.zeros_like(here), place.fit
@@ -334,7 +334,7 @@ def _fixed_point(loop: Loop, place: Place, response: Response) -> Fit:
 def _entry(
     number: int, before: Place, after: Place, length: float, response: Response, distances: Sequence[float]
 ) -> Iteration:
-    """Entry of the history for a step."""
+    """Return the entry of the history for a step."""
     old, new = (float(np.linalg.norm(place.fit.residual)) for place in (before, after))
     return Iteration(
         iteration=number,

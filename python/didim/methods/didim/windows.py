@@ -30,7 +30,7 @@ CHECKED_POSITIONS = 500
 
 @dataclass(frozen=True)
 class Window:
-    """A window of the log: its closed loop, and the torques to explain."""
+    """A window of the log: its closed loop and measured torques."""
 
     loop: ClosedLoop
     name: str
@@ -46,7 +46,7 @@ class Window:
     """Reduction matrix of the motors whose currents stand in place of the torques, (n_dof, n_dof)."""
 
     def torque(self, x: Array) -> Array:
-        """Return the measured torques; with unknown drive gains those that the gains in `x` make of the currents."""
+        """Return the measured torques; with unknown drive gains the currents times the gains in `x`."""
         if self.drives is None:
             return self.tau
         gains = x[len(x) - self.parameters.n_gains :]
@@ -59,7 +59,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Simulated:
-    """The motion of every window with some parameters."""
+    """Simulated motion of every window with some parameters."""
 
     motions: list[tuple[Array, Array, Array, Array]]
     scale: Array | None
@@ -72,7 +72,7 @@ class Simulated:
 
 @dataclass(frozen=True)
 class Iterate:
-    """An iterate: standard parameters with the motion simulated with them, and the number of its iteration (0: the start)."""
+    """An iterate: standard parameters, their simulated motion, and the number of the iteration (0: the start)."""
 
     x: Array
     simulated: Simulated
@@ -112,10 +112,9 @@ class Step:
 
 
 def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
-    """Return the windows of the recordings that are fitted, their torques moved back by a delay.
+    """Return the windows of the fitted recordings, with their torque delay compensated.
 
-    `held` for torques that stand beside measured motion, where the hold of a digital controller counts: with it the samples are
-    those of IDIM-LS.
+    `held` for torques along measured motion, which also compensates the hold of a digital controller, as in IDIM-LS.
 
     Raises
     ------
@@ -132,7 +131,7 @@ def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
             raise FitError(f"recording '{recording.name}' has no torques, which this method needs")
         for window, (start, stop) in enumerate(recording.windows):
             loop = closed_loop(experiment, recording, (start, stop))
-            # The torque is moved back against the motion as for IDIM-LS; the motion is simulated later.
+            # The torque delay is compensated as in IDIM-LS; the motion is simulated later.
             samples = np.arange(stop - start, dtype=np.float64)[:, None]
             shift = delay.measured(recording.rate_hz) if held else delay.samples
             (index,), tau = align([samples], without_spikes(torque[start:stop], job.signal), shift)
@@ -158,7 +157,7 @@ def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:
 
 
 def simulated(windows: Sequence[Window], x: Array, scale: Array | None) -> tuple[Simulated | Outcome, int]:
-    """Simulate every window with standard parameters, (n_parameters,), gains scaled by joint; also the number of simulations."""
+    """Simulate every window with standard parameters, (n_parameters,), and scaled gains; return also the number of simulations."""
     motions = []
     for count, window in enumerate(windows, start=1):
         arrays, outcomes = window.loop.run(
@@ -171,7 +170,7 @@ def simulated(windows: Sequence[Window], x: Array, scale: Array | None) -> tuple
 
 
 def simulated_all(windows: Sequence[Window], candidates: Sequence[Array]) -> list[Simulated | Outcome]:
-    """Simulate every window with each of many candidates, (n_parameters,), side by side."""
+    """Simulate every window with many candidates, (n_parameters,) each, in parallel."""
     found: list[Simulated | Outcome] = []
     for first in range(0, len(candidates), ABREAST):
         some = candidates[first : first + ABREAST]
@@ -203,7 +202,7 @@ def _of_motions(
 
 
 def motion_record(job: Job, windows: Sequence[Window], motion: Simulated) -> dict[str, list[float]]:
-    """Return what the simulated motion of all windows is beside the measured one, for the record of a result."""
+    """Return the comparison of simulated and measured motion of all windows, for the record of a result."""
     pieces: list[Piece] = []
     for window, (q_s, _, _, tau_s) in zip(windows, motion.motions, strict=True):
         recording = job.experiment.recordings[window.recording]
@@ -214,7 +213,7 @@ def motion_record(job: Job, windows: Sequence[Window], motion: Simulated) -> dic
 
 
 def segments_of(windows: Sequence[Window], motion: Simulated) -> list[Segment]:
-    """Return the simulated motion of every window with the measured torques beside it."""
+    """Return the simulated motion of every window with the measured torques."""
     return [
         Segment(
             name=window.name,
@@ -232,5 +231,5 @@ def segments_of(windows: Sequence[Window], motion: Simulated) -> list[Segment]:
 
 
 def checked_positions(q: Array) -> Array:
-    """Return the positions at which M(q) is kept positive definite, (n, n_dof)."""
+    """Return the positions at which M(q) must be positive definite, (n, n_dof)."""
     return thinned(q, CHECKED_POSITIONS)
