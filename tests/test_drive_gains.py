@@ -187,7 +187,7 @@ def test_results_print_and_keep_gains_and_predict_currents_as_torques(tmp_path: 
 
 def test_what_cannot_be_known_is_said() -> None:
     experiment = currents(np.eye(2), GAINS)
-    with pytest.raises(FitError, match="ratio of parameters and drive gains alone"):
+    with pytest.raises(FitError, match="only ratios of parameters to drive gains"):
         didim.identify(replace(experiment, payloads={"disc": Payload(name="disc")}), didim.IDIMLS())
     with pytest.raises(FitError, match="drive gains are unknown: identify them by idim-ls"):
         didim.identify(experiment, EKF())

@@ -13,7 +13,7 @@ from arm import arm_file, arm_log
 from didim import Experiment
 from didim.contrib.ekf import EKF
 from didim.errors import ExperimentError, FitError
-from didim.methods.builder import fitted, solved_status
+from didim.methods.builder import Run, fitted, solved_status
 from didim.methods.method import Method
 from didim.robot.payload import Payload
 from didim.studies.prediction import predict, relative_errors
@@ -231,9 +231,9 @@ def test_the_emps_log_as_two_with_everything_shared_gives_the_published_digits(
     )
     system = replace(system, blocks=blocks)
     solved = job.solve(system)
-    fit = fitted(
-        job, method, system, solved, status=solved_status(solved), history=[], delay=job.delay(), q=part.q
-    )
+    status = solved_status(solved)
+    run = Run(job=job, method=method, status=status, history=[], delay=job.delay(), q=part.q)
+    fit = fitted(run, system, solved)
     published = {
         "M1R": (95.1089, 0.1085),
         "Fv1": (203.5034, 1.1460),

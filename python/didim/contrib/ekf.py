@@ -14,9 +14,9 @@ from .._tools.arrays import Array
 from .._tools.settings import positive
 from ..errors import FitError
 from ..experiment.experiment import Experiment
-from ..methods.builder import TorqueErrors, identification
+from ..methods.builder import Run, TorqueErrors, identification
 from ..methods.idim_ls import direct_estimate
-from ..methods.job import Delay, Job, ratio
+from ..methods.job import Delay, ratio
 from ..methods.method import MethodSettings
 from ..methods.start import Start, standard_start
 from ..regression.linear_system import LinearSystem
@@ -152,16 +152,23 @@ class EKF(MethodSettings):
                 break
         if status is not Status.SOLVED:
             covariance = np.zeros_like(covariance)
-        return _result(
-            self,
-            job,
-            system,
-            beta,
-            covariance,
-            status,
-            history,
-            remarks,
-            np.concatenate([p.q for p in parts]),
+        begun = self.start if isinstance(self.start, str) else "given"
+        run = Run(
+            job=job,
+            method=self,
+            status=status,
+            history=history,
+            delay=Delay(),
+            q=np.concatenate([part.q for part in parts]),
+            remarks=remarks,
+            settings={"ekf": {"prior": self.prior, "start": begun}},
+        )
+        return identification(
+            run,
+            beta=job.selection.expand(beta),
+            covariance=covariance,
+            errors=TorqueErrors.of(system, system.y - system.w @ beta),
+            condition_number=float(np.linalg.cond(system.w)),
         )
 
 
@@ -208,35 +215,3 @@ def _shares(system: LinearSystem) -> Array:
     )
     share = np.sqrt(np.asarray(squares))
     return np.where(share > 0.0, share, 1.0)
-
-
-def _result(
-    method: EKF,
-    job: Job,
-    system: LinearSystem,
-    estimate: Array,
-    covariance: Array,
-    status: Status,
-    history: list[Iteration],
-    remarks: list[str],
-    q: Array,
-) -> Identification:
-    return identification(
-        job,
-        method,
-        status=status,
-        history=history,
-        beta=job.selection.expand(estimate),
-        covariance=covariance,
-        errors=TorqueErrors.of(system, system.y - system.w @ estimate),
-        condition_number=float(np.linalg.cond(system.w)),
-        delay=Delay(),
-        q=q,
-        remarks=remarks,
-        settings={
-            "ekf": {
-                "prior": method.prior,
-                "start": method.start if isinstance(method.start, str) else "given",
-            }
-        },
-    )

@@ -20,7 +20,7 @@ from .._tools.settings import whole
 from ..errors import FitError
 from ..evidence.naming import torque_findings
 from ..experiment.experiment import Experiment
-from ..methods.builder import fitted, solved_status
+from ..methods.builder import Run, fitted, solved_status
 from ..methods.job import Job, ratio
 from ..methods.method import MethodSettings
 from ..regression.fit import Fit
@@ -111,11 +111,9 @@ class MaximumLikelihood(MethodSettings):
                 break
         fit = replace(fit, converged=converged, stopped=stopped)
         record = {"position_noise": noise.position.tolist(), "torque_noise": noise.torque.tolist()}
-        return fitted(
-            job,
-            self,
-            system,
-            fit,
+        run = Run(
+            job=job,
+            method=self,
             status=solved_status(fit),
             history=history,
             delay=delay,
@@ -123,6 +121,7 @@ class MaximumLikelihood(MethodSettings):
             settings={"maximum_likelihood": record},
             evidence=torque_findings(system),
         )
+        return fitted(run, system, fit)
 
 
 @dataclass(eq=False)

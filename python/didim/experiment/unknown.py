@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from .._tools.toml import Table
+from ..robot.rigid_body import INERTIAL
 from ..robot.robot import Robot
 
 Shared = Literal["joint", "limb", "robot", "log"]
@@ -38,9 +39,6 @@ RANGES: Mapping[str, tuple[float, float]] = {
 }
 """Default bounds of the unknowns: delays and lags beyond 0.1 s and biases beyond 6 degrees are faults of a robot."""
 
-LINK = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
-"""Standard parameters of a link, which keep the values of the robot file."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Unknown:
@@ -68,7 +66,7 @@ class Unknown:
 def joint_kinds(robot: Robot) -> tuple[str, ...]:
     """Return the kinds of joint parameters: rotor inertia, friction and its terms."""
     heads = (re.sub(r"\d+", "", name) for name in robot.parameter_names)
-    return tuple(dict.fromkeys(head for head in heads if head not in LINK))
+    return tuple(dict.fromkeys(head for head in heads if head not in INERTIAL))
 
 
 def read_unknown(table: Table, others: tuple[str, ...]) -> dict[str, Unknown]:

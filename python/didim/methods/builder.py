@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -80,52 +80,68 @@ class TorqueErrors:
         return cls(np.sqrt(errors), np.sqrt(torques), norm, torque, n_rows)
 
 
-def identification(
-    job: Job,
-    method: Described,
-    *,
-    status: Status,
-    history: Sequence[Iteration],
-    beta: Array,
-    covariance: Array,
-    errors: TorqueErrors,
-    condition_number: float,
-    delay: Delay,
-    q: Array,
-    held_out: bool = True,
-    uncertainty: Uncertainty | None = None,
-    settings: Mapping[str, Any] | None = None,
-    remarks: Sequence[str] = (),
-    evidence: Sequence[Finding] = (),
-    standard: Array | None = None,
-) -> Identification:
-    """Build the result of a method.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """End of a run: all that a result records beside the estimate.
 
-    Parameters
+    Attributes
     ----------
     job : Job
         Experiment and settings of the run.
     method : Described
         Name of the method, and the motion of its predictions.
-    status, history, condition_number, delay, remarks, evidence
+    status, history, delay, remarks, evidence
         As in `Identification`.
+    q : (n_samples, n_dof) array
+        Positions at which physical consistency is checked.
+    settings : mapping
+        Additional settings of the method for the record.
+    """
+
+    job: Job
+    method: Described
+    status: Status
+    history: Sequence[Iteration]
+    delay: Delay
+    q: Array
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    remarks: Sequence[str] = ()
+    evidence: Sequence[Finding] = ()
+
+
+def identification(
+    run: Run,
+    *,
+    beta: Array,
+    covariance: Array,
+    errors: TorqueErrors,
+    condition_number: float,
+    held_out: bool = True,
+    uncertainty: Uncertainty | None = None,
+    standard: Array | None = None,
+) -> Identification:
+    """Build the result of a run.
+
+    Parameters
+    ----------
+    run : Run
+        End of the run.
     beta : (b,) array
         All base parameters, fixed ones included, then the further parameters of the logs.
     covariance : (n_estimated, n_estimated) array
         Covariance of the estimated parameters.
     errors : TorqueErrors
         Errors of the torques on the rows of the fit.
-    q : (n_samples, n_dof) array
-        Positions at which physical consistency is checked.
-    uncertainty : Uncertainty, optional
-        Source of `covariance`; the residuals of the joints are added here.
+    condition_number : float
+        Condition number of the columns.
     held_out : bool
         Whether held-out recordings have torques for comparison.
-    settings : mapping, optional
-        Additional settings of the method for the record.
+    uncertainty : Uncertainty, optional
+        Source of `covariance`; the residuals of the joints are added here.
     standard : (n_parameters,) array, optional
         Physically consistent standard parameters, optionally followed by those of the logs; by default beta lifted.
     """
+    job, method = run.job, run.method
     robot = job.robot
     full = job.selection.expand_covariance(covariance)
     b = job.parameters.n_base
@@ -141,10 +157,10 @@ def identification(
         for name, role in zip(robot.base_parameters.names, job.selection.roles[:b], strict=True)
         if role == "estimated"
     }
-    flags = physical_flags(robot, beta[:b], full[:b, :b], q, unknown=estimated)
+    flags = physical_flags(robot, beta[:b], full[:b, :b], run.q, unknown=estimated)
     if (
-        not status.converged
-    ):  # signs of an unfinished iteration, without standard deviations, are not evidence
+        not run.status.converged
+    ):  # signs of unfinished iterations, without standard deviations, are not evidence
         flags = tuple(
             item for item in flags if np.isfinite(item.sigmas) or not {*item.parameters} & estimated
         )
@@ -152,7 +168,7 @@ def identification(
         name=job.experiment.name,
         robot=robot.name,
         method=method.name,
-        status=status,
+        status=run.status,
         names=robot.base_parameters.names,
         units=robot.base_parameters.units,
         roles=job.selection.roles[:b],
@@ -170,13 +186,13 @@ def identification(
         n_rows=errors.n_rows,
         uncertainty=uncertainty,
         further=further,
-        history=tuple(history),
-        held_out=tuple(job.held_out(beta, delay)) if held_out else (),
+        history=tuple(run.history),
+        held_out=tuple(job.held_out(beta, run.delay)) if held_out else (),
         warnings=tuple(flag.sentence for flag in flags),
-        remarks=tuple(remarks),
-        evidence=(*evidence, *physical_findings(flags)),
-        delay=delay.record(),
-        settings=record(job, prediction={"motion": method.motion, "raw": method.raw}, **(settings or {})),
+        remarks=tuple(run.remarks),
+        evidence=(*run.evidence, *physical_findings(flags)),
+        delay=run.delay.record(),
+        settings=record(job, prediction={"motion": method.motion, "raw": method.raw}, **run.settings),
         digests=digests(job.experiment),
     )
 
@@ -207,29 +223,22 @@ def _split(
 
 
 def fitted(
-    job: Job,
-    method: Described,
+    run: Run,
     system: LinearSystem,
     fit: Fit,
     *,
-    status: Status,
-    history: Sequence[Iteration],
-    delay: Delay,
-    q: Array,
     beta: Array | None = None,
-    settings: Mapping[str, Any] | None = None,
-    remarks: Sequence[str] = (),
-    evidence: Sequence[Finding] = (),
     parts: Sequence[Segment] = (),
 ) -> Identification:
-    """Build the result of a method that ends with the solution of a system (7); see `identification`.
+    """Build the result of a run that ends with the solution of a system (7); see `identification`.
 
     `beta` are the final parameters, (b,), if they differ from the last solution. `parts` is the motion of the system, if its
     residual can be tested for missing friction.
     """
+    job, converged = run.job, run.status.converged
     spread = spread_of_fit(system, fit, job.settings, job.selection)
-    if parts and status.converged:
-        spread = with_alarm(spread, _friction(job, method, system, fit, parts), job.selection)
+    if parts and converged:
+        spread = with_alarm(spread, _friction(run, system, fit, parts), job.selection)
     errors = TorqueErrors.of(system, fit.residual)
     lasting = whiteness_findings(
         whiteness(fit.residual, system.blocks, len(system.joints)),
@@ -237,50 +246,36 @@ def fitted(
         spread.uncertainty,
         np.sqrt(np.diag(job.selection.expand_covariance(spread.covariance))),
     )
-    moved = _drift(job, system, fit) if status.converged else []
+    moved = _drift(job, system, fit) if converged else []
+    loads = load_findings(job, system, fit) if converged else []
+    drift = {"drift": [asdict(item) for item in moved]} if moved else {}
+    run = replace(
+        run,
+        settings={"solver": solver_record(job.solver_choice, fit), **drift, **run.settings},
+        remarks=(*fit.remarks, *run.remarks, *spread.remarks),
+        evidence=(*run.evidence, *lasting, *_drift_findings(job, moved), *loads),
+    )
     return identification(
-        job,
-        method,
-        status=status,
-        history=history,
+        run,
         beta=job.selection.expand(fit.solution) if beta is None else beta,
         covariance=spread.covariance,
-        uncertainty=spread.uncertainty,
         errors=errors,
         condition_number=fit.condition_number,
-        delay=delay,
-        q=q,
-        settings={
-            "solver": solver_record(job.solver_choice, fit),
-            **({"drift": [asdict(item) for item in moved]} if moved else {}),
-            **(settings or {}),
-        },
-        remarks=(
-            *fit.remarks,
-            *remarks,
-            *spread.remarks,
-        ),
-        evidence=(
-            *evidence,
-            *lasting,
-            *_drift_findings(job, moved),
-            *(load_findings(job, system, fit) if status.converged else ()),
-        ),
+        uncertainty=spread.uncertainty,
         standard=fit.standard,
     )
 
 
-def _friction(
-    job: Job, method: Described, system: LinearSystem, fit: Fit, parts: Sequence[Segment]
-) -> FrictionAlarm:
-    """Test the residual of a fit for missing friction."""
+def _friction(run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Segment]) -> FrictionAlarm:
+    """Test the residual of a fit for friction that the model lacks."""
+    job = run.job
     x = job.parameters.lift(job.selection.expand(fit.solution))
     load = [
         rigid_torque(job.robot, part.q, part.dq, part.ddq, job.parameters.standard(x, part.recording))
         for part in parts
     ]
     step = None
-    if method.motion == "measured":
+    if run.method.motion == "measured":
         recorded = {part.recording for part in parts}
         steps = [encoder_step(job.experiment.recordings[number].measured_positions()) for number in recorded]
         step = np.max(steps, axis=0)

@@ -13,7 +13,7 @@ from ..regression.gains.currents import Currents
 from ..regression.gains.maximum_likelihood import drive_gains, expected_percent, expected_sentence
 from ..result.identification import Identification
 from ..result.iteration import Iteration, Reporter
-from .builder import fitted, solved_status
+from .builder import Run, fitted, solved_status
 from .job import Job, ratio
 from .method import Described
 
@@ -66,14 +66,13 @@ def run_with_gains(
         step=0.0,
     )
     reporter.progress(entry)
-    return fitted(
-        job,
-        method,
-        solved,
-        fit,
+    run = Run(
+        job=job,
+        method=method,
         status=solved_status(fit),
         history=[entry],
         delay=delay,
         q=np.concatenate([part.q for part in parts]),
         remarks=remarks,
     )
+    return fitted(run, solved, fit)

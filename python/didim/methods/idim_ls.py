@@ -15,7 +15,7 @@ from ..evidence.naming import torque_findings
 from ..experiment.experiment import Experiment
 from ..result.identification import Identification
 from ..result.iteration import Iteration, Reporter
-from .builder import fitted, solved_status
+from .builder import Run, fitted, solved_status
 from .drive_gains import GainEstimate, run_with_gains
 from .job import Delay, ratio
 from .method import FitSettings, MethodSettings
@@ -75,18 +75,16 @@ class IDIMLS(FitSettings):
         fit = job.solve(system, record)
         if not history:  # a direct solver does not report iterations
             record(1, fit.solution, fit.residual)
-        return fitted(
-            job,
-            self,
-            system,
-            fit,
+        run = Run(
+            job=job,
+            method=self,
             status=solved_status(fit),
             history=history,
             delay=delay,
             q=np.concatenate([part.q for part in parts]),
             evidence=torque_findings(system),
-            parts=parts,
         )
+        return fitted(run, system, fit, parts=parts)
 
 
 def direct_estimate(

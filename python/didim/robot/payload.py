@@ -29,7 +29,7 @@ from .rigid_body import (
 from .robot import Robot
 
 LARGEST = 1e9
-"""Upper bound of a link's, payload's or flange's numbers (m, kg, kg.m^2): powers of larger ones overflow."""
+"""Upper bound of the numbers of a description, payload or flange (m, rad, kg, kg.m^2, N.m): powers of larger ones overflow."""
 NOTHING = "none"
 """Name of the empty payload."""
 UNITS = dict(zip(INERTIAL, ["kg.m^2"] * 6 + ["kg.m"] * 3 + ["kg"], strict=True))

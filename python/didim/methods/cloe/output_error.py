@@ -32,7 +32,7 @@ from ...result.uncertainty import Uncertainty
 from ...signal.align import align
 from ...signal.segments import kept_samples, place_of
 from ...signal.spikes import without_spikes
-from ..builder import TorqueErrors, identification, record
+from ..builder import Run, TorqueErrors, identification, record
 from ..idim_ls import direct_estimate
 from ..job import Delay, Job
 from ..start import FROM_LOG, further_of, standard_start, start_from_log
@@ -296,19 +296,13 @@ class OutputError:
             positions.append(q[0])
             pieces.append((window.q, q[0], torque[kept], simulated[kept]))
         self.n_simulations += len(self.windows)
-        result = identification(
-            self.job,
-            self.method,
+        run = Run(
+            job=self.job,
+            method=self.method,
             status=status,
             history=history,
-            beta=self.base.project(x),
-            covariance=covariance,
-            uncertainty=uncertainty,
-            errors=TorqueErrors.of_squares(errors, sizes, n_rows),
-            condition_number=condition_number,
             delay=delay,
             q=thinned(np.concatenate(positions), 2000),
-            held_out=torques,
             settings={
                 "cloe": {**self.settings(), **settings, "position_error_norm": math.sqrt(cost)},
                 **({"simulated": beside(self.job.signal, pieces).record()} if torques else {}),
@@ -318,6 +312,15 @@ class OutputError:
                 *self.saved.remarks,
                 *(() if torques else ("without torques in the log, torque errors mean nothing",)),
             ),
+        )
+        result = identification(
+            run,
+            beta=self.base.project(x),
+            covariance=covariance,
+            errors=TorqueErrors.of_squares(errors, sizes, n_rows),
+            condition_number=condition_number,
+            held_out=torques,
+            uncertainty=uncertainty,
         )
         return replace(result, n_simulations=self.n_simulations)
 

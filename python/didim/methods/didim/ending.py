@@ -12,7 +12,7 @@ from ...model.safe_step import thinned
 from ...result.identification import Identification
 from ...result.iteration import Iteration
 from ...result.status import Status
-from ..builder import fitted
+from ..builder import Run, fitted
 from .convergence import step_sentence, stuck_sentence
 from .problem import Problem
 from .windows import Iterate, Solved, motion_record
@@ -55,28 +55,22 @@ def result_at(
         # (10) is only valid at the minimum.
         fit = replace(fit, covariance=np.zeros_like(fit.covariance))
     suspected = problem.suspected(system, fit, converged=status.converged)
-    result = fitted(
-        job,
-        problem.method,
-        system,
-        fit,
+    run = Run(
+        job=job,
+        method=problem.method,
         status=status,
         history=history,
         delay=simulator.delay,
         q=thinned(np.concatenate([motion[0] for motion in point.simulated.motions]), 2000),
-        beta=beta,
         settings={
             **problem.record(),
             "simulated": motion_record(job, simulator.windows, point.simulated),
         },
-        remarks=[
-            *problem.remarks,
-            *remarks,
-            *_sentences(point, problem, suspected=bool(suspected)),
-        ],
+        remarks=[*problem.remarks, *remarks, *_sentences(point, problem, suspected=bool(suspected))],
         evidence=problem.evidence(suspected, point.simulated.error),
-        parts=simulator.segments(point.simulated) if not job.parameters.n_gains else (),
     )
+    parts = simulator.segments(point.simulated) if not job.parameters.n_gains else ()
+    result = fitted(run, system, fit, beta=beta, parts=parts)
     return replace(
         result,
         ending=ending,

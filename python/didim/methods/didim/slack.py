@@ -22,7 +22,7 @@ from ...regression.logs.parameters import LogParameters
 from ...result.iteration import Iteration
 from ...robot.base_parameters import BaseParameters
 from ..job import Job, ratio
-from .convergence import Contraction
+from .convergence import SAFETY, Contraction
 from .response import Response, noise_of, share_moved
 from .windows import Simulated, Window, segments_of, simulated_all
 
@@ -44,8 +44,6 @@ PREDICTED = 0.01
 """Change, in standard deviations, below which the predicted fixed point has converged."""
 MOST_ATTEMPTS = 2
 """Upper bound of a run's attempts at its fixed point: each costs one simulation per parameter."""
-SAFETY = 1.5
-"""Safety factor on the distance: the response is that of one iterate, and physical bounds make it nonlinear."""
 
 
 @dataclass

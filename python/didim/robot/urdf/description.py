@@ -13,6 +13,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...errors import RobotError
+from ..payload import LARGEST
 from ..rigid_body import body_pseudo_inertia, pose, rotation_of
 from ..transmission import Actuator
 from .xml_spans import Element, parse_xml
@@ -23,8 +24,6 @@ MOVING = ("revolute", "continuous", "prismatic")
 GRAVITY = (0.0, 0.0, -9.81)
 """Gravity in the root link of a URDF (m/s^2)."""
 
-LARGEST = 1e9
-"""Upper bound of the numbers of a description (m, rad, kg, kg.m^2, N.m): no robot has a larger one."""
 
 KNOWN = (
     *MOVING,
