@@ -191,7 +191,7 @@ def test_what_cannot_be_known_is_said() -> None:
         didim.identify(replace(experiment, payloads={"disc": Payload(name="disc")}), didim.IDIMLS())
     with pytest.raises(FitError, match="drive gains are unknown: identify them by idim-ls"):
         didim.identify(experiment, EKF())
-    with pytest.raises(FitError, match=r"compares torques, and experiment .* has currents"):
+    with pytest.raises(FitError, match=r"compares torques, but experiment .* has currents"):
         didim.identify(experiment, didim.CLOE(output="torque"))
     with pytest.raises(FitError, match="physically consistent solution needs torques"):
         didim.identify(experiment, didim.DIDIM(physical=True))
