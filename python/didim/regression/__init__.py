@@ -1,1 +1,1 @@
-"""Equations (7) to (11): how the linear problem is solved."""
+"""Solution of the linear problem: equations (7) to (11)."""

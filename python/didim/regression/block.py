@@ -1,7 +1,7 @@
 """Blocks: the rows of one joint in one window of a recording.
 
-Weights, the variance (9), the covariance of decimated noise, a jackknife over windows, parameters of each log and a system that is
-solved window by window are functions of blocks and of nothing else. Tested in ``tests/test_solver.py``.
+Weights, the variance (9), the covariance of decimated noise, the jackknife over windows, and parameters of single logs only
+depend on blocks. Tested in ``tests/test_solver.py``.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Block:
     rate_hz : float
         Rate of the rows, after decimation.
     correlation : (n_lags,) array or None
-        Autocorrelation that white noise of the log has on these rows, from lag 0 on, where it is 1; None where it stays white.
+        Autocorrelation on these rows of white noise in the log, from lag 0 (1) on; None if it stays white.
     """
 
     rows: slice
@@ -53,7 +53,7 @@ def stacked(
     rates_hz: Sequence[float] | None = None,
     correlation: Array | None = None,
 ) -> tuple[Block, ...]:
-    """Blocks of rows that stand joint by joint, the windows of a joint one after the other.
+    """Return the blocks of rows in the order of joints and, within a joint, of windows.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def stacked(
     lengths : sequence of int
         Rows of each window, for each joint the same.
     places : sequence of (int, int), optional
-        Recording and window of each; windows of one recording by default.
+        Recording and window of each; by default windows of one recording.
     rates_hz : sequence of float, optional
         Rate of each; 1 Hz by default.
     correlation : (n_lags,) array, optional
@@ -80,7 +80,7 @@ def stacked(
 
 
 def by_joint(blocks: Iterable[Block]) -> list[list[Block]]:
-    """Blocks of each joint, in the order of joints."""
+    """Return the blocks of each joint."""
     found: dict[int, list[Block]] = {}
     for block in blocks:
         found.setdefault(block.joint, []).append(block)
@@ -88,7 +88,7 @@ def by_joint(blocks: Iterable[Block]) -> list[list[Block]]:
 
 
 def by_window(blocks: Iterable[Block]) -> list[list[Block]]:
-    """Blocks of each window of each recording, in their order: what a jackknife leaves out together."""
+    """Return the blocks of each window of each recording, which a jackknife leaves out together."""
     found: dict[tuple[int, int], list[Block]] = {}
     for block in blocks:
         found.setdefault((block.recording, block.window), []).append(block)

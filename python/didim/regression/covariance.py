@@ -1,4 +1,4 @@
-"""Covariance of an estimate, by what is known of the noise of the rows: white, decimated, or with a correlation of its own.
+"""Covariance of an estimate, by the noise model of the rows: white, decimated, or with an estimated correlation.
 
     C = P (sum_b sigma_b^2 W_b^T T_b W_b) P,   P = (W^T W)^-1
 
@@ -7,7 +7,7 @@ which is (10). Decimated noise has the correlation of the filter, and a sigma pe
 
     sigma_j^2 = |rho_j|^2 / E_j
 
-where E_j is the expectation of ``|rho_j|^2`` for unit noise, which takes the place of the rows less parameters of (9).
+where E_j is the expectation of ``|rho_j|^2`` for unit noise, which replaces the rows less parameters of (9).
 The correlation of CLOE's output errors is estimated from them. Tested in ``tests/test_least_squares.py``, ``tests/test_cloe.py``.
 """
 
@@ -32,14 +32,14 @@ CORRELATED_ERRORS = 0.1
 def covariance(
     system: LinearSystem, settings: LeastSquaresSettings, weights: Array, residual: Array, inverse_r: Array
 ) -> Array:
-    """Covariance of a least-squares estimate as the settings ask for it: (10), or for decimated noise.
+    """Return the covariance of a least-squares estimate according to the settings: (10), or for decimated noise.
 
     Parameters
     ----------
     system : LinearSystem
-        The system that was solved; its blocks know the correlation of decimated noise.
+        The solved system; its blocks contain the correlation of decimated noise.
     settings : LeastSquaresSettings
-        Variance, weights, and whether decimation counts.
+        Variance, weights, and whether to include decimation.
     weights : (r,) array
         Factor of each row.
     residual : (r,) array
@@ -49,10 +49,10 @@ def covariance(
     """
     weighted = residual * weights
     if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
-        # In the orthonormal columns Q = W R^-1: in those of a nearly dependent W rounding would make variances negative.
+        # In the orthonormal columns Q = W R^-1: with a nearly dependent W rounding could give negative variances.
         q = np.zeros_like(system.w)
         for rows, columns in system.parts:
-            # What lies outside is zero, and costs nothing.
+            # Rows outside the block are zero and are skipped.
             part = system.w[np.ix_(rows, columns)] * weights[rows, None]
             q[np.ix_(rows, columns)] = part @ inverse_r[np.ix_(columns, columns)]
         return decimated(system, settings, q, weighted, inverse_r)
@@ -101,14 +101,14 @@ def decimated(
     if settings.weights == "none":
         variances = np.full(n, pooled)
     else:
-        # A joint whose rows hardly outnumber its own parameters cannot identify its noise: all joints together can.
+        # A joint with hardly more rows than parameters cannot identify its noise, so all joints together are used.
         by_itself = expected > SMALLEST_ROWS_SHARE * sizes
         variances = np.where(by_itself, squares / np.where(by_itself, expected, 1.0), pooled)
     return np.asarray(inverse_r @ np.einsum("j,jab->ab", variances, coloured) @ inverse_r.T)
 
 
 def _correlated(w: Array, blocks: Sequence[Block], first: int) -> Array:
-    """``T w`` with the symmetric Toeplitz matrix of each block's correlation; row 0 of `w` is row `first` of the system."""
+    """Return ``T w`` with each block's Toeplitz correlation matrix; row 0 of `w` is row `first` of the system."""
     out = np.empty_like(w)
     for block in blocks:
         rows = slice(block.rows.start - first, block.rows.stop - first)
@@ -129,7 +129,7 @@ def _correlated(w: Array, blocks: Sequence[Block], first: int) -> Array:
 def autocorrelated(
     columns: Array, errors: Array, blocks: Sequence[Block], inverse: Array
 ) -> tuple[Array, list[int]]:
-    """Covariance for errors that are correlated as they show it, each block with a variance of its own.
+    """Return the covariance with the correlation estimated from the errors, and a variance per block.
 
     Parameters
     ----------
@@ -164,10 +164,10 @@ def autocorrelated(
 
 
 def _coloured(rows: Array, errors: Array) -> Array:
-    """``J R J'`` with the correlation R that the errors of a joint show, tapered by Parzen's window, which keeps it definite."""
+    """Return ``J R J'`` with the estimated correlation R of a joint's errors, tapered by Parzen's window to stay definite."""
     n = errors.size
     length = 2 ** math.ceil(math.log2(2 * n))
-    # As long as the errors stay correlated in the worst case, and short enough for the estimate of each lag to mean something.
+    # As long as the longest plausible correlation, and short enough for an accurate estimate at each lag.
     lags = min(n - 1, max(2, n // 10))
     spectrum = np.abs(np.fft.rfft(errors, length)) ** 2
     correlation = np.fft.irfft(spectrum, length)[: lags + 1]
@@ -184,7 +184,7 @@ def _coloured(rows: Array, errors: Array) -> Array:
 
 
 def inverse(covariance: Array) -> Array:
-    """Return the inverse of a covariance whose parameters have different units; zero for those without a deviation."""
+    """Return the inverse of a covariance whose parameters have different units; zero for those without a standard deviation."""
     std = np.sqrt(np.diag(covariance))
     std = np.where(std > 0.0, std, 1.0)
     return np.asarray(np.linalg.pinv(covariance / np.outer(std, std), hermitian=True) / np.outer(std, std))

@@ -1,13 +1,13 @@
 """Delay between motion and torque: its estimate from the residuals of least squares, joint by joint, with standard deviations.
 
 Drives log the torque (a current reference) and the position at moments that may differ by a few samples. A torque recorded d
-samples late belongs to the motion d samples earlier. Whole shifts of the torque are tried first. Around the best of them the
+samples late belongs to the motion d samples earlier. First the best whole shift of the torque is found. Around the best of them the
 model torque ``m = W beta`` of each joint is linearised in its own delay,
 
     y_j(t + s_j) = W_j beta - (d_j - s_j) m_j'(t) + rho_j
 
-which adds a column per joint to (7): the torques are moved by the solution, a fraction of a sample by a cubic, and the
-system is solved again until nothing moves. Standard deviations are those of the delete-block jackknife, since model error is
+which adds a column per joint to (7): the torques are moved by the solution, a fraction of a sample by a cubic, and the system
+is solved again until the delays converge. Standard deviations are those of the delete-block jackknife, since model error is
 correlated in time. Joints that agree share one delay, and a delay that is not significant is zero.
 """
 
@@ -46,7 +46,7 @@ NO_MOTION = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class DelayEstimate:
-    """Delay of the torque after the motion, the hold of a digital controller taken off.
+    """Delay of the torque relative to the motion, without the hold of a digital controller.
 
     Attributes
     ----------
@@ -58,10 +58,10 @@ class DelayEstimate:
     std_samples : float
         Standard deviation of the shared delay, in samples, by the delete-block jackknife.
     joints, joints_std : tuple of float
-        Delay of each joint as it is to be compensated (the shared one unless the joint differs), and the standard deviation of
-        its own estimate; infinite where a joint does not identify it.
+        Delay of each joint for the compensation (the shared one unless the joint differs), and the standard deviation of its
+        own estimate, infinite if the joint does not identify it.
     gain : float
-        Share of the weighted residual that these delays take away, against those declared.
+        Share by which these delays reduce the weighted residual, compared with the declared ones.
     cutoff_hz : float or None
         Cut-off of the filter of the positions for this estimate.
     """
@@ -111,7 +111,7 @@ def estimate_delay(
     declared: Shift = 0.0,
     reach_s: float = 0.02,
 ) -> tuple[DelayEstimate, float]:
-    """Find the shift of the torque of each joint at which the fit is best.
+    """Find the torque shift of each joint with the best fit.
 
     Parameters
     ----------
@@ -120,15 +120,15 @@ def estimate_delay(
     signal : SignalProcessing
         Filter and decimation.
     observe : callable
-        Gives the weighted system of segments.
+        Function that returns the weighted system of segments.
     torque : callable
-        Gives the model torques of a segment for a solution of the system, (n_samples, n_dof).
+        Function that returns the model torques of a segment for a solution, (n_samples, n_dof).
     hold_s : float
-        Sample time of a digital controller, whose hold is no delay; zero for none.
+        Sample time of a digital controller, whose hold does not count as delay; zero for none.
     declared : float or sequence of float
-        Delays that the settings give, in samples, the hold taken off; the gain is against them.
+        Delays in the settings, in samples, without the hold; reference for the gain.
     reach_s : float
-        Largest delay looked for, in seconds, before or after.
+        Largest delay of the search, in seconds, of either sign.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def estimate_delay(
 
     Notes
     -----
-    ``test_delay.py`` recovers whole and fractional delays, common and of single joints, and finds none where there is none.
+    ``test_delay.py`` recovers whole and fractional delays, common and of single joints, and zero without a delay.
     """
     rates = {part.rate_hz for part in parts}
     if len(rates) > 1:
@@ -198,7 +198,7 @@ class _Search:
         self.system, self.weights, self.solution = found.system, found.weights, found.solution
         self.known = 0.0 if self.system.known is None else self.system.known
         self.w = self.system.w * self.weights[:, None]
-        # Projection on the columns: one factorisation serves every shift.
+        # Projection on the columns: one factorisation for all shifts.
         self.basis = np.linalg.qr(self.w)[0]
         self.norms: dict[int, float] = {}
         self.misfit = float("inf")
@@ -226,8 +226,8 @@ class _Search:
         return float(np.linalg.norm(y - self.basis @ (self.basis.T @ y)))
 
     def _torques(self, shift: Array) -> Array:
-        """Weighted Y of the inner segments, the torque of each joint moved back by its own shift, rows joint by joint."""
-        # Beyond the margin there are no torques: a larger delay, declared or searched for, counts as the largest.
+        """Return the weighted Y of the inner segments, with each joint's torque moved back by its shift, rows joint by joint."""
+        # Larger delays are clipped, because there are no torques beyond the margin.
         shift = np.clip(shift, 2.0 - self.margin, self.margin - 2.0)
         found = []
         for part in self.parts:
@@ -238,7 +238,7 @@ class _Search:
         return np.asarray(self.weights * (np.concatenate(found, axis=1).reshape(-1) - self.known))
 
     def _derivative(self, solution: Array, torque: Callable[[Segment, Array], Array]) -> Array:
-        """Weighted columns ``-m_j'`` of the delays, per sample, shape (r, n_dof)."""
+        """Return the weighted columns ``-m_j'`` of the delays, per sample, shape (r, n_dof)."""
         changes = (np.gradient(torque(part, solution), axis=0) for part in self.inner)
         slopes = np.concatenate([row_values(change, self.signal).T for change in changes], axis=1)
         columns = np.zeros((self.system.y.size, len(slopes)))
@@ -262,7 +262,7 @@ class _Search:
             scale[scale == 0.0] = 1.0
             q, r = np.linalg.qr(a / scale)
             if len(a) <= a.shape[1] or np.min(np.abs(np.diag(r))) < 1e-10:
-                return shift, covariance  # the log does not identify delays beside the parameters
+                return shift, covariance  # the log does not identify delays together with the parameters
             y = self._torques(shift)
             inverse = np.linalg.inv(r) / scale[:, None]
             x = inverse @ (q.T @ y)
@@ -270,7 +270,7 @@ class _Search:
             solution = x[:b]
             step = np.clip(x[b:], -1.0, 1.0)
             shift[moving] += step
-            # A joint that leaves the reach has no minimum of its own: it stays where it was, and takes the others' delay.
+            # A joint beyond the search range has no minimum: it keeps its value, and gets the delay of the others.
             away = np.abs(shift - whole) > self.margin
             away |= np.abs(shift) > self.margin + max(abs(whole), self.margin) - REACH_MARGIN
             shift[away], lost = whole, lost | away
@@ -326,7 +326,7 @@ def _shared(own: Array, covariance: Array) -> tuple[tuple[float, float], tuple[f
 def _mean(
     own: Array, covariance: Array, chosen: np.ndarray[tuple[int], np.dtype[np.bool_]]
 ) -> tuple[float, float]:
-    """Mean of some delays, each with the weight of its variance, and its standard deviation."""
+    """Return the mean of some delays, weighted by inverse variances, and its standard deviation."""
     some = np.flatnonzero(chosen)
     variances = np.maximum(np.diag(covariance)[some], 1e-300)
     weights = 1.0 / variances / np.sum(1.0 / variances)
@@ -335,7 +335,7 @@ def _mean(
 
 
 def _inner(part: Segment, margin: int) -> Segment:
-    """Segment without the first and last ``margin`` samples, so that every shift of the torque has a value."""
+    """Return a segment without the first and last ``margin`` samples, so every shift of the torque has a value."""
     kept = slice(margin, part.q.shape[0] - margin)
     return replace(
         part,

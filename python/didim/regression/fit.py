@@ -1,4 +1,4 @@
-"""The solution of a linear system (7), in the form that every solver gives it. Tested in ``tests/test_solver.py``."""
+"""The solution of a linear system (7), common to all solvers. Tested in ``tests/test_solver.py``."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ class Fit:
     solution : ndarray, shape (b,)
         Estimate.
     covariance : ndarray, shape (b, b)
-        Its covariance, (10) or what the solver says instead; zero where it says nothing.
+        Its covariance, (10) or that of the solver; zero if unknown.
     residual : ndarray, shape (r,)
         ``Y - W beta`` in the units of Y, without weights.
     weights : ndarray, shape (r,)
         Factor of each row in the last solution; ones without weights.
     condition_number : float
-        Condition number of W as it is, without weights.
+        Condition number of W without weights.
     stopped : bool
         Whether the callback asked to stop.
     converged : bool
-        False for iterations that ended before they reached their aim.
+        False for iterations that ended before convergence.
     factors : Factors or None
-        Weighted factors that the jackknife's deletions are made of; None for those of least squares with `weights`.
+        Weighted factors for the jackknife's deletions; None for those of least squares with `weights`.
     standard : ndarray, shape (p,), or None
-        Standard parameters of a physically consistent solution; None where the solver knows base parameters alone.
+        Standard parameters of a physically consistent solution; None if the solver only has base parameters.
     remarks : tuple of str
-        Sentences that a reader of the result should know.
+        Sentences for the result.
     record : mapping
-        Numbers and settings of the solver, as JSON has them, for the settings of the result.
+        Numbers and settings of the solver as JSON data, for the settings of the result.
     """
 
     solution: Array

@@ -1,16 +1,16 @@
 r"""Standard deviations by leaving parts of the log out: the delete-block jackknife.
 
-The rows of all joints within a time interval form a block. Model error and noise that are correlated within a block, or that
-change along the motion, then count as the uncertainty that they are, which (10) does not know of. With ``A`` the weighted
-observation matrix, ``rho`` the weighted residual and ``Q_i``, ``rho_i`` the rows of block i, for ``A = Q R``:
+The rows of all joints within a time interval form a block. Model error and noise that are correlated within a block, or change
+along the motion, are then included in the uncertainty, unlike in (10). With ``A`` the weighted observation matrix, ``rho`` the
+weighted residual and ``Q_i``, ``rho_i`` the rows of block i, for ``A = Q R``:
 
     b_(i) - b = -R^-1 (I - Q_i^T Q_i)^-1 Q_i^T rho_i          exact, with the weights of the whole log
     C_J = (m - 1)/m sum_i (b_(i) - mean)(b_(i) - mean)^T
     C = D C_now D,    D = diag sqrt(C_J,kk / C_now,kk)
 
 ``C`` has the variances of ``C_J``, whose rank is only m - 1, and the correlations of ``C_now``. Estimates with instruments
-``Z = Q R`` in place of ``A`` have ``-G^-1 (I - Q_i^T A_i G^-1)^-1 Q_i^T rho_i`` with ``G = Q^T A``, so that both are one
-function of a left factor ``Q``, a right factor ``A G^-1`` and ``G^-1``.
+``Z = Q R`` in place of ``A`` have ``-G^-1 (I - Q_i^T A_i G^-1)^-1 Q_i^T rho_i`` with ``G = Q^T A``, so both are one function of
+a left factor ``Q``, a right factor ``A G^-1`` and ``G^-1``.
 
 Sources: Quenouille (1956), Tukey (1958); Kuensch (1989) for blocks; Cameron and Miller (2015) for clusters.
 """
@@ -51,10 +51,10 @@ class Jackknife:
     deletions : ndarray, shape (m, b)
         Estimate without block i less that of the whole log.
     information : ndarray, shape (m, b)
-        Share of the information on each parameter that block i holds: one less the ratio of its variances, for white noise, with
-        and without the block.
+        Share of the information on each parameter in block i: one less the ratio of its variances with and without the block,
+        for white noise.
     leverage : float
-        Largest eigenvalue of all ``Q_i^T Q_i``; a value near one belongs to a direction that a single block determines.
+        Largest eigenvalue of all ``Q_i^T Q_i``; a value near one means that a single block determines a direction.
     """
 
     deletions: Array
@@ -76,7 +76,7 @@ class Jackknife:
 
 @dataclass(frozen=True)
 class Interval:
-    """Rows that the jackknife leaves out together: those of all joints within a time interval.
+    """Rows of all joints within a time interval: one block of the jackknife.
 
     Attributes
     ----------
@@ -103,8 +103,8 @@ def intervals(blocks: Sequence[Block], count: int = BLOCKS) -> list[Interval]:
     blocks : sequence of Block
         Rows of each joint in each window.
     count : int
-        Intervals wanted. There are fewer where an interval would have less than `FEWEST_ROWS` rows of a joint, and more where there
-        are more windows.
+        Requested number of intervals. It is reduced if an interval would have fewer than `FEWEST_ROWS` rows of a joint, and
+        raised to the number of windows.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def intervals(blocks: Sequence[Block], count: int = BLOCKS) -> list[Interval]:
 
 
 def _shares(lengths: Sequence[int], seconds: Sequence[float], count: int) -> list[int]:
-    """Return the number of intervals of each window: one at least, the rest where they are longest."""
+    """Return the number of intervals of each window: at least one, further ones where the intervals are longest."""
     parts = [1] * len(lengths)
     while sum(parts) < count:
         longest = [
@@ -153,7 +153,7 @@ def _shares(lengths: Sequence[int], seconds: Sequence[float], count: int) -> lis
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """Factors of a weighted system that its deletions are made of.
+    """Factors of a weighted system for its deletions.
 
     Attributes
     ----------
@@ -188,7 +188,7 @@ def jackknife(factors: Factors, blocks: Sequence[Rows]) -> Jackknife:
     Parameters
     ----------
     factors : Factors
-        Of the whole system.
+        Factors of the whole system.
     blocks : sequence of ndarray of int
         Rows of each block: at least two blocks.
 

@@ -1,4 +1,4 @@
-"""Least squares with one weight per joint, and what the residual says of the estimate: equations (7) to (11).
+"""Least squares with one weight per joint, and the covariance of the estimate: equations (7) to (11).
 
     Y = W beta + rho                       rows joint by joint                         (7)
     sigma^2 = |Y - W beta|^2 / (r - b)     or r - 1, as MATLAB's ``std`` divides       (9)
@@ -8,8 +8,8 @@ The torques of a shoulder and of a wrist have errors of different sizes. With ``
 of joint j are divided by the root mean square of its residuals, found by a first solution without weights,
 and (7) to (10) are written for the divided rows. A factor common to all weights changes neither beta nor C.
 
-Decimated noise is correlated, because the filter lets pass only part of the band that is left: r rows carry less information than
-r independent ones. Unless ``uncertainty`` is "white" the covariance counts this (``covariance.py``).
+Decimated noise is correlated, because the filter passes only a part of the remaining band: r rows contain less information than
+r independent ones. Unless ``uncertainty`` is "white" the covariance includes this (``covariance.py``).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def solve(
     settings : LeastSquaresSettings
         Weights and variance.
     progress : callable, optional
-        Called with the number of the solution, beta and the residual after each one; True stops.
+        Callback with the number of the solution, beta and the residual; True stops.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def solve(
     Notes
     -----
     ``test_least_squares.py`` compares with `numpy.linalg.lstsq` and checks over many seeds that the errors
-    are as large as the covariance says, with and without decimation.
+    agree with the covariance, with and without decimation.
     """
     check_solvable(system)
     scale = np.ones(system.y.size)
@@ -111,12 +111,12 @@ def solve(
 
 @dataclass(frozen=True, eq=False)
 class Factored:
-    """Least squares by QR, all parts of a system together.
+    """Least squares by QR, for all parts of a system.
 
     Attributes
     ----------
     solution : (b,) array
-        Estimate; without meaning where columns depend on others.
+        Estimate; meaningless for dependent columns.
     inverse_r : (b, b) array
         Inverse of the triangle R.
     singular_values : (b,) array
@@ -132,7 +132,7 @@ class Factored:
 
 
 def factored(system: LinearSystem, scale: Array) -> Factored:
-    """Solve (7) with weighted rows, part by part where branches share nothing: a quadruped costs four legs.
+    """Solve (7) with weighted rows, separately for independent branches such as the legs of a quadruped.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def factored(system: LinearSystem, scale: Array) -> Factored:
     singular_values = []
     for rows, columns in system.parts:
         if not columns.size and b:
-            continue  # joints whose columns were all dropped or fixed: nothing is unknown there
+            continue  # joints without unknowns, because all columns are dropped or fixed
         whole = len(columns) == b and len(rows) == len(scale)
         w = system.w if whole else system.w[np.ix_(rows, columns)]
         weight = scale[rows]
@@ -175,34 +175,34 @@ def solve_partly(
     values: Array,
     kept: Sequence[int],
 ) -> tuple[Fit, tuple[int, ...]]:
-    """Solve (7) for the columns that it identifies; the others keep their values.
+    """Solve (7) for the identifiable columns; the others keep their values.
 
     Parameters
     ----------
     system : LinearSystem
         Rows joint by joint.
     solver : callable
-        Solves the smaller system.
+        Solver of the smaller system.
     values : ndarray, shape (b,)
-        Values of the parameters that are kept.
+        Values of the parameters that are not estimated.
     kept : sequence of int
         Columns that depend on others, from `RankError.columns`.
 
     Returns
     -------
     Fit
-        Of all columns; the variance of those that were kept is zero.
+        Solution for all columns; those not estimated have a variance of zero.
     tuple of int
-        Columns that were kept.
+        Columns not estimated.
 
     Raises
     ------
     FitError
-        As `solve`; RankError where the other columns depend on each other with the weights of the second solution.
+        As `solve`; RankError if the other columns are dependent with the weights of the second solution.
 
     Notes
     -----
-    ``test_didim_endings.py`` has a start along whose motion an offset cannot be told from friction.
+    ``test_didim_endings.py`` has a start whose motion does not separate an offset from friction.
     """
     columns = len(system.names)
     free, held = [column for column in range(columns) if column not in set(kept)], sorted(kept)
@@ -228,7 +228,7 @@ def _condition_number(singular: Array) -> float:
 def dependence_sentence(
     names: Sequence[str], dependent: Sequence[tuple[int, Sequence[tuple[int, float]]]]
 ) -> str:
-    """One sentence on the columns that the log does not separate."""
+    """Return the sentence on columns that the log does not separate."""
     texts = []
     for index, coefficients in dependent:
         terms = [

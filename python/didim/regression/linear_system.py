@@ -1,7 +1,7 @@
 """The linear system (6), (7) of recordings: rows joint by joint, windows one after the other.
 
-Each window of a recording is filtered by itself, so that nothing outside it (a stop, a tool change) leaks in.
-Y and every column of W go through the same decimation filter, which keeps the linear relation between them.
+Each window of a recording is filtered separately, so samples outside it (a stop, a tool change) have no influence. Y and every
+column of W pass the same decimation filter, which preserves the linear relation between them.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def linear_system(
     Parameters
     ----------
     robot : Robot
-        Gives the base columns of the regressor (2).
+        Robot with the base columns of the regressor (2).
     parts : sequence of Segment
         At least one.
     signal : SignalProcessing
@@ -53,10 +53,9 @@ def linear_system(
     selection : Selection
         Fixed and dropped parameters.
     beta : ndarray, shape (n_base,), optional
-        Base parameters that give the torque of links and rotors, which the columns of load friction need: zero without them.
+        Base parameters for the torque of links and rotors in the columns of load friction, which is zero without them.
     logs : LogParameters, optional
-        Further parameters of some of the recordings, whose columns stand behind the base columns; `selection` then is that of
-        all of them.
+        Further parameters of some recordings, whose columns follow the base columns; `selection` then covers all of them.
 
     Returns
     -------
@@ -72,7 +71,7 @@ def linear_system(
 
     Notes
     -----
-    ``test_identify.py`` checks the order of the rows and that noise-free recordings give the parameters back.
+    ``test_identify.py`` checks the order of the rows, and recovers the parameters from noise-free recordings.
     """
     columns = list(robot.base_parameters.indices)
     n_dof = robot.n_dof
@@ -121,7 +120,7 @@ def linear_system(
 
 
 def torque_rows(parts: Sequence[Segment], signal: SignalProcessing) -> Array:
-    """Return the torques of segments in the rows of (7), (r,): those of known parameters included."""
+    """Return the torques of segments in the rows of (7), (r,), including those of known parameters."""
     return np.concatenate([_torques(part, signal) for part in parts], axis=1).reshape(-1)
 
 
@@ -177,7 +176,7 @@ def observation(
 
 @dataclass(frozen=True, kw_only=True)
 class LinearSystem:
-    """The system (7): rows joint by joint, a column per parameter to estimate.
+    """The system (7): rows joint by joint, a column per estimated parameter.
 
     Parameters
     ----------
@@ -190,11 +189,11 @@ class LinearSystem:
     names : tuple of str
         Names of the columns.
     known : ndarray, shape (r,), optional
-        Torques of the parameters that are fixed, already taken out of ``y``.
+        Torques of the fixed parameters, already subtracted from ``y``.
     slopes : mapping of str to ndarray, shape (r,)
         By the name of a column of a friction law: the derivative of the column by the law's estimated velocity.
     instruments : ndarray, shape (r, b), optional
-        Observation matrix of the same rows and columns along another motion, whose noise is not that of ``w``.
+        Observation matrix of the same rows and columns along another motion, with noise independent of ``w``.
     """
 
     w: Array
@@ -217,14 +216,14 @@ class LinearSystem:
 
     @cached_property
     def joint_columns(self) -> tuple[NDArray[np.intp], ...]:
-        """Columns that are not zero in the rows of each joint: those of its subtree, drives and logs."""
+        """Columns with nonzero entries in the rows of each joint: those of its subtree, drives and logs."""
         return tuple(np.flatnonzero(self.w[rows].any(axis=0)) for rows in self.joints)
 
     @cached_property
     def parts(self) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], ...]:
-        """Rows and columns that share nothing with the others, such as those of the legs of one trunk: (7) is solved part by part.
+        """Independent groups of rows and columns, such as those of the legs of one trunk, which are solved separately.
 
-        A column without any entry belongs to the first part, whose solution names it.
+        An empty column belongs to the first group, whose solution reports it.
         """
         groups: list[tuple[set[int], set[int]]] = []
         for joint, columns in enumerate(self.joint_columns):
@@ -243,7 +242,7 @@ class LinearSystem:
 
     @property
     def measured(self) -> Array:
-        """Measured torques, shape (r,): those of fixed parameters included."""
+        """Measured torques, shape (r,), including those of fixed parameters."""
         return self.y if self.known is None else self.y + self.known
 
     def norms(self, rows: Array) -> Array:
@@ -251,7 +250,7 @@ class LinearSystem:
         return np.array([np.linalg.norm(rows[joint]) for joint in self.joints])
 
     def part(self, blocks: Sequence[Block]) -> LinearSystem:
-        """Return the system of some of the blocks, such as all windows but one; their rows are numbered anew."""
+        """Return the system of some of the blocks, such as all windows but one, with renumbered rows."""
         blocks = [block for joint in by_joint(blocks) for block in joint]
         rows = np.concatenate([np.arange(block.rows.start, block.rows.stop) for block in blocks])
         ends = np.cumsum([0, *(block.n_rows for block in blocks)]).tolist()
@@ -270,7 +269,7 @@ class LinearSystem:
 
 
 def check_size(system: LinearSystem) -> None:
-    """Refuse torques and columns whose sum of squares no floating-point number holds.
+    """Refuse torques and columns whose sum of squares overflows.
 
     Raises
     ------
@@ -288,7 +287,7 @@ def check_size(system: LinearSystem) -> None:
 
 
 def check_squares(joint: int, largest: float, size: float, *, measured: Array) -> None:
-    """Refuse torques of a joint (from 0) whose norms `largest` or `size` left floating point.
+    """Refuse torques of a joint (from 0) whose norm `largest` or `size` overflows.
 
     Raises
     ------
@@ -303,12 +302,12 @@ def check_squares(joint: int, largest: float, size: float, *, measured: Array) -
 
 
 def check_solvable(system: LinearSystem) -> None:
-    """Refuse a system without columns, one with too few rows, and numbers that cannot be squared.
+    """Refuse a system without columns, with too few rows, or with squares that overflow.
 
     Raises
     ------
     FitError
-        The sentence says what to change.
+        The sentence gives the remedy.
     """
     rows, columns = system.w.shape
     if columns == 0:

@@ -1,4 +1,4 @@
-"""`Recursive`: weighted least squares on a log that is still being written, chunk by chunk, in constant memory."""
+"""`Recursive`: weighted least squares on a growing log, chunk by chunk, in constant memory."""
 
 from __future__ import annotations
 
@@ -62,13 +62,13 @@ class Recursive:
     Parameters
     ----------
     robot : Robot
-        Gives the regressor (2) and the base parameters.
+        Robot with the regressor (2) and the base parameters.
     average : int
-        Samples whose rows are averaged, on both sides of (7): the parallel filter of a log that is still being written.
-        At 5 kHz, 100 leaves 50 rows per second.
+        Number of samples whose rows are averaged, on both sides of (7): the parallel filter of a growing log. At 5 kHz, 100
+        gives 50 rows per second.
     forgetting : float
-        Factor of the weight of a row with every later row of its joint, in (0, 1]; 1 forgets nothing. A factor f remembers about
-        ``1 / (1 - f)`` rows.
+        Factor of the weight of a row with every later row of its joint, in (0, 1]; 1 for no forgetting. A factor f has a memory
+        of about ``1 / (1 - f)`` rows.
     fixed : mapping of str to float, optional
         Base parameters that are known.
     dropped : iterable of str, optional
@@ -81,9 +81,8 @@ class Recursive:
 
     Notes
     -----
-    Positions must be filtered, and velocities and accelerations known, before `update` gets them. The estimate is that of
-    weighted least squares on all rows at once, whatever the chunks: ``test_recursive.py``. Cost: a QR of the triangle and the
-    new rows, per joint.
+    `update` expects filtered positions, velocities and accelerations. The estimate equals that of weighted least squares on all
+    rows, for any chunks: ``test_recursive.py``. Cost: a QR of the triangle and the new rows, per joint.
     """
 
     def __init__(
@@ -116,7 +115,7 @@ class Recursive:
         return self._triangles.rows
 
     def update(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, tau: ArrayLike) -> None:
-        """Take in a chunk of samples.
+        """Add a chunk of samples.
 
         Parameters
         ----------
@@ -128,7 +127,7 @@ class Recursive:
         Raises
         ------
         ShapeError
-            For a wrong shape or a value that is not a finite number; the chunk is then left out as a whole.
+            For a wrong shape or a value that is not a finite number; the whole chunk is then ignored.
         """
         motion = [self._matrix(key, value) for key, value in (("q", q), ("dq", dq), ("ddq", ddq))]
         torque = self._matrix("tau", tau)
@@ -144,7 +143,7 @@ class Recursive:
             rows = _core.observation(self.robot.core, position, velocity, acceleration, self._columns, [], 1)
         except ValueError as reason:
             raise ShapeError(str(reason)) from None
-        # The core fills columns: in this layout nothing is copied.
+        # The core fills columns, so this layout avoids a copy.
         w = np.asarray(rows).T.reshape(len(self._columns), self.robot.n_dof, len(torque))
         y = np.ascontiguousarray(torque.T)
         if len(self._estimated) < len(self._columns):
@@ -154,7 +153,7 @@ class Recursive:
         self._take(w, y)
 
     def update_rows(self, w: ArrayLike, y: ArrayLike) -> None:
-        """Take in rows of (7) that were made elsewhere, filtered and decimated; they are not averaged.
+        """Add filtered and decimated rows of (7) computed elsewhere; they are not averaged.
 
         Parameters
         ----------
@@ -178,12 +177,12 @@ class Recursive:
         self._triangles.fold(rows[:, :, self._estimated], torque - known)
 
     def merge(self, other: Recursive) -> None:
-        """Take in all that another object has taken in: the sum of two logs.
+        """Add all rows of another object: the sum of two logs.
 
         Raises
         ------
         FitError
-            When the other one has another robot or other parameters.
+            When its robot or parameters differ.
         """
         same = other.robot.base_parameters.names == self.robot.base_parameters.names
         if not same or other._estimated != self._estimated:
@@ -199,7 +198,7 @@ class Recursive:
         Parameters
         ----------
         reweightings : int
-            How often weights per joint are estimated from the residuals, as by IDIM-LS; 0 for none.
+            Number of times that weights per joint are estimated from the residuals, as in IDIM-LS; 0 for none.
 
         Returns
         -------
@@ -228,7 +227,7 @@ class Recursive:
                 sigma = np.where(sigma > 0.0, sigma, 1.0)
             stacked = np.vstack([rows / size for (rows, _), size in zip(system, sigma, strict=True)])
             target = np.concatenate([z / size for (_, z), size in zip(system, sigma, strict=True)])
-            # The triangles of a motion that shows little have few rows; the core names what they lack.
+            # Triangles of a poor motion have few rows; the core names the missing parameters.
             missing = max(0, columns + 1 - len(target))
             stacked, target = np.pad(stacked, ((0, missing), (0, 0))), np.pad(target, (0, missing))
             try:
@@ -256,7 +255,7 @@ class Recursive:
         )
 
     def _take(self, w: Array, y: Array) -> None:
-        """Average complete groups of samples, (b, n_dof, n) and (n_dof, n), and fold them; keep the samples of the last group."""
+        """Average complete groups of samples, (b, n_dof, n) and (n_dof, n), and fold them; store the samples of the last group."""
         if self.average > 1:
             if self._rest[1].shape[1]:
                 w, y = np.concatenate([self._rest[0], w], axis=2), np.concatenate([self._rest[1], y], axis=1)

@@ -1,4 +1,4 @@
-"""Which base parameters are estimated, which are fixed to a value and which are dropped."""
+"""Roles of the base parameters: estimated, fixed to a value, or dropped."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Selection:
 
     @property
     def estimated(self) -> list[int]:
-        """Positions of the estimated parameters among the base parameters."""
+        """Indices of the estimated base parameters."""
         return [index for index, role in enumerate(self.roles) if role == "estimated"]
 
     def expand(self, estimate: Array) -> Array:
@@ -71,9 +71,9 @@ def select(robot: Robot, fixed: Mapping[str, float], dropped: Iterable[str]) -> 
     Parameters
     ----------
     robot : Robot
-        Gives the base parameters.
+        Robot with the base parameters.
     fixed : mapping of str to float
-        Values of base parameters that are known, SI units, joint side.
+        Values of known base parameters, SI units, joint side.
     dropped : iterable of str
         Base parameters taken as zero.
 

@@ -23,22 +23,21 @@ MOST_BLOCKS = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class LeastSquaresSettings:
-    """How (7) is solved and its covariance is scaled.
+    """Settings of the solution of (7) and of its covariance.
 
     Parameters
     ----------
     weights : {"per-joint", "none"}
-        Divide the rows of each joint by the size of its residuals, or solve once as they are.
+        Divide the rows of each joint by the size of its residuals, or solve once without weights.
     reweightings : int
-        How often the weights are estimated and the system is solved again (used with "per-joint").
+        Number of times that the weights are estimated and the system is solved again (with "per-joint").
     variance : {"r-b", "r-1"}
         Divisor of (9): unbiased, or that of the published EMPS results.
     uncertainty : {"jackknife", "decimated", "white"}
-        Standard deviations from leaving blocks of time out, which count the errors of the model as what they are; for white noise
-        that decimation has correlated, with a variance per joint where the weights are; or (10) with the `variance` of (9), as
-        published figures have it.
+        Standard deviations from leaving out blocks of time, which include correlated model errors; for white noise after
+        decimation, with a variance per joint if the weights are; or (10) with the `variance` of (9), as in published figures.
     blocks : int
-        Blocks of time of the jackknife, at least 2; fewer where there are few rows.
+        Number of time blocks of the jackknife, at least 2; fewer if there are few rows.
 
     Raises
     ------
@@ -60,7 +59,7 @@ class LeastSquaresSettings:
         whole("blocks", self.blocks, FitError, least=2, most=MOST_BLOCKS)
 
     def divisor(self, rows: int, columns: int) -> int:
-        """Divisor of (9) for a system of so many rows and columns."""
+        """Return the divisor of (9) for a number of rows and columns."""
         return rows - columns if self.variance == "r-b" else rows - 1
 
     @property

@@ -1,8 +1,8 @@
-"""The seam of the regressions: a solver takes a linear system (7) and gives a `Fit`. Tested in ``tests/test_solver.py``.
+"""Interface of the regressions: a solver maps a linear system (7) to a `Fit`. Tested in ``tests/test_solver.py``.
 
-A solver is a function or an object that can be called: ``solve(system, settings, progress=None) -> Fit``. A method
-takes its name in `SOLVERS`, "module:object", or the solver itself: ``IDIMLS(solver=...)``, ``DIDIM(solver=...)``. A solver
-with settings of its own is a frozen dataclass with ``__call__``: it can be pickled and compared.
+A solver is a function or a callable object: ``solve(system, settings, progress=None) -> Fit``. A method accepts its name in
+`SOLVERS`, "module:object", or the solver itself: ``IDIMLS(solver=...)``, ``DIDIM(solver=...)``. A solver with settings is a
+frozen dataclass with ``__call__``, which can be pickled and compared.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Solver(Protocol):
 
 @runtime_checkable
 class RobotSolver(Protocol):
-    """A solver that must know whose parameters the columns are, such as one with physical constraints."""
+    """A solver that needs the robot, such as one with physical constraints."""
 
     def for_robot(self, robot: Robot, selection: Selection) -> Solver:
         """Return the solver for the systems of a robot, whose columns are the estimated base parameters of `selection`."""
@@ -39,7 +39,7 @@ class RobotSolver(Protocol):
 
 @runtime_checkable
 class LogsSolver(Protocol):
-    """A solver that knows what logs have beside the robot too: payloads, offsets and friction of their own."""
+    """A solver that also supports further parameters of logs: payloads, own offsets and friction."""
 
     def for_logs(self, logs: LogParameters, selection: Selection) -> Solver:
         """Return the solver for the systems of these logs."""
@@ -60,12 +60,12 @@ MOVED = {"total": "didim.contrib.total:Total"}
 
 
 def check_solver(choice: object) -> None:
-    """Refuse what is neither a known name, "module:object" nor a solver.
+    """Refuse an object that is neither a known name, "module:object" nor a solver.
 
     Raises
     ------
     FitError
-        The sentence lists the names that are known.
+        The sentence lists the known names.
     """
     _loaded(choice)
 
@@ -73,7 +73,7 @@ def check_solver(choice: object) -> None:
 def solver_of(
     choice: SolverChoice, robot: Robot, selection: Selection, logs: LogParameters | None = None
 ) -> Solver:
-    """Return a solver, by name or as it is, for the systems of a robot, and of what its logs have beside it.
+    """Return a solver, given by name or as an object, for the systems of a robot and its logs.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def solver_of(
 
 
 def knows_logs(choice: SolverChoice) -> bool:
-    """Whether a solver takes the systems of logs with parameters of their own: it knows them, or no parameters at all."""
+    """Whether a solver supports further parameters of logs, by its interface or because it is independent of parameters."""
     found = _loaded(choice)
     return isinstance(found, LogsSolver) or not isinstance(found, RobotSolver)
 
@@ -96,7 +96,7 @@ def _loaded(choice: object) -> Solver | RobotSolver:
     solver = choice
     if isinstance(choice, str):
         solver = named(choice, SOLVERS, "solver", FitError, MOVED)
-        # A class of solvers stands for the one with its default settings.
+        # A class means an instance with default settings.
         solver = solver() if isinstance(solver, type) else solver
     if isinstance(solver, type) or not (callable(solver) or isinstance(solver, RobotSolver)):
         raise FitError(f"solver must be a name or a function of a system and settings, got {choice!r}")
@@ -117,5 +117,5 @@ def solver_name(choice: SolverChoice) -> str:
 
 
 def solver_record(choice: SolverChoice, fit: Fit) -> Mapping[str, object]:
-    """Name of a solver and what it says of itself, for the record of a result."""
+    """Return name and settings of a solver, for the record of a result."""
     return {"name": solver_name(choice), **fit.record}

@@ -1,10 +1,10 @@
-r"""Least squares that grows with the log: the triangle R of each joint, updated by the rows of every new chunk.
+r"""Recursive least squares: the triangle R of each joint, updated by the rows of every new chunk.
 
     [R_j z_j]  <-  triangle of [ f [R_j z_j] ; W_new Y_new ]          f = 1, or the root of a forgetting factor
     min sum_j |R_j x - z_j|^2 / s_j^2                                 the weighted solution (7) of all rows so far
 
-The triangles hold everything that the solution, its residuals per joint and (10) need, in constant memory, so that the weights
-can be estimated again at any time. The estimate is that of all rows at once, whatever the chunks.
+The triangles contain all information for the solution, its residuals per joint and (10), in constant memory, so the weights can
+be estimated at any time. The estimate equals that of all rows at once, for any chunks.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Triangles:
     n_joints, n_columns : int
         Joints, and columns of the observation matrix.
     forgetting : float
-        Factor of the squared residuals of a row with every later row of its joint: in (0, 1], 1 forgets nothing.
+        Factor of the squared residuals of a row with every later row of its joint: in (0, 1]; 1 for no forgetting.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class Triangles:
     def __init__(self, n_joints: int, n_columns: int, forgetting: float = 1.0) -> None:
         self.n_columns, self.forgetting = n_columns, forgetting
         self.rows = 0.0
-        # A joint does not see the links before it: its triangle has only the columns that it has seen, and the torques.
+        # A joint does not depend on preceding links: its triangle only has nonzero columns, and the torques.
         self._columns = [np.zeros(0, dtype=np.intp) for _ in range(n_joints)]
         self._triangles: list[Array] = [np.zeros((0, 1)) for _ in range(n_joints)]
 
@@ -76,7 +76,7 @@ class Triangles:
         self.rows = kept * self.rows + (n if factors is None else float(np.sum(factors**2)))
 
     def merge(self, other: Triangles) -> None:
-        """Fold the rows that another object has folded, as if they were new rows here."""
+        """Fold the rows of another object, like new rows."""
         for joint, (columns, triangle) in enumerate(zip(other._columns, other._triangles, strict=True)):
             w = np.zeros((len(triangle), self.n_columns))
             w[:, columns] = triangle[:, :-1]

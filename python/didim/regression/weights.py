@@ -19,7 +19,7 @@ def joint_sigma(system: LinearSystem, residual: Array) -> Array:
     counts = np.array([joint.stop - joint.start for joint in system.joints])
     sigma = system.norms(residual) / np.sqrt(counts)
     torque = system.norms(system.measured) / np.sqrt(counts)
-    # A joint without torque has no size of its own: it takes that of the largest.
+    # A joint without torque gets the size of the largest.
     floor = SMALLEST_RELATIVE_RESIDUAL * np.where(torque > 0.0, torque, torque.max(initial=0.0))
     sigma = np.maximum(sigma, floor)
     return cast(Array, np.where(sigma > 0.0, sigma, 1.0))

@@ -1,12 +1,12 @@
-r"""Instrumental variables for the linear system, and what the instruments say of it: Janot, Vandanjon and Gautier (2014).
+r"""Instrumental variables for the linear system, and their diagnosis: Janot, Vandanjon and Gautier (2014).
 
     beta = (Z^T O W)^-1 Z^T O Y                                               O = diag 1 / s_j^2
     C = (Z^T O W)^-1 Z^T O S O Z (W^T O Z)^-1                                  S_j = s_j^2 T
     strength of column i:  |V_i| / |W_i|,   V = (I - P_Z) W
 
-``W`` comes from measured motion and has noise in it; the instruments ``Z`` from the simulated one, which has none of that
-noise. Both are weighted alike: ``O^(-1/2) Z = Q R`` and ``Q^T O^(-1/2) W beta = Q^T O^(-1/2) Y``. The Durbin-Wu-Hausman test
-adds ``V`` to the regression: where W carries noise, V explains part of what W leaves.
+``W`` comes from measured motion and contains its noise; the instruments ``Z`` come from simulated motion without it. Both have
+the same weights: ``O^(-1/2) Z = Q R`` and ``Q^T O^(-1/2) W beta = Q^T O^(-1/2) Y``. The Durbin-Wu-Hausman test adds ``V`` to
+the regression: if W contains noise, V explains a part of the residual.
 """
 
 from __future__ import annotations
@@ -70,13 +70,13 @@ def instrumented(a: Array, z: Array, y: Array, weights: Array) -> Instrumented |
     Returns
     -------
     Instrumented or None
-        None where the instruments depend on each other, or say nothing on a parameter: ``Q^T A`` is singular.
+        None if the instruments are dependent, or do not identify a parameter: ``Q^T A`` is singular.
 
     Notes
     -----
-    ``test_instrumental.py`` compares with the normal equations, and finds least squares where Z is W.
+    ``test_instrumental.py`` compares with the normal equations, and with least squares for Z = W.
     """
-    # One matrix after the other: on a long log they are what fills the memory of a study's worker.
+    # One matrix at a time, because they dominate the memory of a study's worker.
     scaled = z * weights[:, None]
     sizes = np.linalg.norm(scaled, axis=0)
     scaled /= np.where(sizes > 0.0, sizes, 1.0)
@@ -106,7 +106,7 @@ def instrument_strength(a: Array, left: Array) -> Array:
 
     Notes
     -----
-    Nearly 0: the column has hardly any noise, and least squares has no bias to speak of. Towards 1: the instrument is weak.
+    Near 0 the column contains hardly any noise, and the bias of least squares is negligible. Near 1 the instrument is weak.
     """
     size = np.linalg.norm(a, axis=0)
     rest = _rest_norms(a, left, left.T @ a)
@@ -114,13 +114,13 @@ def instrument_strength(a: Array, left: Array) -> Array:
 
 
 def _rows_at_once(count: int) -> Iterator[slice]:
-    """Slices of rows: matrices of the size of W are not made anew, since workers of a study have little memory."""
+    """Return slices of rows, to avoid copies of W: workers of a study have little memory."""
     for first in range(0, count, ROWS_AT_ONCE):
         yield slice(first, first + ROWS_AT_ONCE)
 
 
 def _rest_norms(a: Array, left: Array, projected: Array) -> Array:
-    """Norms of the columns of V, what the instruments do not explain of W."""
+    """Return the norms of the columns of V, the part of W that the instruments do not explain."""
     squares = np.zeros(a.shape[1])
     for rows in _rows_at_once(len(a)):
         squares += np.square(a[rows] - left[rows] @ projected).sum(axis=0)
@@ -140,8 +140,8 @@ class ExogeneityTest:
     remaining : int
         Rows less rank.
     p_value : float
-        For white errors. Model errors are correlated, so that it is nearly always small on real logs: the contrast of two
-        estimates (`didim.contrast`) is the robust form.
+        Probability for white errors. Model errors are correlated, so it is nearly always small on real logs; the contrast of
+        two estimates (`didim.contrast`) is a robust alternative.
     """
 
     statistic: float
@@ -163,16 +163,16 @@ def exogeneity_test(a: Array, left: Array, y: Array) -> ExogeneityTest | None:
     Returns
     -------
     ExogeneityTest or None
-        None where V adds nothing, or no rows are left.
+        None if V adds nothing, or there are too few rows.
     """
     from scipy.special import fdtrc
 
     projected, size = left.T @ a, np.linalg.norm(a, axis=0)
     added = _rest_norms(a, left, projected)
-    # The rest of a column that the instruments hold entirely is rounding.
+    # For a column within the span of the instruments the difference is rounding.
     kept = added > DEPENDENT_INSTRUMENT * size
     scale = np.where(size > 0.0, size, 1.0)
-    # R of [W, V, Y], some rows after the other.
+    # R of [W, V, Y], a slice of rows at a time.
     triangle = np.zeros((0, a.shape[1] + int(kept.sum()) + 1))
     for rows in _rows_at_once(len(a)):
         rest = (a[rows] - left[rows] @ projected)[:, kept] / added[kept]
@@ -182,7 +182,7 @@ def exogeneity_test(a: Array, left: Array, y: Array) -> ExogeneityTest | None:
     left_of_both, values, _ = np.linalg.svd(both, full_matrices=False)
     rank = int(np.sum(values > DEPENDENT_INSTRUMENT * values[0]))
     basis = left_of_both[:, :rank]
-    # The first columns of Q span W: what they leave of Y stands below their rows.
+    # The first columns of Q span W, so the residual of Y is below their rows.
     restricted, full = target[a.shape[1] :], target - basis @ (basis.T @ target)
     gained, remaining = rank - a.shape[1], y.size - rank
     if gained <= 0 or remaining <= 0 or not full @ full > 0.0:
@@ -200,7 +200,7 @@ def durbin_watson(residuals: Sequence[Array]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What the instruments say of an observation matrix.
+    """Diagnosis of an observation matrix by instruments.
 
     Attributes
     ----------
@@ -229,7 +229,7 @@ def solve_with_instruments(
     settings : LeastSquaresSettings
         Weights and variance.
     progress : callable, optional
-        As for every solver; solutions are few, and it does not hear of them.
+        As for every solver; it is not called, because solutions are few.
 
     Returns
     -------
@@ -268,7 +268,7 @@ def solve_with_instruments(
 
 
 def instrument_diagnosis(system: LinearSystem, fit: Fit) -> Diagnosis:
-    """Return what the instruments say of the observation matrix; `fit` is that of `solve_with_instruments`."""
+    """Return the diagnosis of the observation matrix; `fit` is that of `solve_with_instruments`."""
     assert fit.factors is not None
     left, rows = fit.factors.left, system.w * fit.weights[:, None]
     return Diagnosis(
@@ -281,7 +281,7 @@ def instrument_diagnosis(system: LinearSystem, fit: Fit) -> Diagnosis:
 
 
 def _determined(system: LinearSystem, weights: Array) -> Instrumented:
-    """Solve with weighted instruments, or raise the error of instruments that depend on each other."""
+    """Solve with weighted instruments, or raise the error on dependent instruments."""
     z = system.instruments
     if z is None:
         raise FitError("the linear system has no instruments")

@@ -1,10 +1,10 @@
-r"""Ridge regression: least squares that is drawn towards prior values.
+r"""Ridge regression: least squares with a penalty on the distance from prior values.
 
     min |A x - y|^2 + k |D (x - x_0)|^2,      D = diag of the norms of the columns of A
 
-With unit columns every parameter is drawn alike, whatever its unit. The strength k is given, or chosen on a grid: the one whose
-estimates from all blocks of time but one predict the torques of that block best. Sources: Hoerl and Kennard (1970); Golub,
-Heath and Wahba (1979) for the choice by prediction.
+With unit columns the penalty does not depend on the units of parameters. The strength k is given, or chosen on a grid by
+cross-validation over blocks of time. Sources: Hoerl and Kennard (1970); Golub, Heath and Wahba (1979) for the choice by
+prediction.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ STRENGTHS = tuple(10.0**power for power in np.arange(-8.0, 0.01, 0.5))
 
 
 def ridge(a: Array, y: Array, strength: float, prior: Array | None = None) -> Array:
-    """Solve ``A x = y`` drawn towards prior values.
+    """Solve ``A x = y`` with a penalty on the distance from prior values.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def ridge(a: Array, y: Array, strength: float, prior: Array | None = None) -> Ar
 
 
 def chosen_strength(a: Array, y: Array, blocks: Sequence[Rows]) -> tuple[float, Array]:
-    """Choose the strength of `STRENGTHS` that predicts blocks of time best that the estimate was not made of.
+    """Choose the strength of `STRENGTHS` with the smallest error on held-out blocks of time.
 
     Parameters
     ----------

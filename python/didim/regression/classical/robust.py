@@ -3,12 +3,11 @@ r"""Robust regression by iteratively reweighted least squares: Huber's and Tukey
     u = rho / s_j,   s_j = 1.4826 median |rho_j|        the residual of joint j in robust standard deviations
     weight = psi(u) / u      Huber: min(1, c / |u|);   bisquare: (1 - (u / c)^2)^2 within c, else 0
 
-The weighted problem is solved again until the estimate rests. Sources: Huber (1964); Beaton and Tukey (1974); Holland and
-Welsch (1977). The constants make both 95 % as efficient as least squares where the noise is normal.
+The weighted problem is solved until the estimate converges. Sources: Huber (1964); Beaton and Tukey (1974); Holland and
+Welsch (1977). The constants give both an efficiency of 95 % with normal noise.
 
-Residuals of a robot are large at reversals, where friction is not what the model says. These are not outliers, and a robust
-estimate predicts other motions no better for ignoring them (docs/robust.md). Spikes are best removed before the decimation
-(`signal.spikes`).
+Residuals of a robot are large at reversals, where the friction model is wrong. These are not outliers, and ignoring them does
+not improve the prediction of other motions (docs/robust.md). Spikes are best removed before the decimation (`signal.spikes`).
 """
 
 from __future__ import annotations
@@ -43,13 +42,13 @@ class RobustSolution:
     solution : ndarray, shape (b,)
         Estimate.
     weights : ndarray, shape (r,)
-        ``psi(u)/u`` of each row: 1 for rows that count in full.
+        ``psi(u)/u`` of each row: 1 for full weight.
     scale : ndarray, shape (n_dof,)
         Robust standard deviation of each joint's residual, in the unit of its torque.
     iterations : int
         Solutions of the weighted problem.
     converged : bool
-        Whether the estimate rested before the last iteration.
+        Whether the estimate converged before the last iteration.
     """
 
     solution: Array
@@ -83,11 +82,11 @@ def reweighted(
     w, y : ndarray, shapes (r, b), (r,)
         The system, without weights.
     joints : sequence of slice
-        Rows of each joint, which have a scale of their own.
+        Rows of each joint, each with its own scale.
     start : ndarray, shape (b,)
         First estimate: that of weighted least squares.
     loss : {"huber", "bisquare"}
-        Huber's bounds the influence of a row, Tukey's bisquare ends it.
+        Huber's function bounds the influence of a row, Tukey's bisquare reduces it to zero.
     constant : float, optional
         Tuning constant in robust standard deviations; that of `CONSTANTS` by default.
 

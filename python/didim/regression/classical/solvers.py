@@ -1,7 +1,7 @@
-"""Huber, bisquare and ridge on the solver seam: ``IDIMLS(solver="huber")``, ``DIDIM(solver="ridge")``.
+"""Huber, bisquare and ridge as solvers: ``IDIMLS(solver="huber")``, ``DIDIM(solver="ridge")``.
 
-Each starts from weighted least squares, whose weights per joint it keeps or replaces. Measured against least squares in
-docs/robust.md. Tested in ``tests/test_robust.py``.
+Each starts from weighted least squares, and uses or replaces its weights per joint. docs/robust.md compares them with least
+squares. Tested in ``tests/test_robust.py``.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Robust:
     Parameters
     ----------
     loss : {"huber", "bisquare"}
-        Which function.
+        Loss function.
     constant : float, optional
         Tuning constant in robust standard deviations: 1.345 and 4.685 by default.
     """
@@ -83,7 +83,7 @@ class Ridge:
     Parameters
     ----------
     strength : float, optional
-        ``k`` for unit columns; by default the one that predicts blocks of time best that were left out.
+        ``k`` for unit columns; by default chosen by cross-validation over blocks of time.
     """
 
     strength: float | None = None

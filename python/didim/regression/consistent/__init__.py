@@ -1,1 +1,1 @@
-"""Least squares under the conditions that a robot meets."""
+"""Least squares with physical constraints."""

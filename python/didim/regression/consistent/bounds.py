@@ -1,6 +1,6 @@
-"""Bounds on masses and centres of mass that a user knows, as conditions on the standard parameters.
+"""Bounds on masses and centres of mass from the user, as conditions on the standard parameters.
 
-Links count from 1, lengths and places are in the frame of the link (m). Tested in ``tests/test_consistent.py``.
+Links count from 1; lengths and positions are in the frame of the link (m). Tested in ``tests/test_consistent.py``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Bounds:
-    """What is known of masses and centres of mass.
+    """Bounds on masses and centres of mass.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""What a log has wrong that least squares hides: the residual of physical parameters beside that of any parameters.
+"""Faults of a log that least squares hides: comparison of the residuals with and without physical constraints.
 
-Without constraints a reversed torque or a wrong gravity hides in parameters that no robot has. Tested in
+Without constraints, physically impossible parameters can compensate for a reversed torque or a wrong gravity. Tested in
 ``tests/test_consistent.py``.
 """
 
@@ -21,7 +21,7 @@ NOTHING = 0.5
 
 @dataclass(frozen=True)
 class Contradiction:
-    """Torques that only parameters of no robot explain.
+    """Torques that only physically impossible parameters explain.
 
     Attributes
     ----------

@@ -2,10 +2,10 @@
 
     min_x 1/2 |R (B x - beta)|^2 + prior,    R^T R = C^-1
 
-Intervals are those of draws: beta by its covariance C (Student's distribution where C has few degrees of freedom), each draw moved
-to its nearest robot. The curvature at the solution would be wrong where conditions are active. A parameter comes *from the prior*
-when the curvature of log and prior leaves it more than 1.2 times the deviation of the draws (nothing but the prior holds
-it, and the draws all stop at the same place), or other priors move it by more than 0.3 of that deviation. Tested in
+Intervals come from draws of beta with its covariance C (Student's distribution if C has few degrees of freedom), each projected
+to its nearest robot; the curvature at the solution would be wrong with active constraints. A parameter comes *from the prior*
+in two cases. Its standard deviation by the curvature of log and prior exceeds 1.2 times that of the draws (only the prior
+determines it, and all draws give the same value), or other priors shift it by more than 0.3 of that deviation. Tested in
 ``tests/test_consistent.py``.
 """
 
@@ -53,12 +53,12 @@ class NearestRobot:
     std, low, high : (p,) arrays
         Deviation of the draws, and their 2.5 and 97.5 % quantiles.
     identified : (p,) array of bool
-        False for what only the prior knows.
+        False for parameters from the prior.
     covariance : (b, b) array
         Covariance of the base parameters of the draws.
     half_distance : float
-        Half the squared distance from the estimate, in nats. Noise alone gives about half the number of active conditions;
-        more than the number of parameters says that model or covariance is wrong.
+        Half the squared distance from the estimate, in nats. Noise alone gives about half the number of active conditions; a
+        value above the number of parameters indicates a wrong model or covariance.
     draws : (n, p) array
         Standard parameters of the draws.
     prior : str
@@ -108,9 +108,10 @@ def nearest_robot(
     draws : int
         Number of draws for the intervals, at least 20.
     seed : int
-        Of NumPy's default generator.
+        Seed of NumPy's default generator.
     degrees_of_freedom : float
-        Of the covariance: those of a jackknife are its blocks less one. Intervals are wider for it, deviations are not.
+        Degrees of freedom of the covariance: for a jackknife its blocks less one. They widen the intervals, not the standard
+        deviations.
 
     Raises
     ------
@@ -133,7 +134,7 @@ def nearest_robot(
         freedom = max(degrees_of_freedom, LEAST_FREEDOM)
         noise /= np.sqrt(random.chisquare(freedom, (draws, 1)) / freedom)
         shrink = (freedom - 2.0) / freedom
-    # Two threads; the bits do not depend on them.
+    # Two threads; the result does not depend on them.
     drawn = np.array([item.x for item in problem.solve_many(root, right + noise, 2)])
     spread = np.sqrt(shrink) * drawn.std(axis=0, ddof=1)
     others = []
@@ -145,7 +146,7 @@ def nearest_robot(
     moved = np.abs(others[1] - others[0]) / 2.0
     held = np.sqrt(np.diag(problem.covariance(root, best.x))) <= HELD * spread
     size = np.maximum(np.abs(best.x), np.abs(drawn).max(axis=0))
-    # Of a few hundred draws: the plain quantiles would hold a further draw less often than 95 times in 100.
+    # Corrected for a few hundred draws, whose plain quantiles would cover a further draw less often than in 95 %.
     low, high = np.quantile(drawn, [0.025, 0.975], axis=0, method="weibull")
     return NearestRobot(
         x=best.x,

@@ -1,7 +1,7 @@
-"""Priors of physically consistent estimates: a robot that each link, rotor and friction coefficient is drawn to.
+"""Priors of physically consistent estimates: a robot as the centre of the prior for links, rotors and friction.
 
-The log-det divergence (11) from the prior is the only thing that bounds what a log says nothing of, such as the mass of a
-link that hardly moves. Tested in ``tests/test_consistent.py``.
+Only the log-det divergence (11) from the prior bounds parameters that the log does not identify, such as the mass of a link
+that hardly moves. Tested in ``tests/test_consistent.py``.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ INNER = 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """The robot that an estimate is drawn to.
+    """The robot at the centre of a prior.
 
     Attributes
     ----------
     name : str
-        What it is, for the record of a result.
+        Name for the record of a result.
     bodies : tuple of (4, 4) arrays
         Pseudo-inertia of each link about its frame, positive definite.
     rotors : (n_dof,) array
@@ -53,7 +53,7 @@ class Prior:
     rotors: Array
 
     def parameters(self, robot: Robot) -> Array:
-        """Return standard parameters inside every condition: those of the prior, with friction of 1."""
+        """Return standard parameters that satisfy all conditions: those of the prior, with friction of 1."""
         places, x = places_of(robot), np.zeros(len(robot.parameter_names))
         for j, body in enumerate(self.bodies, start=1):
             for name, value in zip(INERTIAL, ten_parameters(body), strict=True):
@@ -78,19 +78,19 @@ class Prior:
 def generic_prior(
     robot: Robot, system: LinearSystem | None = None, selection: Selection | None = None
 ) -> Prior:
-    """Return solids of one mass at every frame, of a size that fits the arm, and unit rotors.
+    """Return solids of equal mass at every frame, with a size proportional to the arm, and unit rotors.
 
-    The radius of gyration is 0.08 of the length of the arm. The mass is the one that explains the torques of a log best, beside
-    rotors, friction and offsets; 3 kg without a log.
+    The radius of gyration is 0.08 of the length of the arm. The mass is fitted to the torques of a log, together with rotors,
+    friction and offsets; it is 3 kg without a log.
 
     Parameters
     ----------
     robot : Robot
-        Its geometry gives the size.
+        Robot whose geometry gives the size.
     system : LinearSystem, optional
-        The rows of a log, for the mass.
+        Rows of a log, for the mass.
     selection : Selection, optional
-        Which base parameters the columns are.
+        Base parameters of the columns.
     """
     geometry = robot.geometry
     length = max(_way(geometry, joint) for joint in range(robot.n_joints))
@@ -101,7 +101,7 @@ def generic_prior(
 
 
 def _way(geometry: Geometry, joint: int) -> float:
-    """Sum of the lengths from the base to a frame (m)."""
+    """Return the sum of the lengths from the base to a frame (m)."""
     found = 0.0
     for j in carriers(geometry.parents, joint):
         found += abs(geometry.d[j]) + abs(geometry.r[j])
@@ -112,12 +112,12 @@ def _way(geometry: Geometry, joint: int) -> float:
 
 
 def _mass(robot: Robot, one: Prior, system: LinearSystem, selection: Selection) -> float:
-    """Return the mass of each of the equal solids that explain torques best, beside the drives."""
+    """Return the mass of the equal solids that fit the torques best, together with the drives."""
     x = one.parameters(robot)
     inertial = [name.rstrip("0123456789") in INERTIAL for name in robot.parameter_names]
     whole = robot.base_parameters.matrix
     own = [place for place in selection.estimated if place < len(whole)]
-    # What logs have beside the robot stands behind its parameters.
+    # The further parameters of logs follow those of the robot.
     w, further = system.w[:, : len(own)], system.w[:, len(own) :]
     matrix = whole[own]
     body = w @ (matrix @ np.where(inertial, x, 0.0))
@@ -155,7 +155,7 @@ def prior_near(robot: Robot, x: Array, name: str) -> Prior:
     x : (p,) array
         Standard parameters; links that are not bodies are replaced by generic solids.
     name : str
-        For the record.
+        Name for the record.
 
     Raises
     ------

@@ -46,7 +46,7 @@ class Simulability:
     step_s : float
         Step (s).
     rate : float
-        Largest product of the fastest rate and the step; Runge-Kutta's fourth order is stable to 2.78.
+        Largest product of the fastest rate and the step; fourth-order Runge-Kutta is stable up to 2.78.
     damping : tuple of float
         Damping gain of a continuous controller per joint, joint side; zeros for a digital one.
     smoothing : tuple of float
@@ -66,13 +66,13 @@ class Constrained:
     Attributes
     ----------
     x : (p + e,) array
-        Standard parameters, and those that logs have beside the robot.
+        Standard parameters, and the further ones of the logs.
     half_distance : float
-        ``1/2 |R (B x) - z|^2``, in nats where rows have unit noise: how far the conditions are from the plain estimate.
+        ``1/2 |R (B x) - z|^2``, in nats for rows of unit noise: the distance of the constrained from the plain estimate.
     ending : str
         "solved", "stalled" or "limit".
     iterations : int
-        Newton systems.
+        Number of Newton systems.
     multipliers : tuple of (m, m) arrays
         ``Z`` of each of `ConstrainedProblem.conditions`, for a single solution: ``F Z = weight I``. A condition without
         unknowns, such as one on dropped parameters, has none: an empty array.
@@ -94,17 +94,17 @@ class ConstrainedProblem:
     robot : Robot
         The robot.
     selection : Selection
-        Base parameters that are fixed or dropped: equalities.
+        Fixed or dropped base parameters, which are equalities.
     prior : Prior
-        The robot that the estimate is drawn to.
+        Robot at the centre of the prior.
     gamma : float
         Weight of the prior (nats): 1 is one nat per e-fold of volume.
     bounds : Bounds or None
-        What is known of masses and centres.
+        Bounds on masses and centres.
     simulability : Simulability or None
-        Conditions (B), which take the place of those on the rotors.
+        Conditions (B), which replace those on the rotors.
     logs : LogParameters or None
-        What logs have beside the robot, e parameters: the roles of `selection` and the columns of a system go on with them.
+        Further parameters of the logs, e of them: they continue the roles of `selection` and the columns of a system.
     """
 
     robot: Robot
@@ -131,14 +131,14 @@ class ConstrainedProblem:
             *(_drawn(rotor, self.gamma) for rotor in rotors),
             *(_drawn(friction, FRICTION_WEIGHT) for friction in friction_cones(drives)),
         ]
-        # The prior weighs a rotor once, however many recordings have friction of their own.
+        # The prior counts a rotor once, independently of the number of recordings with their own friction.
         weak = [replace(drive, weight=min(drive.weight, FRICTION_WEIGHT)) for drive in of_drives]
         of_logs = [] if self.logs is None else log_conditions(self.logs, self.gamma, weak)
         return (*links, *of_drives, *bounds, *of_logs)
 
     @cached_property
     def start(self) -> Array:
-        """Parameters that the solver starts from, (p + e,): the prior's, rotors large enough for the conditions."""
+        """Return the solver's start, (p + e,): the prior's parameters, with rotors large enough for the conditions."""
         x = self.prior.parameters(self.robot)
         if self.simulability is not None:
             wanted = self.simulability
@@ -150,15 +150,15 @@ class ConstrainedProblem:
 
     @cached_property
     def matrix(self) -> Array:
-        """Rows of ``B`` of the estimated base parameters, (n_estimated, p + e): those of logs stand for themselves."""
+        """Return the rows of ``B`` of the estimated parameters, (n_estimated, p + e), with unit rows for those of logs."""
         return _beside(self.robot.base_parameters.matrix, self._n_further)[self.selection.estimated]
 
     @cached_property
     def unknowns(self) -> Array:
         """``T`` with ``x = T u``, (p + e, p + e): ``u`` are the standard parameters that regroup, then the base parameters.
 
-        The core solves for ``u``. No row of a log touches the first of them, so rounding of a strong log does not cover what
-        a weak prior says.
+        The core solves for ``u``. The rows of a log do not depend on the first of them, so rounding of a strong log does not
+        hide a weak prior.
         """
         base, others = self.robot.base_parameters, self._regrouped
         columns = np.eye(len(self.robot.parameter_names))[:, [*others, *base.indices]]
@@ -171,7 +171,7 @@ class ConstrainedProblem:
 
     @cached_property
     def _regrouped(self) -> list[int]:
-        """Standard parameters that no base parameter is named after."""
+        """Return the standard parameters that do not give a base parameter its name."""
         return sorted(set(range(len(self.robot.parameter_names))) - set(self.robot.base_parameters.indices))
 
     @cached_property
@@ -214,7 +214,7 @@ class ConstrainedProblem:
         return replace(self._found(solved, rows, right[None])[0], multipliers=multipliers)
 
     def solve_many(self, rows: Array, right: Array, threads: int = 2) -> list[Constrained]:
-        """Solve for several right sides (m, r), on some threads of the core; the bits do not depend on their number."""
+        """Solve for several right sides (m, r), on threads of the core; the result does not depend on their number."""
         return self._found(self._solved(rows, right, threads), rows, right)
 
     def _solved(self, rows: Array, right: Array, threads: int) -> _core.ConsistentSolutions:
@@ -244,9 +244,9 @@ class ConstrainedProblem:
         return found
 
     def covariance(self, rows: Array, x: Array) -> Array:
-        """Covariance of the standard parameters by the curvature of log and prior at ``x``, (p, p).
+        """Return the covariance of the standard parameters by the curvature of log and prior at ``x``, (p, p).
 
-        Where only a weak prior holds a parameter it is large, however little that parameter moves with the noise.
+        It is large for a parameter determined only by a weak prior, even if noise hardly moves that parameter.
         """
         p, b = len(x), len(self.selection.roles)
         free = [*range(p - b), *(p - b + place for place in self.selection.estimated)]
@@ -260,7 +260,7 @@ class ConstrainedProblem:
         return np.asarray(root @ root.T)
 
     def marginal(self, x: Array) -> Array:
-        """Curvature of the log-det terms at parameters, (p, p): what the prior says there."""
+        """Return the curvature of the log-det terms at parameters, (p, p)."""
         curvature = np.zeros((len(x), len(x)))
         for condition in self.conditions:
             weight = max(condition.weight, LEAST_WEIGHT)
@@ -276,7 +276,7 @@ class ConstrainedProblem:
 
 
 def _beside(matrix: Array, count: int) -> Array:
-    """Return a matrix that leaves further parameters as they are."""
+    """Return a matrix extended by the identity for further parameters."""
     rows, columns = matrix.shape
     found = np.eye(rows + count, columns + count, columns - rows)
     found[:rows, :] = 0.0

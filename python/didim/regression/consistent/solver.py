@@ -1,7 +1,7 @@
-"""Consistent least squares on the seam: ``IDIMLS(physical=True)``, ``DIDIM(physical=True)``.
+"""Consistent least squares as a solver: ``IDIMLS(physical=True)``, ``DIDIM(physical=True)``.
 
-The rows are weighted as by `didim.regression.least_squares.solve`, with the same number of solutions. The last one meets the
-conditions of a robot. Tested in ``tests/test_consistent.py``.
+The rows are weighted as by `didim.regression.least_squares.solve`, with the same number of solutions, the last one with
+physical constraints. Tested in ``tests/test_consistent.py``.
 """
 
 from __future__ import annotations
@@ -43,11 +43,13 @@ class Consistent:
     ----------
     gamma : float, optional
         Weight of the prior on rows of unit white noise (nats). By default 0.01 times the factor by which the correlation of the
-        residuals raises the variances, which is 1 for white noise and about 4 on real logs: rows that err together say less.
+        residuals raises the variances, which is 1 for white noise and about 4 on real logs: correlated rows contain less
+        information.
     prior : str, mapping, array or Prior
-        "generic" for solids that fit the arm and the log, a parameter set of the robot such as "urdf", values by name.
+        "generic" for solids with the size of the arm and a mass from the log, a parameter set of the robot such as "urdf", or
+        values by name.
     bounds : Bounds, optional
-        Masses and centres that are known.
+        Bounds on masses and centres.
 
     Raises
     ------
@@ -73,7 +75,7 @@ class Consistent:
         return ConsistentSolver(settings=self, robot=robot, selection=selection)
 
     def for_logs(self, logs: LogParameters, selection: Selection) -> ConsistentSolver:
-        """Return the solver for the systems of a robot and of what its logs have beside it."""
+        """Return the solver for the systems of a robot and its logs."""
         return replace(self.for_robot(logs.robot, selection), logs=None if logs.simple else logs)
 
 
@@ -94,9 +96,9 @@ class ConsistentSolver:
     selection : Selection
         Which base parameters the columns are.
     problem : ConstrainedProblem or None
-        The problem, once the prior has been sized by a log; made anew for each system without one.
+        The problem, with a prior sized by a log; if None, it is built for each system.
     logs : LogParameters or None
-        What the logs have beside the robot.
+        Further parameters of the logs.
     """
 
     settings: Consistent
@@ -106,7 +108,7 @@ class ConsistentSolver:
     logs: LogParameters | None = None
 
     def on(self, system: LinearSystem, simulability: Simulability | None = None) -> ConsistentSolver:
-        """Return the solver with its prior sized by a log, and conditions (B) where they are asked for."""
+        """Return the solver with its prior sized by a log, and with conditions (B) if requested."""
         wish = self.settings
         prior = prior_of(self.robot, wish.prior, system, self.selection)
         gamma = GAMMA * _inflation(system) if wish.gamma is None else wish.gamma
@@ -118,7 +120,7 @@ class ConsistentSolver:
     def __call__(
         self, system: LinearSystem, settings: LeastSquaresSettings, progress: Progress | None = None
     ) -> Fit:
-        """Solve (7) under the conditions; as `didim.regression.least_squares.solve`, but a log may leave parameters open.
+        """Solve (7) with constraints, as `didim.regression.least_squares.solve`, but some parameters may be unidentifiable.
 
         Raises
         ------
@@ -135,7 +137,7 @@ class ConsistentSolver:
         weighted = settings.solutions > 1
         if not weighted:  # one size for all joints: that of all residuals
             sigma = np.full(len(sigma), max(float(np.sqrt(np.mean(rest**2))), float(sigma.min())))
-        # Asked to stop after the last solution, there is nothing left to stop.
+        # A request to stop after the last solution has no effect.
         stopped = progress is not None and progress(1, plain, rest) and weighted
         for number in range(2, max(settings.solutions, 2) + 1):
             scale = per_row(system, 1.0 / sigma)
@@ -172,7 +174,7 @@ class ConsistentSolver:
 
 
 def _plain(w: Array, y: Array) -> Array:
-    """Return the solution of least squares, also where columns depend."""
+    """Return the solution of least squares, even for dependent columns."""
     sizes = np.linalg.norm(w, axis=0)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     solution = np.linalg.lstsq(w / sizes, y, rcond=UNIDENTIFIED_SINGULAR_VALUE)[0] / sizes
@@ -180,7 +182,7 @@ def _plain(w: Array, y: Array) -> Array:
 
 
 def _inflation(system: LinearSystem) -> float:
-    """Factor by which the correlation of the plain residuals raises variances, their mean over all directions."""
+    """Return the factor by which the correlation of the plain residuals raises variances, averaged over all directions."""
     rest = system.y - system.w @ _plain(system.w, system.y)
     scale = per_row(system, 1.0 / joint_sigma(system, rest))
     q = np.linalg.qr(system.w * scale[:, None])[0]
@@ -201,7 +203,7 @@ def triangle_of(w: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _inverse(triangle: Array, problem: ConstrainedProblem, x: Array) -> Array:
-    """Return ``R^-1``; of combinations that the log does not identify, what the prior says stands for it."""
+    """Return ``R^-1``, completed by the prior for combinations that the log does not identify."""
     sizes = np.linalg.norm(triangle, axis=0)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     if triangle.shape[0] == triangle.shape[1]:

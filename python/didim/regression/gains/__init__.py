@@ -1,1 +1,1 @@
-"""Drive gains: currents as the measured output, with at least one payload of which something is known."""
+"""Drive gains: currents as the measured output, with at least one partly known payload."""

@@ -2,10 +2,10 @@
 
     [diag(i) -W] [K; theta] = t,     rows divided by the noise of their motor
 
-The currents have noise, and stand among the columns. Ordinary least squares is therefore biased towards small gains: on a
-simulated UR5e by up to ten times (docs/currents.md). Total least squares (Gautier and Briot 2011, 2014) assumes the same noise
-in every column, and W has none: its estimates have no bounded spread. Neither has a standard deviation that means anything.
-Tested in ``tests/test_drive_gains.py``.
+The noisy currents are columns, so ordinary least squares is biased towards small gains: on a simulated UR5e by up to a factor
+of ten (docs/currents.md). Total least squares (Gautier and Briot 2011, 2014) assumes the same noise in every column, but W has
+none, and its estimates have an unbounded spread. Neither has meaningful standard deviations. Tested in
+``tests/test_drive_gains.py``.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ def classical_gains(
     Parameters
     ----------
     system : LinearSystem
-        As `Currents` takes it.
+        System as for `Currents`.
     reduction : (n, n) array
         Reduction matrix R of the currents.
     kind : {"ols", "tls"}
         Ordinary or total least squares.
     noise : (n,) array, optional
-        Standard deviation of the currents of each motor (A); by default what a linear fit of each motor leaves.
+        Standard deviation of the currents of each motor (A); by default the residual of a linear fit per motor.
 
     Returns
     -------

@@ -1,9 +1,9 @@
-"""Motor currents as the output: the rows that maximum likelihood and the classical estimates of drive gains share.
+"""Motor currents as the output: rows for the maximum likelihood and classical estimates of drive gains.
 
     i_m = (W_m theta + t_m) / K_m + e_m,     W_m = R^-T W,   t_m = R^-T t
 
-with the torque t of what is known (the known part of a payload, fixed parameters) and the reduction R. K is that of the motor
-where R is not the identity. Tested in ``tests/test_drive_gains.py``.
+with the torque t of the known parameters (known part of a payload, fixed parameters) and the reduction R. K is on the motor
+side unless R is the identity. Tested in ``tests/test_drive_gains.py``.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from ..linear_system import LinearSystem
 
 @dataclass(frozen=True, eq=False)
 class Currents:
-    """The rows of a linear system on the side of the motors.
+    """The rows of a linear system on the motor side.
 
     Attributes
     ----------
     system : LinearSystem
-        Joint side, ``R^T i`` in A for its torques; its last n columns, which are zero, stand for the gains.
+        Joint-side system with ``R^T i`` (A) as its torques; its last n columns, which are zero, are those of the gains.
     current : (r,) array
         Motor currents (A).
     columns : (r, q) array
-        Motor torques per unit of every parameter but the gains.
+        Motor torques per unit of every parameter except the gains.
     known : (r,) array
-        Motor torques of what is known.
+        Motor torques of the known parameters.
     motor : (r,) array of int
         Motor of each row, from 0.
     """
@@ -42,7 +42,7 @@ class Currents:
 
     @classmethod
     def of(cls, system: LinearSystem, reduction: Array) -> Currents:
-        """Take the rows of a system to the motors, (n, n) reduction matrix R."""
+        """Convert the rows of a system to the motor side, with the (n, n) reduction matrix R."""
         n = len(system.joints)
         to_motor = np.linalg.inv(reduction).T
 
@@ -61,12 +61,12 @@ class Currents:
         )
 
     def linearised(self, theta: Array, gains: Array) -> LinearSystem:
-        """Return the rows as a linear system in the parameters and the gains, about some of both.
+        """Return the rows as a system linearised in the parameters and the gains.
 
             K0 e = K0 i - t - T0 - W_m theta + T0/K0 K,     T0 = W_m theta0 + t
 
-        Its rows are errors of the currents times the gains `gains`, so that residuals are torques of the motors, and its measured
-        torques are ``K0 i``. At the solution it is the Gauss-Newton step of the likelihood.
+        Its rows are errors of the currents times `gains`, so residuals are motor torques, and its measured torques are ``K0
+        i``. At the solution it is the Gauss-Newton step of the likelihood.
 
         Parameters
         ----------
@@ -114,16 +114,16 @@ class Currents:
         return np.asarray(np.maximum(np.sqrt(squares / np.bincount(self.motor)), floor))
 
     def ratio(self) -> tuple[Array, Array]:
-        """Solve for one gain of all motors and the parameters over it: (q,) and 1/K; nothing else is linear in these.
+        """Solve for one gain K of all motors and the parameters divided by it: (q,) and 1/K, in which the problem is linear.
 
-        ``i = W (theta/K) + t/K`` has K once. The estimate starts the others and shows which motors run backwards.
+        ``i = W (theta/K) + t/K`` is linear in both. The estimate is the start of the others and shows which motors run backwards.
         """
         a = np.column_stack([self.columns / self.scale, self.known / (np.linalg.norm(self.known) or 1.0)])
         solution = np.linalg.lstsq(a, self.current, rcond=1e-10)[0]
         return solution[:-1] / self.scale, solution[-1] / (np.linalg.norm(self.known) or 1.0)
 
     def signs(self) -> Array:
-        """Sign of the gain of each motor, (n,): friction must brake."""
+        """Return the sign of each motor's gain, (n,), with which friction brakes."""
         names = self.system.names
         found = np.ones(self.n_motors)
         for motor in range(self.n_motors):

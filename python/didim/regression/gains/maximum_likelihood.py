@@ -2,8 +2,8 @@
 
     min sum_m n_m log s_m,    s_m^2 = |i_m - (W_m theta + t_m) / K_m|^2 / n_m
 
-The currents have the noise, so they stand alone on the left side. Estimates that have them in the regressor are biased
-(`classical.py`). A gain has the sign with which friction brakes. Tested in ``tests/test_drive_gains.py``.
+The noisy currents are the output, because estimates with currents in the regressor are biased (`classical.py`). The sign of a
+gain is the one with which friction brakes. Tested in ``tests/test_drive_gains.py``.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ WEAK_GAIN_PERCENT = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Gains:
-    """Gains and parameters, with the linear problem at their place.
+    """Gains and parameters, with the problem linearised there.
 
     Attributes
     ----------
@@ -67,13 +67,13 @@ def drive_gains(
     Parameters
     ----------
     system : LinearSystem
-        As `Currents` takes it.
+        System as for `Currents`.
     reduction : (n, n) array
         Reduction matrix R of the currents; the identity for currents of the joints.
     settings : LeastSquaresSettings
-        Which covariance.
+        Settings of the covariance.
     start : (n,) array, optional
-        Gains to start from, of the right signs; one gain for all motors by default, from a linear solution.
+        Initial gains with the right signs; by default one gain for all motors, from a linear solution.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def drive_gains(
     Raises
     ------
     FitError
-        Without anything known, and where the currents do not identify gains or parameters.
+        Without known parameters, and when the currents do not identify gains or parameters.
     """
     currents = Currents.of(system, reduction)
     gains = first_gains(currents) if start is None else np.array(start, dtype=np.float64)
@@ -91,7 +91,7 @@ def drive_gains(
     cost = _cost(currents, errors)
     n = currents.n_motors
     converged = False
-    for number in range(1, GAIN_STEPS + 1):  # noqa: B007 - the steps that were taken
+    for number in range(1, GAIN_STEPS + 1):  # noqa: B007 - number of steps
         weights = 1.0 / currents.spread(errors)[currents.motor]
         jacobian, size = _jacobian(currents, gains, theta, weights)
         step = np.linalg.lstsq(jacobian, errors * weights, rcond=SINGULAR)[0] / size
@@ -116,7 +116,7 @@ def first_gains(currents: Currents) -> Array:
     Raises
     ------
     FitError
-        Where nothing is known that has a torque: the currents then give parameters over gains alone.
+        Without a known torque: the currents then only determine ratios of parameters to gains.
     """
     if not np.abs(currents.known).max(initial=0.0) > 0.0:
         raise FitError(
@@ -130,16 +130,16 @@ def first_gains(currents: Currents) -> Array:
 
 
 def expected_percent(system: LinearSystem, reduction: Array) -> Array:
-    """Return the standard deviations of gains (%) that a log promises, (n,); infinite for those it does not identify.
+    """Return the expected standard deviations of a log's gains (%), (n,); infinite for those it does not identify.
 
-    It is the information at a linear estimate with one gain for all motors, so it is as good as the gains are alike; the noise is
-    what a linear fit of each motor by itself leaves.
+    The information is evaluated at a linear estimate with one gain for all motors, and is accurate if the gains are similar;
+    the noise is the residual of a separate linear fit per motor.
     """
     currents = Currents.of(system, reduction)
     gains = first_gains(currents)
     theta = currents.parameters(gains)
     errors = _errors(currents, gains, theta)
-    # With one gain for all, the residual has the wrong gains in it; a ratio for each motor leaves the noise.
+    # With one gain for all, the residual contains the gains' errors; separate ratios leave the noise.
     for motor in range(currents.n_motors):
         rows = currents.motor == motor
         a = np.column_stack([currents.columns[rows] / currents.scale, currents.known[rows]])
@@ -156,7 +156,7 @@ def expected_percent(system: LinearSystem, reduction: Array) -> Array:
 
 
 def expected_sentence(percent: Array) -> str:
-    """Say what a log promises of the gains."""
+    """Return the sentence on the expected accuracy of the gains."""
     shown = ", ".join(f"{value:.2g}" if np.isfinite(value) else "-" for value in percent)
     weak = [str(joint + 1) for joint, value in enumerate(percent) if not value < WEAK_GAIN_PERCENT]
     hardly = f"; the known load hardly reaches joint {', '.join(weak)}" if weak else ""
@@ -168,12 +168,12 @@ def _errors(currents: Currents, gains: Array, theta: Array) -> Array:
 
 
 def _cost(currents: Currents, errors: Array) -> float:
-    """Negative log-likelihood, but for constants."""
+    """Return the negative log-likelihood up to constants."""
     return float(np.bincount(currents.motor) @ np.log(currents.spread(errors)))
 
 
 def _jacobian(currents: Currents, gains: Array, theta: Array, weights: Array) -> tuple[Array, Array]:
-    """Weighted derivatives of the modelled currents by (theta, log K), columns of unit length, and their lengths."""
+    """Return the weighted derivatives of the modelled currents by (theta, log K) as unit columns, and their lengths."""
     own = gains[currents.motor]
     torque = currents.columns @ theta + currents.known
     jacobian = np.hstack([currents.columns / own[:, None], currents.motors * (-torque / own)[:, None]])
@@ -191,7 +191,7 @@ def _result(
     converged: bool,
     number: int,
 ) -> Gains:
-    """Linearise at the solution, in units of motor torque, and take its covariance."""
+    """Linearise at the solution, in units of motor torque, and compute its covariance."""
     own = gains[currents.motor]
     system = currents.linearised(theta, gains)
     columns = system.w

@@ -1,1 +1,1 @@
-"""Several logs of one robot: parameters that they share, and those of some of them alone."""
+"""Several logs of one robot: common parameters, and parameters of single logs."""

@@ -2,9 +2,9 @@
 
     min_theta 1/2 |R (theta - theta^)|^2 + gamma (tr(P0^-1 P) - log det P),    P = P(chi_0 + V theta) > 0,    R^T R = C^-1
 
-with the pseudo-inertia P (4, 4) of ten parameters, by Newton steps that stay inside. gamma is small: it decides what the log does
-not say, and nothing else. Sources: Wensing, Kim and Slotine (2017), Lee, Wensing and Park (2019).
-Tested in ``tests/test_payload.py``.
+with the pseudo-inertia P (4, 4) of ten parameters, by Newton steps within the constraints. gamma is small: it only affects
+parameters that the log does not identify. Sources: Wensing, Kim and Slotine (2017), Lee, Wensing and Park (2019). Tested in
+``tests/test_payload.py``.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ def nearest_bodies(estimates: Array, covariance: Array, known: Array, columns: A
     Raises
     ------
     FitError
-        Where the parameters that are estimated describe no body, as those of a planar arm.
+        When the estimated parameters do not describe a body, as for a planar arm.
     """
     basis = np.stack([pseudo_inertia(column) for column in columns.T])
     constant = pseudo_inertia(known)
     start = _inside(estimates.mean(axis=0), known, columns)
     theta = np.tile(start, (len(estimates), 1))
     prior = constant + np.tensordot(start, basis, axes=1)
-    # A prior at the estimate's own scale moves nothing that the log knows.
+    # A prior at the scale of the estimate does not affect identified parameters.
     slope = GAMMA * np.einsum("ab,kba->k", np.linalg.inv(prior), basis)
     metric = np.linalg.inv(covariance)
 
@@ -97,7 +97,7 @@ def nearest_bodies(estimates: Array, covariance: Array, known: Array, columns: A
 
 
 def _inside(estimate: Array, known: Array, columns: Array) -> Array:
-    """Return parameters of a body of the estimated mass and centre, as far as these are a body's."""
+    """Return parameters of a body near the estimated mass and centre."""
     ten = known + columns @ estimate
     mass = max(float(ten[9]), LEAST_MASS_KG)
     centre = ten[6:9] / (ten[9] if ten[9] > 0.0 else mass)

@@ -1,11 +1,11 @@
-"""Contrasts between logs that share their parameters: what offsets and friction of their own would be.
+"""Contrasts between logs with common parameters: estimates of separate offsets and friction per log.
 
-The columns C of own offsets (friction) of every log but the first are added to the weighted system A after the fit, all at once:
+The columns C of own offsets (friction) of every log except the first are added together to the weighted system A after the fit:
 
     d = (C~^T C~)^-1 C~^T rho,    C~ = C - Q Q^T C,    A = Q R
     V = (C~^T C~)^-1 m/(m - 1) sum_i s_i s_i^T (C~^T C~)^-1,    s_i = C~_i^T (rho - C~ d)_i
 
-over the m intervals of time of the jackknife, so errors of the model that are correlated in time count as what they are.
+over the m time intervals of the jackknife, which accounts for correlated model errors.
 Tested in ``tests/test_logs.py``.
 """
 
@@ -38,12 +38,12 @@ parameters."""
 
 @dataclass(frozen=True)
 class Difference:
-    """A parameter of one log, less that of the first.
+    """Difference of a parameter between one log and the first.
 
     Attributes
     ----------
     kind : {"offset", "friction"}
-        What differs.
+        Kind of the parameter.
     parameter : str
         Name, such as ``Off3``.
     joint, recording : int
@@ -51,9 +51,9 @@ class Difference:
     value, std : float
         Difference and its standard deviation (SI units).
     torque : float
-        Root mean square of the torque it stands for, on the rows of the joint in this log (N.m or N).
+        Root mean square of the corresponding torque, on the rows of the joint in this log (N.m or N).
     clear : bool
-        Whether it is beyond noise and worth a parameter.
+        Whether it is significant and large enough for a parameter.
     """
 
     kind: Kind
@@ -67,18 +67,18 @@ class Difference:
 
 
 def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) -> list[Difference]:
-    """Return what offsets or friction of their own would be, for every log but the first; nothing for a single log.
+    """Return the differences of offsets or friction from the first log, for every other log.
 
     Parameters
     ----------
     system : LinearSystem
-        Of several recordings.
+        System of several recordings.
     fit : Fit
         Its solution.
     kind : {"offset", "friction"}
-        Columns that are added.
+        Kind of the added columns.
     blocks : int
-        Intervals of time for each log.
+        Number of time intervals per log.
     """
     numbers = sorted({block.recording for block in system.blocks})
     if len(numbers) < 2 or system.w.shape[0] < system.w.shape[1]:
@@ -105,7 +105,7 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
     from scipy.special import stdtrit  # not scipy.stats, which takes half a second to load
 
     tail = 1.0 - 0.5 * FALSE_DRIFTS / len(places)
-    # A difference has the blocks of its two logs, and no others.
+    # A difference only has the blocks of its two logs.
     limits = [float(stdtrit(counts[number] + counts[numbers[0]] - 2, tail)) for _, _, number in places]
     sizes = system.norms(fit.residual) / np.sqrt([rows.stop - rows.start for rows in system.joints])
     told = []
@@ -148,16 +148,16 @@ def _columns(
 
 @dataclass(frozen=True)
 class Drift:
-    """Parameters of one kind that differ clearly between logs.
+    """Parameters of one kind that differ significantly between logs.
 
     Attributes
     ----------
     sentence, advice : str
-        What was seen, and what to do.
+        Observation and advice.
     joints : tuple of int
         Joints concerned, from 1.
     value : float
-        Largest difference, by the torque that it stands for (SI units).
+        Largest difference, by the corresponding torque (SI units).
     """
 
     sentence: str
@@ -167,7 +167,7 @@ class Drift:
 
 
 def drifts(found: Sequence[Difference], names: Sequence[str]) -> list[Drift]:
-    """Return each kind of parameter that differs between logs.
+    """Return the kinds of parameters that differ between logs.
 
     Parameters
     ----------

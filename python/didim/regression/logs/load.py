@@ -1,12 +1,12 @@
-r"""A load on the last body that the parameters do not have: of one log against the others, or of a log against known parameters.
+r"""An additional load on the last body: of one log compared with the others, or with known parameters.
 
 The ten parameters l of a rigid load add ``C l`` to the torques, where C are the columns of the last body in the rows of the log.
-Beside the columns A that are estimated at the same time,
+Together with the columns A that are estimated at the same time,
 
     l = (C~^T C~)^+ C~^T rho,    C~ = C - Q Q^T C,    A = Q R,
     V = (C~^T C~)^+ m/(m - 1) sum_i s_i s_i^T (C~^T C~)^+,    s_i = C~_i^T (rho - C~ l)_i
 
-over m intervals of time, as in `drift`. The load is clear where ``l^T V^+ l`` is. Tested in ``tests/test_load.py``.
+over m intervals of time, as in `drift`. The load is significant if ``l^T V^+ l`` is. Tested in ``tests/test_load.py``.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ KNOWN = 0.99
 
 @dataclass(frozen=True)
 class Load:
-    """A load beyond the parameters.
+    """An additional load.
 
     Attributes
     ----------
     mass, std : float
-        Mass and its standard deviation (kg); NaN where the log does not identify it.
+        Mass and its standard deviation (kg); NaN if the log does not identify it.
     """
 
     mass: float
@@ -47,7 +47,7 @@ class Load:
 
     @property
     def mass_or_none(self) -> float | None:
-        """The mass (kg), None where the log does not identify it."""
+        """Mass (kg), None if the log does not identify it."""
         return self.mass if np.isfinite(self.mass) else None
 
     def __str__(self) -> str:
@@ -58,14 +58,14 @@ class Load:
 
 
 def load_between(system: LinearSystem, fit: Fit, robot: Robot, blocks: int = 20) -> list[tuple[int, Load]]:
-    """Return the recordings that differ from the first one by a load, with it.
+    """Return the recordings that differ from the first one by a load, with the load.
 
     Parameters
     ----------
     system, fit : LinearSystem, Fit
-        Of several recordings that share all parameters, solved.
+        System of several recordings with common parameters, and its solution.
     robot : Robot
-        Whose base parameters the columns are.
+        Robot with the base parameters of the columns.
     blocks : int
         Intervals of time for each log.
     """
@@ -89,7 +89,7 @@ def load_beyond(system: LinearSystem, beta: Array, robot: Robot) -> Load | None:
     Parameters
     ----------
     system : LinearSystem
-        Of the log.
+        System of the log.
     beta : (b,) array
         Known values of its columns.
     robot
@@ -108,7 +108,7 @@ def load_beyond(system: LinearSystem, beta: Array, robot: Robot) -> Load | None:
 
 
 def _last_body(system: LinearSystem, robot: Robot) -> Array:
-    """Return what a unit of each parameter of the last body adds to the columns' parameters, (b, 10)."""
+    """Return the effect of a unit of each parameter of the last body on the columns' parameters, (b, 10)."""
     base = robot.base_parameters
     n = robot.n_dof
     names = [f"{key}{n}" for key in ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")]

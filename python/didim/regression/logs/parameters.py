@@ -1,12 +1,12 @@
-"""Parameters of several logs: blocks of columns beside the base parameters of the robot.
+"""Parameters of several logs: blocks of columns in addition to the base parameters of the robot.
 
     beta_l = beta + B (v_l + V_l theta)          base parameters of log l
     Y_l = W_l beta_l + rho_l
 
-``V_l`` has a column for each unknown of the payload that log l has, and for each offset and friction coefficient that log l
-has for itself; ``v_l`` is the known part of its payload; ``B`` is the matrix of the base parameters. The columns of all
-blocks are thus combinations of the columns of W, along measured motion and along simulated motion alike. An extended vector has
-the parameters of the robot first, base (b) or standard (p), and then the e further ones. Tested in ``tests/test_logs.py``.
+``V_l`` has a column for each unknown of log l's payload, and for each of its own offsets and friction coefficients; ``v_l`` is
+the known part of its payload; ``B`` is the matrix of the base parameters. The columns of all blocks are thus combinations of
+the columns of W, along measured or simulated motion. An extended vector has the parameters of the robot first, base (b) or
+standard (p), and then the e further ones. Tested in ``tests/test_logs.py``.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ DEPENDENT_COLUMN = 1e-9
 
 @dataclass(frozen=True)
 class ColumnBlock:
-    """Further parameters that belong together.
+    """A group of further parameters.
 
     Attributes
     ----------
     kind : {"payload", "offset", "friction", "gain"}
-        What they are.
+        Kind of the parameters.
     owner : str
-        Payload or recording that they belong to; empty for gains.
+        Their payload or recording; empty for gains.
     names, units : tuple of str
-        Of the parameters, without their owner: ``MX``, ``Off3``, ``K1``.
+        Names and units of the parameters, without their owner: ``MX``, ``Off3``, ``K1``.
     complete : bool
-        Whether they are all unknowns of their owner. The motion of a planar arm does not show all ten of a payload; its
-        pseudo-inertia is then unknown, and no condition is put on it.
+        Whether they are all unknowns of their owner. A planar arm does not identify all ten of a payload; its pseudo-inertia is
+        then unknown and unconstrained.
     """
 
     kind: Kind
@@ -58,7 +58,7 @@ class ColumnBlock:
 
     @property
     def full_names(self) -> tuple[str, ...]:
-        """Names with the owner in front, as the columns have them: ``disc.MX``."""
+        """Names of the columns, prefixed by the owner: ``disc.MX``."""
         return tuple(f"{self.owner}.{name}" if self.owner else name for name in self.names)
 
 
@@ -73,7 +73,7 @@ class LogParameters:
     blocks : tuple of ColumnBlock
         Further parameters, in the order of their columns.
     columns : mapping of int to (p, e) array
-        What the further parameters add to the standard parameters, by recording; recordings without any are not in it.
+        Contribution of the further parameters to the standard parameters, by recording; only for recordings with any.
     known : mapping of int to (p,) array
         Known part of the payloads, by recording.
     reference : mapping of str to str
@@ -103,20 +103,20 @@ class LogParameters:
         robot : Robot
             The robot.
         recordings : sequence of Recording
-            Those of the experiment: each names its payload, and what it has for itself.
+            Recordings of the experiment: each names its payload and its own parameters.
         payloads : mapping of str to Payload, optional
-            What is known of them.
+            Known properties of the payloads.
         flange : 3 x 4 tuple of float, optional
             Pose of the flange (`didim.robot.payload.flange_in_last_frame`).
         checked : bool
-            Refuse further parameters that cannot be told from those of the robot; False where all are known.
+            Refuse further parameters that cannot be separated from those of the robot; False if all are known.
 
         Raises
         ------
         ExperimentError
-            For a payload that is not described.
+            For a payload that is not declared.
         FitError
-            Where the recordings to fit cannot tell a further parameter from those of the robot.
+            When the recordings to fit cannot separate a further parameter from those of the robot.
         """
         payloads = payloads or {}
         if not any(item.payload != NOTHING or item.own or item.drives is not None for item in recordings):
@@ -143,7 +143,7 @@ class LogParameters:
 
     @property
     def simple(self) -> bool:
-        """Whether every log has the parameters of the robot and no others."""
+        """Whether the logs only have the parameters of the robot."""
         return not self.blocks and not self.known
 
     @property
@@ -162,7 +162,7 @@ class LogParameters:
         return (*self.robot.base_parameters.names, *self.further_names)
 
     def slices(self) -> list[tuple[ColumnBlock, slice]]:
-        """Return each block with its places among the further parameters."""
+        """Return each block with its slice of the further parameters."""
         found, start = [], 0
         for block in self.blocks:
             found.append((block, slice(start, start + len(block.names))))
@@ -170,7 +170,7 @@ class LogParameters:
         return found
 
     def select(self, fixed: Mapping[str, float], dropped: Sequence[str]) -> Selection:
-        """Return the roles of all parameters: further ones are estimated, what is known of them stands in ``[payload]``."""
+        """Return the roles of all parameters; further ones are estimated, known ones are declared in ``[payload]``."""
         chosen = select(self.robot, fixed, dropped)
         return Selection(
             roles=chosen.roles + (ESTIMATED,) * self.n_further,
@@ -202,18 +202,18 @@ class LogParameters:
         return np.asarray(self.robot.base_parameters.matrix @ self.standard(self.lift(beta), recording))
 
     def base_columns(self, recording: int) -> Array:
-        """Return what the further parameters add to the base parameters in a recording, (b, e)."""
+        """Return the contribution of the further parameters to the base parameters in a recording, (b, e)."""
         if recording not in self.columns:
             return np.zeros((self.n_base, self.n_further))
         return np.asarray(self.robot.base_parameters.matrix @ self.columns[recording])
 
     def base_known(self, recording: int) -> Array | None:
-        """Return what the known part of its payload adds to the base parameters, (b,), or None."""
+        """Return the contribution of the payload's known part to the base parameters, (b,), or None."""
         known = self.known.get(recording)
         return None if known is None else np.asarray(self.robot.base_parameters.matrix @ known)
 
     def extended(self, x: Array, further: Mapping[str, float] | None = None) -> Array:
-        """Return standard parameters, (p,) or extended already, with further ones by name; those without a value are zero."""
+        """Return standard parameters, (p,) or already extended, with further ones by name; those without a value are zero."""
         p = len(self.robot.parameter_names)
         if len(x) == p + self.n_further:
             return x
@@ -222,7 +222,7 @@ class LogParameters:
 
 
 class _Builder:
-    """Collects the blocks of an experiment."""
+    """Builder of the blocks of an experiment."""
 
     def __init__(self, robot: Robot, recordings: Sequence[Recording]) -> None:
         self.robot, self.recordings = robot, recordings
@@ -232,7 +232,7 @@ class _Builder:
         self.reference: dict[str, str] = {}
 
     def payloads(self, payloads: Mapping[str, Payload], place: Array) -> None:
-        """Add the payloads that recordings have, by the places of the last link, (p, 10)."""
+        """Add the payloads of recordings, with the matrix of the last link, (p, 10)."""
         used: dict[str, list[int]] = {}
         for number, recording in enumerate(self.recordings):
             if recording.payload == NOTHING:
@@ -249,7 +249,7 @@ class _Builder:
                 self.known |= dict.fromkeys(numbers, place @ known)
             found = [place @ column for column in columns.T]
             effects = [self.robot.base_parameters.matrix @ column for column in found]
-            # Of a planar arm no motion shows some of the ten, or tells them apart.
+            # A planar arm does not identify or separate some of the ten.
             kept = independent(effects)
             if kept:
                 block = tuple(names[index] for index in kept)
@@ -258,9 +258,9 @@ class _Builder:
                 self.directions += [(found[index], tuple(numbers)) for index in kept]
 
     def own(self, kind: Literal["offset", "friction"], *, referred: bool) -> None:
-        """Add the offsets or the friction that recordings have for themselves.
+        """Add the own offsets or friction of recordings.
 
-        Where all have their own, those of the first are the robot's, unless the robot is known (`referred` is False).
+        If all recordings have their own, those of the first are the robot's, unless the robot is known (`referred` is False).
         """
         fitted = [(number, item) for number, item in enumerate(self.recordings) if item.role == "fit"]
         key = {"offset": "offsets", "friction": "friction"}[kind]
@@ -292,7 +292,7 @@ class _Builder:
                 self.directions.append((direction, (number,)))
 
     def check(self) -> None:
-        """Refuse further parameters that no motion tells from those of the robot.
+        """Refuse further parameters that cannot be separated from those of the robot.
 
         Raises
         ------
@@ -334,7 +334,7 @@ class _Builder:
         Raises
         ------
         FitError
-            Where some recordings to fit have torques, or other motors.
+            When some recordings to fit have torques, or other motors.
         """
         fitted = [item for item in self.recordings if item.role == "fit"]
         for item in fitted:
@@ -349,7 +349,7 @@ class _Builder:
         self.directions += [(np.zeros(len(self.robot.parameter_names)), ())] * n
 
     def built(self) -> LogParameters:
-        """Put the blocks together."""
+        """Return the assembled blocks."""
         columns: dict[int, Array] = {}
         for number in range(len(self.recordings)):
             if any(number in numbers for _, numbers in self.directions):
@@ -364,7 +364,7 @@ class _Builder:
 
 
 def independent(vectors: Sequence[Array]) -> list[int]:
-    """Return the vectors that do not depend on those before them."""
+    """Return the vectors that are independent of the preceding ones."""
     basis: list[Array] = []
     kept = []
     for index, vector in enumerate(vectors):
@@ -372,7 +372,7 @@ def independent(vectors: Sequence[Array]) -> list[int]:
         if not size > 0.0:
             continue
         rest = vector / size
-        for _ in range(2):  # once more for what rounding left
+        for _ in range(2):  # repeated because of rounding
             for other in basis:
                 rest = rest - other * (other @ rest)
         left = np.linalg.norm(rest)
