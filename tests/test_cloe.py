@@ -244,6 +244,7 @@ def test_a_simplex_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
 
     file = tmp_path / "search.npz"
     whole = search(120, None)
+    assert [entry.iteration for entry in whole.history] == [100, 119, 120]
     part = search(50, file)
     assert part.settings["cloe"]["iterations"] == 50
     again = search(120, file)

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 import didim
 import didim.regression.consistent.nearest as nearest
+import didim.regression.gains.maximum_likelihood as maximum_likelihood
+from arm import arm_log
 from didim.evidence.hypotheses.geometry import lengths, with_geometry
 from didim.evidence.hypotheses.hypothesis import Hypothesis
 from didim.evidence.hypotheses.torques import gains
@@ -24,11 +26,23 @@ from didim.excitation.series import SeriesBasis
 from didim.methods.cloe.consistent import ConsistentSteps
 from didim.methods.cloe.levenberg_marquardt import identifies
 from didim.methods.cloe.output_error import OutputError
+from didim.methods.cloe.simplex import SimplexSearch
 from didim.methods.didim.response import share_moved
+from didim.methods.uncertainty import spread_of_factors
+from didim.regression.classical.robust import reweighted
 from didim.regression.consistent.prior import Prior
-from didim.regression.friction.alarm import _freed
+from didim.regression.consistent.problem import ConstrainedProblem
+from didim.regression.friction.alarm import _freed, friction_alarm
+from didim.regression.friction.velocity import settled
+from didim.regression.jackknife import Factors
+from didim.regression.least_squares import solve
+from didim.regression.linear_system import Block, LinearSystem
+from didim.regression.logs.parameters import independent
+from didim.regression.settings import LeastSquaresSettings
+from didim.robot.friction import FrictionTerm
 from didim.signal.processing import SignalProcessing
 from plain import stub
+from test_friction_terms import log, parameters, planar
 
 Array = NDArray[np.float64]
 
@@ -246,3 +260,111 @@ def test_a_parameter_from_the_prior(
     assert found.identified.tolist() == [identified]
     assert held.drawn == [200]
     assert held.gamma == 0.01
+
+
+@pytest.mark.parametrize(("step", "converged"), [(0.8e-10, True), (1.2e-10, False)])
+def test_drive_gains_that_rest(monkeypatch: pytest.MonkeyPatch, step: float, converged: bool) -> None:
+    currents = stub(
+        n_motors=1, parameters=lambda gains: np.zeros(1), spread=lambda errors: np.ones(1), motor=[0, 0]
+    )
+    module = "didim.regression.gains.maximum_likelihood."
+    monkeypatch.setattr(module + "Currents", stub(of=lambda system, reduction: currents))
+    monkeypatch.setattr(module + "_errors", lambda *there: np.array([0.0, step]))
+    monkeypatch.setattr(module + "_cost", lambda currents, errors: 0.0)
+    monkeypatch.setattr(module + "_jacobian", lambda *there: (np.eye(2), np.ones(2)))
+    monkeypatch.setattr(module + "_result", lambda *facts: facts[4])
+    assert (
+        maximum_likelihood.drive_gains(cast("Any", None), np.eye(1), cast("Any", None), np.ones(1))
+        is converged
+    )
+
+
+@pytest.mark.parametrize(("off", "count"), [(0.8e-8, 1), (1.2e-8, 2)])
+def test_a_robust_estimate_that_rests(off: float, count: int) -> None:
+    found = reweighted(np.ones((6, 1)), np.ones(6), [slice(0, 6)], np.array([1.0 + off]))
+    assert found.converged
+    assert found.iterations == count
+
+
+def test_the_load_of_friction_is_settled_in_twelve_passes() -> None:
+    robot = planar(FrictionTerm(law="load", joint=1))
+    job = didim.IDIMLS().job(log(robot, parameters(robot)))
+    size = iter(range(1, 100))
+
+    def solved(system: LinearSystem) -> tuple[Array, Array]:
+        return np.full(system.w.shape[1], float(next(size))), np.ones(len(system.y))
+
+    assert settled(job.robot, job.parts("fit"), job.signal, ({}, ()), solved).passes == 12
+
+
+@pytest.mark.parametrize(("variant", "share"), [("literal", 1.0), ("adaptive", 0.25)])
+def test_a_simplex_of_a_ten_thousandth_has_collapsed(
+    monkeypatch: pytest.MonkeyPatch, variant: str, share: float
+) -> None:
+    heard: dict[str, float] = {}
+
+    def minimised(values: object, simplex: object, **limits: float) -> None:
+        heard.update(limits)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("didim.methods.cloe.simplex.minimise", minimised)
+    search = stub(
+        problem=stub(checkpoint=lambda: None), method=stub(variant=variant), literal=variant == "literal", initial=0.25,
+        simplex=None, most_iterations=1, most_evaluations=1, stopped=True, history=[], unit=None, _told=None,
+        _continued=lambda: stub(evaluations=0, iterations=0),
+    )  # fmt: skip
+    with pytest.raises(AttributeError):  # the record of the search, which is none
+        SimplexSearch.run(search)
+    assert heard["x_tolerance"] == 1e-4
+    assert heard["f_tolerance"] == 1e-4 * share
+
+
+@pytest.mark.parametrize(("blocks", "tested"), [(7, False), (8, True)])
+def test_a_missing_law_is_looked_for_in_eight_blocks(
+    monkeypatch: pytest.MonkeyPatch, blocks: int, tested: bool
+) -> None:
+    robot = planar()
+    job = didim.IDIMLS().job(log(robot, parameters(robot), noise=0.1))
+    parts = job.parts("fit")
+    system = job.system(parts)
+    module = "didim.regression.friction.alarm."
+    monkeypatch.setattr(module + "_between_reversals", lambda *facts: [np.arange(3)] * blocks)
+    monkeypatch.setattr(module + "_joint_test", lambda *facts: (0.25, []))
+    found = friction_alarm(
+        system, solve(system, job.settings), robot, parts, job.signal, [part.tau for part in parts]
+    )
+    assert found.p_value.tolist() == [0.5 if tested else 1.0] * 2
+
+
+def test_rates_are_those_at_sixty_positions(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts: list[int] = []
+
+    def counted(experiment: didim.Experiment, x: Array, q: Array) -> didim.Experiment:
+        counts.append(len(q))
+        return experiment
+
+    monkeypatch.setattr("didim.methods.didim.problem.with_gains", counted)
+    didim.identify(arm_log(1), didim.DIDIM(max_iterations=1))
+    assert 60 <= counts[0] <= 62
+
+
+@pytest.mark.parametrize(("left", "kept"), [(0.8e-9, [0]), (1.2e-9, [0, 1])])
+def test_a_further_column_that_depends_on_the_others(left: float, kept: list[int]) -> None:
+    assert independent([np.array([1.0, 0.0]), np.array([1.0, left])]) == kept
+
+
+def test_conditions_without_a_weight_have_the_least_one() -> None:
+    one = np.ones((1, 1))
+    condition = stub(weight=0.0, basis=one[None], indices=[0], constant=0.0 * one, at=lambda x: one)
+    curvature = ConstrainedProblem.marginal(stub(conditions=(condition,)), np.ones(1))
+    assert curvature.tolist() == [[3e-8]]
+
+
+@pytest.mark.parametrize(("rows", "rough"), [(32, True), (36, False)])
+def test_three_rows_a_parameter_without_a_block(rows: int, rough: bool) -> None:
+    w = np.random.default_rng(0).standard_normal((rows, 11))
+    found = spread_of_factors(
+        Factors.of(w[:, :10], w[:, 10]), np.eye(10), "white", [Block(rows=slice(0, rows), joint=0)], LeastSquaresSettings(),
+        stub(roles=["estimated"] * 10, estimated=np.arange(10)), [f"p{number}" for number in range(10)],
+    )  # fmt: skip
+    assert any("the standard deviations are rough" in remark for remark in found.remarks) is rough
