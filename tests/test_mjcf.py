@@ -152,8 +152,19 @@ def test_an_included_file_stands_in_its_place(tmp_path: Path) -> None:
     parts.write_text(whole[:start] + '<include file="defaults.xml"/>' + whole[end:])
     one, other = didim.load_robot(path, snap=0.0), didim.load_robot(parts, snap=0.0)
     np.testing.assert_array_equal(one.parameter_set("mjcf"), other.parameter_set("mjcf"))
-    (tmp_path / "defaults.xml").unlink()
-    with pytest.raises(RobotError, match=r"parts.xml: line 5: defaults.xml cannot be read"):
+    # Bodies of a file of their own, inside <worldbody>, and files in a folder, relative to the main file.
+    first, last = whole.index('<body name="left"'), whole.index('<body name="right"')
+    (tmp_path / "bodies").mkdir()
+    (tmp_path / "bodies" / "arm.xml").write_text('<mujoco><include file="bodies/links.xml"/></mujoco>')
+    (tmp_path / "bodies" / "links.xml").write_text(f"<mujocoinclude>{whole[first:last]}</mujocoinclude>")
+    parts.write_text(whole[:first] + '<include file="bodies/arm.xml"/>' + whole[last:])
+    other = didim.load_robot(parts, snap=0.0)
+    np.testing.assert_array_equal(one.parameter_set("mjcf"), other.parameter_set("mjcf"))
+    (tmp_path / "bodies" / "links.xml").write_text('<mujoco><include file="bodies/arm.xml"/></mujoco>')
+    with pytest.raises(RobotError, match=r"links.xml: line 1: arm.xml includes itself"):
+        didim.load_robot(parts)
+    (tmp_path / "bodies" / "links.xml").unlink()
+    with pytest.raises(RobotError, match=r"arm.xml: line 1: .*links.xml: no such file"):
         didim.load_robot(parts)
 
 

@@ -8,6 +8,7 @@ Tested in ``tests/test_mjcf.py`` against MuJoCo.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..._tools.inputs import read_small_file
 from ..._tools.words import counted
 from ...errors import RobotError
 from ..rigid_body import inverse, pose, turn
@@ -301,7 +303,7 @@ def walked(data: bytes, path: Path) -> tuple[Element, list[Element], Reader]:
     """
     where = path.name
     outermost = parse_xml(data, where)
-    sections = list(_included(outermost, path, ()))
+    sections = _included(outermost, path, (path,))
     reader = Reader(where, _compiler(sections, where), _defaults(sections))
     reader.links[WORLD] = None
     for section in sections:
@@ -312,22 +314,29 @@ def walked(data: bytes, path: Path) -> tuple[Element, list[Element], Reader]:
     return outermost, sections, reader
 
 
-def _included(element: Element, path: Path, above: tuple[Path, ...]) -> Iterator[Element]:
-    """Sections of a file, those of included files in their place."""
-    for section in element.children:
-        if section.tag != "include":
-            yield section
+def _included(element: Element, main: Path, above: tuple[Path, ...]) -> list[Element]:
+    """Return what is inside an element of the last file of `above`, with the content of included files at any depth.
+
+    As in MuJoCo, the names of included files are relative to the folder of the main file.
+    """
+    file, inside = above[-1], []
+    for child in element.children:
+        if child.tag == "include":
+            part = main.parent / child.attributes.get("file", "")
+            where = f"{file.name}: line {child.line}"
+            if part in above:
+                raise RobotError(f"{where}: {part.name} includes itself")
+            try:
+                data = read_small_file(part, RobotError)
+            except RobotError as reason:
+                raise RobotError(f"{where}: {reason}") from None
+            inside += _included(parse_xml(data, part.name), main, (*above, part))
             continue
-        file = path.parent / section.attributes.get("file", "")
-        if file in above:
-            raise RobotError(f"{path.name}: line {section.line}: {file.name} includes itself")
-        try:
-            data = file.read_bytes()
-        except OSError as reason:
-            raise RobotError(
-                f"{path.name}: line {section.line}: {file.name} cannot be read ({reason.strerror})"
-            ) from None
-        yield from _included(parse_xml(data, file.name), file, (*above, path))
+        content = _included(child, main, above)
+        # Elements without includes stay themselves: an export looks for them in their file.
+        same = len(content) == len(child.children) and all(map(operator.is_, content, child.children))
+        inside.append(child if same else replace(child, children=content))
+    return inside
 
 
 def _compiler(sections: list[Element], where: str) -> Compiler:
