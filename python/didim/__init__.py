@@ -8,241 +8,154 @@ import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from ._tools.threads import set_threads
+from ._tools.threads import set_threads as set_threads
 from ._tools.version import __version__ as __version__
-from .errors import DidimError
+from .errors import DidimError as DidimError
 
-if TYPE_CHECKING:
-    from . import formats, plot, report
-    from .contrib.ekf import EKF
-    from .contrib.maximum_likelihood import MaximumLikelihood
-    from .diagnosis.check import check
-    from .diagnosis.finding import Findings
-    from .errors import (
-        ExperimentError,
-        FitError,
-        IndefiniteError,
-        RankError,
-        RecordingError,
-        RobotError,
-        RobotWarning,
-        ShapeError,
-        SignalError,
-        StudyError,
-    )
-    from .excitation import Capsule, ExcitationSettings, Workspace
-    from .excitation.design import Excitation
-    from .excitation.excite import excite
-    from .experiment.experiment import Experiment
-    from .experiment.experiment_file import load_experiment
-    from .export import to_c, to_latex, to_mjcf, to_sdf, to_urdf
-    from .log.recording import Recording
-    from .loop import ControllerMemory, Digital, SimulationStatus, StepWarning
-    from .loop.controller import Controller
-    from .loop.reference import Reference
-    from .loop.simulation import Simulation, simulate
-    from .methods.cloe.cloe import CLOE
-    from .methods.didim.didim import DIDIM
-    from .methods.identify import identify
-    from .methods.idim_iv import IDIMIV
-    from .methods.idim_ls import IDIMLS
-    from .model.dynamics import direct_dynamics, gravity, inertia_matrix, inverse_dynamics, regressor
-    from .monte_carlo.results import StudyResults
-    from .monte_carlo.study import study
-    from .regression.recursive import Recursive
-    from .result.contrast import Contrast, contrast
-    from .result.finding import Finding
-    from .result.identification import Identification
-    from .result.iteration import Iteration
-    from .result.status import Status
-    from .result.verdict import Reason, Verdict
-    from .robot import BaseParameters, Friction
-    from .robot.friction import FrictionTerm
-    from .robot.parameter_file import load_parameters
-    from .robot.payload import Payload
-    from .robot.robot import Robot
-    from .robot.robot_file import load_robot
-    from .signal.processing import SignalProcessing
-    from .solvers import Bounds, Consistent, LeastSquaresSettings, Prior, RecursiveEstimate
-    from .studies.compare import compare
-    from .studies.comparison import Comparison
-    from .studies.loads.payload import identify_payload
-    from .studies.loads.residual import residual_torques
-    from .studies.simulated_log import packaged_experiment, simulated_log
-    from .studies.validation import Validation, validate
-
-__all__ = [
-    "CLOE",
-    "DIDIM",
-    "IDIMIV",
-    "IDIMLS",
-    "Comparison",
-    "Controller",
-    "DidimError",
-    "Excitation",
-    "Experiment",
-    "FrictionTerm",
-    "Identification",
-    "Iteration",
-    "Payload",
-    "Reason",
-    "Recording",
-    "Recursive",
-    "Reference",
-    "Robot",
-    "SignalProcessing",
-    "Simulation",
-    "Status",
-    "StudyResults",
-    "Validation",
-    "Verdict",
-    "check",
-    "compare",
-    "contrast",
-    "direct_dynamics",
-    "excite",
-    "gravity",
-    "identify",
-    "identify_payload",
-    "inertia_matrix",
-    "inverse_dynamics",
-    "load_experiment",
-    "load_parameters",
-    "load_robot",
-    "packaged_experiment",
-    "regressor",
-    "residual_torques",
-    "set_threads",
-    "simulate",
-    "simulated_log",
-    "study",
-    "validate",
-]
-if TYPE_CHECKING:  # modules, and the names of 0.2.0, which `__getattr__` loads
-    __all__ += [
-        "EKF",
-        "BaseParameters",
-        "Bounds",
-        "Capsule",
-        "Consistent",
-        "Contrast",
-        "ControllerMemory",
-        "Digital",
-        "ExcitationSettings",
-        "ExperimentError",
-        "Finding",
-        "Findings",
-        "FitError",
-        "Friction",
-        "IndefiniteError",
-        "LeastSquaresSettings",
-        "MaximumLikelihood",
-        "Prior",
-        "RankError",
-        "RecordingError",
-        "RecursiveEstimate",
-        "RobotError",
-        "RobotWarning",
-        "ShapeError",
-        "SignalError",
-        "SimulationStatus",
-        "StepWarning",
-        "StudyError",
-        "Workspace",
-        "formats",
-        "plot",
-        "report",
-        "to_c",
-        "to_latex",
-        "to_mjcf",
-        "to_sdf",
-        "to_urdf",
-    ]
-
+if TYPE_CHECKING:  # for type checkers, the names that `__getattr__` loads
+    from . import formats as formats
+    from . import plot as plot
+    from . import report as report
+    from .contrib.ekf import EKF as EKF
+    from .contrib.maximum_likelihood import MaximumLikelihood as MaximumLikelihood
+    from .diagnosis.check import check as check
+    from .diagnosis.finding import Findings as Findings
+    from .errors import ExperimentError as ExperimentError
+    from .errors import FitError as FitError
+    from .errors import IndefiniteError as IndefiniteError
+    from .errors import RankError as RankError
+    from .errors import RecordingError as RecordingError
+    from .errors import RobotError as RobotError
+    from .errors import RobotWarning as RobotWarning
+    from .errors import ShapeError as ShapeError
+    from .errors import SignalError as SignalError
+    from .errors import StudyError as StudyError
+    from .excitation import Capsule as Capsule
+    from .excitation import ExcitationSettings as ExcitationSettings
+    from .excitation import Workspace as Workspace
+    from .excitation.design import Excitation as Excitation
+    from .excitation.excite import excite as excite
+    from .experiment.experiment import Experiment as Experiment
+    from .experiment.experiment_file import load_experiment as load_experiment
+    from .export import to_c as to_c
+    from .export import to_latex as to_latex
+    from .export import to_mjcf as to_mjcf
+    from .export import to_sdf as to_sdf
+    from .export import to_urdf as to_urdf
+    from .log.recording import Recording as Recording
+    from .loop import ControllerMemory as ControllerMemory
+    from .loop import Digital as Digital
+    from .loop import SimulationStatus as SimulationStatus
+    from .loop import StepWarning as StepWarning
+    from .loop.controller import Controller as Controller
+    from .loop.reference import Reference as Reference
+    from .loop.simulation import Simulation as Simulation
+    from .loop.simulation import simulate as simulate
+    from .methods.cloe.cloe import CLOE as CLOE
+    from .methods.didim.didim import DIDIM as DIDIM
+    from .methods.identify import identify as identify
+    from .methods.idim_iv import IDIMIV as IDIMIV
+    from .methods.idim_ls import IDIMLS as IDIMLS
+    from .model.dynamics import direct_dynamics as direct_dynamics
+    from .model.dynamics import gravity as gravity
+    from .model.dynamics import inertia_matrix as inertia_matrix
+    from .model.dynamics import inverse_dynamics as inverse_dynamics
+    from .model.dynamics import regressor as regressor
+    from .monte_carlo.results import StudyResults as StudyResults
+    from .monte_carlo.study import study as study
+    from .regression.recursive import Recursive as Recursive
+    from .result.contrast import Contrast as Contrast
+    from .result.contrast import contrast as contrast
+    from .result.finding import Finding as Finding
+    from .result.identification import Identification as Identification
+    from .result.iteration import Iteration as Iteration
+    from .result.status import Status as Status
+    from .result.verdict import Reason as Reason
+    from .result.verdict import Verdict as Verdict
+    from .robot import BaseParameters as BaseParameters
+    from .robot import Friction as Friction
+    from .robot.friction import FrictionTerm as FrictionTerm
+    from .robot.parameter_file import load_parameters as load_parameters
+    from .robot.payload import Payload as Payload
+    from .robot.robot import Robot as Robot
+    from .robot.robot_file import load_robot as load_robot
+    from .signal.processing import SignalProcessing as SignalProcessing
+    from .solvers import Bounds as Bounds
+    from .solvers import Consistent as Consistent
+    from .solvers import LeastSquaresSettings as LeastSquaresSettings
+    from .solvers import Prior as Prior
+    from .solvers import RecursiveEstimate as RecursiveEstimate
+    from .studies.compare import compare as compare
+    from .studies.comparison import Comparison as Comparison
+    from .studies.loads.payload import identify_payload as identify_payload
+    from .studies.loads.residual import residual_torques as residual_torques
+    from .studies.simulated_log import packaged_experiment as packaged_experiment
+    from .studies.simulated_log import simulated_log as simulated_log
+    from .studies.validation import Validation as Validation
+    from .studies.validation import validate as validate
 
 _LATER = {
-    "CLOE": "methods.cloe.cloe",
-    "DIDIM": "methods.didim.didim",
-    "IDIMIV": "methods.idim_iv",
-    "IDIMLS": "methods.idim_ls",
-    "Recursive": "regression.recursive",
-    "Comparison": "studies.comparison",
-    "Controller": "loop.controller",
-    "Excitation": "excitation.design",
-    "Experiment": "experiment.experiment",
-    "FrictionTerm": "robot.friction",
-    "Identification": "result.identification",
-    "Iteration": "result.iteration",
-    "Payload": "robot.payload",
-    "Reason": "result.verdict",
-    "Recording": "log.recording",
-    "Reference": "loop.reference",
-    "Robot": "robot.robot",
-    "SignalProcessing": "signal.processing",
-    "Simulation": "loop.simulation",
-    "Status": "result.status",
-    "StudyResults": "monte_carlo.results",
-    "Validation": "studies.validation",
-    "Verdict": "result.verdict",
-    "check": "diagnosis.check",
-    "compare": "studies.compare",
-    "contrast": "result.contrast",
-    "direct_dynamics": "model.dynamics",
-    "excite": "excitation.excite",
-    "gravity": "model.dynamics",
-    "identify": "methods.identify",
-    "identify_payload": "studies.loads.payload",
-    "inertia_matrix": "model.dynamics",
-    "inverse_dynamics": "model.dynamics",
-    "load_experiment": "experiment.experiment_file",
-    "load_parameters": "robot.parameter_file",
-    "load_robot": "robot.robot_file",
-    "packaged_experiment": "studies.simulated_log",
-    "regressor": "model.dynamics",
-    "residual_torques": "studies.loads.residual",
-    "simulate": "loop.simulation",
-    "simulated_log": "studies.simulated_log",
-    "study": "monte_carlo.study",
-    "validate": "studies.validation",
+    name: module
+    for module, names in {
+        "diagnosis.check": "check",
+        "excitation.design": "Excitation",
+        "excitation.excite": "excite",
+        "experiment.experiment": "Experiment",
+        "experiment.experiment_file": "load_experiment",
+        "log.recording": "Recording",
+        "loop.controller": "Controller",
+        "loop.reference": "Reference",
+        "loop.simulation": "Simulation simulate",
+        "methods.cloe.cloe": "CLOE",
+        "methods.didim.didim": "DIDIM",
+        "methods.identify": "identify",
+        "methods.idim_iv": "IDIMIV",
+        "methods.idim_ls": "IDIMLS",
+        "model.dynamics": "direct_dynamics gravity inertia_matrix inverse_dynamics regressor",
+        "monte_carlo.results": "StudyResults",
+        "monte_carlo.study": "study",
+        "regression.recursive": "Recursive",
+        "result.contrast": "contrast",
+        "result.identification": "Identification",
+        "result.iteration": "Iteration",
+        "result.status": "Status",
+        "result.verdict": "Reason Verdict",
+        "robot.friction": "FrictionTerm",
+        "robot.parameter_file": "load_parameters",
+        "robot.payload": "Payload",
+        "robot.robot": "Robot",
+        "robot.robot_file": "load_robot",
+        "signal.processing": "SignalProcessing",
+        "studies.compare": "compare",
+        "studies.comparison": "Comparison",
+        "studies.loads.payload": "identify_payload",
+        "studies.loads.residual": "residual_torques",
+        "studies.simulated_log": "packaged_experiment simulated_log",
+        "studies.validation": "Validation validate",
+    }.items()
+    for name in names.split()
 }
 """Modules of the names that are imported on first use, so that a program waits only for the parts it uses."""
 _MOVED = {
-    "ExperimentError": "errors",
-    "FitError": "errors",
-    "IndefiniteError": "errors",
-    "RankError": "errors",
-    "RecordingError": "errors",
-    "RobotError": "errors",
-    "RobotWarning": "errors",
-    "ShapeError": "errors",
-    "SignalError": "errors",
-    "StudyError": "errors",
-    "Bounds": "solvers",
-    "Consistent": "solvers",
-    "LeastSquaresSettings": "solvers",
-    "Prior": "solvers",
-    "RecursiveEstimate": "solvers",
-    "to_c": "export",
-    "to_latex": "export",
-    "to_mjcf": "export",
-    "to_sdf": "export",
-    "to_urdf": "export",
-    "Capsule": "excitation",
-    "ExcitationSettings": "excitation",
-    "Workspace": "excitation",
-    "ControllerMemory": "loop",
-    "Digital": "loop",
-    "SimulationStatus": "loop",
-    "StepWarning": "loop",
-    "BaseParameters": "robot",
-    "Friction": "robot",
-    "Contrast": "result.contrast",
-    "Finding": "result.finding",
-    "Findings": "diagnosis.finding",
-    "EKF": "contrib.ekf",
-    "MaximumLikelihood": "contrib.maximum_likelihood",
+    name: module
+    for module, names in {
+        "contrib.ekf": "EKF",
+        "contrib.maximum_likelihood": "MaximumLikelihood",
+        "diagnosis.finding": "Findings",
+        "errors": "ExperimentError FitError IndefiniteError RankError RecordingError RobotError "
+        "RobotWarning ShapeError SignalError StudyError",
+        "excitation": "Capsule ExcitationSettings Workspace",
+        "export": "to_c to_latex to_mjcf to_sdf to_urdf",
+        "loop": "ControllerMemory Digital SimulationStatus StepWarning",
+        "result.contrast": "Contrast",
+        "result.finding": "Finding",
+        "robot": "BaseParameters Friction",
+        "solvers": "Bounds Consistent LeastSquaresSettings Prior RecursiveEstimate",
+    }.items()
+    for name in names.split()
 }
 """Modules of public names of 0.2.0 that are no longer public: they work in this version with a `DeprecationWarning`."""
+__all__ = ["DidimError", "set_threads", *_LATER]
 
 
 if not TYPE_CHECKING:  # type checkers reject names that are not imported above
