@@ -111,16 +111,9 @@ EXAMPLES = (
 
 
 CHOICES = (
-    "start",
-    "uncertainty",
-    "solver",
-    "physical",
-    "optimizer",
-    "output",
-    "variant",
-    "starts",
+    "start", "uncertainty", "solver", "physical", "optimizer", "output", "variant", "starts",
     "checkpoint",
-)
+)  # fmt: skip
 """Options of `identify` that set a field of the method's settings."""
 
 

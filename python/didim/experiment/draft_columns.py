@@ -8,70 +8,27 @@ from dataclasses import dataclass, replace
 
 WORDS = {
     "time": ("t", "time", "times", "timestamp", "timestamps", "stamp", "stamps", "clock"),
-    "reference": (
-        "ref",
-        "reference",
-        "des",
-        "desired",
-        "cmd",
-        "command",
-        "commanded",
-        "target",
-        "setpoint",
-        "action",
-        "qg",
-    ),
+    "reference": ("ref", "reference", "des", "desired", "cmd", "command", "commanded", "target", "setpoint",
+        "action", "qg"),
     "acceleration": ("ddq", "qdd", "acc", "acceleration", "accelerations", "qddot"),
     "velocity": ("dq", "qd", "vel", "velocity", "velocities", "speed", "speeds", "qdot", "omega"),
     "torque": ("tau", "torque", "torques", "trq", "effort", "efforts", "force", "moment", "gamma"),
     "current": ("i", "iq", "current", "currents", "cur", "amp", "amps"),
     "voltage": ("u", "v", "vir", "voltage", "voltages", "volt", "volts"),
-    "position": (
-        "q",
-        "qm",
-        "pos",
-        "position",
-        "positions",
-        "angle",
-        "angles",
-        "theta",
-        "enc",
-        "encoder",
-    ),
-}
+    "position": ("q", "qm", "pos", "position", "positions", "angle", "angles", "theta", "enc", "encoder"),
+}  # fmt: skip
 """Keywords of column names for each kind of signal. The first kind with a matching keyword is taken."""
 
 PLACES = (
-    "joint",
-    "joints",
-    "axis",
-    "axes",
-    "motor",
-    "mot",
-    "robot",
-    "arm",
-    "actual",
-    "act",
-    "measured",
-    "meas",
-    "state",
-    "feedback",
-)
+    "joint", "joints", "axis", "axes", "motor", "mot", "robot", "arm", "actual", "act", "measured",
+    "meas", "state", "feedback",
+)  # fmt: skip
 """Words for the location of a signal: a name of only these words and a number is a position."""
 
 FOREIGN = (
-    "tcp",
-    "pose",
-    "temperature",
-    "temp",
-    "ext",
-    "external",
-    "filtered",
-    "hat",
-    "error",
-    "digital",
+    "tcp", "pose", "temperature", "temp", "ext", "external", "filtered", "hat", "error", "digital",
     "tool",
-)
+)  # fmt: skip
 """Words that exclude a column from the joints' positions, velocities and torques, whatever its other words."""
 
 UNITS = {

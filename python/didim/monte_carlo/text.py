@@ -10,20 +10,9 @@ from ..errors import StudyError
 from .figures import Estimate, Figures
 
 HEAD = (
-    "method",
-    "runs",
-    "failed",
-    "open",
-    "bias",
-    "rms",
-    "coverage %",
-    "torque error %",
-    "95 % below",
-    "parameters %",
-    "of mean %",
-    "simulations",
-    "seconds",
-)
+    "method", "runs", "failed", "open", "bias", "rms", "coverage %", "torque error %", "95 % below",
+    "parameters %", "of mean %", "simulations", "seconds",
+)  # fmt: skip
 """Headings of the table, see docs/studies.md."""
 NOTES = (
     "bias, rms: errors in reported standard deviations; rms is 1 and coverage 95 % when these are right",

@@ -19,18 +19,6 @@ from .skeleton import robot
 from .style import require, svg
 
 __all__ = [
-    "convergence",
-    "correlation",
-    "external",
-    "friction",
-    "motion",
-    "overlay",
-    "parameters",
-    "positions",
-    "require",
-    "residuals",
-    "robot",
-    "spectra",
-    "svg",
-    "torques",
-]
+    "convergence", "correlation", "external", "friction", "motion", "overlay", "parameters",
+    "positions", "require", "residuals", "robot", "spectra", "svg", "torques",
+]  # fmt: skip

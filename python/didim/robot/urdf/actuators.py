@@ -15,18 +15,9 @@ from ..transmission import Actuator
 from .xml_spans import Element
 
 SHORTCUTS = (
-    "general",
-    "motor",
-    "position",
-    "velocity",
-    "intvelocity",
-    "damper",
-    "cylinder",
-    "muscle",
-    "adhesion",
-    "dcmotor",
-    "pid",
-)
+    "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle",
+    "adhesion", "dcmotor", "pid",
+)  # fmt: skip
 """Elements of ``<actuator>`` and of its defaults."""
 
 KEPT = ("forcerange", "ctrlrange", "forcelimited", "ctrllimited", "gear")
