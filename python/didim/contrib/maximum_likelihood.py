@@ -18,7 +18,6 @@ import numpy as np
 from .._tools.arrays import Array, real_array
 from .._tools.settings import whole
 from ..errors import FitError
-from ..evidence.naming import torque_findings
 from ..experiment.experiment import Experiment
 from ..methods.builder import Run, fitted, solved_status
 from ..methods.job import Job, ratio
@@ -119,7 +118,6 @@ class MaximumLikelihood(MethodSettings):
             delay=delay,
             q=np.concatenate([part.q for part in parts]),
             settings={"maximum_likelihood": record},
-            evidence=torque_findings(system),
         )
         return fitted(run, system, fit)
 

@@ -22,7 +22,7 @@ from ..evidence.causes import Search
 from ..evidence.gain_check import unchecked
 from ..evidence.lasting import delay_findings
 from ..evidence.loop.law import Recovered, loop_findings, recovered
-from ..evidence.naming import cause_findings, torque_findings
+from ..evidence.naming import cause_findings
 from ..evidence.residual import spike_findings
 from ..evidence.rows import LogRows
 from ..evidence.torques import constant_torque_findings
@@ -270,7 +270,7 @@ def _model(
         return _unfiltered(error)
     _check_squares(parts)
     try:
-        rows = LogRows(robot, job.signal, parts, of_fit)
+        rows = LogRows(robot, job.signal, parts, of_fit, logs=job.parameters)
     except (SignalError, FitError) as error:
         return _unfiltered(error)
     own = [
@@ -279,15 +279,15 @@ def _model(
         *check_standstill(robot, parts),
     ]
     if not job.parameters.simple:
-        return [*torque_findings(job.system(parts)), *own]
+        beta = None  # what the logs have beside the robot is not known
     hints: list[Finding] = []
     named = _causes(rows if beta is None else LogRows(robot, job.signal, parts, of_fit, beta), hints)
     if named:
         # What else a log declared so wrongly seems to have comes from that.
         return named
-    found = [*hints, *_between(job, parts, beta)]
+    found = [*hints, *(_between(job, parts, beta) if job.parameters.simple else ())]
     if shown is not None:
-        found += loop_findings(experiment, base.lift(rows.declared.beta), shown)
+        found += loop_findings(experiment, base.lift(rows.beta), shown)
     if job.delay_setting != "estimate":
         late = delay_findings(rows, np.zeros(0), obeyed=False)
         found += late if late or rows.hopeless else check_delay(job)

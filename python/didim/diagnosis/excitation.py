@@ -77,8 +77,11 @@ def _shares(
     low = np.where(revolute, -np.pi, logged.min(axis=0))
     high = np.where(revolute, np.pi, logged.max(axis=0))
     w = regressor(robot, rng.uniform(low, high, shape), *(rng.normal(0.0, size, shape) for size in rich))
-    w = w[:, :, list(robot.base_parameters.indices)] / rows.products.scale
+    b = len(rows.beta)
+    w = w[:, :, list(robot.base_parameters.indices)] / rows.products.scale[:b]
     effect = np.max(np.sqrt(np.mean(w**2, axis=0)) / torque[:, None], axis=0)
+    # What the logs have beside the robot acts in them alone.
+    effect = np.append(effect, np.ones(len(information) - b))
     # A weak prior in these units: it only affects parameters that the log does not identify.
     scaled = information / np.outer(effect, effect) + np.eye(len(effect)) / CAP**2
-    return np.asarray(np.sqrt(np.diag(np.linalg.inv(scaled))))
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(scaled)))[:b])

@@ -25,6 +25,8 @@ from .thresholds import (
     BLOCKS_BETTER,
     FRICTION_SIGMAS,
     FRICTION_SLACK,
+    GROWN,
+    HEALED,
     HINT,
     MARGIN,
     MOST_DECIDED,
@@ -32,7 +34,9 @@ from .thresholds import (
     NAMED,
     NEGATIVE_SIGMAS,
     OTHER_LOG,
+    ROBOT,
     SCREEN,
+    SIZE_DOUBTFUL,
     TORN,
     TURNED,
 )
@@ -50,6 +54,8 @@ class Tried:
         D of the plain fit, on blocks left out, and of the consistent fit; NaN where this one was not asked.
     blocks : int
         Blocks that it predicts better, of those of `didim.evidence.products.BLOCKS`.
+    growth : float
+        Error of blocks left out over that of the same blocks fitted.
     friction : bool
         Whether the friction of its joint, which would drive it as declared, brakes.
     refused : str
@@ -60,6 +66,7 @@ class Tried:
     d: float
     blocks: int = 0
     d_consistent: float = float("nan")
+    growth: float = 1.0
     friction: bool = False
     refused: str = ""
 
@@ -172,10 +179,15 @@ class Search:
         held = self.rows.consistent(item.robot or self.rows.robot, found[0], y)
         if held is None:
             return replace(plain, d_consistent=float("inf"))
-        d = float(np.sum(np.log(np.sum((mixing @ held) ** 2, axis=1) / self._held)))
-        refused = plain.refused
+        squares = np.sum((mixing @ held) ** 2, axis=1)
+        d = float(np.sum(np.log(squares / self._held)))
+        refused, seen = plain.refused, found[2].seen(item.order, item.factors)
         if not refused and d <= HINT and self._contradicted(item, found[2]):
             refused = "other-log"
+        elif not refused:
+            size = self.rows.products.y.sum(axis=1)
+            before, after = torn(self._held, self.rows.declared_seen, size), torn(squares, seen, size)
+            refused = "no-robot" if after > max(ROBOT, HEALED * before) else ""
         return replace(plain, d_consistent=d, refused=refused)
 
     def _contradicted(self, item: Hypothesis, products: Products) -> bool:
@@ -198,7 +210,7 @@ class Search:
         limit = min(best.decisive + MARGIN, HINT)
         ties = [item for item in order if item.decisive <= limit and not item.refused]
         if best.decisive <= HINT and not best.refused and any(confirmed(item) for item in ties):
-            return Cause(tuple(_distinct(ties)), certain=best.decisive <= NAMED)
+            return Cause(tuple(_distinct(ties)), certain=best.decisive <= NAMED and best.growth <= GROWN)
         if by_friction and not (best.decisive <= HINT and best.refused):
             return Cause(tuple(_distinct(by_friction)), certain=True)
         return None
@@ -215,7 +227,12 @@ def tried(rows: Declared, item: Hypothesis, products: Products, names: Sequence[
         after = friction_sigmas(names, judged, item.joints)
         friction = max(before) < -FRICTION_SIGMAS and min(after) > FRICTION_SIGMAS and d < FRICTION_SLACK
         refused = "friction" if min(after) < min(-NEGATIVE_SIGMAS, min(before)) else ""
-    return Tried(item, d, judged.better_blocks(declared), friction=friction, refused=refused)
+    elif item.order is not None and not item.needs_columns:
+        pair = [joint - 1 for joint in item.joints]
+        both = judged.unseen[pair].sum(axis=1) < declared.unseen[pair].sum(axis=1)
+        refused = "" if both.all() else "one-channel"
+    growth = float(np.sqrt(judged.unseen.sum() / products.seen(item.order, item.factors).sum()))
+    return Tried(item, d, judged.better_blocks(declared), growth=growth, friction=friction, refused=refused)
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,6 +263,15 @@ def cause_of_torques(system: LinearSystem) -> tuple[OfSystem, Cause | None] | No
         return rows, Cause(tuple(_distinct(ties)), certain=True) if ties else None
     by_friction = [item for item in order if item.friction]
     return rows, Cause(tuple(_distinct(by_friction)), certain=True) if by_friction else None
+
+
+def torn(held: Array, plain: Array, size: Array) -> float:
+    """Return how much worse parameters of a robot explain the channels than any do.
+
+    The sum of log(squared error held / plain), where an error below a share of the squared torques `size` counts as that.
+    """
+    least = SIZE_DOUBTFUL**2 * size
+    return float(np.sum(np.log(np.maximum(np.maximum(held, least) / np.maximum(plain, least), 1.0))))
 
 
 def confirmed(tried: Tried) -> bool:

@@ -74,6 +74,7 @@ def judged(
     fit: Identification,
     experiment: Experiment,
     measured: Measured | None,
+    by_law: Measured | None,
     *,
     system_tested: bool,
     uses_torques: bool,
@@ -89,6 +90,8 @@ def judged(
         What it was made of, with the friction that was chosen.
     measured : Measured or None
         Its measured motion; None where there is none, or no torques.
+    by_law : Measured or None
+        The same motion with the torques of the declared controller, for methods that fit positions: the errors of these as torques.
     system_tested : bool
         Whether the method has tested the residual of its own system (7) for whiteness.
     uses_torques : bool
@@ -96,8 +99,6 @@ def judged(
     say : callable
         Called with sentences on the progress.
     """
-    if fit.further is not None and fit.further.gains is not None:
-        experiment = experiment.with_gains(fit.further.gains)
     # CLOE from positions alone has no use for torques.
     found = constant_torque_findings(experiment) if uses_torques else []
     if fit.n_simulations:
@@ -105,58 +106,82 @@ def judged(
         found += _simulated(fit, experiment, measured, bool(found) or not system_tested)
     found += held_out_findings(fit)
     uses: list[Use] = []
-    if measured is not None:
+    along = by_law if measured is None else measured
+    if along is not None:
         of_fit = [item for item in experiment.recordings if item.role == "fit"]
-        told, uses = _along(measured, fit, found, of_fit, system_tested=system_tested, say=say)
-        found = told
-    # Causes are named by the search where it has found one: it knows more than the look at the torques alone.
-    caused = any("ties" in item.facts for item in found)
-    kept = [item for item in fit.evidence if not (caused and "ties" in item.facts)]
-    return replace(fit, evidence=(*found, *kept), uses=tuple(uses))
+        fit, found, uses = _along(along, by_law, fit, found, of_fit, system_tested=system_tested, say=say)
+    return replace(fit, evidence=(*found, *fit.evidence), uses=tuple(uses))
 
 
 def _along(
     measured: Measured,
+    by_law: Measured | None,
     fit: Identification,
     found: list[Finding],
     fitted: Sequence[Recording],
     *,
     system_tested: bool,
     say: Callable[[str], None],
-) -> tuple[list[Finding], list[Use]]:
-    """Return the findings along the measured motion behind those there are, and the uses."""
+) -> tuple[Identification, list[Finding], list[Use]]:
+    """Return the result, the findings along the measured motion behind those there are, and the uses.
+
+    The search knows more than the look at the torques alone, whose causes are taken out of the result where it was done.
+    """
     parts, signal = measured.parts, measured.signal
-    beta = fit.beta if fit.further is None else np.append(fit.beta, fit.further.values)
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):
-            residual = residual_of(measured.robot, measured.logs, beta, parts, signal)
-    except DidimError:
-        return found, []
-    if not np.isfinite(residual.error).all():
-        return found, []
-    found = [*found, *spike_findings(parts, signal), *size_findings(residual)]
+    residual = _residual(measured, fit)
+    if residual is None:
+        return fit, found, []
+    found = [*found, *size_findings(residual)]
+    if measured is not by_law:
+        found += spike_findings(parts, signal)
     if not system_tested:
-        found += _lasting(residual, fit)
+        own = None if by_law is None else _residual(by_law, fit)
+        found += _lasting(residual, fit) if own is None else _lasting(own, replace(fit, uncertainty=None))
     spoiled = any(item.code in ("spikes", "constant-torque") for item in found)
     if spoiled:
         # What outliers do to the law of the controller and to a simulated robot is not theirs.
         found = [item for item in found if not item.code.startswith("controller")]
-    if not measured.logs.simple:
-        return found, []
     codes = {item.code for item in (*found, *fit.evidence)}
-    explicable = "constant-torque" not in codes and fit.overall_relative_error > ROUNDING
-    rows: LogRows | None = None
-    with suppress(DidimError):  # too few rows for hypotheses
-        rows = LogRows(measured.robot, signal, parts, fitted)
+    explicable = "constant-torque" not in codes and not fit.overall_relative_error <= ROUNDING
+    rows = _rows(measured, fitted)
     growth = 1.0
     if rows is not None:
         growth = float(np.sqrt(rows.declared.unseen.sum() / max(float(rows.products.seen().sum()), 1e-300)))
         alarm = None if fit.uncertainty is None else fit.uncertainty.friction
-        if explicable and (codes & SUSPICIOUS or (alarm is not None and alarm.raised)):
+        # A torque that the law makes has no sign, gain or delay of its own.
+        if (
+            explicable
+            and measured is not by_law
+            and (codes & SUSPICIOUS or (alarm is not None and alarm.raised))
+        ):
             say("the log contradicts its model: looking for the cause")
             found = [*explained(rows, measured, fit), *found]  # the cause before what follows from it
+            fit = replace(fit, evidence=tuple(item for item in fit.evidence if "ties" not in item.facts))
+    by_law_rows = rows if measured is by_law or by_law is None else _rows(by_law, fitted)
+    if explicable and by_law_rows is not None and by_law is not None:
+        found = [item for item in found if item.code != "friction"]
+        found += friction_findings(by_law_rows, fit, chosen="friction" in fit.settings)
     uses, untold = uses_of(measured.robot, fit, parts, residual, signal, growth)
-    return [*found, *untold], uses
+    return fit, [*found, *untold], uses
+
+
+def _rows(measured: Measured, fitted: Sequence[Recording] = ()) -> LogRows | None:
+    """Return the rows of a measured motion; None where they are too few for hypotheses."""
+    with suppress(DidimError):
+        return LogRows(measured.robot, measured.signal, measured.parts, fitted, logs=measured.logs)
+    return None
+
+
+def _residual(measured: Measured, fit: Identification) -> Residual | None:
+    """Return what a result leaves of the torques along a measured motion; None where that is no number."""
+    # Drive gains, the last of the further parameters, are in the torques already.
+    beta = fit.beta if fit.further is None else np.append(fit.beta, fit.further.values)
+    beta = beta[: measured.logs.n_base + measured.logs.n_further]
+    with suppress(DidimError), np.errstate(over="ignore", invalid="ignore"):
+        found = residual_of(measured.robot, measured.logs, beta, measured.parts, measured.signal)
+        if np.isfinite(found.error).all():
+            return found
+    return None
 
 
 def _lasting(residual: Residual, fit: Identification) -> list[Finding]:
@@ -170,12 +195,7 @@ def _lasting(residual: Residual, fit: Identification) -> list[Finding]:
 
 def explained(rows: LogRows, measured: Measured, fit: Identification | None) -> list[Finding]:
     """Return what explains a log that contradicts its model: a cause; else friction, a delay, and gains that it cannot check."""
-    other = None
-    if measured.outside:
-        try:
-            other = LogRows(measured.robot, measured.signal, measured.outside)
-        except DidimError:
-            other = None
+    other = _rows(replace(measured, parts=measured.outside)) if measured.outside else None
     share = float(np.sqrt(rows.products.seen().sum() / np.sum(rows.y**2)))
     cause = Search(rows, other, readings=share > READ_OTHERWISE).cause()
     named = cause_findings(rows, cause)

@@ -128,11 +128,11 @@ def delay_findings(rows: LogRows, std: Array, *, obeyed: bool) -> list[Finding]:
 
 
 def shifts(rows: LogRows, judged: Judged, std: Array) -> Array:
-    """Return by how many standard deviations each parameter of the model moves, (p,)."""
-    p = len(rows.names)
-    own = np.where(std > 0.0, std, rows.declared.std) if len(std) == p else rows.declared.std
-    size = np.maximum(own, np.finfo(float).tiny)
-    return np.asarray(np.abs(judged.beta[:p] - rows.declared.beta) / size)
+    """Return by how many standard deviations each base parameter moves, (b,)."""
+    b = len(rows.beta)
+    own = rows.declared.std[:b]
+    size = np.maximum(np.where(std > 0.0, std, own) if len(std) == b else own, np.finfo(float).tiny)
+    return np.asarray(np.abs(judged.beta[:b] - rows.beta) / size)
 
 
 def laws(rows: LogRows) -> Iterator[tuple[str, Array]]:
@@ -163,7 +163,7 @@ def _smoothing(rows: LogRows, top: Array) -> Array:
 
 def _slopes(rows: LogRows) -> Array:
     """Return the change of each joint's torque in a sample, by the declared model without friction, (n, n_rows)."""
-    x = rows.robot.base_parameters.lift(rows.declared.beta)
+    x = rows.robot.base_parameters.lift(rows.beta)
     return rows.reduced(
         [np.gradient(rigid_torque(rows.robot, p.q, p.dq, p.ddq, x), axis=0) for p in rows.parts]
     )

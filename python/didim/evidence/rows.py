@@ -17,9 +17,9 @@ from .._tools.arrays import Array
 from ..errors import DidimError, FitError
 from ..log.recording import Recording
 from ..regression.block import stacked
-from ..regression.consistent.solver import Consistent, ConsistentSolver
+from ..regression.consistent.solver import Consistent
 from ..regression.linear_system import LinearSystem, linear_system, observation
-from ..regression.selection import select
+from ..regression.logs.parameters import LogParameters
 from ..regression.settings import LeastSquaresSettings
 from ..robot.robot import Robot
 from ..signal.decimation import decimate, decimation_stages
@@ -58,11 +58,14 @@ class LogRows:
         What they were read from, where units, sides and rates are asked too.
     known : (p,) array, optional
         Base parameters that are known: nothing is fitted then.
+    logs : LogParameters, optional
+        What the logs have beside the robot: its columns stand behind the base columns, and what is known of payloads is one more,
+        whose factor is free.
 
     Attributes
     ----------
     w, y : (n, n_rows, p), (n, n_rows) arrays
-        Base columns and torques.
+        Columns and torques.
     names : tuple of str
         Names of the columns.
     products : Products
@@ -87,9 +90,11 @@ class LogRows:
         parts: Sequence[Segment],
         recordings: Sequence[Recording] = (),
         known: Array | None = None,
+        logs: LogParameters | None = None,
     ) -> None:
         linear = [term for term in robot.friction.terms if term.law != "load"]
         self.robot = robot if len(linear) == len(robot.friction.terms) else robot.with_terms(linear)
+        self.logs = _linear(LogParameters(robot, (), {}, {}, {}) if logs is None else logs, self.robot)
         self.signal, self.recordings, self.known = signal, recordings, known
         self.origin: Mapping[str, Any] = recordings[0].origin if recordings else {}
         self.timed = all("time" in item.origin for item in recordings)
@@ -110,11 +115,16 @@ class LogRows:
         """Number of joints."""
         return self.robot.n_dof
 
+    @property
+    def beta(self) -> Array:
+        """Base parameters of the robot as declared, (b,)."""
+        return self.declared.beta[: self.logs.n_base]
+
     def under(self, item: Hypothesis) -> LogRows:
         """Return the rows as a hypothesis reads the log."""
         undone = np.linalg.inv(item.mixing(self.n)).T
         parts = [replace(part, tau=part.tau @ undone) for part in self._moved(item)]
-        return LogRows(item.robot or self.robot, self.signal, parts, self.recordings, self.known)
+        return LogRows(item.robot or self.robot, self.signal, parts, self.recordings, self.known, self.logs)
 
     @cached_property
     def declared_seen(self) -> Array:
@@ -147,6 +157,8 @@ class LogRows:
     def _seen(self, w: Array, order: Sequence[int] | None = None, factors: Array | None = None) -> Array:
         y, known = self.y[:, :: self._step], self.known
         given = None if known is None else self.robot.base_parameters.lift(known)
+        # What the logs have beside the robot is about the same for another one.
+        w = np.concatenate([w, self.w[:, :: self._step, self.logs.n_base :]], axis=2)
         return Products.of(w, y, 1, given).seen(order, factors)
 
     def rough(self, item: Hypothesis) -> float:
@@ -217,30 +229,34 @@ class LogRows:
         """
         if self.known is not None:
             return None
-        n, rows, p = w.shape
-        system = LinearSystem(
-            w=w.reshape(n * rows, p),
-            y=np.ascontiguousarray(y).reshape(-1),
-            blocks=stacked(n, [rows]),
-            names=robot.base_parameters.names,
-        )
-        solver = ConsistentSolver(
-            settings=Consistent(gamma=self._gamma), robot=robot, selection=select(robot, {}, ())
-        )
+        system, logs = self._conditioned(robot, w, y)
+        settings = Consistent(gamma=self._gamma)
         try:
-            fit = solver(system, LeastSquaresSettings(weights="per-joint", reweightings=1))
+            fit = settings.for_logs(logs, logs.select({}, ()))(
+                system, LeastSquaresSettings(weights="per-joint", reweightings=1)
+            )
         except DidimError:
             return None
-        return fit.residual.reshape(n, rows)
+        return fit.residual.reshape(self.n, -1)
+
+    def _conditioned(self, robot: Robot, w: Array, y: Array) -> tuple[LinearSystem, LogParameters]:
+        """Return the system of which physical conditions are asked: known payloads are as they are declared."""
+        logs = replace(self.logs, robot=robot)
+        p = logs.n_base + logs.n_further
+        y = y - w[:, :, p] if logs.known else y
+        system = LinearSystem(
+            w=np.ascontiguousarray(w[:, :, :p]).reshape(-1, p),
+            y=np.ascontiguousarray(y).reshape(-1),
+            blocks=stacked(self.n, [w.shape[1]]),
+            names=logs.names,
+        )
+        return system, logs
 
     @cached_property
     def _gamma(self) -> float:
         """Weight of the prior, by the correlation of the residuals of the declared model."""
-        n, rows, p = self.w.shape
-        system = LinearSystem(
-            w=self.w.reshape(n * rows, p), y=self.y.reshape(-1), blocks=stacked(n, [rows]), names=self.names
-        )
-        problem = Consistent().for_robot(self.robot, select(self.robot, {}, ())).on(system).problem
+        system, logs = self._conditioned(self.robot, self.w, self.y)
+        problem = Consistent().for_logs(logs, logs.select({}, ())).on(system).problem
         assert problem is not None
         return problem.gamma
 
@@ -256,9 +272,25 @@ class LogRows:
 
     def _system(self, robot: Robot, parts: Sequence[Segment]) -> tuple[Array, Array, tuple[str, ...]]:
         """Return base columns, (n, rows, p), and torques, (n, rows), as those of a fit, before they are thinned out."""
-        system = linear_system(robot, parts, self.signal, select(robot, {}, ()))
-        n = robot.n_dof
-        return system.w.reshape(n, -1, system.w.shape[1]), system.y.reshape(n, -1), system.names
+        logs = replace(self.logs, robot=robot)
+        system = linear_system(robot, parts, self.signal, logs.select({}, ()), logs=logs)
+        w = system.w.reshape(robot.n_dof, -1, system.w.shape[1])
+        names = system.names
+        if logs.known and system.known is not None:
+            w = np.concatenate([w, system.known.reshape(robot.n_dof, -1, 1)], axis=2)
+            names = (*names, "payload")
+        return w, system.measured.reshape(robot.n_dof, -1), names
+
+
+def _linear(logs: LogParameters, robot: Robot) -> LogParameters:
+    """Return what logs have beside a robot that some terms of friction were taken from."""
+    if robot is logs.robot:
+        return logs
+    kept = [logs.robot.parameter_names.index(name) for name in robot.parameter_names]
+    columns, known = (
+        {number: values[kept] for number, values in items.items()} for items in (logs.columns, logs.known)
+    )
+    return replace(logs, robot=robot, columns=columns, known=known)
 
 
 def samples_wanted(signal: SignalProcessing, parts: Sequence[Segment]) -> int:

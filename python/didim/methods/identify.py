@@ -20,7 +20,7 @@ from ..result.iteration import Iteration, Reporter
 from ..result.positions.record import PositionRecord
 from ..robot.robot import Robot
 from .friction import with_known_friction
-from .measured import measured_along
+from .measured import law_along, measured_along
 from .method import FitSettings, Method, MethodSettings
 from .table import method_of
 
@@ -119,13 +119,17 @@ def _identified(experiment: Experiment, method: Method, reporter: Reporter, star
             settings={**fit.settings, "friction": friction.record()},
             remarks=(*fit.remarks, *friction.remarks()),
         )
+    if fit.further is not None and fit.further.gains is not None:
+        experiment = experiment.with_gains(fit.further.gains)
     if PositionRecord.of(fit.settings) is None:
+        of_positions = getattr(method, "output", None) == "position"
         fit = judged(
             fit,
             experiment,
             measured_along(fit, experiment, method),
+            law_along(fit, experiment, method) if of_positions else None,
             system_tested=isinstance(method, FitSettings),
-            uses_torques=getattr(method, "output", None) != "position",
+            uses_torques=not of_positions,
             say=reporter.say,
         )
     fit = replace(fit, elapsed=time.perf_counter() - start)

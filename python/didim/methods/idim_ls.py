@@ -11,7 +11,6 @@ from .._tools.arrays import Array
 from .._tools.settings import one_of
 from .._tools.words import counted
 from ..errors import FitError
-from ..evidence.naming import torque_findings
 from ..experiment.experiment import Experiment
 from ..result.identification import Identification
 from ..result.iteration import Iteration, Reporter
@@ -82,7 +81,6 @@ class IDIMLS(FitSettings):
             history=history,
             delay=delay,
             q=np.concatenate([part.q for part in parts]),
-            evidence=torque_findings(system),
         )
         return fitted(run, system, fit, parts=parts)
 

@@ -7,6 +7,8 @@ import numpy as np
 from .._tools.arrays import Array
 from ..errors import DidimError
 from ..evidence.judge import Measured
+from ..evidence.loop.law import declared_loop
+from ..evidence.loop.law_rows import with_law_torques
 from ..experiment.experiment import Experiment
 from ..result.identification import Identification
 from .idim_ls import IDIMLS
@@ -39,6 +41,16 @@ def measured_along(fit: Identification, experiment: Experiment, method: Method) 
             least=lambda: least_errors(job),
         )
     except DidimError:
+        return None
+
+
+def law_along(fit: Identification, experiment: Experiment, method: Method) -> Measured | None:
+    """Return the measured motion with the torques of the declared controller; None where none follows a reference."""
+    try:
+        if not declared_loop(experiment):
+            return None
+        return measured_along(fit, with_law_torques(experiment), method)
+    except (DidimError, IndexError):  # no recording of a fit
         return None
 
 

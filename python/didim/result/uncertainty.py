@@ -114,7 +114,9 @@ class Uncertainty(Pickled):
         """
         if self.friction is None or self.kind != "jackknife":
             return std
-        return np.asarray(np.sqrt(np.maximum(np.square(std) - np.square(self.friction.shift), 0.0)))
+        return np.asarray(
+            np.sqrt(np.maximum(np.square(std) - np.square(self.friction.shift[: len(std)]), 0.0))
+        )
 
     def lines(self, std: Array) -> list[str]:
         """Return the lines of a printed result on standard deviations, (b,)."""

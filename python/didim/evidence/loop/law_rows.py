@@ -11,7 +11,7 @@ decimated alike.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -165,16 +165,26 @@ class LawRows:
         differences: bool = False,
     ) -> Array:
         """Torque of the law on the rows, (n_rows, n_dof), at most as large as a limit, (n_dof,)."""
+        return self.reduced(self.torques(lag_s, lead_s, limit, differences=differences))
+
+    def torques(
+        self,
+        lag_s: float = 0.0,
+        lead_s: float = 0.0,
+        limit: Array | None = None,
+        *,
+        differences: bool = False,
+    ) -> list[Array]:
+        """Torque of the law along each stretch, (n, n_dof), at most as large as a limit, (n_dof,)."""
         largest = np.abs(self.controller.gain) * self.controller.saturation
         if limit is not None:
             largest = np.minimum(largest, limit)
-        torques = [
+        return [
             np.clip(terms.sum(axis=0) + forward, -largest, largest)
             for terms, forward in zip(
                 self.terms(lag_s, lead_s, differences=differences), self.fed_forward(), strict=True
             )
         ]
-        return self.reduced(torques)
 
     def columns(self) -> Array:
         """Torque of each term on the rows, (n_terms, n_rows, n_dof)."""
@@ -206,6 +216,23 @@ class LawRows:
         error = self.measured - torque
         # A constant is an integrator's start, or an offset of the drive: neither gain nor delay.
         return np.asarray(error - error.mean(axis=0))
+
+
+def with_law_torques(experiment: Experiment) -> Experiment:
+    """Return the recordings of a fit with the torques of the declared law along their measured motion in place of measured ones.
+
+    What is left of them beside the model is what the errors of the simulated positions are as torques.
+    """
+    fitted = [item for item in experiment.recordings if item.role == "fit"]
+    blank = [replace(item, tau=np.zeros_like(item.measured_positions())) for item in fitted]
+    torques = iter(LawRows(replace(experiment, recordings=tuple(blank))).torques())
+    made = []
+    for item in blank:
+        tau = np.zeros_like(item.measured_positions())
+        for start, stop in item.windows:
+            tau[start:stop] = next(torques)
+        made.append(replace(item, tau=tau))
+    return replace(experiment, recordings=tuple(made))
 
 
 def _decimated(signals: Sequence[Array], signal: SignalProcessing) -> Iterator[Array]:

@@ -12,7 +12,7 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..._tools.threads import core_threads
 from ...errors import DidimError
-from ...evidence.torques import TORQUE_CODES
+from ...evidence.naming import torque_findings
 from ...experiment.experiment import Experiment
 from ...loop.outcome import Outcome
 from ...model.dynamics import inertia_matrix
@@ -173,13 +173,12 @@ class LogSimulator:
 
     def suspicions(self) -> list[Finding]:
         """Return suspected faults along the measured motion, which is independent of parameters."""
-        if not self.measured:
+        if not self.measured or self.job.parameters.n_gains:
             return []
         try:
-            found = self.direct().evidence
+            return torque_findings(self.job.system(self.job.parts("fit", self.delay)))
         except DidimError:
             return []
-        return [finding for finding in found if finding.code in TORQUE_CODES]
 
     def segments(self, found: Simulated) -> list[Segment]:
         """Return a simulated motion with the measured torques."""

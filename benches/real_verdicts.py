@@ -1,0 +1,213 @@
+"""What does the verdict say of real logs that nothing is wrong with?
+
+    python benches/real_verdicts.py DATA [--logs WORD ...] [--method idim-ls|physical|didim|cloe] [--varied]
+
+prints a row for each public log in DATA: what the model misses, state, reasons, and what the result is good for. With
+``--varied`` the logs are cut in halves and thirds, thinned, filtered otherwise, exchanged as fit and held-out recording, and given
+another friction: they are as good as the logs themselves, so that no cause may be named on any. docs/verdict.md has the table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import didim
+from didim.errors import DidimError
+from didim.log.recording import Recording
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from friction_held_out import initialised, kr300, unisa, ur10e
+from positions import QUADRUPED
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+METHODS: dict[str, Callable[[], object]] = {
+    "idim-ls": didim.IDIMLS,
+    "physical": lambda: didim.IDIMLS(physical=True),
+    "didim": didim.DIDIM,
+    "cloe": didim.CLOE,
+}
+
+
+def alone(experiment: didim.Experiment, number: int) -> didim.Experiment:
+    """Return an experiment of one of its recordings."""
+    return replace(experiment, recordings=(replace(experiment.recordings[number], role="fit"),))
+
+
+def logs(data: Path) -> dict[str, Callable[[], didim.Experiment]]:
+    """Return the real logs by name."""
+    tiago = [data / f"tiago/tiago_{what}.csv" for what in ("position", "velocity", "effort")]
+    return {
+        "TX40": lambda: didim.load_experiment(EXAMPLES / "tx40_log_best.toml", data=data / "tx40"),
+        "EMPS": lambda: didim.load_experiment(EXAMPLES / "emps.toml", data=data / "emps"),
+        "EMPS, asymmetric friction": lambda: didim.load_experiment(
+            EXAMPLES / "emps_asymmetric.toml", data=data / "emps"
+        ),
+        "UR10e without load": lambda: ur10e(data, "free"),
+        "UR10e with load": lambda: ur10e(data, "loaded"),
+        "UR10, exciting motion": lambda: alone(unisa(data, "ur10"), 0),
+        "UR10, validation motion": lambda: alone(unisa(data, "ur10"), 1),
+        "Panda": lambda: unisa(data, "panda"),
+        "TIAGo": lambda: initialised(str(data / "tiago/tiago_48_hey5.urdf"), tiago, []),
+        "KR300, A": lambda: alone(kr300(data), 0),
+        "KR300, B": lambda: alone(kr300(data), 1),
+        "Go2, legs by positions": lambda: quadruped(data / "go2"),
+    }
+
+
+def quadruped(folder: Path) -> didim.Experiment:
+    """Return the log of a quadruped's legs: commanded and measured positions."""
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "go2.toml"
+        path.write_text(QUADRUPED.replace("go2.xml", str(folder / "go2.xml")), encoding="utf-8")
+        return didim.load_experiment(path, data=folder)
+
+
+def windows(recording: Recording, part: int, parts: int) -> Recording:
+    """Return a recording of which one of equal parts of its windows is used."""
+    start, stop = recording.windows[0][0], recording.windows[-1][1]
+    low, high = (start + (stop - start) * k // parts for k in (part, part + 1))
+    kept = [(max(a, low), min(b, high)) for a, b in recording.windows if min(b, high) > max(a, low)]
+    return replace(recording, windows=tuple(kept))
+
+
+def thinned(recording: Recording, factor: int) -> Recording:
+    """Return a recording of every so many samples, its torques averaged over as many."""
+    q, tau = recording.q, recording.tau
+    assert q is not None
+    assert tau is not None
+    n = len(q) // factor * factor
+    mean = tau[:n].reshape(-1, factor, tau.shape[1]).mean(axis=1)
+    middle = q[:n].reshape(-1, factor, q.shape[1]).mean(axis=1)
+    start, stop = (k // factor for k in (recording.windows[0][0], recording.windows[-1][1]))
+    made = Recording.from_arrays(middle, mean, rate_hz=recording.rate_hz / factor)
+    return replace(made, windows=((start, min(stop, len(mean))),), name=recording.name)
+
+
+def varied(experiment: didim.Experiment) -> Iterator[tuple[str, Callable[[], didim.Experiment]]]:
+    """Yield other logs of the same robot, as good as the one there is."""
+    recordings, signal, robot = experiment.recordings, experiment.signal, experiment.robot
+    for parts in (2, 3):
+        for part in range(parts):
+
+            def cut(part: int = part, parts: int = parts) -> didim.Experiment:
+                return replace(experiment, recordings=tuple(windows(one, part, parts) for one in recordings))
+
+            yield f"part {part + 1} of {parts}", cut
+
+    def outside(first: int) -> didim.Experiment:
+        halves = [replace(windows(recordings[0], k, 2), name=f"half {k}") for k in (first, 1 - first)]
+        return replace(experiment, recordings=(halves[0], replace(halves[1], role="held-out")))
+
+    yield "second half held out", lambda: outside(0)
+    yield "first half held out", lambda: outside(1)
+    for factor in (0.5, 0.7, 1.5, 2.5):
+        if signal.cutoff_hz is not None and factor * signal.cutoff_hz < 0.45 * recordings[0].rate_hz:
+            cutoff = factor * signal.cutoff_hz
+            yield (
+                f"cut-off times {factor}",
+                lambda cutoff=cutoff: replace(experiment, signal=replace(signal, cutoff_hz=cutoff)),
+            )
+    if len(signal.decimation) == 1 and signal.decimation[0] > 3:
+        yield (
+            "half the decimation",
+            lambda: replace(experiment, signal=replace(signal, decimation=(signal.decimation[0] // 2,))),
+        )
+    for factor in (2, 4):
+        if recordings[0].rate_hz / factor > 20.0:
+            yield (
+                f"every {factor} samples",
+                lambda factor=factor: didim.Experiment.from_arrays(
+                    robot,
+                    thinned(recordings[0], factor).q,
+                    thinned(recordings[0], factor).tau,
+                    rate_hz=recordings[0].rate_hz / factor,
+                ),
+            )
+    yield (
+        "filters of init",
+        lambda: didim.Experiment.from_arrays(
+            robot, recordings[0].q, recordings[0].tau, rate_hz=recordings[0].rate_hz
+        ),
+    )
+    tau = recordings[0].tau
+    assert tau is not None
+    yield (
+        "torques in mN.m",
+        lambda: replace(experiment, recordings=tuple(replace(one, tau=1e3 * one.tau) for one in recordings)),
+    )
+    yield (
+        "torques over 80",
+        lambda: replace(experiment, recordings=tuple(replace(one, tau=one.tau / 80.0) for one in recordings)),
+    )
+    yield "asymmetric friction", lambda: replace(experiment, robot=robot.with_friction(model="asymmetric"))
+    noise = 0.05 * np.std(tau, axis=0) * np.random.default_rng(0).standard_normal(tau.shape)
+    yield "more noise", lambda: replace(experiment, recordings=(replace(recordings[0], tau=tau + noise),))
+
+
+def row(name: str, fit: didim.Identification) -> str:
+    """Return the row of a result."""
+    verdict = fit.verdict
+    reasons = [
+        f"{item.code}{' of ' + ' '.join(map(str, item.joints)) if item.joints else ''}"
+        + ("" if item.effect is None or item.code == "size" else f" ({item.effect:.2g})")
+        + (f" [{item.grade}]" if item.grade == "wrong" else "")
+        for item in verdict.grave
+    ]
+    uses = [
+        "no"
+        if use.error is None
+        else f"{use.error:.2g} kg"
+        if use.name == "payload"
+        else f"{100 * use.error:.2g}"
+        for use in verdict.uses
+    ]
+    missed = 100.0 * fit.overall_relative_error
+    return f"| {name} | {missed:.2g} % | {verdict.state} | {', '.join(reasons)} | {' / '.join(uses)} |"
+
+
+def main() -> int:
+    """Print the table; 1 where a log is wrong."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--logs", nargs="+", help="words of their names")
+    parser.add_argument("--method", choices=METHODS, default="idim-ls")
+    parser.add_argument("--varied", action="store_true")
+    asked = parser.parse_args()
+    print("| log | missed | verdict | reasons | simulation / gravity compensation / control (%) / payload |")
+    print("|---|---|---|---|---|")
+    wrong = 0
+    for name, load in logs(asked.data).items():
+        if asked.logs and not any(word in name for word in asked.logs):
+            continue
+        with contextlib.redirect_stdout(io.StringIO()):  # what didim init says
+            experiment = load()
+        positions = experiment.links == "fixed"
+        if asked.varied and positions:
+            continue
+        for variant, made in varied(experiment) if asked.varied else [("", lambda: experiment)]:  # noqa: B023
+            title = f"{name}: {variant}" if variant else name
+            try:
+                fit = didim.identify(made(), None if positions else METHODS[asked.method]())
+            except DidimError as error:
+                print(f"| {title} | | refused: {error} | | |", flush=True)
+                continue
+            wrong += fit.verdict.state == "wrong"
+            print(row(title, fit), flush=True)
+    print(f"\n{wrong} wrong")
+    return wrong > 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
