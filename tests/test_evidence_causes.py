@@ -20,9 +20,11 @@ from didim.evidence.naming import cause_findings, torque_findings
 from didim.evidence.rows import LogRows
 from didim.regression.linear_system import LinearSystem, linear_system
 from didim.result.finding import Finding
+from didim.robot.payload import Payload
 from didim.studies.simulated_log import measured
 from plain import plain_didim
 from planted import tx40_exact, with_torques
+from several import DISC, arm_logs
 from simulated import experiment as of_recordings
 from simulated import log as recorded
 
@@ -248,3 +250,32 @@ def test_an_optimum_at_the_end_of_its_range_is_no_estimate(measured_tx40: Experi
     factors[1] = 30.0
     found = search_of(with_torques(measured_tx40, torques(measured_tx40) * factors))
     assert all(item.code != "drive-gain" or 0.2 < (item.value or 0.0) < 5.0 for item in found)
+
+
+def test_a_few_seconds_of_a_good_log_are_not_wrong(measured_tx40: Experiment) -> None:
+    """Three seconds do not identify 60 parameters: what their blocks left out like best is no cause."""
+    (recording,) = measured_tx40.recordings
+    n = len(recording.q)
+    third = replace(recording, windows=((2 * n // 3, n),))
+    verdict = identify(replace(measured_tx40, recordings=(third,))).verdict
+    assert verdict.state == "doubtful"
+    assert not any("ties" in item.facts for item in verdict.reasons)
+
+
+@pytest.mark.parametrize("known", [False, True], ids=["unknown", "known"])
+def test_causes_of_logs_with_a_payload(known: bool) -> None:
+    """A turned torque and a gain are named where one of the recordings has a payload; without them nothing is."""
+    payload = Payload(name="disc", mass_kg=float(DISC[9])) if known else Payload(name="disc")
+    logs = arm_logs([False, True], payloads={"disc": payload}, noise=(0.2, 0.1))
+    assert not any("ties" in item.facts for item in identify(logs).verdict.reasons)
+    for factor, code in ((-1.0, "torque-sign"), (2.0, "drive-gain")):
+        scale = np.array([1.0, factor])
+        wrong = replace(
+            logs,
+            recordings=tuple(
+                replace(item, tau=item.tau * scale) for item in logs.recordings if item.tau is not None
+            ),
+        )
+        (cause,) = [item for item in identify(wrong).verdict.reasons if "ties" in item.facts]
+        assert (code, (2,)) in with_ties(cause)
+        assert code in [item.code for item in didim.check(wrong)]

@@ -63,7 +63,7 @@ def test_the_residual_is_that_of_the_fit() -> None:
     wanted = (system.y - system.w @ fit.beta).reshape(found.error.shape)
     np.testing.assert_allclose(found.error, wanted, atol=1e-9 * np.abs(system.y).max())
     # What is left is the noise: about none of it lasts.
-    assert found.share < 0.3 * np.linalg.norm(found.error) / np.linalg.norm(found.torque)
+    assert found.share() < 0.3 * np.linalg.norm(found.error) / np.linalg.norm(found.torque)
 
 
 def test_outliers_are_named_and_not_the_controller(sound: Log) -> None:

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import didim.evidence.lasting as lasting
-from didim.evidence.causes import Search, Tried, confirmed, tried
+from didim.evidence.causes import Search, Tried, confirmed, torn, tried
 from didim.evidence.hypotheses.hypothesis import Hypothesis
 from didim.evidence.products import Judged
 from didim.evidence.residual import Residual, held_out_findings, size_findings, spike_findings
@@ -25,6 +25,7 @@ from plain import stub
 Array = NDArray[np.float64]
 TURN = Hypothesis(code="torque-sign", joints=(1,))
 GAIN = Hypothesis(code="gain", joints=(2,))
+EXCHANGE = Hypothesis(code="swapped-torques", joints=(1, 2), order=(1, 0))
 
 
 def residual(shares: list[float], sizes: list[float]) -> Residual:
@@ -40,6 +41,12 @@ def residual(shares: list[float], sizes: list[float]) -> Residual:
 def test_the_size_of_a_residual(share: float, grade: str | None) -> None:
     found = size_findings(residual([share], [3.0]))
     assert [item.grade for item in found] == ([] if grade is None else [grade])
+
+
+def test_the_size_is_that_of_torques_that_nothing_was_fitted_to() -> None:
+    """A factor on blocks left out makes a result doubtful, but never wrong."""
+    for growth, grades in ((1.2, []), (1.3, ["doubtful"]), (20.0, ["doubtful"])):
+        assert [item.grade for item in size_findings(residual([0.04], [3.0]), growth)] == grades
 
 
 def test_a_joint_is_named_from_a_tenth_of_its_torque() -> None:
@@ -116,9 +123,15 @@ def test_uses() -> None:
 
 
 def trial(
-    hypothesis: Hypothesis, d: float, consistent: float = np.nan, *, blocks: int = 10, friction: bool = False
+    hypothesis: Hypothesis,
+    d: float,
+    consistent: float = np.nan,
+    *,
+    blocks: int = 10,
+    friction: bool = False,
+    growth: float = 1.0,
 ) -> Tried:
-    return Tried(hypothesis, d, blocks, consistent, friction)
+    return Tried(hypothesis, d, blocks, consistent, friction, growth=growth)
 
 
 @pytest.mark.parametrize(
@@ -137,6 +150,9 @@ def trial(
         ([trial(TURN, 0.0, -5.2)], True),
         ([trial(TURN, 0.0, 0.33, friction=True)], True),
         ([trial(TURN, 0.0, 0.37, friction=True)], None),
+        # A log that does not predict its own blocks is certain of nothing.
+        ([trial(GAIN, -2.0, -2.0, growth=2.1)], True),
+        ([trial(GAIN, -2.0, -2.0, growth=2.3)], False),
     ],
 )
 def test_a_cause_is_named(found: list[Tried], named: bool | None) -> None:
@@ -151,6 +167,46 @@ def test_causes_that_explain_a_log_alike_are_named_together() -> None:
         assert cause is not None
         assert len(cause.tried) == count
     assert confirmed(trial(GAIN, -0.36))
+
+
+def test_errors_of_a_robot_count_from_a_twentieth_of_the_torque() -> None:
+    size, plain = np.array([1.0]), np.array([1e-4])
+    assert torn(np.array([2.4e-3]), plain, size) == 0.0
+    assert torn(np.array([5e-3]), plain, size) == pytest.approx(np.log(2.0))
+    assert torn(np.array([4e-2]), np.array([1e-2]), size) == pytest.approx(np.log(4.0))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "refused"),
+    [(1.0, 2.0, ""), (1.0, 2.2, "no-robot"), (10.0, 4.9, ""), (10.0, 5.1, "no-robot")],
+)
+def test_a_cause_leaves_a_robot(before: float, after: float, refused: str) -> None:
+    """One channel of a tenth of its torque: sums of log(held / plain) before and after a gain is corrected."""
+    plain = np.array([0.01])
+    rows = stub(
+        n=1,
+        robot=None,
+        y=np.ones((1, 4)),
+        declared_seen=plain,
+        products=stub(y=np.ones((1, 1))),
+        consistent=lambda robot, w, y: np.full((1, 4), np.sqrt(0.01 * np.exp(after) / 4.0)),
+    )
+    search = Search(rows)
+    search._torn, search._held = (), plain * np.exp(before)
+    search._columns[GAIN] = (np.zeros((1, 4, 1)), (), stub(seen=lambda order, factors: plain))
+    assert search._decided(trial(GAIN, -2.0)).refused == refused
+
+
+def test_an_exchange_makes_both_channels_better() -> None:
+    rows = stub(names=(), declared=judged([0.0]))
+    rows.declared = Judged(np.ones((2, 10)), np.zeros(1), np.ones(1))
+    for second, refused in ((0.9, ""), (1.1, "one-channel")):
+        unseen = np.stack([np.full(10, 0.1), np.full(10, second)])
+        products = stub(
+            judged=lambda order, factors, unseen=unseen: Judged(unseen, np.zeros(1), np.ones(1)),
+            seen=lambda order, factors: np.ones(2),
+        )
+        assert tried(rows, EXCHANGE, products, ()).refused == refused
 
 
 def judged(beta: list[float], unseen: float = 1.0) -> Judged:
@@ -174,7 +230,9 @@ def test_friction_of_a_turned_sign(
 ) -> None:
     names = ("Fv1", "Fc1")
     rows = stub(names=names, declared=judged([before, before]))
-    products = stub(judged=lambda order, factors: judged([after, after], unseen))
+    products = stub(
+        judged=lambda order, factors: judged([after, after], unseen), seen=lambda order, factors: np.ones(1)
+    )
     found = tried(rows, TURN, products, names)
     assert (found.friction, found.refused) == (friction, refused)
 
@@ -183,7 +241,7 @@ class Rows:
     """A log of one joint: what further columns bring is given."""
 
     def __init__(self, d: float, better: int, shift: float, extra: float = 0.0) -> None:
-        self.n, self.names = 1, ("ZZ1",)
+        self.n, self.names, self.beta = 1, ("ZZ1",), np.zeros(1)
         self.robot = stub(friction=stub(coulomb="sign"))
         self.parts = [stub(rate_hz=100.0)]
         self.declared = judged([0.0])

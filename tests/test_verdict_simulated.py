@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import didim
+from arm import arm_log
 from didim.evidence.loop.simulated import Beside, beside, motion_findings, slope_findings
+from didim.experiment.loop import closed_loop
 from didim.methods.idim_ls import IDIMLS
 from didim.methods.measured import least_errors
 from verdict_arms import ARMS, Fault, Log, _controller, _stiffer, built, faults, planted
@@ -54,6 +56,56 @@ def test_cloe_with_gains_one_percent_low_is_doubted_by_the_slope(sound: Log) -> 
     assert reason.joints == (1, 2, 3, 4, 5)
     assert reason.value == pytest.approx(1.01, abs=0.002)
     assert found_in(sound.noisy(0, 0.003), cloe()) == set()
+
+
+def pushed(name: str, torques: bool) -> didim.Experiment:
+    """A log of a planar arm on which something acts that no model has; with measured torques or from positions alone."""
+    log = arm_log(1)
+    (recording,) = log.recordings
+    loop = closed_loop(log, recording)
+    q, dq, _ = loop.reference.at(recording.t)
+    x, t = log.robot.parameter_set("reference"), recording.t / recording.t[-1]
+    coulomb = np.array([x[log.robot.parameter_names.index(f"Fc{j}")] for j in (1, 2)])
+    assert recording.tau is not None
+    size, sign = np.std(recording.tau, axis=0), np.tanh(dq / 0.02)
+    push = {
+        "nothing": 0.0 * q,
+        "asymmetric friction": -0.4 * coulomb * np.abs(sign) - 0.2 * np.maximum(dq, 0.0),
+        "Stribeck friction": -0.5 * coulomb * sign * np.exp(-((dq / 0.3) ** 2)),
+        "a spring": -0.15 * size / np.std(q, axis=0) * q,
+        "drifting friction": 0.5 * coulomb * sign * t[:, None],
+        "a contact": -0.5 * size * ((t > 0.4) & (t < 0.55))[:, None],
+    }[name]
+    (moved, _, _, tau), _ = closed_loop(log, replace(recording, external=push)).run(x[None])
+    rng = np.random.default_rng(0)
+    noisy_tau = tau[0] + 0.01 * size * rng.standard_normal(q.shape)
+    seen = replace(
+        recording, q=moved[0] + 2e-6 * rng.standard_normal(q.shape), tau=noisy_tau if torques else None
+    )
+    return replace(log, recordings=(seen,))
+
+
+@pytest.mark.parametrize("torques", [True, False], ids=["torques", "positions alone"])
+@pytest.mark.parametrize(
+    ("name", "codes"),
+    [
+        ("nothing", set()),
+        ("asymmetric friction", {"not-white"}),
+        ("Stribeck friction", {"friction"}),
+        ("a spring", {"not-white"}),
+        ("drifting friction", {"not-white"}),
+        ("a contact", {"size", "not-white"}),
+    ],
+)
+def test_cloe_sees_what_its_positions_miss_as_torques(name: str, codes: set[str], torques: bool) -> None:
+    """The declared law makes a torque of each position that is missed, with a torque in the log and without."""
+    log = pushed(name, torques)
+    x = log.robot.parameter_set("reference")
+    verdict = didim.identify(log, didim.CLOE(start=x, max_iterations=20)).verdict
+    found = {reason.code for reason in verdict.grave}
+    assert codes.issubset(found)
+    assert verdict.sound == (name == "nothing")
+    assert {use.name for use in verdict.uses} == {"simulation", "gravity compensation", "control", "payload"}
 
 
 def _both(share: float):  # type: ignore[no-untyped-def]

@@ -54,21 +54,21 @@ class Tried:
         D of the plain fit, on blocks left out, and of the consistent fit; NaN where this one was not asked.
     blocks : int
         Blocks that it predicts better, of those of `didim.evidence.products.BLOCKS`.
-    growth : float
-        Error of blocks left out over that of the same blocks fitted.
     friction : bool
         Whether the friction of its joint, which would drive it as declared, brakes.
     refused : str
         Why it is not named, or nothing.
+    growth : float
+        Error of blocks left out over that of the same blocks fitted.
     """
 
     hypothesis: Hypothesis
     d: float
     blocks: int = 0
     d_consistent: float = float("nan")
-    growth: float = 1.0
     friction: bool = False
     refused: str = ""
+    growth: float = 1.0
 
     @property
     def decisive(self) -> float:

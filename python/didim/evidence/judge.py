@@ -131,7 +131,11 @@ def _along(
     residual = _residual(measured, fit)
     if residual is None:
         return fit, found, []
-    found = [*found, *size_findings(residual)]
+    rows = _rows(measured, fitted)
+    growth = 1.0
+    if rows is not None:
+        growth = float(np.sqrt(rows.declared.unseen.sum() / max(float(rows.products.seen().sum()), 1e-300)))
+    found = [*found, *size_findings(residual, growth)]
     if measured is not by_law:
         found += spike_findings(parts, signal)
     if not system_tested:
@@ -143,10 +147,7 @@ def _along(
         found = [item for item in found if not item.code.startswith("controller")]
     codes = {item.code for item in (*found, *fit.evidence)}
     explicable = "constant-torque" not in codes and not fit.overall_relative_error <= ROUNDING
-    rows = _rows(measured, fitted)
-    growth = 1.0
     if rows is not None:
-        growth = float(np.sqrt(rows.declared.unseen.sum() / max(float(rows.products.seen().sum()), 1e-300)))
         alarm = None if fit.uncertainty is None else fit.uncertainty.friction
         # A torque that the law makes has no sign, gain or delay of its own.
         if (

@@ -52,21 +52,20 @@ class Residual:
     noise: Array
     blocks: tuple[Block, ...]
 
-    @property
-    def lasting(self) -> Array:
-        """Root mean square of the error beside white noise, (n,)."""
-        return np.asarray(np.sqrt(np.maximum(np.mean(self.error**2, axis=1) - self.noise**2, 0.0)))
+    def lasting(self, growth: float = 1.0) -> Array:
+        """Root mean square of the error, times a factor, beside white noise, (n,)."""
+        squares = growth**2 * np.mean(self.error**2, axis=1)
+        return np.asarray(np.sqrt(np.maximum(squares - self.noise**2, 0.0)))
 
     @property
     def size(self) -> Array:
         """Root mean square of the torques, (n,)."""
         return np.asarray(np.sqrt(np.mean(self.torque**2, axis=1)))
 
-    @property
-    def share(self) -> float:
+    def share(self, growth: float = 1.0) -> float:
         """Lasting error of all joints together over their torques."""
         size = float(np.linalg.norm(self.size))
-        return float(np.linalg.norm(self.lasting)) / size if size > 0.0 else 0.0
+        return float(np.linalg.norm(self.lasting(growth))) / size if size > 0.0 else 0.0
 
 
 def residual_of(
@@ -100,17 +99,20 @@ def residual_of(
     )
 
 
-def size_findings(found: Residual) -> list[Finding]:
-    """Return a finding where the model misses more of the torques than a sound result does."""
-    share = found.share
+def size_findings(found: Residual, growth: float = 1.0) -> list[Finding]:
+    """Return a finding where the model misses more of the torques than a sound result does.
+
+    `growth` is the error of blocks left out over that of the same blocks fitted: torques that nothing was fitted to count.
+    """
+    share = found.share(growth)
     if not share > SIZE_DOUBTFUL:
         return []
-    shares = found.lasting / np.maximum(found.size, np.finfo(float).tiny)
+    shares = found.lasting(growth) / np.maximum(found.size, np.finfo(float).tiny)
     joints = np.flatnonzero(shares > max(SIZE_JOINT, share))
     return [
         Finding(
             code="size",
-            grade="wrong" if share > SIZE_WRONG else "doubtful",
+            grade="wrong" if found.share() > SIZE_WRONG else "doubtful",
             joints=tuple(int(joint) + 1 for joint in joints),
             value=share,
             effect=share,

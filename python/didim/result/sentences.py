@@ -190,8 +190,13 @@ def _friction_advice(f: Told) -> str:
 
 
 def _size(f: Told) -> str:
+    of = (
+        "the torques of the servos"
+        if f.facts.get("positions")
+        else "torques that it was not fitted to, beside their noise"
+    )
     return (
-        f"the model misses {percent(_value(f))} % of the torques beside their noise"
+        f"the model misses {percent(_value(f))} % of {of}"
         + (f", most in {_joints(f)} ({percents(f.facts['shares'])} %)" if f.joints else "")
         + f", and a result is sound up to {percent(f.facts['limit'])} %"
     )

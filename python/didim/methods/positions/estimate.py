@@ -15,6 +15,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...errors import FitError
+from ...evidence.thresholds import SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG
 from ...experiment.experiment import Experiment
 from ...model.limbs import role_of
 from ...result.finding import Finding
@@ -46,8 +47,6 @@ UNLIKE = 3.0
 """Distance of a joint from its siblings, in standard deviations, from which it is reported."""
 UNLIKE_SHARE = 0.4
 """Smallest distance, as a share of the siblings' median: joints of one kind differ by a third on a real quadruped."""
-LARGE_ERROR = 0.3
-"""Ratio of the error to the tracking error with the file's own values, above which the model explains little of the log."""
 GRAVE = frozenset({"kp", "kv", "delay_s", "lag_s"})
 """Unknowns of drives whose fixed value strongly affects other estimates."""
 
@@ -191,7 +190,7 @@ def _result(
         n_simulations=problem.n_simulations,
         history=tuple(now.history),
         remarks=_remarks(experiment, problem, weak, siblings, bad),
-        evidence=_evidence(problem, now, held, rows, shares),
+        evidence=(*_evidence(problem, now, held, rows, shares), *_size(experiment, after)),
         settings={
             **experiment_record(experiment, problem.robot),
             "prediction": {"motion": "simulated", "raw": True},
@@ -322,6 +321,35 @@ def _remarks(
             f"rollout {item.window + 1} of recording '{name}' has {1.0 / factor:.0f} times the errors of the others and counts less"
         )
     return tuple(said)
+
+
+def _size(experiment: Experiment, after: Array) -> list[Finding]:
+    """Return a finding where the errors of the positions, (n_dof,), are a large share of what the servo stiffness acts on.
+
+    That is the difference of command and position: times kp both are torques, so that their ratio is the torque that is missed.
+    """
+    fitted = [item for item in experiment.recordings if item.role == "fit" and item.q_ref is not None]
+    tracked = [
+        (item.q_ref - item.measured_positions())[slice(*window)] for item in fitted for window in item.windows
+    ]
+    if not tracked:
+        return []
+    tracking = np.sqrt(np.mean(np.concatenate(tracked) ** 2, axis=0))
+    share = float(np.linalg.norm(after) / max(float(np.linalg.norm(tracking)), np.finfo(float).tiny))
+    if not share > SIZE_DOUBTFUL:
+        return []
+    shares = after / np.maximum(tracking, np.finfo(float).tiny)
+    joints = np.flatnonzero(shares > max(SIZE_JOINT, share))
+    return [
+        Finding(
+            code="size",
+            grade="wrong" if share > SIZE_WRONG else "doubtful",
+            joints=tuple(int(joint) + 1 for joint in joints),
+            value=share,
+            effect=share,
+            facts={"limit": SIZE_DOUBTFUL, "shares": shares[joints].tolist(), "positions": True},
+        )
+    ]
 
 
 def _evidence(
