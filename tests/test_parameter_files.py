@@ -19,8 +19,9 @@ from didim.methods.start import standard_start
 from didim.robot.parameter_file import load_parameters
 from didim.studies.run import simulate_experiment
 from didim.studies.simulated_log import simulated_log
+from scripts import one_line
 from test_cli import arm as arm_fixture
-from test_cli import identify_arm, one_line
+from test_cli import identify_arm
 from test_compare import ARM
 
 arm = arm_fixture

@@ -36,7 +36,8 @@ def slack() -> Experiment:
 @pytest.fixture(scope="module")
 def digital() -> Experiment:
     """Seven axes in a slack digital loop."""
-    return BENCH.digital_log(1)
+    log: Experiment = BENCH.digital_log(1)
+    return log
 
 
 def distance(fit: Identification, end: Identification) -> float:

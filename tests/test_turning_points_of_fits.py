@@ -29,6 +29,7 @@ from didim.methods.cloe.output_error import OutputError
 from didim.methods.cloe.simplex import SimplexSearch
 from didim.methods.didim.response import share_moved
 from didim.methods.uncertainty import spread_of_factors
+from didim.regression.block import Block
 from didim.regression.classical.robust import reweighted
 from didim.regression.consistent.prior import Prior
 from didim.regression.consistent.problem import ConstrainedProblem
@@ -36,7 +37,7 @@ from didim.regression.friction.alarm import _freed, friction_alarm
 from didim.regression.friction.velocity import settled
 from didim.regression.jackknife import Factors
 from didim.regression.least_squares import solve
-from didim.regression.linear_system import Block, LinearSystem
+from didim.regression.linear_system import LinearSystem
 from didim.regression.logs.parameters import independent
 from didim.regression.settings import LeastSquaresSettings
 from didim.robot.friction import FrictionTerm
@@ -273,10 +274,10 @@ def test_drive_gains_that_rest(monkeypatch: pytest.MonkeyPatch, step: float, con
     monkeypatch.setattr(module + "_cost", lambda currents, errors: 0.0)
     monkeypatch.setattr(module + "_jacobian", lambda *there: (np.eye(2), np.ones(2)))
     monkeypatch.setattr(module + "_result", lambda *facts: facts[4])
-    assert (
-        maximum_likelihood.drive_gains(cast("Any", None), np.eye(1), cast("Any", None), np.ones(1))
-        is converged
+    found: object = maximum_likelihood.drive_gains(
+        cast("Any", None), np.eye(1), cast("Any", None), np.ones(1)
     )
+    assert found is converged
 
 
 @pytest.mark.parametrize(("off", "count"), [(0.8e-8, 1), (1.2e-8, 2)])

@@ -19,9 +19,10 @@ from ..._tools.arrays import Array
 from ..._tools.inputs import read_small_file
 from ..._tools.words import counted
 from ...errors import RobotError
+from ..payload import LARGEST
 from ..rigid_body import inverse, pose, turn
 from .actuators import read_actuators
-from .description import LARGEST, Description, Inertial, UrdfJoint
+from .description import Description, Inertial, UrdfJoint
 from .mjcf_ties import tied
 from .solids import solid_inertial
 from .xml_spans import Element, parse_xml
