@@ -16,7 +16,7 @@ from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..methods.builder import Run, TorqueErrors, identification
 from ..methods.idim_ls import direct_estimate
-from ..methods.job import Delay, ratio
+from ..methods.job import Delay, Job, ratio
 from ..methods.method import MethodSettings
 from ..methods.start import Start, standard_start
 from ..regression.linear_system import LinearSystem
@@ -71,87 +71,44 @@ class EKF(MethodSettings):
     def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
         """Identify the parameters of an experiment's robot, as `Method.run`."""
         job = self.job(experiment, experiment.simulated_robot)
-        if not job.parameters.simple:
-            raise FitError(
-                "the Kalman filter estimates one robot along one motion: it takes no payloads, own offsets or own friction"
-            )
-        if job.delay_setting not in (0.0, "hold"):
-            raise FitError(
-                f"the Kalman filter takes no delay of the torque back, and compensate_samples is {job.delay_setting!r}"
-            )
-        if not job.robot.friction.smoothing or not all(job.robot.friction.smoothing):
-            raise FitError(
-                "the Kalman filter needs smooth friction: write smoothing_rad_s or smoothing_m_s under [simulation]"
-            )
-        recordings = [item for item in experiment.recordings if item.role == "fit"]
-        count = sum(stop - start for item in recordings for start, stop in item.windows)
+        _check(job)
+        windows = [
+            (item.q[start:stop], np.asarray(item.driving)[start:stop], item.rate_hz)
+            for item in experiment.recordings
+            if item.role == "fit"
+            for start, stop in item.windows
+        ]
+        count = sum(len(q) for q, _, _ in windows)
         if count > MOST_SAMPLES:
             raise FitError(
                 f"the Kalman filter takes at most {MOST_SAMPLES} samples, and the log has {count}: give shorter windows"
             )
         parts = job.parts("fit", 0.0)
         system = job.system(parts)
-        q = np.concatenate([item.q[start:stop] for item in recordings for start, stop in item.windows])
-        tau = np.concatenate(
-            [np.asarray(item.driving)[start:stop] for item in recordings for start, stop in item.windows]
+        position_noise, torque_noise = (
+            white_noise(np.concatenate([window[k] for window in windows])) for k in (0, 1)
         )
-        position_noise, torque_noise = white_noise(q), white_noise(tau)
-        base = job.robot.base_parameters
-        direct = isinstance(self.start, str) and self.start == "idim-ls"
-        x = (
-            direct_estimate(self, experiment, reporter).parameters
-            if direct
-            else standard_start(job.robot, self.start)
-        )
-        beta = base.project(x)[job.selection.estimated]
-        spread = self.prior / _shares(system)
+        if isinstance(self.start, str) and self.start == "idim-ls":
+            x = direct_estimate(self, experiment, reporter).parameters
+        else:
+            x = standard_start(job.robot, self.start)
+        beta = job.robot.base_parameters.project(x)[job.selection.estimated]
+        covariance = np.diag((self.prior / _shares(system)) ** 2)
         history: list[Iteration] = []
         status = Status.SOLVED
         remarks = [
             "the standard deviations are those of the filter, which takes its linear model for the truth: too small"
         ]
-        covariance = np.diag(spread**2)
-        filtered: Filter | None = None
-        for item in recordings:
-            rate = item.rate_hz
-            for start, stop in item.windows:
-                d = job.robot.n_dof
-                state = np.concatenate([item.q[start], np.zeros(d), beta])
-                whole = np.zeros((state.size, state.size))
-                whole[:d, :d] = np.diag(position_noise**2)
-                # The initial velocity is that of the window's first samples.
-                state[d : 2 * d] = (item.q[start + 1] - item.q[start]) * rate
-                whole[d : 2 * d, d : 2 * d] = np.diag((2.0 * position_noise * rate) ** 2)
-                whole[2 * d :, 2 * d :] = covariance
-                filtered = Filter(
-                    job.robot,
-                    state,
-                    whole,
-                    job.selection.values,
-                    job.selection.estimated,
-                    torque_noise,
-                    position_noise,
-                )
-                ended = _pass(
-                    filtered,
-                    item.q[start:stop],
-                    np.asarray(item.driving)[start:stop],
-                    rate,
-                    history,
-                    reporter,
-                )
-                if ended is not None:
-                    status, sentence = ended
-                    remarks += [sentence] if sentence else []
-                    break
-                beta, covariance = (
-                    filtered.state[2 * d :].copy(),
-                    filtered.covariance[2 * d :, 2 * d :].copy(),
-                )
-            if status is not Status.SOLVED:
+        d = 2 * job.robot.n_dof
+        for q, tau, rate in windows:
+            filtered = _filter(job, q, rate, beta, covariance, torque_noise, position_noise)
+            ended = _pass(filtered, q, tau, rate, history, reporter)
+            if ended is not None:
+                status, sentence = ended
+                remarks += [sentence] if sentence else []
+                covariance = np.zeros_like(covariance)
                 break
-        if status is not Status.SOLVED:
-            covariance = np.zeros_like(covariance)
+            beta, covariance = filtered.state[d:].copy(), filtered.covariance[d:, d:].copy()
         begun = self.start if isinstance(self.start, str) else "given"
         run = Run(
             job=job,
@@ -170,6 +127,43 @@ class EKF(MethodSettings):
             errors=TorqueErrors.of(system, system.y - system.w @ beta),
             condition_number=float(np.linalg.cond(system.w)),
         )
+
+
+def _check(job: Job) -> None:
+    """Refuse an experiment that the filter does not take."""
+    if not job.parameters.simple:
+        raise FitError(
+            "the Kalman filter estimates one robot along one motion: it takes no payloads, own offsets or own friction"
+        )
+    if job.delay_setting not in (0.0, "hold"):
+        raise FitError(
+            f"the Kalman filter takes no delay of the torque back, and compensate_samples is {job.delay_setting!r}"
+        )
+    if not job.robot.friction.smoothing or not all(job.robot.friction.smoothing):
+        raise FitError(
+            "the Kalman filter needs smooth friction: write smoothing_rad_s or smoothing_m_s under [simulation]"
+        )
+
+
+def _filter(
+    job: Job,
+    q: Array,
+    rate_hz: float,
+    beta: Array,
+    covariance: Array,
+    torque_noise: Array,
+    position_noise: Array,
+) -> Filter:
+    """Return the filter at the first sample of a window, with the parameters reached, (b,), and their covariance, (b, b)."""
+    d = job.robot.n_dof
+    # The initial velocity is that of the window's first samples.
+    state = np.concatenate([q[0], (q[1] - q[0]) * rate_hz, beta])
+    whole = np.zeros((state.size, state.size))
+    whole[:d, :d] = np.diag(position_noise**2)
+    whole[d : 2 * d, d : 2 * d] = np.diag((2.0 * position_noise * rate_hz) ** 2)
+    whole[2 * d :, 2 * d :] = covariance
+    chosen = job.selection
+    return Filter(job.robot, state, whole, chosen.values, chosen.estimated, torque_noise, position_noise)
 
 
 def _pass(
