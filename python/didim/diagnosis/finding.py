@@ -10,6 +10,7 @@ from typing import Any, overload
 
 from .._tools.files import write_atomically
 from .._tools.notebook import page
+from .._tools.words import columned
 from ..result.finding import Finding
 
 SCHEMA = 1
@@ -70,11 +71,7 @@ class Findings(Sequence[Finding]):
         noted = [f"Note: {note}." for note in self.notes]
         if not self.closed_loop:
             return noted
-        widths = [max(map(len, column)) for column in zip(*self.closed_loop, strict=True)]
-        rows = [
-            "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))
-            for row in self.closed_loop
-        ]
+        rows = columned(self.closed_loop, left=0)
         return [*noted, "", "the controller as the log shows it, in units of the declared gains:", *rows]
 
     def _repr_html_(self) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from .._tools.words import columned
 from ..errors import FitError
 from ..result.identification import Identification
 from .bodies import PLACED, joint_friction
@@ -85,15 +86,7 @@ class Drives:
         for drive in self.joints:
             numbers = (drive.rotor, drive.viscous, drive.coulomb, drive.kp, drive.kv, drive.effort)
             rows.append((drive.joint, *("-" if value is None else f"{value:.4g}" for value in numbers)))
-        widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-        lines = [
-            "  ".join(
-                cell.rjust(width) if k else cell.ljust(width)
-                for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-            )
-            for row in rows
-        ]
-        return "\n".join([*lines, *([""] if self.sentences else []), *self.sentences])
+        return "\n".join([*columned(rows), *([""] if self.sentences else []), *self.sentences])
 
 
 def drives_of(fit: Identification, where: str) -> Drives:

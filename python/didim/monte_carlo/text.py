@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from .._tools.words import counted, known_names
+from .._tools.words import columned, counted, known_names
 from ..errors import StudyError
 from .figures import Estimate, Figures
 
@@ -41,11 +41,8 @@ def study_lines(name: str, figures: Sequence[Figures], missing: str, head: Seque
     runs, failed = (sum(getattr(item, key) for item in figures) for key in ("runs", "failed"))
     lines = [f"{name}: {counted(runs, 'run')}, {failed} failed", ""]
     for scenario in dict.fromkeys(item.scenario for item in figures):
-        lines += [
-            scenario,
-            *aligned([head, *(cells(item, head) for item in figures if item.scenario == scenario)]),
-            "",
-        ]
+        rows = [head, *(cells(item, head) for item in figures if item.scenario == scenario)]
+        lines += [scenario, *(f"  {line}" for line in columned(rows)), ""]
     return [*lines, *([missing] if missing else []), *NOTES]
 
 
@@ -87,16 +84,3 @@ def number(value: float) -> str:
     if not math.isfinite(value):
         return "-"
     return f"{value:.3g}" if abs(value) < 1e4 else f"{value:.0e}"
-
-
-def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return rows with aligned columns: the first to the left, the others to the right."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = []
-    for row in rows:
-        first, *others = (
-            text.ljust(width) if column == 0 else text.rjust(width)
-            for column, (text, width) in enumerate(zip(row, widths, strict=True))
-        )
-        lines.append("  ".join(["", first, *others]).rstrip())
-    return lines

@@ -31,7 +31,7 @@ from .positions.record import PositionRecord
 from .positions.table import position_lines
 from .saved_fields import fields_of
 from .status import Status
-from .table import error_lines, error_rows, limb_headings, parameter_lines, parameter_rows, percent_text
+from .table import error_rows, limb_headings, parameter_lines, parameter_rows, percent_text, table_lines
 from .uncertainty import Uncertainty, student_factor
 from .verdict import Use, Verdict, derived
 
@@ -272,7 +272,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         lines = [f"{self.name}: {count} of robot {self.robot} by {self.method}", ""]
         lines += parameter_lines(self.parameter_rows(), limb_headings(self.settings.get("robot", {})))
         lines += [] if self.further is None else self.further.lines(self.interval_factor())
-        lines += ["", *error_lines(self.error_rows())]
+        lines += ["", *table_lines(self.error_rows())]
         names = self.joint_names
         lines += [f"joints: {', '.join(f'{j + 1} {name}' for j, name in enumerate(names))}"] if names else []
         lines.append("")

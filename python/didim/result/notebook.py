@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 from .._tools.notebook import page, pandas
 from .further import Further
-from .table import error_lines
+from .table import table_lines
 
 
 class _Result(Protocol):
@@ -26,7 +26,7 @@ class InNotebook:
     def _repr_html_(self: _Result) -> str:
         title, *rest = str(self).split("\n")
         # Text after the table of errors.
-        tail = rest[rest.index(error_lines(self.error_rows())[-1]) + 1 :]
+        tail = rest[rest.index(table_lines(self.error_rows())[-1]) + 1 :]
         return page(title, self.parameter_rows(), self.error_rows(), "\n".join(tail).strip("\n"))
 
     def to_dataframe(self: _Result) -> Any:

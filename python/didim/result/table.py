@@ -118,14 +118,9 @@ def parameter_lines(
         Numbers of the joints of each limb of a tree, and the line that opens its parameters.
     """
     marked = sum(row[-1].startswith("*") for row in rows)
-    columns = list(zip(*rows, strict=True))
-    cells = [
-        _left(columns[0]),
-        _left(columns[1]),
-        *(aligned(column) for column in columns[2:-1]),
-        _left(columns[-1]),
-    ]
-    lines = ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
+    shown = table_lines([row[:-1] for row in rows], 2)
+    width = max(map(len, shown))
+    lines = [f"{line:{width}}  {row[-1]}".rstrip() for line, row in zip(shown, rows, strict=True)]
     rule = "-" * max(map(len, lines))
     limb_of = {number: heading for numbers, heading in headings for number in numbers}
     titles = [limb_of.get(int("".join(filter(str.isdigit, row[0])) or 0), "") for row in rows]
@@ -159,10 +154,10 @@ def error_rows(sets: Sequence[tuple[str, Sequence[float], float]]) -> list[tuple
     return rows
 
 
-def error_lines(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return the lines of a table of `error_rows`."""
+def table_lines(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:
+    """Return the lines of a table: the first `left` columns flush left, the others aligned on the decimal point."""
     columns = list(zip(*rows, strict=True))
-    cells = [_left(columns[0]), *(aligned(column) for column in columns[1:])]
+    cells = [*map(_left, columns[:left]), *map(aligned, columns[left:])]
     return ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
 
 

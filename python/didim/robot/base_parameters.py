@@ -14,6 +14,7 @@ import didim._core as _core
 from .._tools.arrays import Array, real_array
 from .._tools.notebook import page, pandas
 from .._tools.pickling import Pickled
+from .._tools.words import columned
 from ..errors import ShapeError
 
 
@@ -50,10 +51,7 @@ class BaseParameters(Pickled):
 
     def __str__(self) -> str:
         lines = [f"{len(self.names)} base parameters of {self.matrix.shape[1]} standard parameters", ""]
-        width_unit = max(map(len, self.units), default=0)
-        width_name = max(map(len, self.names), default=0)
-        for name, unit, grouping in zip(self.names, self.units, self.groupings, strict=True):
-            lines.append(f"{name:{width_name}}  {unit:{width_unit}}  {grouping}".rstrip())
+        lines += columned(list(zip(self.names, self.units, self.groupings, strict=True)), left=3)
         if self.unidentifiable:
             lines += ["", f"Without effect on the torques: {', '.join(self.unidentifiable)}"]
         return "\n".join(lines)

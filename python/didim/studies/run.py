@@ -14,7 +14,7 @@ import numpy as np
 from .._tools.arrays import Array
 from .._tools.files import write_atomically
 from .._tools.notebook import Printed
-from .._tools.words import did_you_mean
+from .._tools.words import columned, did_you_mean
 from ..errors import ExperimentError
 from ..experiment.experiment import Experiment
 from ..experiment.loop import closed_loop, outside_limits
@@ -98,12 +98,7 @@ class SimulationReport(Printed):
             [f"{joint + 1} ({_unit(robot, joint)})", *(column[joint] for column in columns.values())]
             for joint in range(robot.n_dof)
         ]
-        widths = [max(len(row[k]) for row in [head, *rows]) for k in range(len(head))]
-        lines += [
-            "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
-            for row in [head, *rows]
-        ]
-        return "\n".join(lines)
+        return "\n".join([*lines, *columned([head, *rows], left=0)])
 
 
 def _unit(robot: Robot, joint: int) -> str:

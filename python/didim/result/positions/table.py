@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..._tools.words import counted
+from ..._tools.words import columned, counted
 from .record import PositionRecord
 
 LIMB_COLUMNS = 6
@@ -21,7 +21,7 @@ def position_lines(record: PositionRecord, name: str, robot: str) -> list[str]:
     lines = [f"{name}: {counted(len(record.rows), 'parameter')} of robot {robot} from positions, links known"]
     shared = shared_rows(record)
     for rows in [*limb_tables(record), *([shared] if shared else []), error_table(record)]:
-        lines += ["", *_aligned(rows)]
+        lines += ["", *columned(rows)]
     lines.append("")
     lines.append(
         f"95 % intervals by leaving out {record.blocks} {record.kind}; * at a bound, (..) held, for this log does not tell it"
@@ -107,14 +107,3 @@ def _cell(row: Mapping[str, Any]) -> str:
     half = None if row["high"] is None or row["low"] is None else 0.5 * (row["high"] - row["low"])
     mark = "*" if row["by"] == "bound" else ""
     return f"{_number(row['value'])}{mark}" + ("" if half is None else f" +-{half:.2g}")
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return [
-        "  ".join(
-            cell.ljust(width) if k == 0 else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]

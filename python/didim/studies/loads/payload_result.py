@@ -12,7 +12,7 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..._tools.notebook import Printed
 from ..._tools.pickling import Pickled
-from ...result.table import aligned
+from ...result.table import table_lines
 from ...result.uncertainty import student_factor
 from ...robot.payload import UNITS
 from ...robot.rigid_body import INERTIAL
@@ -112,7 +112,7 @@ class PayloadEstimate(Pickled, Printed):
         cells: list[tuple[str, ...]] = [("body", *BODY), ("unit", *BODY_UNITS)]
         for title, numbers in zip(("estimate", "sigma", "95 % low", "95 % high"), values, strict=True):
             cells.append((title, *(_text(x, s) for x, s in zip(numbers, values[1], strict=True))))
-        table = _table(cells)
+        table = table_lines(list(zip(*cells, strict=True)), 2)
         mass, x, y, z = values[0][:4]
         return [
             *table,
@@ -140,7 +140,7 @@ class PayloadEstimate(Pickled, Printed):
             ("95 % high", value + factor * std),
         ):
             cells.append((title, *(_text(x, s) for x, s in zip(numbers, std, strict=True))))
-        return _table(cells)
+        return table_lines(list(zip(*cells, strict=True)), 2)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain lists and numbers; NaN and infinity become None."""
@@ -185,9 +185,3 @@ def _text(value: float, std: float) -> str:
     if not (math.isfinite(std) and std > 0.0):
         return f"{value:.4f}"
     return f"{value:.{min(6, max(0, 1 - math.floor(math.log10(std))))}f}"
-
-
-def _table(cells: list[tuple[str, ...]]) -> list[str]:
-    left = [[cell.ljust(max(map(len, column))) for cell in column] for column in cells[:2]]
-    columns = [*left, *(aligned(column) for column in cells[2:])]
-    return ["  ".join(row).rstrip() for row in zip(*columns, strict=True)]

@@ -26,7 +26,7 @@ from ...regression.linear_system import linear_system
 from ...regression.logs.parameters import independent
 from ...regression.selection import select
 from ...result.identification import Identification
-from ...result.table import aligned
+from ...result.table import table_lines
 from ...result.uncertainty import student_factor
 from ...robot.payload import NOTHING, flange_in_last_frame, last_link
 from ...robot.robot import Robot
@@ -138,14 +138,8 @@ class Residual(Pickled, Printed):
                 ("rms of the observer", *(f"{value:.3f}" for value in _rms(item.observed))),
                 ("its limit, median", *(f"{value:.3f}" for value in np.median(item.limits, axis=0))),
             ]
-            columns = list(zip(*rows, strict=True))
-            width = max(map(len, columns[0]))
-            cells = [
-                [cell.ljust(width) for cell in columns[0]],
-                *(aligned(column) for column in columns[1:]),
-            ]
             lines += ["", f"recording '{item.recording}', {item.t[0]:.3f} to {item.t[-1]:.3f} s"]
-            lines += ["  ".join(row).rstrip() for row in zip(*cells, strict=True)]
+            lines += table_lines(rows)
             told = [str(contact) for contact in item.contacts]
             if item.payload_change is not None:
                 told.insert(0, str(item.payload_change))
