@@ -86,17 +86,7 @@ def _identification(fit: Identification, form: str) -> str:
     if form == "csv":
         known = fit.std.any()
         rows: list[Sequence[str]] = [
-            (
-                "name",
-                "unit",
-                "value",
-                "std",
-                "relative_std_percent",
-                "low",
-                "high",
-                "std_white",
-                "role",
-            )
+            ("name", "unit", "value", "std", "relative_std_percent", "low", "high", "std_white", "role")
         ]
         values = [
             *zip(
@@ -184,12 +174,7 @@ def _comparison(comparison: Comparison, form: str) -> str:
         body.append(cells)
     align = "llr" + "rrr" * len(fits)
     titles = [title_of(method) for method in fits]
-    notes = [
-        off_explained(comparison),
-        sentence(comparison),
-        *comparison.notes,
-        *comparison.remarks,
-    ]
+    notes = [off_explained(comparison), sentence(comparison), *comparison.notes, *comparison.remarks]
     if form == "latex":
         grid = Grid(
             ("", "", "truth", *("estimate", "sigma %", "off") * len(fits)),

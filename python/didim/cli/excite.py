@@ -51,11 +51,7 @@ def add(commands: Commands) -> None:
         "ROS 2); may be given several times",
     )
     parser.add_argument(
-        "--for",
-        dest="wanted",
-        metavar="NAME",
-        nargs="+",
-        help="base parameters that count (default: all)",
+        "--for", dest="wanted", metavar="NAME", nargs="+", help="base parameters that count (default: all)"
     )
     parser.add_argument(
         "--positions",

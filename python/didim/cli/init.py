@@ -6,16 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import (
-    CONVERGED,
-    NOT_CONVERGED,
-    add_chain,
-    add_command,
-    add_robot,
-    locked,
-    refuse,
-    tell,
-)
+from .options import CONVERGED, NOT_CONVERGED, add_chain, add_command, add_robot, locked, refuse, tell
 from .outputs import Saved
 from .terminal.messages import message
 
@@ -106,10 +97,7 @@ def run(options: argparse.Namespace) -> int:
     from ..log.units import ESTIMATE
 
     chosen: dict[str, dict[str, str]] = {"columns": {}, "side": {}}
-    wanted = (
-        ("columns", "KIND=COLUMNS", "torque=14-19"),
-        ("side", "TABLE=SIDE", "torque=motor"),
-    )
+    wanted = (("columns", "KIND=COLUMNS", "torque=14-19"), ("side", "TABLE=SIDE", "torque=motor"))
     for option, form, example in wanted:
         for text in getattr(options, option):
             key, sign, value = text.partition("=")

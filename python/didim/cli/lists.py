@@ -35,9 +35,7 @@ def add(commands: Commands) -> None:
         help="robot or experiment (default: both, one after the other)",
     )
     parser.add_argument(
-        "--json",
-        action="store_true",
-        help="as a JSON schema, for editors that complete and check TOML files",
+        "--json", action="store_true", help="as a JSON schema, for editors that complete and check TOML files"
     )
     parser = add_command(commands, "example", example, "copy an example, with the commands to run")
     parser.add_argument("name", metavar="NAME", nargs="?", help="example (default: list them)")

@@ -6,12 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import (
-    CONVERGED,
-    NOT_CONVERGED,
-    add_command,
-    add_experiment,
-)
+from .options import CONVERGED, NOT_CONVERGED, add_command, add_experiment
 from .outputs import Saved, check_outputs
 from .terminal.messages import message
 

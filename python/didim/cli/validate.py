@@ -6,15 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import (
-    CONVERGED,
-    NOT_CONVERGED,
-    add_command,
-    add_experiment,
-    add_report,
-    check_report,
-    refuse,
-)
+from .options import CONVERGED, NOT_CONVERGED, add_command, add_experiment, add_report, check_report, refuse
 from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:

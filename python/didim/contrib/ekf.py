@@ -167,12 +167,7 @@ def _filter(
 
 
 def _pass(
-    filtered: Filter,
-    q: Array,
-    tau: Array,
-    rate_hz: float,
-    history: list[Iteration],
-    reporter: Reporter,
+    filtered: Filter, q: Array, tau: Array, rate_hz: float, history: list[Iteration], reporter: Reporter
 ) -> tuple[Status, str] | None:
     """Filter one window; return the ending if it stopped early."""
     marks = set(np.linspace(0, len(q) - 1, PARTS + 1).astype(int)[1:].tolist())

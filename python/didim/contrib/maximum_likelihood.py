@@ -199,10 +199,7 @@ class _Noise:
 def _weighted(system: LinearSystem, job: Job, whiteners: Array, condition_number: float) -> Fit:
     """Solve the whitened system, and return the solution for the original system."""
     white = replace(
-        system,
-        w=whitened(system.w, whiteners),
-        y=whitened(system.y[:, None], whiteners)[:, 0],
-        known=None,
+        system, w=whitened(system.w, whiteners), y=whitened(system.y[:, None], whiteners)[:, 0], known=None
     )
     fit = solve(white, replace(job.settings, weights="none"))
     return replace(

@@ -52,11 +52,7 @@ class Ramp:
 
 
 def ramp(
-    start: Array,
-    end: Array,
-    limits: MotionLimits,
-    clearance: Clearance,
-    torques: object = None,
+    start: Array, end: Array, limits: MotionLimits, clearance: Clearance, torques: object = None
 ) -> Ramp | None:
     """Return the shortest quintic within all limits, or None if start and end coincide.
 

@@ -49,11 +49,7 @@ def to_sdf(robot: Robot, x: ArrayLike) -> str:
 
 def sdf_text(model: ExportModel) -> str:
     """Return the SDF of a robot arranged for a file."""
-    lines = [
-        '<?xml version="1.0"?>',
-        f'<sdf version="{VERSION}">',
-        f"  <model name={quoteattr(model.name)}>",
-    ]
+    lines = ['<?xml version="1.0"?>', f'<sdf version="{VERSION}">', f"  <model name={quoteattr(model.name)}>"]
     if model.base != "world":  # a name reserved by SDF
         lines += [
             f"    <link name={quoteattr(model.base)}/>",

@@ -21,15 +21,7 @@ from ..robot.transmission import reduction_matrix
 from .data_folder import SOURCES, DataFolder, Source
 from .recording import OWN, ROLES, Recording, Role, clock
 from .resampling import Resampling, resampling, step_range
-from .sampling import (
-    MINIMUM_SAMPLES,
-    TimeFault,
-    check_time,
-    rollout_windows,
-    slices,
-    stretches,
-    time_faults,
-)
+from .sampling import MINIMUM_SAMPLES, TimeFault, check_time, rollout_windows, slices, stretches, time_faults
 from .units import ESTIMATE, TIME, current_factors, effort_factors, position_factors, velocity_factors
 
 GAPS = "gaps"

@@ -84,10 +84,7 @@ def velocity_factors(table: Table, side: str, joint_kinds: Sequence[str]) -> lis
 
 
 def position_factors(
-    table: Table,
-    side: str,
-    joint_kinds: Sequence[str],
-    ranges: Sequence[tuple[float, float] | None] = (),
+    table: Table, side: str, joint_kinds: Sequence[str], ranges: Sequence[tuple[float, float] | None] = ()
 ) -> tuple[list[float], list[float]]:
     """Factor of each position column to rad or m, and the position (rad or m) at which each column is zero.
 

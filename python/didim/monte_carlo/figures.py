@@ -173,10 +173,7 @@ def _squared_bias(z: Array, weights: Array) -> tuple[Array, Array]:
     with np.errstate(divide="ignore", invalid="ignore"):
         means, squares = weights @ values / share, weights @ values**2 / share
     runs = np.maximum(known.sum(axis=0), 2)
-    return (
-        np.nanmean(means**2, axis=1),
-        np.nanmean(means**2 - (squares - means**2) / (runs - 1), axis=1),
-    )
+    return (np.nanmean(means**2, axis=1), np.nanmean(means**2 - (squares - means**2) / (runs - 1), axis=1))
 
 
 def _rms(z: Array) -> Estimate:

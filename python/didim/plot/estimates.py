@@ -126,12 +126,7 @@ def convergence(fits: Identification | Mapping[str, Identification]) -> Figure:
             values[~(values > 0.0)] = np.nan
             many = len(number) > 30
             ax.semilogy(
-                number,
-                values,
-                color=color,
-                marker=None if many else marker,
-                markersize=5.0,
-                label=name,
+                number, values, color=color, marker=None if many else marker, markersize=5.0, label=name
             )
     for ax, title in zip(axes, ("relative error (%)", "step (% of the parameters)"), strict=True):
         ax.set_title(title)

@@ -5,14 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from ..options import (
-    CONVERGED,
-    add_command,
-    add_format,
-    add_robot,
-    formatted,
-    tell,
-)
+from ..options import CONVERGED, add_command, add_format, add_robot, formatted, tell
 from ..outputs import Saved
 
 if TYPE_CHECKING:

@@ -30,11 +30,7 @@ def add(commands: Commands) -> None:
             "didim robot arm.urdf --tip tool0 --lock finger_joint=0.02",
         ),
     )
-    parser.add_argument(
-        "robot",
-        metavar="ROBOT",
-        help="URDF, robot file, or name of a packaged robot",
-    )
+    parser.add_argument("robot", metavar="ROBOT", help="URDF, robot file, or name of a packaged robot")
     parser.add_argument(
         "-o",
         "--output",

@@ -44,13 +44,7 @@ class Observed:
 
 
 def observe(
-    robot: Robot,
-    x: Array,
-    q: Array,
-    tau: Array,
-    rate_hz: float,
-    *,
-    bandwidth_hz: float = BANDWIDTH_HZ,
+    robot: Robot, x: Array, q: Array, tau: Array, rate_hz: float, *, bandwidth_hz: float = BANDWIDTH_HZ
 ) -> Observed:
     """Return the external torques estimated by a momentum observer.
 

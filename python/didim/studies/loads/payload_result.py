@@ -162,11 +162,7 @@ class PayloadEstimate(Pickled, Printed):
             "body": None
             if self.body is None
             else {
-                key: {
-                    "mass_kg": values[0],
-                    "com_m": values[1:4],
-                    "inertia_kg_m2": values[4:],
-                }
+                key: {"mass_kg": values[0], "com_m": values[1:4], "inertia_kg_m2": values[4:]}
                 for key, values in (
                     ("estimate", plain(self.body) or []),
                     ("std", plain(self.body_std) or []),

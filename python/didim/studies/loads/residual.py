@@ -37,14 +37,7 @@ from ...signal.spikes import without_spikes
 from ..loaded import standard_in, with_gains_of
 from ..prediction import predict, with_friction_of
 from ..validation import same_robot
-from .detection import (
-    Contact,
-    PayloadChange,
-    clearly_loaded,
-    contacts,
-    payload_change,
-    shortest_s,
-)
+from .detection import Contact, PayloadChange, clearly_loaded, contacts, payload_change, shortest_s
 from .observer import BANDWIDTH_HZ, low_pass, observe, stamp_gain
 from .payload import identify_payload
 
