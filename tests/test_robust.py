@@ -159,11 +159,20 @@ def test_whitened_errors_have_the_unit_covariance() -> None:
         assert found[k::n] == pytest.approx(whiteners[k] @ rows[k::n])
 
 
-@pytest.mark.parametrize("name", ["huber", "bisquare", "didim.contrib.total:Total", "ridge"])
-def test_they_are_solvers_of_the_methods(name: str) -> None:
+@pytest.fixture(scope="module")
+def tx40() -> tuple[didim.Experiment, didim.Identification]:
+    """A log, and its estimate by least squares."""
     experiment = didim.packaged_experiment("tx40")
     log = didim.simulated_log(experiment, experiment.robot.parameter_set("didim"), seed=1)
-    fit, direct = didim.identify(log, didim.IDIMLS(solver=name)), didim.identify(log)
+    return log, didim.identify(log)
+
+
+@pytest.mark.parametrize("name", ["huber", "bisquare", "didim.contrib.total:Total", "ridge"])
+def test_they_are_solvers_of_the_methods(
+    tx40: tuple[didim.Experiment, didim.Identification], name: str
+) -> None:
+    log, direct = tx40
+    fit = didim.identify(log, didim.IDIMLS(solver=name))
     assert fit.converged
     assert fit.settings["solver"]["name"] == name
     assert np.abs((fit.beta - direct.beta) / direct.std).max() < 2.5
