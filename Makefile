@@ -48,7 +48,7 @@ demo: $(VENV)/.built
 	$(BIN)/didim compare
 
 test: $(VENV)/.built $(VENV)/.group-test
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 test-tools: $(VENV)/.built $(VENV)/.group-test
 	$(BIN)/python -m pytest -m tools
@@ -70,12 +70,12 @@ coverage-rust:
 
 lint: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-lint
 	cargo fmt --all --check
-	cargo clippy --workspace --all-targets -- -D warnings
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/python benches/constant_docstrings.py
 	$(BIN)/mypy --strict
 	$(BIN)/python -m mypy.stubtest didim._core
+	cargo clippy --workspace --all-targets -- -D warnings
 
 bench: $(VENV)/.built $(VENV)/.group-peers
 	cargo bench

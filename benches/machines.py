@@ -165,7 +165,7 @@ def run(combination: Combination, tests: Sequence[str], processes: int, project:
         ).stdout.strip()
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"--junitxml={report}"]
         if processes > 1:
-            command += ["-n", str(processes), "--dist", "loadfile"]
+            command += ["-n", str(processes), "--dist", "worksteal"]
         if combination.busy:
             command = ["nice", "-n", str(NICENESS), *command]
         with busy(combination.busy):

@@ -109,9 +109,9 @@ def every(log: Log, step: int) -> Log:
     return replace(log, t=log.t[::step], q=log.q[::step], tau=log.tau[::step], rate_hz=1000.0 / step)
 
 
-def on_motor_side(log: Log) -> Log:
-    assert REDUCTION is not None
-    return replace(log, q=log.q @ REDUCTION.T, tau=log.tau @ np.linalg.inv(REDUCTION))
+def on_motor_side(log: Log, reduction: Array | None = REDUCTION) -> Log:
+    assert reduction is not None
+    return replace(log, q=log.q @ reduction.T, tau=log.tau @ np.linalg.inv(reduction))
 
 
 def clip(limit: float) -> Callable[[Array, Array], object]:
@@ -221,14 +221,21 @@ def test_two_of_six_torques_exchanged(tx40: Log, tmp_path: Path) -> None:
     alone(check(spoiled.write(tmp_path)), "swapped-torques", (2, 5))
 
 
-def test_motor_side_declared_as_joint_side(tx40: Log, tmp_path: Path) -> None:
-    item = alone(check(on_motor_side(tx40).write(tmp_path)), "side")
+def test_motor_side_declared_as_joint_side(log: Log, tmp_path: Path) -> None:
+    """The second motor of this arm turns with the first joint."""
+    reduction = np.array([[50.0, 0.0], [10.0, 40.0]])
+    text = (PACKAGED.parent / "robots" / "planar2.toml").read_text(encoding="utf-8")
+    (tmp_path / "geared.toml").write_text(
+        f"{text}\n[transmission]\nreduction = {reduction.tolist()}\n", encoding="utf-8"
+    )
+    log = replace(log, robot="geared.toml")
+    item = alone(check(on_motor_side(log, reduction).write(tmp_path)), "side")
     assert "positions and torques look as if they were those of the motors" in item.sentence
     assert 'side = "motor"' in item.advice
-    motor_torques = replace(tx40, tau=on_motor_side(tx40).tau)
+    motor_torques = replace(log, tau=on_motor_side(log, reduction).tau)
     item = alone(check(motor_torques.write(tmp_path)), "side")
     assert "the torques look as if they were those of the motors" in item.sentence
-    item = alone(check(replace(tx40, side="motor").write(tmp_path)), "side")
+    item = alone(check(replace(log, side="motor").write(tmp_path)), "side")
     assert "those of the joints, not of the motors" in item.sentence
 
 
