@@ -259,5 +259,5 @@ def test_a_wrong_gravity_is_told(sound: Experiment, tmp_path: Path, project: Pat
     file.write_text(text.replace(line, "gravity_m_s2 = [0.0, 0.0, 9.81]"), encoding="utf-8")
     turned = didim.load_robot(file)
     found = told(replace(sound, robot=turned.with_smoothing(sound.robot.friction.smoothing)))
-    assert "direction of gravity" in found
+    assert "check the signs of the torques, gravity and" in found
     assert "(without conditions " in found
