@@ -490,7 +490,7 @@ def test_wrong_sign_in_a_real_log(tx40_real: tuple[Experiment, Recording], joint
 
 def test_every_kind_is_documented(project: Path) -> None:
     """Those that have words in the table of causes, and those that are named where they are found."""
-    rows = tables(project / "docs" / "check.md")["kind what was seen what to do"]
+    rows = tables(project / "docs" / "check.md")["kind observation what to do"]
     named = {name.strip("` ") for row in rows for name in row[0].split(",")}
     sources = sorted((project / "python" / "didim" / "diagnosis").glob("*.py"))
     own = {kind for path in sources for kind in re.findall(r'kind="([a-z-]+)"', path.read_text("utf-8"))}

@@ -113,7 +113,7 @@ def test_the_tables_of_methods_are_that_of_the_package() -> None:
 
 def test_the_formats_are_those_of_the_page() -> None:
     page = ROOT / "docs" / "results.md"
-    rows = tables(page)["format what it is"]
+    rows = tables(page)["format content"]
     assert tuple(row[0] for row in rows) == FORMATS
     assert f"`{render(example(), 'csv').splitlines()[0]}`" in page.read_text(encoding="utf-8")
 

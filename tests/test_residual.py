@@ -73,7 +73,7 @@ def test_clean_logs_are_quiet_and_a_push_is_reported_within_50_ms(known: didim.I
     for seed in (5, 6):
         found = residual_torques(known, clean(seed))
         assert found.quiet
-        assert "nothing from outside" in str(found)
+        assert "no external torque" in str(found)
         (window,) = found.windows
         low, high = window.interval()
         assert 0.90 < np.mean((low <= 0.0) & (high >= 0.0)) < 0.99
@@ -84,7 +84,7 @@ def test_clean_logs_are_quiet_and_a_push_is_reported_within_50_ms(known: didim.I
     assert contact.joints[0] == 3
     assert contact.peak[0] == pytest.approx(5.0, abs=1.0)
     assert found.windows[0].payload_change is None
-    assert "torque from outside from 3.0" in str(found)
+    assert "external torque from 3.0" in str(found)
 
 
 def with_rounded_stamps(log: Experiment, step_s: float) -> Experiment:
@@ -214,7 +214,7 @@ def test_the_command_prints_writes_and_draws(tmp_path: Path, capsys: pytest.Capt
     found, rows, picture = (tmp_path / name for name in ("found.json", "rows.csv", "found.svg"))
     outputs = ["--json", str(found), "-o", str(rows), "--plot", str(picture)]
     assert main(["residual", str(tmp_path / "fit.json"), str(file), *outputs]) == 0
-    assert "torque from outside from 2.0" in capsys.readouterr().out
+    assert "external torque from 2.0" in capsys.readouterr().out
     data = json.loads(found.read_text())
     assert not data["quiet"]
     (contact,) = data["windows"][0]["contacts"]

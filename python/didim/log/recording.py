@@ -141,7 +141,7 @@ class Recording(Pickled, Brief):
         if self.drives is not None:
             if self.external is not None:
                 raise RecordingError(
-                    f"{self.name}: torques from outside stand beside torques, and these are currents with unknown gains"
+                    f"{self.name}: external torques need torques, and these are currents with unknown gains"
                 )
             drives = tuple(tuple(float(value) for value in row) for row in self.drives)
             n = q.shape[1]

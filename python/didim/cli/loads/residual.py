@@ -19,7 +19,7 @@ def add(commands: Commands) -> None:
         commands,
         "residual",
         run,
-        "find torques from outside along a log: contacts, and changes of the payload",
+        "find external torques along a log: contacts, and changes of the payload",
         (
             "didim residual fit.json log.toml",
             "didim residual fit.json log.toml -o torques.csv --plot torques.svg",

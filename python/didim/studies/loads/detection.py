@@ -52,7 +52,7 @@ class Contact:
         felt = ", ".join(
             f"joint {joint} {peak:+.3g}" for joint, peak in zip(self.joints, self.peak, strict=True)
         )
-        return f"torque from outside from {self.start_s:.3f} to {self.stop_s:.3f} s: {felt} N.m or N"
+        return f"external torque from {self.start_s:.3f} to {self.stop_s:.3f} s: {felt} N.m or N"
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ class Residual(Pickled, Printed):
         return not any(item.contacts or item.payload_change for item in self.windows)
 
     def __str__(self) -> str:
-        lines = [f"torques from outside in {self.log}, with the robot {self.robot} of {self.fit} (N.m or N)"]
+        lines = [f"external torques in {self.log}, with the robot {self.robot} of {self.fit} (N.m or N)"]
         for item in self.windows:
             n = item.torque.shape[1]
             rows = [
@@ -136,7 +136,7 @@ class Residual(Pickled, Printed):
             told = [str(contact) for contact in item.contacts]
             if item.payload_change is not None:
                 told.insert(0, str(item.payload_change))
-            lines += told or ["nothing from outside"]
+            lines += told or ["no external torque"]
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
