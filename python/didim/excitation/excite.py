@@ -155,7 +155,7 @@ def _series(task: Task, progress: Progress | None, executor: Executor | None) ->
         "cosine": cosine,
     }
     motions = (chosen.motion(), random.motion())
-    return _result(task, problems[0], reference, table, fine, motions, values, interrupted, duration)
+    return _result(task, problems[0], reference, table, fine, motions, values, interrupted)
 
 
 def _random_shape(basis: SeriesBasis, limits: MotionLimits, offset: Array, seed: int) -> Array:
@@ -227,7 +227,7 @@ def _points(task: Task, progress: Progress | None) -> Excitation:
     random_motion = motion(design.reference(first_random), MOVE_RATE_HZ)
     motions = (motion(reference, MOVE_RATE_HZ), random_motion)
     fine = motion(reference, MOVE_RATE_HZ * FINE)
-    return _result(task, problem, reference, table, fine, motions, values, interrupted, reference.duration)
+    return _result(task, problem, reference, table, fine, motions, values, interrupted)
 
 
 def _result(
@@ -239,7 +239,6 @@ def _result(
     motions: tuple[tuple[Array, Array, Array, Array], tuple[Array, Array, Array, Array]],
     values: list[float],
     interrupted: bool,
-    duration: float,
 ) -> Excitation:
     """Collect the properties of a motion in a result."""
     robot, settings, limits = task.robot, task.settings, task.limits
@@ -256,7 +255,9 @@ def _result(
         nearest = (task.clearance.describe(column), float(distances[column]))
     matrices, conditions = [], []
     plain = Information(robot=robot, sigma=np.ones(robot.n_dof), samples=1.0, prior=np.zeros_like(task.prior))
-    counted = Information(robot=robot, sigma=task.sigma, samples=task.rate * duration, prior=task.prior)
+    counted = Information(
+        robot=robot, sigma=task.sigma, samples=task.rate * reference.duration, prior=task.prior
+    )
     for motion in motions:
         matrices.append(counted.matrix(*motion[:3]))
         conditions.append(condition_number(plain.matrix(*motion[:3])))

@@ -131,18 +131,8 @@ class Further(Pickled):
         for block in self.blocks:
             part = self.part(block.kind, block.owner)
             values, std, white = self.values[part], self.std[part], self.std_white[part]
-            ratio = np.divide(std, white, out=np.full_like(std, np.nan), where=white > 0.0)
-            rows = parameter_rows(
-                block.names,
-                block.units,
-                ("estimated",) * len(values),
-                values,
-                std,
-                relative_percent(std, values),
-                factor,
-                ratio,
-                {},
-            )
+            roles = ("estimated",) * len(values)
+            rows = parameter_rows(block.names, block.units, roles, values, std, white, factor, {})
             found.append((self._titles(block), rows))
         return found
 

@@ -250,9 +250,8 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             self.roles,
             self.beta,
             self.std,
-            self.relative_std_percent,
+            self.std_white,
             self.interval_factor(),
-            self.std_ratio,
             dict.fromkeys(single, "one block"),
         )
 

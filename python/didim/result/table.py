@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .._tools.arrays import Array
+from .._tools.arrays import Array, relative_percent
 from .._tools.words import counted
 from ..robot.placement import limbs
 
@@ -34,9 +34,8 @@ def parameter_rows(
     roles: Sequence[str],
     values: Array,
     stds: Array,
-    percents: Array,
+    whites: Array,
     factor: float,
-    ratios: Array,
     remarks: Mapping[str, str],
 ) -> list[tuple[str, ...]]:
     """Return the heading and the cells of the table of parameters.
@@ -48,19 +47,20 @@ def parameter_rows(
     ----------
     names, units, roles : sequence of str
         One per parameter; only those with the role "estimated" have a sigma.
-    values, stds, percents : (b,) arrays
-        Estimates, their standard deviations and these in percent; unknown if all standard deviations are zero.
+    values, stds : (b,) arrays
+        Estimates and their standard deviations; unknown if all standard deviations are zero.
+    whites : (b,) array
+        Standard deviations (10); NaN if unknown.
     factor : float
         Half the width of the interval in standard deviations.
-    ratios : (b,) array
-        Ratio of the standard deviation to that of (10); NaN if unknown.
     remarks : mapping of str to str
         Further remarks by name.
     """
     rows: list[tuple[str, ...]] = [PARAMETER_HEAD]
     known = bool(stds.any())
-    for name, unit, role, value, std, percent, ratio in zip(
-        names, units, roles, values, stds, percents, ratios, strict=True
+    percents = relative_percent(stds, values)
+    for name, unit, role, value, std, percent, white in zip(
+        names, units, roles, values, stds, percents, whites, strict=True
     ):
         if role != "estimated":
             rows.append((name, unit, f"{value:g}" if role == "fixed" else "0", "", "", "", "", "", role))
@@ -75,7 +75,7 @@ def parameter_rows(
                 _sigma_percent(percent),
                 _number(value - half, places),
                 _number(value + half, places),
-                f"{ratio:.2f}" if math.isfinite(ratio) else "-",
+                f"{std / white:.2f}" if white > 0.0 and math.isfinite(std) else "-",
             )
             if known
             else ("-",) * 5
