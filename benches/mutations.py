@@ -187,8 +187,8 @@ PYTHON = (
     Mutation(
         "steps of a coarsely quantised torque are spikes",
         "python/didim/signal/spikes.py",
-        "np.maximum(floor, _resolution(cleaned[:, column]))",
-        "floor",
+        "floor, _resolution(cleaned[:, column])",
+        "floor, 0.0",
         "tests/test_spikes.py",
     ),
     Mutation(

@@ -195,7 +195,7 @@ def test_the_table_of_all_methods(arm: Comparison) -> None:
 def test_the_sentence_of_a_failure(arm: Comparison) -> None:
     lost = replace(arm.fits["didim"], status=didim.Status.NO_STEP)
     assert sentence(replace(arm, fits={"didim": lost})).startswith(
-        "DIDIM did not converge: Not converged: no step"
+        "DIDIM did not converge: Not converged: with every step, however short"
     )
     assert sentence(replace(arm, fits={})) == "DIDIM was not run."
 
