@@ -1,10 +1,12 @@
 """Friction chosen on one real log, judged on another: errors of torques that nothing was fitted to.
 
     python benches/friction_held_out.py DATA [--arms tx40 ur10e emps ur10 panda tiago kr300]
+    python benches/friction_held_out.py DATA --picture docs/img/friction.png
 
 prints, for public logs in DATA, the error (%) without further friction terms and with `friction = "auto"`. Logs of which there is
 one only are cut in parts after their filters, and each part is predicted from the others. The load of the UR10e is unknown:
-friction comes from one log, and rigid parameters are fitted to the other. docs/friction.md has the table.
+friction comes from one log, and rigid parameters are fitted to the other. docs/friction.md has the table. The picture shows the
+friction of two joints of the UR10e over speed, and what laws leave of it over the way since a reversal.
 """
 
 from __future__ import annotations
@@ -16,13 +18,16 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 import didim
 from didim.cli.main import main as didim_command
+from didim.plot.style import CYCLE, MEASURED, MODEL, new_figure, plain_ticks, styled
 from didim.regression.friction.choice import choose_terms
 from didim.regression.friction.velocity import settled
 from didim.regression.least_squares import solve
@@ -187,6 +192,87 @@ def kr300(data: Path) -> didim.Experiment:
         return initialised(str(path), logs, options)
 
 
+JOINTS = (1, 3)
+"""Joints of the picture, from 0: one with friction that falls with speed, one without."""
+STAGES = {
+    "sign with a dead zone": frozenset[str](),
+    "sign kept through rest": frozenset(("hold",)),
+    "with speed and load": frozenset(("hold", "rest", "atan", "stribeck", "load", "forward")),
+    "with memory, all that auto chose": frozenset(
+        ("hold", "rest", "atan", "stribeck", "load", "forward", "dahl")
+    ),
+}
+"""Laws of each curve of the picture."""
+WAYS = np.array([1e-4, 3e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.016, 0.03, 0.06, 0.12, 0.25])
+"""Edges of the ways since a reversal over which residuals are averaged (rad)."""
+
+
+def ways(q: Array) -> Array:
+    """Return the way of a joint since its last reversal at each sample (rad), (n_samples,)."""
+    moves = np.sign(np.diff(q))
+    way, origin, sign = np.zeros(q.size), q[0], 0.0
+    for k, move in enumerate(moves, start=1):
+        if move and move != sign:
+            origin, sign = q[k - 1], move
+        way[k] = abs(q[k] - origin)
+    return way
+
+
+def staged(experiment: didim.Experiment) -> Iterator[tuple[str, Array, Array, Array]]:
+    """Yield each stage with residuals, friction and measured friction (N.m) at all samples, (n_dof, n_samples) each."""
+    chosen, _, _ = fitted(experiment, True)
+    job = didim.IDIMLS().job(experiment)
+    parts = job.parts("fit", job.delay())
+    for name, laws in STAGES.items():
+        terms = [term for term in chosen.friction.terms if term.law in laws]
+        robot, beta, _ = fitted(replace(experiment, robot=experiment.robot.with_terms(terms)), False)
+        system = linear_system(robot, parts, replace(job.signal, decimation=()), select(robot, {}, ()), beta)
+        own = np.array([column.startswith(("F", "Rest", "Off")) for column in system.names])
+        friction, rigid = (system.w[:, part] @ beta[part] for part in (own, ~own))
+        found = (system.y - friction - rigid, friction, system.y - rigid)
+        residual, modelled, measured = (
+            np.stack([values[rows] for rows in system.joints]) for values in found
+        )
+        yield name, residual, modelled, measured
+
+
+@styled
+def picture(data: Path, file: Path) -> None:
+    """Draw torque over speed and residuals over the way since a reversal of two joints."""
+    experiment = ur10e(data, "free")
+    job = didim.IDIMLS().job(experiment)
+    (part,) = job.parts("fit", job.delay())
+    figure = new_figure(5.4, 9.5)
+    panels = figure.subplots(len(JOINTS), 2)
+    stages = list(staged(experiment))
+    _, _, modelled, measured = stages[-1]
+    for (left, right), joint in zip(panels, JOINTS, strict=True):
+        dq, way = part.dq[:, joint], ways(part.q[:, joint])
+        left.plot(
+            dq, measured[joint], ".", color=MEASURED, markersize=1.5, label="measured less links and rotors"
+        )
+        left.plot(dq, modelled[joint], color=MODEL, linewidth=0.6, label="all that auto chose")
+        left.set(
+            title=f"Friction of joint {joint + 1}, UR10e", xlabel="velocity (rad/s)", ylabel="torque (N.m)"
+        )
+        centre = np.sqrt(WAYS[1:] * WAYS[:-1])
+        for colour, (name, residual, _, _) in zip(CYCLE, stages, strict=False):
+            along = residual[joint] * np.sign(dq)
+            means = [along[(way >= a) & (way < b)].mean() for a, b in pairwise(WAYS)]
+            right.plot(centre, means, "o-", color=colour, markersize=3.0, label=name)
+        right.set_xscale("log")
+        plain_ticks(right.xaxis)
+        right.set(
+            title=f"What the laws leave at joint {joint + 1}, mean along the motion",
+            xlabel="way since the reversal (rad)",
+            ylabel="torque (N.m)",
+        )
+    for panel in panels[0]:
+        panel.legend(loc="lower right")
+    figure.savefig(file, dpi=70)
+    Image.open(file).convert("RGB").quantize(128).save(file, optimize=True)
+
+
 Case = tuple[str, Callable[[bool], tuple[float, list[str]]]]
 
 
@@ -245,7 +331,11 @@ def main() -> int:
     parser.add_argument("data", type=Path)
     every = ["tx40", "ur10e", "emps", "ur10", "panda", "tiago", "kr300"]
     parser.add_argument("--arms", nargs="+", choices=every, default=every)
+    parser.add_argument("--picture", type=Path, help="write this PNG in place of the table")
     args = parser.parse_args()
+    if args.picture:
+        picture(args.data, args.picture)
+        return 0
     print(f"{'predicted':45} {'plain':>7} {'auto':>7}   seconds, terms", flush=True)
     examples = Path(__file__).resolve().parents[1] / "examples"
     for name, run in cases(args.data, examples, args.arms):

@@ -239,7 +239,7 @@ def test_friction_that_remembers_carries_its_states(tmp_path: Path) -> None:
         return array.ctypes.data_as(pointer)
 
     q, dq, ddq = (np.ascontiguousarray(values[:400]) for values in motion())
-    found, z = np.zeros_like(q), np.array([np.sign(dq[0, 0]), 0.0, 0.0])
+    found, z = np.zeros_like(q), np.sign(dq[0])[[0, 0, 1]]
     for k in range(len(q)):
         if k:
             code.remember(at(np.ascontiguousarray(q[k] - q[k - 1])), at(z))

@@ -12,7 +12,9 @@ import pytest
 
 import didim
 from didim.errors import FitError
-from didim.regression.friction.choice import choose_terms
+from didim.methods.friction import FoundFriction
+from didim.regression.friction.candidates import narrowest_memory, untold_memory
+from didim.regression.friction.choice import FrictionChoice, choose_terms
 from didim.regression.friction.velocity import settled
 from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem
@@ -78,6 +80,27 @@ def test_a_sign_that_is_kept_and_memory_are_found() -> None:
     # The encoder's steps must be ten times finer than the memory.
     coarse = choose_terms(job.robot, [part], job.signal, ({}, ()), solved, np.array([0.01, 0.01]))
     assert not any(term.law == "dahl" for term in coarse.friction.terms)
+    assert coarse.untold == {0: pytest.approx(0.1), 1: pytest.approx(0.1)}
+    assert choice.untold == {}
+
+
+def test_a_slow_log_tells_no_memory_of_small_displacements() -> None:
+    q, dq, ddq = motion()
+    part = didim.IDIMLS().job(log(planar(), parameters(planar()))).parts("fit")[0]
+    fine, slow = (
+        narrowest_memory([replace(part, q=q[::every], dq=dq[::every], ddq=ddq[::every])], None)
+        for every in (1, 20)
+    )
+    # Twenty times the step in time: a joint goes on four hundred times as far before the next sample.
+    np.testing.assert_allclose(slow, 400.0 * fine, rtol=0.3)
+    assert set(untold_memory(planar(), slow.tolist())) == {0, 1}
+    choice = FrictionChoice(
+        friction=planar().friction, velocities=(), held_out_before=0.1, held_out_after=0.1, untold={1: 0.0153}
+    )
+    (_, sentence) = FoundFriction((), choice).remarks()
+    assert sentence.startswith(
+        "memory of friction below 0.015 rad or m is not tried at joint 2: encoder steps"
+    )
 
 
 def test_no_term_makes_another_recording_worse() -> None:

@@ -80,6 +80,7 @@ class Robot:
         printed_coupling: bool,
         smoothing: Sequence[float],
         dead_zone: Sequence[float],
+        held: Sequence[float],
         terms: Sequence[tuple[int, str, str, float, float, Sequence[float]]] = ...,
         mounts: Sequence[tuple[int | None, float, float, tuple[float, float, float]]] | None = ...,
         followers: Sequence[tuple[Sequence[tuple[int, float]], float]] = ...,

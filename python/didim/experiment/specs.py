@@ -142,11 +142,7 @@ class SimulationSettings:
 
     def robot(self, robot: Robot) -> Robot:
         """Return the robot of the simulation: with smooth friction, if the settings say so."""
-        if self.smoothing is None:
-            # A sign that is kept through rest has no state in a simulation.
-            terms = [term for term in robot.friction.terms if term.law != "hold"]
-            return robot.with_terms(terms) if len(terms) < len(robot.friction.terms) else robot
-        return robot.with_smoothing(self.smoothing)
+        return robot if self.smoothing is None else robot.with_smoothing(self.smoothing)
 
 
 @dataclass(frozen=True, kw_only=True)

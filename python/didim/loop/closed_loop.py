@@ -323,6 +323,8 @@ def _check_friction(robot: Robot) -> None:
         raise SimulationError(f"{what} friction as tanh at every joint (coulomb = 'tanh')")
     if any(zone > 0.0 for zone in friction.dead_zone):
         raise SimulationError(f"{what} no dead zone of friction")
+    if friction.held:
+        raise SimulationError(f"{what} no sign of friction that is kept through rest (hold)")
     if friction.has_load:
         raise SimulationError(f"{what} no friction that depends on the load")
     if friction.coupling == "printed" and any(name.startswith("Fcm") for name in robot.parameter_names):

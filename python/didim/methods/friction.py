@@ -47,6 +47,7 @@ class FoundFriction:
         }
         if self.choice is not None:
             record["chosen"] = [asdict(gain) for gain in self.choice.gains]
+            record["untold_memory"] = {str(joint + 1): value for joint, value in self.choice.untold.items()}
             record["held_out_error"] = [self.choice.held_out_before, self.choice.held_out_after]
         return record
 
@@ -64,6 +65,12 @@ class FoundFriction:
                 if self.choice.held_out_before > LARGEST_MISFIT
                 else f"held-out blocks support no further friction term; their error is {before:.2f} %"
             )
+            if untold := self.choice.untold:
+                joints = ", ".join(str(joint + 1) for joint in sorted(untold))
+                sentences.append(
+                    f"memory of friction below {max(untold.values()):.2g} rad or m is not tried at joint {joints}: "
+                    "encoder steps, or motion between samples at reversals, are above a tenth of it"
+                )
         for what, laws in (
             ("velocities of friction laws (rad/s or m/s)", ("atan", "stribeck")),
             ("displacements of friction that remembers (rad or m)", ("dahl",)),

@@ -5,7 +5,8 @@ The state z of a joint follows its position alone, with the sign s = +-1 of its 
     dz/dq = (s - z) s / h,        z(q) = s - (s - z_0) exp(-|q - q_0| / h)        between two reversals
 
 A step along the log is therefore exact for any length, and never stiff. The effect of the start z_0 is linear:
-``z = z|_(z_0 = 0) + z_0 exp(-path / h)`` with the length of the path since the start.
+``z = z|_(z_0 = 0) + z_0 exp(-path / h)`` with the length of the path since the start. A log, or a window of it, begins with the
+sign of the first velocity: the state of a joint that came from afar, and zero at rest, where nothing tells.
 
 A sign held at rest (``hold``) is the same state with a displacement far below any presliding: it changes with the position, not
 with the velocity, and needs no dead zone. Friction between the shafts of coupled motors (``Fcm``) keeps its sign.
@@ -23,15 +24,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
-from ..robot.friction import OF_PATH
+from ..robot.friction import HOLD_WIDTH, OF_PATH
 from ..robot.robot import Robot
 
-HOLD_WIDTH = {"revolute": 1e-5, "prismatic": 1e-6}
-"""Displacement (rad, m) over which a sign held at rest turns: above the rounding of filtered positions."""
 
-
-def state(q: Array, width: ArrayLike) -> Array:
-    """Compute the state of Dahl's memory along positions, from zero at the first sample.
+def state(q: Array, width: ArrayLike, first: ArrayLike = 0.0) -> Array:
+    """Compute the state of Dahl's memory along positions.
 
     Parameters
     ----------
@@ -39,6 +37,8 @@ def state(q: Array, width: ArrayLike) -> Array:
         Joint positions (rad or m).
     width : float or ndarray, shape (n_dof,)
         Displacement h over which the memory fades by a factor of e (rad or m), above zero.
+    first : float or ndarray, shape (n_dof,)
+        State at the first sample.
 
     Returns
     -------
@@ -49,11 +49,15 @@ def state(q: Array, width: ArrayLike) -> Array:
     -----
     ``test_friction_memory.py`` compares with steps from sample to sample, and halves the steps.
     """
-    widths = np.broadcast_to(np.asarray(width, dtype=np.float64), q.shape[1])
-    return np.column_stack([states(q[:, joint], np.array([h]))[:, 0] for joint, h in enumerate(widths)])
+    widths, starts = (
+        np.broadcast_to(np.asarray(value, dtype=np.float64), q.shape[1]) for value in (width, first)
+    )
+    return np.column_stack(
+        [states(q[:, joint], widths[[joint]], starts[joint])[:, 0] for joint in range(q.shape[1])]
+    )
 
 
-def states(q: Array, widths: Array) -> Array:
+def states(q: Array, widths: Array, first: float = 0.0) -> Array:
     """Compute the states of one joint for several displacements, as `state` does.
 
     Parameters
@@ -62,12 +66,14 @@ def states(q: Array, widths: Array) -> Array:
         Positions (rad or m).
     widths : ndarray, shape (n_widths,)
         Displacements (rad or m).
+    first : float
+        State at the first sample: of a joint that came from afar the sign of its velocity.
 
     Returns
     -------
     ndarray, shape (n_samples, n_widths)
     """
-    out = np.zeros((q.size, widths.size))
+    out = np.full((q.size, widths.size), first)
     moves = np.sign(np.diff(q))
     moving = np.flatnonzero(moves)
     if not moving.size:
@@ -118,7 +124,7 @@ def direction(robot: Robot, q: Array, dq: Array) -> Array:
     ndarray, shape (n_samples, n_dof)
         Between -1 and 1.
     """
-    sign = _instantaneous(robot, dq)
+    sign = instantaneous(robot, dq)
     for joint in _held(robot):
         sign[:, joint] = held_sign(q[:, joint], sign[0, joint], robot.joint_kinds[joint])
     return sign
@@ -136,8 +142,7 @@ def held_sign(q: Array, first: float, kind: str) -> Array:
     kind : {"revolute", "prismatic"}
         Kind of the joint.
     """
-    column, width = q[:, None], HOLD_WIDTH[kind]
-    return np.asarray((state(column, width) + first * start_column(column, width))[:, 0])
+    return states(q, np.array([HOLD_WIDTH[kind]]), first)[:, 0]
 
 
 def sliding(robot: Robot, x: Array) -> tuple[Robot, Array]:
@@ -184,11 +189,12 @@ def memory_columns(
     friction = robot.friction
     for term in friction.terms:
         if term.law == "dahl":
-            yield term.parameter, term.joint, state(q[:, [term.joint]], term.velocity)[:, 0]
+            first = instantaneous(robot, dq[:1])[0, term.joint]
+            yield term.parameter, term.joint, states(q[:, term.joint], np.array([term.velocity]), first)[:, 0]
     joints = _held(robot)
     if not joints:
         return
-    before, held = _instantaneous(robot, dq), direction(robot, q, dq)
+    before, held = instantaneous(robot, dq), direction(robot, q, dq)
     change = held - before
     for joint in joints:
         if friction.model == "asymmetric":
@@ -218,8 +224,8 @@ def _held(robot: Robot) -> list[int]:
     return [term.joint for term in robot.friction.terms if term.law == "hold"]
 
 
-def _instantaneous(robot: Robot, dq: Array) -> Array:
-    """Return the sign at velocities (n_samples, n_dof), smooth or with its dead zone."""
+def instantaneous(robot: Robot, dq: Array) -> Array:
+    """Compute the sign at velocities (n_samples, n_dof) alone, smooth or with its dead zone."""
     friction = robot.friction
     if friction.coulomb == "tanh":
         return np.asarray(np.tanh(dq / np.asarray(friction.smoothing)))

@@ -61,6 +61,8 @@ START_VELOCITY = {"revolute": 0.1, "prismatic": 0.01}
 """Velocity (rad/s, m/s) of a law before its own is estimated."""
 START_WIDTH = {"revolute": 1e-3, "prismatic": 1e-4}
 """Displacement (rad, m) of Dahl's memory before its own is estimated."""
+HOLD_WIDTH = {"revolute": 1e-5, "prismatic": 1e-6}
+"""Displacement (rad, m) over which a sign held at rest turns: above the rounding of filtered positions."""
 SCALED: dict[str, tuple[str, Mapping[str, float]]] = {
     "atan": ("velocity", START_VELOCITY),
     "stribeck": ("velocity", START_VELOCITY),
@@ -232,6 +234,11 @@ class Friction:
     def has_memory(self) -> bool:
         """Whether friction depends on the path, not on the state alone."""
         return any(term.law in OF_PATH for term in self.terms)
+
+    @property
+    def held(self) -> frozenset[int]:
+        """Joints, from 0, whose sign is kept through rest."""
+        return frozenset(term.joint for term in self.terms if term.law == "hold")
 
     @property
     def has_load(self) -> bool:

@@ -23,7 +23,7 @@ from ..errors import RobotError
 from .base_parameters import BaseParameters, base_parameters
 from .collision import Capsule
 from .correspondence import Correspondence
-from .friction import Friction, FrictionTerm, read_friction, read_springs
+from .friction import HOLD_WIDTH, Friction, FrictionTerm, read_friction, read_springs
 from .placement import Mount, in_line, placed
 from .standard_dh import StandardTable, from_frame, in_other_frames, to_frame
 from .transmission import Actuator, Follower
@@ -215,6 +215,10 @@ class Robot(Pickled):
                 printed_coupling=friction.coupling == "printed",
                 smoothing=list(smoothing),
                 dead_zone=list(friction.dead_zone),
+                held=[
+                    HOLD_WIDTH[kind] if joint in friction.held and not geometry.followers else 0.0
+                    for joint, kind in enumerate(self.joint_kinds)
+                ],
                 terms=[
                     (
                         term.joint,
@@ -420,12 +424,7 @@ class Robot(Pickled):
     def with_smoothing(self, smoothing: Sequence[float]) -> Robot:
         """Return the same robot with ``tanh(dq / smoothing)`` friction without dead zone; one velocity per joint (rad/s, m/s)."""
         friction = replace(
-            self.friction,
-            coulomb="tanh",
-            smoothing=tuple(smoothing),
-            dead_zone=(0.0,) * self.n_dof,
-            # A smooth sign holds a joint at rest by itself.
-            terms=tuple(term for term in self.friction.terms if term.law != "hold"),
+            self.friction, coulomb="tanh", smoothing=tuple(smoothing), dead_zone=(0.0,) * self.n_dof
         )
         return replace(self, friction=friction)
 

@@ -60,7 +60,7 @@ pub(super) struct Robot(pub(super) CoreRobot);
 #[pymethods]
 impl Robot {
     #[new]
-    #[pyo3(signature = (*, kind, alpha, d, theta, r, gravity, transmission, asymmetric, printed_coupling, smoothing, dead_zone, terms=Vec::new(), mounts=None, followers=Vec::new()))]
+    #[pyo3(signature = (*, kind, alpha, d, theta, r, gravity, transmission, asymmetric, printed_coupling, smoothing, dead_zone, held, terms=Vec::new(), mounts=None, followers=Vec::new()))]
     #[allow(clippy::too_many_arguments)] // one keyword each, called from one place in robot.py
     fn new(
         kind: Vec<u8>,
@@ -74,6 +74,7 @@ impl Robot {
         printed_coupling: bool,
         smoothing: Vec<f64>,
         dead_zone: Vec<f64>,
+        held: Vec<f64>,
         terms: Vec<TermInput>,
         mounts: Option<Vec<MountInput>>,
         followers: Vec<FollowerInput>,
@@ -95,7 +96,7 @@ impl Robot {
             .collect();
         let coupling = if printed_coupling { Coupling::Printed } else { Coupling::Shaft };
         let terms = terms.into_iter().map(friction_term).collect::<PyResult<_>>()?;
-        let friction = Friction { asymmetric, coupling, smoothing, dead_zone, terms };
+        let friction = Friction { asymmetric, coupling, smoothing, dead_zone, held, terms };
         let mounts = mounts.map_or_else(
             || Mount::chain(n),
             |mounts| {

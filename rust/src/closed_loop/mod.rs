@@ -11,7 +11,6 @@ pub mod memory;
 pub mod observers;
 pub mod point_to_point;
 pub mod reference;
-mod remembered;
 pub mod runge_kutta;
 pub mod sampled;
 pub mod schedule;

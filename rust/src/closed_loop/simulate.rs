@@ -10,7 +10,6 @@ use crate::closed_loop::law::{Instant, PlainLaws, law};
 use crate::closed_loop::memory::{Initial, aimed_at, first_torque, integrator_for};
 use crate::closed_loop::observers::{Observer, Record};
 use crate::closed_loop::reference::Target;
-use crate::closed_loop::remembered::Remembered;
 use crate::closed_loop::runge_kutta::{PerJoint, Point, Stages};
 use crate::closed_loop::sampled::Sampled;
 use crate::closed_loop::schedule::Segment;
@@ -23,6 +22,7 @@ use crate::ground::lanes::{Lanes, Set};
 use crate::model::direct::Direct;
 use crate::model::friction::Drives;
 use crate::model::links::Links;
+use crate::model::remembered::Remembered;
 use crate::model::steep::Steep;
 use crate::robot::arm::{Arm, Place, outwards};
 use crate::robot::geometry::Geometry;
@@ -44,8 +44,6 @@ pub(super) struct Loop<'a, V: Set, S> {
     driven: usize,
     drives: Drives<'a>,
     links: Links<V>,
-    /// States of friction that remembers, where there is any.
-    remembered: Option<Remembered<V>>,
     scale: PerJoint<V>,
     /// The laws, where they are plain; a digital controller asks for its own.
     plain: Option<PlainLaws>,
@@ -96,7 +94,6 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
             driven: n,
             drives: Drives::of(simulation.robot),
             links: Links::of(simulation.robot, geometry, &x),
-            remembered: None,
             scale: nothing,
             plain: PlainLaws::of(simulation.controller).filter(|_| simulation.servos.is_none()),
             servos: None,
@@ -126,7 +123,6 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
             let Point { q, dq, .. } = &mut this.stages.here;
             this.servos = Some(Box::new(ServoLanes::new(servos, candidates, q, dq)));
         }
-        this.remembered = Remembered::of(simulation.robot, &this.stages.here.q);
         this.remember(candidates);
         this
     }
@@ -200,6 +196,8 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
         };
         // A local variable, not a field of `self`: the compiler then stores no unused value.
         let mut direct = Direct::new(&self.geometry);
+        let Point { q, dq, .. } = &self.stages.here;
+        direct.signs.remembered = Remembered::of(self.simulation.robot, q, dq);
         // The compiler drops what is behind a constant that is false, and nothing less.
         let mut additive =
             if IMPLICIT { Some(Additive::new(Steep::of(self.simulation.robot, &self.links))) } else { None };
@@ -309,15 +307,10 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
         if let Some(external) = external {
             external.at(t, &mut self.external);
         }
-        let Self { geometry, drives, links, stages, tau, remembered, .. } = self;
-        let felt;
-        let tau = match remembered {
-            Some(remembered) => {
-                felt = remembered.felt(links, &stages.here.q, tau, !near);
-                &felt
-            }
-            None => &*tau,
-        };
+        let Self { geometry, drives, links, stages, tau, .. } = self;
+        if let Some(remembered) = &mut direct.signs.remembered {
+            remembered.follow(&stages.here.q, !near);
+        }
         direct.solve(geometry, drives, links, &stages.here.q, &stages.here.dq, tau, &self.external, near);
         let mut smallest = direct.pivots[0];
         outwards!(S, n, place => smallest = direct.pivots[place.index()].min(smallest));

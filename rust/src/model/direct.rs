@@ -38,7 +38,8 @@ pub struct Direct<V: Set> {
     carried: Body<V>,
     /// The same of a joint that carries several branches, as far as they have been added.
     composites: [Body<V>; MAX_DOF],
-    signs: Signs<V>,
+    /// Signs of the speeds; a closed loop puts the states of its friction there.
+    pub signs: Signs<V>,
     /// Column of `D L` at hand.
     scaled: [Lanes<V>; MAX_DOF],
     inverse_pivots: [Lanes<V>; MAX_DOF],
@@ -100,7 +101,7 @@ impl<V: Set> Direct<V> {
             self.ddq[j] = (tau[j] + Lanes::splat(external[j])) - self.ddq[j];
         });
         if drives.has_load() {
-            unload(n, &drives.load_coefficients(links, dq), &mut self.ddq);
+            unload(n, &drives.load_coefficients(links, &self.signs), &mut self.ddq);
         }
         link_wrenches::<V, false, S>(geometry, &links.bodies, &self.frames, dq, dq, &mut self.wrenches);
         inwards!(S, n, place => {

@@ -15,6 +15,7 @@ use crate::ground::lanes::{Lanes, Set, side_by_side, spread};
 use crate::model::friction_terms::column;
 use crate::model::links::Links;
 use crate::model::motion::State;
+use crate::model::remembered::Remembered;
 use crate::robot::arm::{Arm, Place, outwards};
 use crate::robot::friction_terms::Law;
 use crate::robot::geometry::Geometry;
@@ -118,13 +119,15 @@ pub struct Signs<V: Set> {
     joints: [Lanes<V>; MAX_DOF],
     /// Of a single lane: speeds of the joints and of the coupled motors, then their signs.
     together: [f64; 2 * MAX_DOF],
+    /// States of friction that remembers; a path has them, a sample alone does not.
+    pub remembered: Option<Remembered<V>>,
 }
 
 impl<V: Set> Signs<V> {
     /// Nothing computed yet.
     #[inline(always)]
     pub fn none() -> Self {
-        Self { joints: [Lanes::zero(); MAX_DOF], together: [0.0; 2 * MAX_DOF] }
+        Self { joints: [Lanes::zero(); MAX_DOF], together: [0.0; 2 * MAX_DOF], remembered: None }
     }
 }
 
@@ -188,28 +191,25 @@ impl<'a> Drives<'a> {
         links: &Links<V>,
         q: &[Lanes<V>; MAX_DOF],
         dq: &[Lanes<V>; MAX_DOF],
+        signs: &[Lanes<V>; MAX_DOF],
         tau: &mut [Lanes<V>; MAX_DOF],
     ) {
         for (term, &parameter) in self.robot.friction().terms.iter().zip(&links.terms) {
             if term.law != Law::Load {
                 let j = term.joint;
-                tau[j] = column(self.robot, term, q[j], dq[j]).mul_add(parameter, tau[j]);
+                tau[j] = column(self.robot, term, q[j], dq[j], || signs[j]).mul_add(parameter, tau[j]);
             }
         }
     }
 
-    /// Signed coefficient `Fl s(dq)` of the load friction of each joint: its torque is this times `abs(tau_r)`.
+    /// Signed coefficient `Fl s` of the load friction of each joint, `s` of the last [`Self::friction`]: its torque is this times
+    /// `abs(tau_r)`.
     #[inline(always)]
-    pub fn load_coefficients<V: Set>(
-        &self,
-        links: &Links<V>,
-        dq: &[Lanes<V>; MAX_DOF],
-    ) -> [Lanes<V>; MAX_DOF] {
+    pub fn load_coefficients<V: Set>(&self, links: &Links<V>, signs: &Signs<V>) -> [Lanes<V>; MAX_DOF] {
         let mut coefficients = [Lanes::zero(); MAX_DOF];
         for (term, &parameter) in self.robot.friction().terms.iter().zip(&links.terms) {
             if term.law == Law::Load {
-                let j = term.joint;
-                coefficients[j] = parameter * self.sign(j, dq[j]);
+                coefficients[term.joint] = parameter * signs.joints[term.joint];
             }
         }
         coefficients
@@ -236,7 +236,7 @@ impl<'a> Drives<'a> {
     ) {
         let zero = Lanes::zero();
         let n = geometry.n();
-        let Signs { joints: signs, together: memory } = memory;
+        let Signs { joints: signs, together: memory, remembered } = memory;
         // A single lane takes its joints and coupled motors side by side, to the same bits.
         let together = match &self.steepness {
             Some(steepness) if V::L == 1 && V::FUSED => {
@@ -293,7 +293,10 @@ impl<'a> Drives<'a> {
                 tau[i] = torque.mul_add(Lanes::splat(c), tau[i]);
             }
         }
-        self.further_terms(links, q, dq, tau);
+        if let Some(remembered) = remembered {
+            remembered.rub(links, signs, tau);
+        }
+        self.further_terms(links, q, dq, signs, tau);
     }
 
     /// Signs of the speeds of the joints, then of the coupled motors.

@@ -1,14 +1,19 @@
 //! Columns of the further terms, friction and springs ([`crate::robot::friction_terms`]), on lanes.
 
 use crate::ground::lanes::{Lanes, Set};
-use crate::model::friction::sign;
 use crate::robot::Robot;
 use crate::robot::friction_terms::{Cylinder, Law, Term};
 
-/// Column of a term that depends on position and speed alone. `Load` gives `s(dq)`: its caller knows the torque.
+/// Column of a term that depends on position and speed alone, `s` the sign of its Coulomb friction. `Load` gives `s`: its caller knows
+/// the torque.
 #[inline(always)]
-pub fn column<V: Set>(robot: &Robot, term: &Term, q: Lanes<V>, dq: Lanes<V>) -> Lanes<V> {
-    let s = || sign(robot, term.joint, dq);
+pub fn column<V: Set>(
+    robot: &Robot,
+    term: &Term,
+    q: Lanes<V>,
+    dq: Lanes<V>,
+    s: impl FnOnce() -> Lanes<V>,
+) -> Lanes<V> {
     let one = Lanes::splat(1.0);
     match &term.law {
         Law::Rest => match robot.friction().dead_zone[term.joint] {

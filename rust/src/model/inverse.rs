@@ -140,7 +140,7 @@ impl<V: Set> Inverse<V> {
             carry::<V, S, false>(geometry, frames, wrenches, tau);
         }
         if let Some(friction) = friction {
-            let load = drives.load_coefficients(links, &state.dq);
+            let load = drives.load_coefficients(links, signs);
             for j in 0..geometry.n() {
                 tau[j] = load[j].mul_add(tau[j].abs(), tau[j]) + friction[j];
             }

@@ -9,5 +9,6 @@ pub mod inverse;
 pub mod links;
 pub mod motion;
 pub mod regressor;
+pub mod remembered;
 pub mod steep;
 pub mod walk;

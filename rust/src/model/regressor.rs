@@ -6,7 +6,7 @@
 use crate::ground::arrays::{MAX_DOF, ShapeError, check_length};
 use crate::ground::dispatch::{Kernel, dispatch};
 use crate::ground::lanes::{Lanes, Set};
-use crate::model::friction::{Shaft, own_columns};
+use crate::model::friction::{Shaft, own_columns, sign};
 use crate::model::friction_terms::column;
 use crate::model::motion::State;
 use crate::model::walk::{Entries, Walk};
@@ -55,7 +55,8 @@ pub(crate) fn drive_lanes<V: Set>(
 ) {
     let layout = Layout::of(robot);
     for (index, term) in robot.friction().terms.iter().enumerate() {
-        let value = column(robot, term, state.q[term.joint], state.dq[term.joint]);
+        let (q, dq) = (state.q[term.joint], state.dq[term.joint]);
+        let value = column(robot, term, q, dq, || sign(robot, term.joint, dq));
         let value = if term.law == Law::Load { value * load[term.joint].abs() } else { value };
         entries.put(term.joint, layout.term(index), value);
     }

@@ -37,6 +37,9 @@ pub fn unfit(robot: &Robot) -> Option<&'static str> {
     if friction.dead_zone.iter().any(|&zone| zone > 0.0) {
         return Some("it takes no dead zone of friction");
     }
+    if friction.held.iter().any(|&width| width > 0.0) {
+        return Some("it takes no sign of friction that is kept through rest");
+    }
     if friction.has_load() {
         return Some("it takes no friction that depends on the load");
     }

@@ -159,6 +159,9 @@ pub struct Friction {
     pub smoothing: Vec<f64>,
     /// Speed per joint (rad/s or m/s) up to which the sign is taken as 0.
     pub dead_zone: Vec<f64>,
+    /// Displacement per joint (rad or m) over which a sign that is kept through rest turns in a closed loop; 0 where it is that of the
+    /// speed. A sample alone has no path: inverse model and regressor take the sign of its speed.
+    pub held: Vec<f64>,
     /// Further terms, in the order of their parameters.
     pub terms: Vec<Term>,
 }
@@ -171,6 +174,7 @@ impl Friction {
             coupling: Coupling::Shaft,
             smoothing: vec![0.0; n],
             dead_zone: vec![0.0; n],
+            held: vec![0.0; n],
             terms: Vec::new(),
         }
     }
@@ -180,9 +184,10 @@ impl Friction {
         self.terms.iter().any(|term| term.law == Law::Load)
     }
 
-    /// Does a term depend on the path?
+    /// Does a torque depend on the path?
     pub fn remembers(&self) -> bool {
-        self.terms.iter().any(|term| matches!(term.law, Law::Dahl { .. }))
+        self.held.iter().any(|&width| width > 0.0)
+            || self.terms.iter().any(|term| matches!(term.law, Law::Dahl { .. }))
     }
 }
 
@@ -353,7 +358,11 @@ impl Robot {
 
 fn check_friction(joints: &[Joint], friction: &Friction) -> Result<(), RobotError> {
     let n = joints.len();
-    for (what, values) in [("smoothing", &friction.smoothing), ("dead zone", &friction.dead_zone)] {
+    for (what, values) in [
+        ("smoothing", &friction.smoothing),
+        ("dead zone", &friction.dead_zone),
+        ("held sign", &friction.held),
+    ] {
         if values.len() != n {
             return Err(RobotError::Length { what, want: n, got: values.len() });
         }

@@ -144,6 +144,7 @@ impl Robot {
         if transmission.len() != driven || !transmission.iter().enumerate().all(identity) {
             return wrong(driven, "motors of such robots turn with one joint each");
         }
+        friction.held = vec![0.0; n];
         for values in [&mut friction.smoothing, &mut friction.dead_zone] {
             if values.len() != driven {
                 return Err(RobotError::Length { what: "friction", want: driven, got: values.len() });

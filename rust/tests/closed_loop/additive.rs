@@ -124,6 +124,7 @@ fn what_it_does_not_take_is_refused() {
     for (friction, why) in [
         (Friction::sign(3), "friction as tanh"),
         (Friction { dead_zone: vec![0.01; 3], ..smooth.clone() }, "no dead zone"),
+        (Friction { held: vec![0.0, 1e-5, 0.0], ..smooth.clone() }, "kept through rest"),
         (Friction { terms: vec![load], ..smooth.clone() }, "depends on the load"),
         (Friction { coupling: Coupling::Printed, ..smooth }, "their shafts alone"),
     ] {

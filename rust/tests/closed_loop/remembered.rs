@@ -20,6 +20,17 @@ fn remembering() -> Robot {
     Robot::new(plain.joints().to_vec(), plain.gravity(), &coupling, friction).unwrap()
 }
 
+/// The sign of joint 2, of whose speed the coupled motor has a share, is kept through rest, in Coulomb, Stribeck and load friction.
+fn holding(width: f64) -> Robot {
+    let plain = robot(0.1);
+    let term = |law, name: &str| Term { joint: 1, law, name: name.to_owned() };
+    let mut friction = plain.friction().clone();
+    friction.terms = vec![term(Law::Stribeck { velocity: 0.3 }, "Fs"), term(Law::Load, "Fl")];
+    friction.held[1] = width;
+    let coupling = [vec![1.0, 0.0, 0.0], vec![1.0, 1.0, 0.0], vec![0.0, 0.0, 1.0]];
+    Robot::new(plain.joints().to_vec(), plain.gravity(), &coupling, friction).unwrap()
+}
+
 fn standard(robot: &Robot, amounts: [f64; 2]) -> Vec<f64> {
     let mut x = parameters(robot, 1.0);
     let count = x.len();
@@ -56,7 +67,7 @@ fn torques_have_the_states_of_the_path() {
         let found = &recorded(&robot, std::slice::from_ref(&x), 4000.0, integrator)[0];
         let mut tau = vec![0.0; found.q.len()];
         inverse_dynamics(&robot, &found.q, &found.dq, &found.ddq, &x, &mut tau).unwrap();
-        let (mut z, mut reversals) = ([0.0_f64; 2], 0);
+        let (mut z, mut reversals) = ([0, 2].map(|j: usize| (found.dq[j] / 0.1).tanh()), 0);
         for k in 0..found.q.len() / 3 {
             for (m, j) in [(0, 0), (1, 2)] {
                 let way = if k == 0 { 0.0 } else { found.q[3 * k + j] - found.q[3 * k - 3 + j] };
@@ -72,6 +83,42 @@ fn torques_have_the_states_of_the_path() {
 }
 
 #[test]
+fn a_sign_that_is_kept_stands_for_that_of_the_speed() {
+    let width = 1e-3;
+    let robot = holding(width);
+    let (fs, fl) = (0.5, 0.2);
+    let x = standard(&robot, [fs, fl]);
+    let fc = x[14 + 12];
+    let found = &recorded(&robot, std::slice::from_ref(&x), 4000.0, Integrator::RungeKutta)[0];
+    let inverse = |x: &[f64]| {
+        let mut tau = vec![0.0; found.q.len()];
+        inverse_dynamics(&robot, &found.q, &found.dq, &found.ddq, x, &mut tau).unwrap();
+        tau
+    };
+    // Without friction of any kind the torque of links and rotors is left, which load friction goes by.
+    let mut bare = x.clone();
+    for j in 0..3 {
+        bare[14 * j + 11..14 * j + 14].fill(0.0);
+    }
+    bare[3 * 14..].fill(0.0);
+    let (tau, load) = (inverse(&x), inverse(&bare));
+    let (mut z, mut farthest) = ((found.dq[1] / 0.1).tanh(), 0.0_f64);
+    for k in 0..found.q.len() / 3 {
+        let (at, dq) = (3 * k + 1, found.dq[3 * k + 1]);
+        let way = if k == 0 { 0.0 } else { found.q[at] - found.q[at - 3] };
+        let s = 1.0_f64.copysign(way);
+        z = s - (s - z) * (-way.abs() / width).exp();
+        let change = z - (dq / 0.1).tanh();
+        farthest = farthest.max(change.abs());
+        let all = fc + fs * (-(dq / 0.3).powi(2)).exp() + fl * load[at].abs();
+        let error = found.tau[at] - tau[at] - change * all;
+        assert!(error.abs() < 1e-3, "{k}: {error}");
+    }
+    assert!(farthest > 0.5, "{farthest}");
+    assert!(found.tau.iter().zip(&tau).enumerate().all(|(k, (a, b))| k % 3 == 1 || (a - b).abs() < 1e-8));
+}
+
+#[test]
 fn long_steps_are_as_right_as_without() {
     let robot = remembering();
     let x = standard(&robot, [3.0, 2.0]);
@@ -83,12 +130,13 @@ fn long_steps_are_as_right_as_without() {
 
 #[test]
 fn a_candidate_has_the_same_bits_alone_and_in_lanes() {
-    let robot = remembering();
-    let xs: Vec<Vec<f64>> =
-        (0..5).map(|k| standard(&robot, [f64::from(k), 2.0 - 0.3 * f64::from(k)])).collect();
-    let together = recorded(&robot, &xs, 500.0, Integrator::RungeKutta);
-    for (x, found) in xs.iter().zip(&together) {
-        let alone = &recorded(&robot, std::slice::from_ref(x), 500.0, Integrator::RungeKutta)[0];
-        assert_eq!(alone.q, found.q);
+    for robot in [remembering(), holding(1e-5)] {
+        let xs: Vec<Vec<f64>> =
+            (0..5).map(|k| standard(&robot, [0.2 * f64::from(k), 0.6 - 0.1 * f64::from(k)])).collect();
+        let together = recorded(&robot, &xs, 4000.0, Integrator::RungeKutta);
+        for (x, found) in xs.iter().zip(&together) {
+            let alone = &recorded(&robot, std::slice::from_ref(x), 4000.0, Integrator::RungeKutta)[0];
+            assert_eq!(alone.q, found.q);
+        }
     }
 }

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 
 from ...errors import FitError
 from ...model.dynamics import standard_vector
-from ...model.memory import HOLD_WIDTH
-from ...robot.friction import FrictionTerm
+from ...robot.friction import HOLD_WIDTH, FrictionTerm
 from ...robot.robot import Robot
 from .equations import Equations, remembering
 from .expression import Expression, Graph
@@ -206,8 +205,8 @@ def _remember(robot: Robot, memory: Sequence[FrictionTerm], prefix: str) -> str:
     count = len(memory)
     return "\n".join(
         [
-            "/* Take the states z of friction along a step dx = q - q_before of the positions. They begin at zero,",
-            " * that of a sign that is kept at the sign of the velocity. */",
+            "/* Take the states z of friction along a step dx = q - q_before of the positions. They begin at the sign of the",
+            " * velocity, at rest at zero. */",
             f"static inline void {prefix}_remember(const double dx[{robot.n_dof}], double z[{count}])",
             "{",
             f"    static const int joint[{count}] = {{{', '.join(str(term.joint) for term in memory)}}};",

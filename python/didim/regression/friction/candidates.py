@@ -14,7 +14,7 @@ import numpy as np
 from ..._tools.arrays import Array
 from ...model.dynamics import rigid_torque
 from ...model.memory import direction, held_sign, states
-from ...robot.friction import FrictionTerm
+from ...robot.friction import START_WIDTH, FrictionTerm
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
@@ -34,7 +34,7 @@ LEAST_DEAD_ZONES = 2.0
 LEAST_STANDSTILL = 0.01
 """Smallest share of samples at standstill for a standstill torque to be a candidate."""
 LEAST_STEPS = 10.0
-"""Number of encoder steps in the smallest resolved displacement: quantisation by coarser steps looks like memory."""
+"""Least ratio of a displacement of memory to the error of a reversal: coarse encoders and slow logs look like memory themselves."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +63,7 @@ def pool_of(
     parts: Sequence[Segment],
     signal: SignalProcessing,
     system: LinearSystem,
-    resolved: Array | None = None,
+    narrowest: Array,
 ) -> list[Candidate]:
     """Return the candidates.
 
@@ -79,8 +79,8 @@ def pool_of(
         Motion and decimation.
     system : LinearSystem
         The system (7) of `plain`.
-    resolved : ndarray, shape (n_dof,), optional
-        Step of the encoder of each joint (rad or m).
+    narrowest : ndarray, shape (n_dof,)
+        See `narrowest_memory`.
     """
     x = trial.base_parameters.lift(beta)
     loads = [np.abs(rigid_torque(trial, part.q, part.dq, part.ddq, x)) for part in parts]
@@ -92,8 +92,8 @@ def pool_of(
             held_sign(part.q[:, joint], sign[0, joint], kind)[:, None]
             for part, sign in zip(parts, now, strict=True)
         ]
-        step = 0.0 if resolved is None else float(resolved[joint])
-        offers, values = _offers(plain, joint, parts, [sign[:, [joint]] for sign in now], held, loads, step)
+        signs = [sign[:, [joint]] for sign in now]
+        offers, values = _offers(plain, joint, parts, signs, held, loads, float(narrowest[joint]))
         rows = decimated(values, parts, signal)
         can_hold = _coulomb(plain, joint, system)
         found += [
@@ -102,6 +102,35 @@ def pool_of(
             if term.parameter not in taken and (can_hold or not at_hold)
         ]
     return found
+
+
+def narrowest_memory(parts: Sequence[Segment], steps: Array | None) -> Array:
+    """Compute the smallest displacement of memory that a log tells, (n_dof,) (rad or m).
+
+    Parameters
+    ----------
+    parts : sequence of Segment
+        Motion. Between two samples at a reversal a joint goes on by up to an eighth of the second difference of its positions.
+    steps : ndarray, shape (n_dof,), optional
+        Step of the encoder of each joint (rad or m).
+
+    Notes
+    -----
+    ``test_friction_choice.py`` refuses coarse encoders and slow logs, and neither of fine ones.
+    """
+    moves = [np.diff(part.q, axis=0) for part in parts]
+    missed = np.zeros(parts[0].q.shape[1]) if steps is None else np.array(steps, dtype=np.float64)
+    for joint in range(missed.size):
+        bends = [np.diff(move[:, joint])[move[1:, joint] * move[:-1, joint] < 0.0] for move in moves]
+        turns = np.abs(np.concatenate(bends)) / 8.0
+        missed[joint] = max(missed[joint], float(np.median(turns)) if turns.size else 0.0)
+    return LEAST_STEPS * missed
+
+
+def untold_memory(robot: Robot, narrowest: Sequence[float]) -> dict[int, float]:
+    """Return the joints, from 0, without candidates of a usual displacement of memory, and the smallest that is one (rad or m)."""
+    usual = [START_WIDTH[kind] for kind in robot.joint_kinds]
+    return {joint: value for joint, value in enumerate(narrowest) if value > usual[joint]}
 
 
 def _coulomb(robot: Robot, joint: int, system: LinearSystem) -> bool:
@@ -116,7 +145,7 @@ def _offers(
     now: Sequence[Array],
     held: Sequence[Array],
     loads: Sequence[Array],
-    step: float,
+    narrowest: float,
 ) -> tuple[list[tuple[FrictionTerm, bool | None]], list[Array]]:
     """Return the terms of a joint, each with whether it holds, and their columns at all samples, (n_samples, k) of each part."""
     friction = robot.friction
@@ -152,9 +181,11 @@ def _offers(
     for v in ATAN:
         if v * unit >= LEAST_DEAD_ZONES * zone:
             offer("atan", [np.arctan(speed / (v * unit)) for speed in dq], None, v * unit)
-    widths = np.array([h * unit for h in DAHL if h * unit >= LEAST_STEPS * step])
+    widths = np.array([h * unit for h in DAHL if h * unit >= narrowest])
     if widths.size:
-        remembered = [states(part.q[:, joint], widths) for part in parts]
+        remembered = [
+            states(part.q[:, joint], widths, sign[0, 0]) for part, sign in zip(parts, now, strict=True)
+        ]
         for k, width in enumerate(widths):
             offer("dahl", [state[:, [k]] for state in remembered], None, float(width))
     return offers, [np.hstack([column[k] for column in columns]) for k in range(len(parts))]

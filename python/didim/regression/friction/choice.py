@@ -14,7 +14,7 @@ Tested in ``tests/test_friction_choice.py``.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from ..._tools.arrays import Array
 from ...robot.friction import Friction, FrictionTerm
@@ -22,7 +22,7 @@ from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from ..linear_system import LinearSystem
-from .candidates import pool_of
+from .candidates import narrowest_memory, pool_of, untold_memory
 from .screen import Folds, Move, Screen
 from .velocity import VelocityEstimate, settled
 
@@ -63,6 +63,9 @@ class FrictionChoice:
         The largest gain first.
     held_out_before, held_out_after : float
         Relative error of the held-out blocks without the terms and with them (1 = 100 %).
+    untold : dict
+        Joints, from 0, at which memory of small displacements is no candidate, since encoder or rate are too coarse for it, and
+        the smallest displacement that is (rad or m).
     """
 
     friction: Friction
@@ -70,6 +73,7 @@ class FrictionChoice:
     gains: tuple[TermGain, ...] = ()
     held_out_before: float
     held_out_after: float
+    untold: dict[int, float] = field(default_factory=dict)
 
 
 def choose_terms(
@@ -89,7 +93,7 @@ def choose_terms(
     parts, signal, chosen, solve
         As for `friction_velocity.settled`.
     resolved : ndarray, shape (n_dof,), optional
-        Smallest displacement that the encoder of each joint tells (rad or m).
+        Step of the encoder of each joint (rad or m).
 
     Returns
     -------
@@ -113,10 +117,11 @@ def choose_terms(
         )
     trial = start
     moves: list[Move] = []
+    narrowest = narrowest_memory(parts, resolved)
     # The second choice has the weights and loads of the first.
     for last in (False, True):
         weights = solve(trial.system)[1]
-        pool = pool_of(plain, trial.robot, trial.beta, parts, signal, start.system, resolved)
+        pool = pool_of(plain, trial.robot, trial.beta, parts, signal, start.system, narrowest)
         screen = Screen(start.system, weights, pool)
         moves = screen.chosen()
         # Those of the grid serve its weights and loads; velocities are refined once.
@@ -145,6 +150,7 @@ def choose_terms(
         ),
         held_out_before=before,
         held_out_after=folds.relative_error(trial.system, solve(trial.system)[1]),
+        untold=untold_memory(plain, narrowest.tolist()),
     )
 
 

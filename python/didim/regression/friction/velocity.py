@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..._tools.arrays import Array
-from ...model.memory import direction, states
+from ...model.memory import direction, instantaneous, states
 from ...robot.friction import FrictionTerm, Law
 from ...robot.robot import Robot
 from ...signal.decimation import decimate, decimation_stages
@@ -37,7 +37,9 @@ GRID = 41
 GRID_SWEEPS = 2
 """Number of sweeps of the grid over all joints; a joint's optimum hardly depends on the other joints' velocities."""
 VELOCITY_STEPS = 12
-"""Upper bound of the Gauss-Newton steps."""
+"""Upper bound of the Gauss-Newton steps with one set of weights."""
+VELOCITY_WEIGHTS = 2
+"""Number of sets of weights: those of the first velocities, and those of the velocities estimated with them."""
 LOAD_PASSES = 12
 """Upper bound of the fixed-point iterations for the load."""
 SETTLED_VELOCITY = 1e-6
@@ -240,13 +242,10 @@ def _estimate_velocities(
             w[:, places[k]] = columns[:, best]
     start = velocities
     velocities, std = _refined(robot, terms, start, inner, parts, signal, replace(system, w=w), places, solve)
+    ranges = [_range(term, robot.joint_kinds[term.joint]) for term in terms]
+    inner &= [low < v < high for v, (low, high) in zip(velocities, ranges, strict=True)]
     if not search:
-        inner = np.array(
-            [
-                _near(term, v, v0, robot.joint_kinds[term.joint])
-                for term, v, v0 in zip(terms, velocities, start, strict=True)
-            ]
-        )
+        inner &= np.maximum(velocities / start, start / velocities) < FARTHEST
         velocities = np.where(inner, velocities, start)
     estimates = tuple(
         VelocityEstimate(
@@ -273,16 +272,11 @@ def _range(term: FrictionTerm, kind: str) -> tuple[float, float]:
     return (WIDTHS if term.law == "dahl" else RANGE)[kind]
 
 
-def _near(term: FrictionTerm, velocity: float, start: float, kind: str) -> bool:
-    """Tell whether a refined velocity stands near that of the held-out blocks, and within the range."""
-    low, high = _range(term, kind)
-    return bool(low < velocity < high and max(velocity / start, start / velocity) < FARTHEST)
-
-
 def _law(robot: Robot, term: FrictionTerm, velocities: Array, part: Segment) -> Array:
     """Return the columns of a law at velocities or widths (k,), along the motion of its joint: (n_samples, k)."""
     if term.law == "dahl":
-        return states(part.q[:, term.joint], velocities)
+        first = instantaneous(robot, part.dq[:1])[0, term.joint]
+        return states(part.q[:, term.joint], velocities, first)
     dq = part.dq[:, [term.joint]]
     if term.law == "atan":
         return np.arctan(dq / velocities)
@@ -369,36 +363,49 @@ def _refined(
     places: Sequence[int],
     solve: Callable[[LinearSystem], tuple[Array, Array]],
 ) -> tuple[Array, Array]:
-    """Gauss-Newton steps on the velocities that the grid found inside the range; those and their standard deviations."""
+    """Gauss-Newton steps on the velocities that the grid found inside the range; those and their standard deviations.
+
+    All other columns are eliminated once for each set of weights, so that a step is a fit of two columns a velocity.
+    """
     moving = [int(k) for k in np.flatnonzero(inner)]
     std = np.full(len(terms), np.nan)
     velocities = velocities.copy()
     if not moving:
         return velocities, std
-    w = system.w.copy()
-    for _ in range(VELOCITY_STEPS):
-        beta, weights = solve(replace(system, w=w))
-        slopes = np.stack(
-            [
-                beta[places[k]] * _column(robot, terms[k], velocities[k], parts, signal, system, _slope)
-                for k in moving
-            ],
-            axis=1,
-        )
-        both = np.hstack([w, slopes]) * weights[:, None]
-        q, r = np.linalg.qr(both)
-        solution = np.linalg.solve(r, q.T @ (system.y * weights))
-        step = solution[w.shape[1] :]
-        inverse = np.linalg.solve(r, np.eye(r.shape[0]))
-        rest = system.y * weights - both @ solution
-        variance = float(rest @ rest) / max(1, rest.size - r.shape[0])
-        std[moving] = np.sqrt(variance * np.square(inverse[w.shape[1] :]).sum(axis=1))
-        # A velocity is above zero and is known as a factor: steps are bounded in its logarithm.
-        relative = np.clip(step / velocities[moving], -0.5, 1.0)
-        velocities[moving] *= 1.0 + relative
-        for k in moving:
-            w[:, places[k]] = _column(robot, terms[k], velocities[k], parts, signal, system)
-        settled_share = np.maximum(SETTLED_VELOCITY, SETTLED_DEVIATIONS * std[moving] / velocities[moving])
-        if (np.abs(relative) <= settled_share).all():
-            break
+    w, own, count = system.w.copy(), [places[k] for k in moving], len(moving)
+    low, high = np.array([_range(terms[k], robot.joint_kinds[terms[k].joint]) for k in moving]).T
+
+    def columns(shape: Callable[[Robot, FrictionTerm, Array, Segment], Array]) -> Array:
+        found = [_column(robot, terms[k], velocities[k], parts, signal, system, shape) for k in moving]
+        return np.stack(found, axis=1)
+
+    for _ in range(VELOCITY_WEIGHTS):
+        _, weights = solve(replace(system, w=w))
+        others, _ = np.linalg.qr(np.delete(w, own, axis=1) * weights[:, None])
+        y = _beyond(others, system.y[:, None] * weights[:, None])[:, 0]
+        for _ in range(VELOCITY_STEPS):
+            laws, slopes = (_beyond(others, part * weights[:, None]) for part in (w[:, own], columns(_slope)))
+            beta = np.linalg.lstsq(laws, y, rcond=None)[0]
+            both = np.hstack([laws, slopes * beta])
+            q, r = np.linalg.qr(both)
+            solution = np.linalg.solve(r, q.T @ y)
+            inverse = np.linalg.solve(r, np.eye(2 * count))
+            rest = y - both @ solution
+            variance = float(rest @ rest) / max(1, rest.size - w.shape[1] - count)
+            std[moving] = np.sqrt(variance * np.square(inverse[count:]).sum(axis=1))
+            # A velocity is above zero and is known as a factor: steps are bounded in its logarithm.
+            relative = np.clip(solution[count:] / velocities[moving], -0.5, 1.0)
+            velocities[moving] = np.clip(velocities[moving] * (1.0 + relative), low, high)
+            w[:, own] = columns(_law)
+            settled_share = np.maximum(
+                SETTLED_VELOCITY, SETTLED_DEVIATIONS * std[moving] / velocities[moving]
+            )
+            inside = (low < velocities[moving]) & (velocities[moving] < high)
+            if (np.abs(relative) <= settled_share)[inside].all():
+                break
     return velocities, std
+
+
+def _beyond(q: Array, columns: Array) -> Array:
+    """Return what orthonormal columns leave of others, (r, k)."""
+    return np.asarray(columns - q @ (q.T @ columns))

@@ -388,6 +388,7 @@ def _self_test(
         printed_coupling=False,
         smoothing=[0.0] * n,
         dead_zone=[0.0] * n,
+        held=[0.0] * n,
         mounts=geometry.core_mounts,
     )
     tau = _core.inverse_dynamics(core, states.q, states.dq, states.ddq, x)
