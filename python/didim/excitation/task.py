@@ -43,7 +43,8 @@ class Task:
                 )
         # The sign of the velocity has no gradient.
         smooth = [max(settings.smoothing, one) for one in robot.friction.smoothing]
-        self.smooth = robot.with_smoothing(smooth)
+        terms = [term for term in robot.friction.terms if term.law != "hold"]
+        self.smooth = robot.with_terms(terms).with_smoothing(smooth)
         self.limits = motion_limits(
             robot,
             position=settings.position,
