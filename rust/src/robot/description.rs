@@ -1,9 +1,8 @@
 //! A robot: Khalil-Kleinfinger (modified Denavit-Hartenberg) joints in a line or a tree, gravity, transmission
 //! and the shape of its friction. Everything is checked once, here; the rest of the core trusts it.
 //!
-//! In a chain frame `j` follows frame `j-1` by `Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)`; in a tree the frame of
-//! its antecedent, where a [`Mount`] stands before these. A revolute joint (`sigma = 0`) turns by `theta + q`, a prismatic one
-//! (`sigma = 1`) slides by `r + q`.
+//! In a chain frame `j` follows frame `j-1` by `Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r)`; in a tree its antecedent's, after
+//! a [`Mount`]. A revolute joint (`sigma = 0`) turns by `theta + q`, a prismatic one (`sigma = 1`) slides by `r + q`.
 
 use super::followers::Followers;
 use super::friction_terms::{Law, MAX_TERMS, Term};
@@ -159,8 +158,7 @@ pub struct Friction {
     pub smoothing: Vec<f64>,
     /// Speed per joint (rad/s or m/s) up to which the sign is taken as 0.
     pub dead_zone: Vec<f64>,
-    /// Displacement per joint (rad or m) over which a sign that is kept through rest turns in a closed loop; 0 where it is that of the
-    /// speed. A sample alone has no path: inverse model and regressor take the sign of its speed.
+    /// Displacement per joint (rad or m) over which a sign held at rest turns in a closed loop; 0 for the sign of the speed.
     pub held: Vec<f64>,
     /// Further terms, in the order of their parameters.
     pub terms: Vec<Term>,
@@ -357,14 +355,10 @@ impl Robot {
 }
 
 fn check_friction(joints: &[Joint], friction: &Friction) -> Result<(), RobotError> {
-    let n = joints.len();
-    for (what, values) in [
-        ("smoothing", &friction.smoothing),
-        ("dead zone", &friction.dead_zone),
-        ("held sign", &friction.held),
-    ] {
-        if values.len() != n {
-            return Err(RobotError::Length { what, want: n, got: values.len() });
+    let Friction { smoothing, dead_zone, held, .. } = friction;
+    for (what, values) in [("smoothing", smoothing), ("dead zone", dead_zone), ("held sign", held)] {
+        if values.len() != joints.len() {
+            return Err(RobotError::Length { what, want: joints.len(), got: values.len() });
         }
         for (j, &value) in values.iter().enumerate() {
             if !value.is_finite() {
