@@ -184,8 +184,7 @@ impl Friction {
 
     /// Does a torque depend on the path?
     pub fn remembers(&self) -> bool {
-        self.held.iter().any(|&h| h > 0.0)
-            || self.terms.iter().any(|term| matches!(term.law, Law::Dahl { .. }))
+        self.held.iter().any(|&h| h > 0.0) || self.terms.iter().any(|t| matches!(t.law, Law::Dahl { .. }))
     }
 }
 
