@@ -11,10 +11,11 @@ import pytest
 import didim
 from didim.cli.main import main
 from didim.errors import FitError
-from didim.export.bodies import export_model
+from didim.export.bodies import export_model, joint_friction
 from didim.export.report import compare_links
 from didim.export.source import exported_parameters
 from didim.export.write import export
+from didim.robot.friction import FrictionTerm
 from robots import random_parameters
 from test_export_urdf import arm_parameters
 from test_identification import example
@@ -184,6 +185,35 @@ def test_a_report_without_a_description() -> None:
     lines = str(report).splitlines()
     assert lines[0].split() == ["link", "mass", "kg"]
     assert len(lines) == 7
+
+
+def test_laws_of_speed_and_path_become_a_line_and_its_error_is_told() -> None:
+    terms = [
+        FrictionTerm(law="dahl", joint=0, velocity=1e-3),
+        FrictionTerm(law="atan", joint=1, velocity=0.3),
+        FrictionTerm(law="load", joint=1),
+    ]
+    robot = didim.load_robot("planar2").with_terms(terms)
+    x = np.array([*didim.load_robot("planar2").sets["reference"], 1.5, 0.5, 0.1])
+    model = export_model(robot, x)
+    values = dict(zip(robot.parameter_names, x.tolist(), strict=True))
+    first, second = model.links
+    # Memory that has built up is Coulomb friction; an arctangent is not a line.
+    assert (first.viscous, first.coulomb) == pytest.approx((values["Fv1"], values["Fc1"] + 1.5))
+    speed = np.linspace(0.01, 2.0, 200)
+    torque = values["Fv2"] * speed + values["Fc2"] + 0.5 * np.arctan(speed / 0.3)
+    slope, height = np.polyfit(speed, torque, 1)
+    assert (second.viscous, second.coulomb) == pytest.approx((slope, height))
+    worst = np.abs(slope * speed + height - torque).max()
+    line, left = (
+        sentence for sentence in model.left_out if "Off" not in sentence and "offset" not in sentence
+    )
+    assert line.startswith(
+        "Fz1, Fa2 are a line of viscous and Coulomb friction in the file, off by up to (N.m, N) "
+    )
+    assert f"joint2 {worst:.2g} below 2 rad/s" in line
+    assert left.startswith("Fl2 are left out")
+    assert joint_friction({**values, "Fa2": -9.0}, 1, terms)[:2] == (0.0, 0.0)
 
 
 def test_further_friction_terms_are_named(tmp_path: Path) -> None:

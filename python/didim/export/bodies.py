@@ -6,7 +6,7 @@ Parameters that no robot can have are refused, with the name of the link or join
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from .._tools.arrays import Array
 from ..errors import FitError
 from ..model.dynamics import standard_vector
+from ..robot.friction import FrictionTerm
 from ..robot.rigid_body import INERTIAL, inverse, pseudo_inertia, why_no_body
 from ..robot.robot import JointLimits, Robot
 from ..robot.transmission import Follower
@@ -178,7 +179,7 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
     joints = robot.all_joint_names or tuple(f"joint{j + 1}" for j in range(n))
     offsets = [place.matrix for place in places.links] if places else [np.eye(4)] * n
     geometry = robot.geometry
-    bodies = []
+    bodies, missed = [], []
     base = inverse(places.base_matrix) if places else np.eye(4)
     for j, parent in enumerate(geometry.parents):
         before, step = base if parent is None else offsets[parent], geometry.placement(j)
@@ -186,7 +187,8 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
         ten = np.array([values[f"{key}{j + 1}"] for key in INERTIAL])
         pseudo = inside @ pseudo_inertia(ten) @ inside.T
         _check_body(links[j], pseudo)
-        viscous, coulomb = joint_friction(values, j)
+        viscous, coulomb, left = joint_friction(values, j, robot.friction.terms, geometry.kinds[j])
+        missed.append(left)
         stiffness = values.get(f"Ks{j + 1}", 0.0)
         body = LinkBody(
             link=links[j],
@@ -213,7 +215,7 @@ def export_model(robot: Robot, x: ArrayLike) -> ExportModel:
         gravity=_clean(places.base_matrix[:3, :3] @ gravity) if places else gravity,
         links=tuple(bodies),
         motors=tuple(_motors(robot, values)),
-        left_out=tuple(_left_out(robot, values, joints)),
+        left_out=tuple(_left_out(robot, values, joints, missed)),
         outwards=geometry.outwards,
     )
 
@@ -238,12 +240,92 @@ def _check_drive(body: LinkBody) -> None:
             )
 
 
-def joint_friction(values: Mapping[str, float], j: int) -> tuple[float, float]:
-    """Return viscous and Coulomb friction of a joint, the mean of both directions if they differ."""
+FASTEST = {"revolute": 2.0, "prismatic": 0.2}
+"""Speed (rad/s, m/s) up to which viscous and Coulomb friction stand for the laws of `SLIDING`: the largest velocity of a law."""
+SLIDING: dict[str, Callable[[Array, float], Array]] = {
+    "atan": lambda speed, v: np.arctan(speed / v),
+    "stribeck": lambda speed, v: np.exp(-np.square(speed / v)),
+    "root": lambda speed, _: np.sqrt(speed),
+    "forward": lambda speed, _: 0.5 * speed,
+    "dahl": lambda speed, _: np.ones_like(speed),
+}
+"""Torque per unit of the parameter over speed, of joints that slide on for long; ``forward`` as the mean of both directions."""
+
+
+def joint_friction(
+    values: Mapping[str, float], j: int, terms: Sequence[FrictionTerm] = (), kind: str = "revolute"
+) -> tuple[float, float, float]:
+    """Compute viscous and Coulomb friction of a joint, the mean of both directions if they differ, and what they miss.
+
+    Parameters
+    ----------
+    values : mapping
+        Standard parameters.
+    j : int
+        Joint, from 0.
+    terms : sequence of FrictionTerm
+        Further terms; those of `SLIDING` become the line that is nearest to the friction up to `FASTEST`.
+    kind : {"revolute", "prismatic"}
+        Kind of the joint.
+
+    Returns
+    -------
+    viscous, coulomb : float
+        Coefficients.
+    missed : float
+        Largest difference of the line (N.m or N) up to `FASTEST`; memory alone leaves none (``test_export.py``).
+    """
     if f"Fv{j + 1}" in values:
-        return values[f"Fv{j + 1}"], values[f"Fc{j + 1}"]
-    viscous, coulomb = (0.5 * (values[f"{key}{j + 1}+"] + values[f"{key}{j + 1}-"]) for key in ("Fv", "Fc"))
-    return viscous, coulomb
+        viscous, coulomb = values[f"Fv{j + 1}"], values[f"Fc{j + 1}"]
+    else:
+        viscous, coulomb = (
+            0.5 * (values[f"{key}{j + 1}+"] + values[f"{key}{j + 1}-"]) for key in ("Fv", "Fc")
+        )
+    own = [term for term in terms if term.joint == j and term.law in SLIDING and values.get(term.parameter)]
+    if not own:
+        return viscous, coulomb, 0.0
+    from scipy.optimize import nnls
+
+    speed = np.linspace(0.0, FASTEST[kind], 201)[1:]
+    line = np.column_stack([speed, np.ones_like(speed)])
+    torque = line @ [viscous, coulomb] + sum(
+        values[term.parameter] * SLIDING[term.law](speed, term.velocity) for term in own
+    )
+    nearest = nnls(line, torque)[0]
+    return float(nearest[0]), float(nearest[1]), float(np.abs(line @ nearest - torque).max())
+
+
+def lost_friction(
+    values: Mapping[str, float],
+    terms: Sequence[FrictionTerm],
+    joints: Mapping[str, float],
+) -> list[str]:
+    """Return sentences on further terms: those in a line, with what it misses at each joint by name (N.m or N), and those left out.
+
+    Parameters
+    ----------
+    values : mapping
+        Standard parameters.
+    terms : sequence of FrictionTerm
+        Further terms.
+    joints : mapping
+        What the line of each joint misses, see `joint_friction`.
+    """
+    lined = [term.parameter for term in terms if term.law in SLIDING and values.get(term.parameter)]
+    found = []
+    if lined:
+        missed = ", ".join(f"{joint} {value:.2g}" for joint, value in joints.items() if value > 0.0)
+        fastest, slide = FASTEST.values()
+        found.append(
+            f"{', '.join(lined)} are a line of viscous and Coulomb friction in the file"
+            + (f", off by up to (N.m, N) {missed} below {fastest:g} rad/s ({slide:g} m/s)" if missed else "")
+        )
+    others = [
+        name for name, value in values.items() if value and not PLACED.fullmatch(name) and name not in lined
+    ]
+    if others:
+        found.append(f"{', '.join(others)} are left out: no format has a place for such friction and springs")
+    return found
 
 
 def _motors(robot: Robot, values: dict[str, float]) -> list[CoupledMotor]:
@@ -262,7 +344,9 @@ def _motors(robot: Robot, values: dict[str, float]) -> list[CoupledMotor]:
     return found
 
 
-def _left_out(robot: Robot, values: dict[str, float], joints: tuple[str, ...]) -> list[str]:
+def _left_out(
+    robot: Robot, values: dict[str, float], joints: tuple[str, ...], missed: Sequence[float]
+) -> list[str]:
     sentences = []
     offsets = [
         joint for j, joint in enumerate(joints) if values.get(f"Off{j + 1}") and not values.get(f"Ks{j + 1}")
@@ -271,11 +355,7 @@ def _left_out(robot: Robot, values: dict[str, float], joints: tuple[str, ...]) -
         sentences.append(
             f"the torque offsets of {', '.join(offsets)} are left out: no format has a place for them"
         )
-    terms = [name for name, value in values.items() if value and not PLACED.fullmatch(name)]
-    if terms:
-        sentences.append(
-            f"{', '.join(terms)} are left out: no format has a place for such friction and springs"
-        )
+    sentences += lost_friction(values, robot.friction.terms, dict(zip(joints, missed, strict=True)))
     if robot.friction.model == "asymmetric":
         sentences.append("friction is the mean of both directions: no format has one per direction")
     return sentences

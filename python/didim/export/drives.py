@@ -14,7 +14,8 @@ from pathlib import Path
 from .._tools.words import columned
 from ..errors import FitError
 from ..result.identification import Identification
-from .bodies import PLACED, joint_friction
+from ..robot.friction import Friction
+from .bodies import joint_friction, lost_friction
 
 IMPLICIT = ("implicit", "implicitfast")
 """Integrators of MuJoCo that also treat the damping of actuators implicitly."""
@@ -111,9 +112,10 @@ def drives_of(fit: Identification, where: str) -> Drives:
     values = dict(zip(fit.parameter_names, fit.parameters.tolist(), strict=True))
     servo: Mapping[str, Sequence[float | None]] = (fit.settings.get("positions") or {}).get("drive", {})
     smoothing = robot.get("friction", {}).get("smoothing") or [0.0] * len(names)
-    found = []
+    terms = Friction.terms_of(robot.get("friction", {}).get("terms", ()))
+    found, missed = [], {}
     for j, (name, kind) in enumerate(zip(names, robot["geometry"]["kinds"], strict=True)):
-        viscous, coulomb = joint_friction(values, j)
+        viscous, coulomb, missed[name] = joint_friction(values, j, terms, kind)
         rotor = values[f"Ia{j + 1}"]
         for word, value in (
             ("rotor inertia", rotor),
@@ -145,10 +147,10 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 smoothing=float(smoothing[j]),
             )
         )
-    return Drives(tuple(found), tuple(_sentences(values, found)))
+    return Drives(tuple(found), (*lost_friction(values, terms, missed), *_sentences(found)))
 
 
-def _sentences(values: Mapping[str, float], joints: Sequence[JointDrive]) -> list[str]:
+def _sentences(joints: Sequence[JointDrive]) -> list[str]:
     found = []
     offsets = [drive for drive in joints if drive.offset or drive.bias_rad]
     if offsets and all(drive.kp for drive in offsets):
@@ -157,9 +159,6 @@ def _sentences(values: Mapping[str, float], joints: Sequence[JointDrive]) -> lis
     elif offsets:
         names = ", ".join(drive.joint for drive in offsets)
         found.append(f"torque offsets of {names} are left out: no file has a place for them")
-    terms = [name for name, value in values.items() if value and not PLACED.fullmatch(name)]
-    if terms:
-        found.append(f"{', '.join(terms)} are left out: no file has a place for such friction")
     delay, lag = (max(getattr(drive, key) for drive in joints) for key in ("delay_s", "lag_s"))
     if delay or lag:
         behind = f", and behind a lag of {1e3 * lag:.3g} ms" if lag else ""

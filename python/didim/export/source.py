@@ -66,7 +66,7 @@ def exported_parameters(
         Prior of the physically consistent parameters, see `consistent_parameters`. Without one, a result's parameters are
         exported unchanged if they belong to bodies.
     further_terms : bool
-        Export the friction of a result with further terms, smoothing and dead zones.
+        Export the friction of a result with its smoothing and dead zones, for formats that have a place for them.
 
     Raises
     ------
@@ -86,14 +86,15 @@ def exported_parameters(
         return Source(model, x, model.notes)
     result = Identification.load(fit)
     model = _robot_of(result, fit, robot, urdf)
+    model = _with_terms(model, result)
     if further_terms:
-        model = _as_fitted(_with_terms(model, result), result)
+        model = _as_fitted(model, result)
     x, notes = _by_name(result, result.parameters, model, fit)
     if not result.verdict.sound:
         notes.insert(0, f"{fit.name}: {result.verdict.sentence}")
     if prior is None and _are_bodies(model, x):
         return Source(model, x, (*model.notes, *notes), parameters_from_prior(result, model))
-    found = consistent_parameters(result, _with_terms(model, result), prior)
+    found = consistent_parameters(result, model, prior)
     x, _ = _by_name(result, found.x, model, fit)
     notes.append(
         f"physically consistent parameters near the prior {found.prior!r}: {found.sigmas:.2g} standard deviations rms from the "
