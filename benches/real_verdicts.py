@@ -1,10 +1,12 @@
 """What does the verdict say of real logs that nothing is wrong with?
 
     python benches/real_verdicts.py DATA [--logs WORD ...] [--method idim-ls|physical|didim|cloe] [--varied]
+    python benches/real_verdicts.py --picture
 
 prints a row for each public log in DATA: what the model misses, state, reasons, and what the result is good for. With
 ``--varied`` the logs are cut in halves and thirds, thinned, filtered otherwise, exchanged as fit and held-out recording, and given
 another friction: they are as good as the logs themselves, so that no cause may be named on any. docs/verdict.md has the table.
+With ``--picture`` it makes the picture of that page from simulated logs.
 """
 
 from __future__ import annotations
@@ -22,14 +24,24 @@ import numpy as np
 
 import didim
 from didim.errors import DidimError
+from didim.evidence.hypotheses.geometry import gravities
+from didim.evidence.hypotheses.torques import exchanges, signs
+from didim.evidence.loop.law_rows import with_law_torques
+from didim.evidence.rows import LogRows
+from didim.experiment.loop import closed_loop
 from didim.log.recording import Recording
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from friction_held_out import initialised, kr300, unisa, ur10e
 from positions import QUADRUPED
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+from arm import arm_log
+from verdict_arms import UR5E, built
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = ROOT / "examples"
 METHODS: dict[str, Callable[[], object]] = {
     "idim-ls": didim.IDIMLS,
     "physical": lambda: didim.IDIMLS(physical=True),
@@ -175,16 +187,85 @@ def row(name: str, fit: didim.Identification) -> str:
     return f"| {name} | {missed:.2g} % | {verdict.state} | {', '.join(reasons)} | {' / '.join(uses)} |"
 
 
+def picture() -> None:
+    """Draw three of the worked cases: causes that were tried, friction that was missed, a contact that positions show."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 3.4), layout="constrained")
+    left, middle, right = figure.subplots(1, 3, width_ratios=(1.4, 0.7, 1.2))
+    log = built(UR5E, None).noisy(0)
+    (recording,) = log.recordings
+    assert recording.tau is not None
+    wrong = replace(log, recordings=(replace(recording, tau=recording.tau * [1, -1, 1, 1, 1, 1]),))
+    job = didim.IDIMLS().job(wrong)
+    rows = LogRows(job.robot, job.signal, job.parts("fit", job.declared_delay))
+    errors = []
+    for item in (*signs(rows), *exchanges(rows), *gravities(rows)):
+        found = rows.exact(item)
+        if found is not None:
+            d = found[2].judged(item.order, item.factors).against(rows.declared)
+            what = f"{item.code.replace('-', ' ')} {' '.join(map(str, item.joints))}"
+            errors.append((100.0 * float(np.exp(d / (2.0 * rows.n))), what))
+    errors = sorted(errors)[:9]
+    left.barh([text for _, text in errors][::-1], [value for value, _ in errors][::-1], color="#4477aa")
+    left.axvline(100.0, color="0.4", linewidth=1.0)
+    left.set(xlabel="% of the error that is left, blocks left out", title="1  torque 2 has the wrong sign")
+
+    arm = arm_log(1)
+    (recording,) = arm.recordings
+    x = arm.robot.parameter_set("reference")
+    q, dq, _ = closed_loop(arm, recording).reference.at(recording.t)
+    for name, push in (
+        ("falls", -3.0 * np.tanh(dq / 0.02) * np.exp(-((dq / 0.5) ** 2)) * [1.0, 0.45]),
+        ("contact", -8.0 * ((recording.t > 1.6) & (recording.t < 2.2))[:, None] * [1.0, 0.3]),
+    ):
+        (moved, _, _, tau), _ = closed_loop(arm, replace(recording, external=push)).run(x[None])
+        noise = np.random.default_rng(0).standard_normal(q.shape)
+        if name == "falls":
+            seen = replace(arm, recordings=(replace(recording, q=moved[0], tau=tau[0] + 0.1 * noise),))
+            fits = [didim.identify(seen, didim.IDIMLS(friction=terms)) for terms in (None, "auto")]
+            values = [100.0 * (fit.verdict.uses[2].error or 0.0) for fit in fits]
+            middle.bar(["plain", 'terms = "auto"'], values, color=["#cc6677", "#228833"])
+            middle.set(ylabel="% of the torques, blocks left out", title="2  friction falls with speed")
+            continue
+        seen = replace(arm, recordings=(replace(recording, q=moved[0] + 2e-6 * noise, tau=None),))
+        fit = didim.identify(seen, didim.CLOE(start=x, max_iterations=20))
+        made = with_law_torques(seen).recordings[0]
+        (part,) = didim.IDIMLS().job(replace(seen, recordings=(made,))).parts("fit")
+        missed = part.tau - didim.inverse_dynamics(arm.robot, part.q, part.dq, part.ddq, fit.parameters)
+        for joint, colour in enumerate(("#4477aa", "#cc6677")):
+            right.plot(
+                np.arange(len(missed)) / part.rate_hz,
+                missed[:, joint],
+                color=colour,
+                label=f"joint {joint + 1}",
+                linewidth=1.0,
+            )
+        right.set(xlabel="s", ylabel="missed torque, N.m", title="3  a contact, in a log without torques")
+        right.legend(frameon=False, fontsize=8)
+    for axes in (left, middle, right):
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.title.set_fontsize(10)
+        axes.tick_params(labelsize=8)
+    figure.savefig(ROOT / "docs" / "img" / "verdict.png", dpi=75, facecolor="white")
+
+
 def main() -> int:
     """Print the table; 1 where a log is wrong."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("data", type=Path)
+    parser.add_argument("data", type=Path, nargs="?")
+    parser.add_argument("--picture", action="store_true", help="make docs/img/verdict.png")
     parser.add_argument("--logs", nargs="+", help="words of their names")
     parser.add_argument("--method", choices=METHODS, default="idim-ls")
     parser.add_argument("--varied", action="store_true")
     asked = parser.parse_args()
+    if asked.picture:
+        picture()
+        return 0
+    if asked.data is None:
+        parser.error("DATA is missing: the folder of the logs")
     print("| log | missed | verdict | reasons | simulation / gravity compensation / control (%) / payload |")
     print("|---|---|---|---|---|")
     wrong = 0

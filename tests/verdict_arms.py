@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 import didim
 from didim import Experiment, Robot
+from didim.evidence.hypotheses.geometry import with_geometry
 from didim.experiment.loop import closed_loop
 from didim.experiment.specs import ReferenceSpec, SimulationSettings
 from didim.loop.controller import Controller
 from didim.loop.reference import Reference
+from didim.result.finding import Remedy
 from didim.signal.processing import SignalProcessing
 from didim.studies.simulated_log import simulated_log
 
@@ -435,6 +437,54 @@ def faults(arm: Arm) -> list[Fault]:
         Fault("AR(1) 0.95 noise", ("not-white",), correlation=0.95),
     ]
     return found
+
+
+def obeyed(experiment: Experiment, method: didim.IDIMLS, remedy: Remedy) -> tuple[Experiment, didim.IDIMLS]:
+    """An experiment and its method after the edit that a finding asks for.
+
+    Raises
+    ------
+    NotImplementedError
+        For an edit that these arms have no file for.
+    """
+    (recording,) = experiment.recordings
+    assert recording.tau is not None
+    robot, at = experiment.robot, [joint - 1 for joint in remedy.joints]
+    tau, q = recording.tau.copy(), recording.q.copy()
+    value: Any = remedy.value
+    geometry = robot.geometry
+    if (remedy.table, remedy.key) == ("[recording.torque]", "gain"):
+        tau[:, at] /= -1.0 if remedy.action == "turn" else value
+    elif (remedy.table, remedy.key) == ("[recording.torque]", "columns"):
+        tau[:, at] = tau[:, at[::-1]]
+    elif (remedy.table, remedy.key) == ("[recording.position]", "columns"):
+        q[:, at] = q[:, at[::-1]]
+    elif remedy.key == "gravity_m_s2":
+        robot = with_geometry(robot, gravity=tuple(value))
+    elif remedy.key == "alpha_deg":
+        alpha = [-a if joint in at else a for joint, a in enumerate(geometry.alpha)]
+        robot = with_geometry(robot, alpha=tuple(alpha))
+    elif remedy.table == "[[joint]]" and remedy.action == "set":
+        # a (d) of a standard (modified) row are d of the geometry, along the other axis r
+        key = "d" if remedy.key == ("a_m" if robot.standard is not None else "d_m") else "r"
+        values = [value if joint in at else own for joint, own in enumerate(getattr(geometry, key))]
+        robot = with_geometry(robot, **{key: tuple(values)})
+    elif (remedy.table, remedy.key) == ("[friction]", "model"):
+        robot = robot.with_friction(model=value)
+    elif (remedy.table, remedy.key) == ("[friction]", "terms"):
+        method = replace(method, friction=value)
+    elif (remedy.table, remedy.key) == ("[delay]", "compensate_samples"):
+        method = replace(method, compensate_samples=value)
+    else:
+        raise NotImplementedError(f"{remedy.table} {remedy.key}")
+    return replace(experiment, robot=robot, recordings=(replace(recording, q=q, tau=tau),)), method
+
+
+def expected_error(fit: didim.Identification) -> float:
+    """Share of the torques that a result misses on blocks that were left out."""
+    (control,) = [use for use in fit.verdict.uses if use.name == "control"]
+    assert control.error is not None
+    return control.error
 
 
 def built(arm: Arm, fault: Fault | None, *, motion: int = 0, rate_hz: float = 250.0) -> Log:

@@ -135,7 +135,7 @@ def _along(
     growth = 1.0
     if rows is not None:
         growth = float(np.sqrt(rows.declared.unseen.sum() / max(float(rows.products.seen().sum()), 1e-300)))
-    found = [*found, *size_findings(residual, growth)]
+    found = [*found, *size_findings(residual, growth, chosen="friction" in fit.settings)]
     if measured is not by_law:
         found += spike_findings(parts, signal)
     if not system_tested:

@@ -99,10 +99,11 @@ def residual_of(
     )
 
 
-def size_findings(found: Residual, growth: float = 1.0) -> list[Finding]:
+def size_findings(found: Residual, growth: float = 1.0, *, chosen: bool = False) -> list[Finding]:
     """Return a finding where the model misses more of the torques than a sound result does.
 
     `growth` is the error of blocks left out over that of the same blocks fitted: torques that nothing was fitted to count.
+    `chosen` is whether friction terms were chosen already, so that nobody is told to.
     """
     share = found.share(growth)
     if not share > SIZE_DOUBTFUL:
@@ -116,7 +117,7 @@ def size_findings(found: Residual, growth: float = 1.0) -> list[Finding]:
             joints=tuple(int(joint) + 1 for joint in joints),
             value=share,
             effect=share,
-            facts={"limit": SIZE_DOUBTFUL, "shares": shares[joints].tolist()},
+            facts={"limit": SIZE_DOUBTFUL, "shares": shares[joints].tolist(), "chosen": chosen},
         )
     ]
 

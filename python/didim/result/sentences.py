@@ -183,10 +183,12 @@ def _friction(f: Told) -> str:
 
 
 def _friction_advice(f: Told) -> str:
-    if f.facts["law"] == "asymmetric":
+    law = f.facts["law"]
+    if law == "asymmetric":
         return 'Write model = "asymmetric" under [friction]'
+    terms = 'stribeck = true or terms = "auto"' if law == "stribeck" else 'terms = "auto"'
     smooth = "" if f.facts["smooth"] else '; coulomb = "tanh" if a simulator made the log'
-    return f'Write stribeck = true or terms = "auto" under [friction]{smooth}'
+    return f"Write {terms} under [friction]{smooth}"
 
 
 def _size(f: Told) -> str:
@@ -200,6 +202,9 @@ def _size(f: Told) -> str:
         + (f", most in {_joints(f)} ({percents(f.facts['shares'])} %)" if f.joints else "")
         + f", and a result is sound up to {percent(f.facts['limit'])} %"
     )
+
+
+_LACKS = "look for what the model lacks (elasticity, a counterbalance, cross-talk)"
 
 
 def _untold(f: Told) -> str:
@@ -327,8 +332,10 @@ WORDS: dict[str, Words] = {
     "friction": (_friction, _friction_advice),
     "size": (
         _size,
-        _always(
-            'Try terms = "auto" under [friction]; look for what the model lacks (elasticity, a counterbalance, cross-talk)'
+        lambda f: (
+            f"{_LACKS[0].upper()}{_LACKS[1:]}"
+            if f.facts.get("chosen") or f.facts.get("positions")
+            else f'Try terms = "auto" under [friction]; {_LACKS}'
         ),
     ),
     "unidentified": (
