@@ -5,7 +5,7 @@
 
 Plants each fault of `tests/verdict_arms.py` in logs of a simulated 7R arm and a gantry with a wrist, whose truth is known, and
 prints how many of the seeds (noise and motion) got a verdict that is not sound, a reason that names the fault, and one that names
-another as its cause; and, of the remedies that were obeyed, how many give a smaller error on blocks left out and silence the reason.
+another as its cause; and, of the remedies that were obeyed, how many have a smaller error on blocks left out and no such reason.
 With ``--sound`` it identifies correct logs of both arms, the TX40 and the planar arm at three rates and five noise levels, and
 prints how many are sound. The arms `ur5e-like` and `iiwa14-like` are those that no threshold was chosen on. docs/verdict.md has the
 figures.
