@@ -14,8 +14,8 @@ import didim
 from didim.errors import FitError, RobotError
 from didim.experiment.specs import SimulationSettings
 from didim.model.dynamics import rigid_torque
-from didim.model.memory import HOLD_WIDTH, sliding, start_column, state
-from didim.robot.friction import FrictionTerm
+from didim.model.memory import sliding, start_column, state
+from didim.robot.friction import HOLD_WIDTH, FrictionTerm
 from didim.robot.robot_text import robot_text
 from didim.studies.simulated_log import simulated_log
 from test_friction_terms import log, motion, parameters, planar
