@@ -542,5 +542,7 @@ def test_a_dead_torque_sensor_of_a_motor_is_found_behind_the_coupling(tx40: Log,
     motors = replace(on_motor_side(tx40), side="motor").change(plant).write(tmp_path)
     item = alone(check(motors), "constant-torque")
     assert "the torque of motor 5 is constant" in item.sentence
+    assert (item.file, item.column) == ("log.csv", "tau5")
+    assert item.sentence.endswith("(column tau5 of log.csv)")
     (reason,) = constant_torque_findings(load_experiment(motors))
     assert "the torque of motor 5 is constant" in reason.sentence

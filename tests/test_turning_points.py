@@ -5,6 +5,7 @@ The numbers stand here as they are documented, so that a threshold which is doub
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -47,6 +48,14 @@ def test_the_size_is_that_of_torques_that_nothing_was_fitted_to() -> None:
     """A factor on blocks left out makes a result doubtful, but never wrong."""
     for growth, grades in ((1.2, []), (1.3, ["doubtful"]), (20.0, ["doubtful"])):
         assert [item.grade for item in size_findings(residual([0.04], [3.0]), growth)] == grades
+
+
+def test_torques_that_are_predicted_no_better_than_by_zero() -> None:
+    """They may be white noise, which no other size counts."""
+    noise = replace(residual([0.9], [3.0]), noise=np.array([2.7]))
+    assert size_findings(noise) == []
+    for growth, grades in ((1.08, ["doubtful"]), (1.12, ["wrong"])):
+        assert [item.grade for item in size_findings(noise, growth)] == grades
 
 
 def test_a_joint_is_named_from_a_tenth_of_its_torque() -> None:

@@ -25,7 +25,7 @@ from ..signal.noise import noise_correlation, row_noise, white_noise
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment
 from ..signal.spikes import alone, without_lone
-from .thresholds import FEWEST_SPIKES, SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG, SPIKES_SHARE
+from .thresholds import FEWEST_SPIKES, SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG, SPIKES_SHARE, USELESS
 
 LARGER = 1.5
 """Ratio of the error on a held-out recording to that of the fit from which it is reported: correct logs have 0.9 to 1.1."""
@@ -105,7 +105,12 @@ def size_findings(found: Residual, growth: float = 1.0, *, chosen: bool = False)
     `growth` is the error of blocks left out over that of the same blocks fitted: torques that nothing was fitted to count.
     `chosen` is whether friction terms were chosen already, so that nobody is told to.
     """
-    share = found.share(growth)
+    share, size = found.share(growth), max(float(np.linalg.norm(found.size)), np.finfo(float).tiny)
+    error = float(np.linalg.norm(found.error) / np.sqrt(found.error.shape[1]) / size)
+    # Torques that are predicted no better than by zero are those of no robot, whether they are noise or not.
+    useless = error > SIZE_WRONG and growth * error > USELESS
+    if useless:
+        share = growth * error
     if not share > SIZE_DOUBTFUL:
         return []
     shares = found.lasting(growth) / np.maximum(found.size, np.finfo(float).tiny)
@@ -113,7 +118,7 @@ def size_findings(found: Residual, growth: float = 1.0, *, chosen: bool = False)
     return [
         Finding(
             code="size",
-            grade="wrong" if found.share() > SIZE_WRONG else "doubtful",
+            grade="wrong" if useless or found.share() > SIZE_WRONG else "doubtful",
             joints=tuple(int(joint) + 1 for joint in joints),
             value=share,
             effect=share,

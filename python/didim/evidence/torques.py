@@ -42,10 +42,20 @@ def constant_torque_findings(experiment: Experiment) -> list[Finding]:
                     grade="wrong",
                     joints=tuple(dead) if side == "joint" else (),
                     recordings=(recording.name,),
-                    facts={"side": side, "numbers": dead, "samples": len(tau)},
+                    facts={"side": side, "numbers": dead, "samples": len(tau), **_columns(recording, dead)},
                 )
             )
     return found
+
+
+def _columns(recording: Recording, numbers: Sequence[int]) -> dict[str, str]:
+    """Return file and columns of torques, numbered from 1; empty for a recording of arrays."""
+    origin = recording.origin.get("torque", {})
+    file, columns = origin.get("file"), origin.get("columns")
+    if not file:
+        return {}
+    names = [str(columns[number - 1]) if columns else str(number) for number in numbers]
+    return {"file": str(file), "column": ", ".join(names)}
 
 
 def _as_logged(recording: Recording, tau: Array) -> tuple[Array, str]:

@@ -218,7 +218,11 @@ def _constant_torque(f: Told) -> str:
     numbers = f.facts["numbers"]
     which = joints_text(number - 1 for number in numbers).replace("joint", f.facts["side"])
     torques = f"torque of {which} is" if len(numbers) == 1 else f"torques of {which} are"
-    return f"recording '{f.recordings[0]}': the {torques} constant in all {f.facts['samples']} samples"
+    column = f.facts.get("column")
+    where = (
+        "" if column is None else f" (column{'s' if len(numbers) > 1 else ''} {column} of {f.facts['file']})"
+    )
+    return f"recording '{f.recordings[0]}': the {torques} constant in all {f.facts['samples']} samples{where}"
 
 
 def _gain_unchecked(f: Told) -> str:
