@@ -18,6 +18,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from didim.evidence.loop.law_rows import with_law_torques
 from didim.evidence.rows import LogRows
 from didim.experiment.loop import closed_loop
 from didim.log.recording import Recording
+from didim.methods.method import Method
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -42,7 +44,7 @@ from verdict_arms import UR5E, built
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
-METHODS: dict[str, Callable[[], object]] = {
+METHODS: dict[str, Callable[[], Method]] = {
     "idim-ls": didim.IDIMLS,
     "physical": lambda: didim.IDIMLS(physical=True),
     "didim": didim.DIDIM,
@@ -108,6 +110,7 @@ def thinned(recording: Recording, factor: int) -> Recording:
 def varied(experiment: didim.Experiment) -> Iterator[tuple[str, Callable[[], didim.Experiment]]]:
     """Yield other logs of the same robot, as good as the one there is."""
     recordings, signal, robot = experiment.recordings, experiment.signal, experiment.robot
+    made = didim.Experiment.from_arrays
     for parts in (2, 3):
         for part in range(parts):
 
@@ -124,11 +127,8 @@ def varied(experiment: didim.Experiment) -> Iterator[tuple[str, Callable[[], did
     yield "first half held out", lambda: outside(1)
     for factor in (0.5, 0.7, 1.5, 2.5):
         if signal.cutoff_hz is not None and factor * signal.cutoff_hz < 0.45 * recordings[0].rate_hz:
-            cutoff = factor * signal.cutoff_hz
-            yield (
-                f"cut-off times {factor}",
-                lambda cutoff=cutoff: replace(experiment, signal=replace(signal, cutoff_hz=cutoff)),
-            )
+            filtered = replace(signal, cutoff_hz=factor * signal.cutoff_hz)
+            yield f"cut-off times {factor}", partial(replace, experiment, signal=filtered)
     if len(signal.decimation) == 1 and signal.decimation[0] > 3:
         yield (
             "half the decimation",
@@ -136,31 +136,27 @@ def varied(experiment: didim.Experiment) -> Iterator[tuple[str, Callable[[], did
         )
     for factor in (2, 4):
         if recordings[0].rate_hz / factor > 20.0:
-            yield (
-                f"every {factor} samples",
-                lambda factor=factor: didim.Experiment.from_arrays(
-                    robot,
-                    thinned(recordings[0], factor).q,
-                    thinned(recordings[0], factor).tau,
-                    rate_hz=recordings[0].rate_hz / factor,
-                ),
-            )
+            thin = thinned(recordings[0], factor)
+            rate_hz = recordings[0].rate_hz / factor
+            yield f"every {factor} samples", partial(made, robot, thin.q, thin.tau, rate_hz=rate_hz)
     yield (
         "filters of init",
-        lambda: didim.Experiment.from_arrays(
-            robot, recordings[0].q, recordings[0].tau, rate_hz=recordings[0].rate_hz
-        ),
+        partial(made, robot, recordings[0].q, recordings[0].tau, rate_hz=recordings[0].rate_hz),
     )
     tau = recordings[0].tau
     assert tau is not None
-    yield (
-        "torques in mN.m",
-        lambda: replace(experiment, recordings=tuple(replace(one, tau=1e3 * one.tau) for one in recordings)),
-    )
-    yield (
-        "torques over 80",
-        lambda: replace(experiment, recordings=tuple(replace(one, tau=one.tau / 80.0) for one in recordings)),
-    )
+
+    def scaled(factor: float) -> didim.Experiment:
+        torques = [one.tau for one in recordings if one.tau is not None]
+        return replace(
+            experiment,
+            recordings=tuple(
+                replace(one, tau=factor * tau) for one, tau in zip(recordings, torques, strict=True)
+            ),
+        )
+
+    yield "torques in mN.m", lambda: scaled(1e3)
+    yield "torques over 80", lambda: scaled(1.0 / 80.0)
     yield "asymmetric friction", lambda: replace(experiment, robot=robot.with_friction(model="asymmetric"))
     noise = 0.05 * np.std(tau, axis=0) * np.random.default_rng(0).standard_normal(tau.shape)
     yield "more noise", lambda: replace(experiment, recordings=(replace(recordings[0], tau=tau + noise),))

@@ -328,9 +328,11 @@ def _size(experiment: Experiment, after: Array) -> list[Finding]:
 
     That is the difference of command and position: times kp both are torques, so that their ratio is the torque that is missed.
     """
-    fitted = [item for item in experiment.recordings if item.role == "fit" and item.q_ref is not None]
     tracked = [
-        (item.q_ref - item.measured_positions())[slice(*window)] for item in fitted for window in item.windows
+        (item.q_ref - item.measured_positions())[slice(*window)]
+        for item in experiment.recordings
+        if item.role == "fit" and item.q_ref is not None
+        for window in item.windows
     ]
     if not tracked:
         return []

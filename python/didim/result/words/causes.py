@@ -140,7 +140,7 @@ CAUSES: dict[str, tuple[Words, Words, str]] = {
         "measure it",
     ),
 }
-"""What looks wrong, what to do, and the experiment that would decide, of each hypothesis that names a cause."""
+"""Symptom, remedy, and the experiment that would decide, of each hypothesis that names a cause."""
 
 
 def looks(code: str, j: tuple[int, ...], v: Any, f: Any) -> str:
