@@ -8,6 +8,8 @@ RUST := $(shell find rust -name "*.rs") $(wildcard Cargo.toml Cargo.lock rust/py
 export VIRTUAL_ENV := $(abspath $(VENV))
 export PYO3_PYTHON := $(abspath $(BIN)/python)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Compiled modules are kept: both processes of the tests, and each command that tests start, read them again.
+export PYTHONDONTWRITEBYTECODE :=
 # Material announces its successor in every build.
 export NO_MKDOCS_2_WARNING := 1
 
