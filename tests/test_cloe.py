@@ -165,7 +165,8 @@ def test_a_start_that_cannot_be_simulated_is_named() -> None:
     wrong = -arm.robot.base_parameters.project(arm.robot.parameter_set("reference"))
     for optimizer in ("levenberg-marquardt", "nelder-mead"):
         with pytest.raises(
-            FitError, match=r"^arm: CLOE cannot start from these parameters: .* joint 1 feels"
+            FitError,
+            match=r"^arm: CLOE cannot start from these parameters: .* inertia at joint 1 is not positive",
         ):
             didim.identify(arm, didim.CLOE(optimizer=optimizer, start=wrong))
 

@@ -177,7 +177,7 @@ def test_own_offsets_have_no_condition() -> None:
 
 
 def test_a_solver_of_ones_own_for_robots_refuses_logs_it_does_not_know(noisy: Experiment) -> None:
-    with pytest.raises(FitError, match="this solver knows the robot alone"):
+    with pytest.raises(FitError, match="this solver only supports robots"):
         didim.identify(noisy, didim.IDIMLS(solver=KnowsTheRobot()))
 
 

@@ -193,7 +193,7 @@ def test_a_made_up_controller_has_gains_for_didim_and_no_other(
     ):
         assert main(command) == 2
         err = capsys.readouterr().err
-        assert "kind = 'made-up' has no gains of its own: consistent DIDIM" in err
+        assert "kind = 'made-up' has no gains yet: consistent DIDIM" in err
         assert err.count("\n") == 1
     assert main(["validate", fit_file, str(file)]) == 0
     assert (

@@ -154,7 +154,7 @@ def test_all_containers_give_the_same_bits(tmp_path: Path, write: Any) -> None:
     [
         ({"values_per_sample": 7}, r"a.txt: 2000 lines are not a whole number of samples of 7 values"),
         ({"columns": [2, 6]}, r"a.txt: there is no column 6; values_per_sample says 1 to 5"),
-        ({"columns": ["q1", "q2"]}, r"a.txt: values that stand one a line have no names"),
+        ({"columns": ["q1", "q2"]}, r"a.txt: values with one per line have no names"),
         ({"columns": None}, r"a.txt: columns must say which 2 of the 5 values of a sample are meant"),
     ],
 )

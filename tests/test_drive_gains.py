@@ -160,7 +160,7 @@ def test_cloe_compares_positions_and_has_the_gains_of_idim_ls() -> None:
     np.testing.assert_array_equal(fit.further.std[-2:], direct.further.std[-2:])
     value, std = estimate_of(fit)
     assert np.sqrt(np.mean(((value - truth_of(experiment, GAINS)) / std) ** 2)) < 2.0
-    assert any("positions say nothing of drive gains" in text for text in fit.remarks)
+    assert any("positions do not identify drive gains" in text for text in fit.remarks)
     # Estimates of the robot are those of CLOE on torques that these gains give.
     torques = didim.identify(experiment.with_gains(direct.further.values[-2:]), didim.CLOE(start="idim-ls"))
     np.testing.assert_allclose(fit.beta, torques.beta, rtol=1e-9)

@@ -484,7 +484,7 @@ def test_weak_parameters_are_named_with_the_reason(planar: Robot) -> None:
     assert any(sentence.startswith("weak: ") and "Off2" in sentence for sentence in sentences)
     # In a narrow range gravity and offset are hardly told apart.
     narrow = replace(settings, position=[(0.0, 0.3), (0.0, 0.3)], parameters=None)
-    assert any("hardly tells it from" in sentence for sentence in excite(planar, narrow).weak())
+    assert any("hardly separates it from" in sentence for sentence in excite(planar, narrow).weak())
 
 
 def test_limits_are_verified_on_a_grid_twenty_times_finer() -> None:

@@ -269,7 +269,7 @@ def test_recordings_are_needed_and_have_different_names(log: Path) -> None:
     expected = "log.toml: there is neither a [[recording]] to read nor a [reference] to simulate"
     assert message(log, 'schema = 1\nrobot = "planar2"\n') == expected
     again = LOG[LOG.index("[[") :].replace("[[recording]]", '[[recording]]\nname = "recording 1"')
-    expected = "log.toml: [recording 2] name 'recording 1' stands for an earlier recording already"
+    expected = "log.toml: [recording 2] name 'recording 1' is already used by an earlier recording"
     assert message(log, LOG + again) == expected
 
 

@@ -173,7 +173,7 @@ def test_what_a_report_says(arm: Path) -> None:
     text = str(report)
     assert text.splitlines()[0].endswith("from the prior")
     assert text.splitlines()[3].endswith("M3 XX3")
-    assert "the torque offsets of wrist are left out: no format has a place for them" in text
+    assert "the torque offsets of wrist are left out: no format can represent them" in text
     assert "a URDF has no place for rotor inertias (kg.m^2 or kg): elbow 0.4" in text
 
 

@@ -105,7 +105,7 @@ def test_joints_that_cannot_be_edited_are_named(tmp_path: Path) -> None:
     start, end = ARM.index("  <worldbody>"), ARM.index("  <actuator>")
     (tmp_path / "bodies.xml").write_text(f"<mujocoinclude>{ARM[start:end]}</mujocoinclude>")
     path.write_text(ARM[:start] + '<include file="bodies.xml"/>' + ARM[end:])
-    with pytest.raises(FitError, match="joint 'pan' stands in an included file"):
+    with pytest.raises(FitError, match="joint 'pan' is in an included file"):
         edit_mjcf(BOTH, path)
 
 

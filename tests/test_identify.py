@@ -190,7 +190,7 @@ def test_a_joint_at_rest_is_named(robot: Robot, x: Array) -> None:
     q = simulated.motion(2, 3000)
     q[:, 1] = 0.3
     log = Recording.from_arrays(q, np.ones_like(q), rate_hz=simulated.RATE_HZ)
-    with pytest.raises(RankError, match=r"the log cannot tell .*Fv2") as caught:
+    with pytest.raises(RankError, match=r"the log does not separate .*Fv2") as caught:
         identify(simulated.experiment(robot, log))
     assert "\n" not in str(caught.value)
 

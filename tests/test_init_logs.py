@@ -306,7 +306,7 @@ def test_the_rest_before_and_after_a_motion_is_left_out(tmp_path: Path) -> None:
     ((start, stop),) = load_experiment(path).recordings[0].windows
     assert abs(start - 1050) <= 100
     assert abs(stop - 5050) <= 100
-    assert any("what is before and after is left out" in sentence for sentence in draft.read)
+    assert any("the samples before and after are left out" in sentence for sentence in draft.read)
 
 
 def test_the_raw_log_of_a_ur10e(shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

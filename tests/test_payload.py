@@ -133,7 +133,7 @@ def test_a_planar_arm_gives_what_it_shows_and_says_what_not() -> None:
     assert found.names == ("ZZ", "MX", "MY", "M")
     assert found.body is None
     (remark,) = found.remarks
-    assert remark.startswith("no motion of this arm shows XX, XY, XZ, YY, YZ, MZ")
+    assert remark.startswith("this arm cannot identify XX, XY, XZ, YY, YZ, MZ")
     places = [5, 6, 7, 9]
     np.testing.assert_array_less(np.abs(found.ten - DISC)[places], 4.0 * found.std[places])
 

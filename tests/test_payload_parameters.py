@@ -73,7 +73,7 @@ def test_a_payload_adds_to_the_last_link() -> None:
         ({"mass_kg": 0.0}, "mass_kg must be a positive number"),
         ({"com_m": (0.0, 1.0)}, "com_m needs 3 finite numbers"),
         ({"inertia_kg_m2": INERTIA}, "needs the centre"),
-        ({"com_m": CENTRE, "inertia_kg_m2": (1.0, 0.0, 0.0, 1.0, 0.0, 9.0)}, "belongs to no body"),
+        ({"com_m": CENTRE, "inertia_kg_m2": (1.0, 0.0, 0.0, 1.0, 0.0, 9.0)}, "is not that of a body"),
         ({"name": "none", "mass_kg": 1.0}, "empty flange"),
     ],
 )

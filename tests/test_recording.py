@@ -277,7 +277,7 @@ def test_two_ragged_rows_that_make_up_for_each_other(tmp_path: Path) -> None:
             "say header = true or header = false",
         ),
         (b"t,q1,q2,u1,u2\n0,0,0,0,0\n0.001,0,0,0,0", "a.csv: at least 3 samples are needed, got 2"),
-        (b"t,q1,q1,q2,u1,u2\n", "a.csv: column 'q1' stands twice in the header"),
+        (b"t,q1,q1,q2,u1,u2\n", "a.csv: column 'q1' occurs twice in the header"),
     ],
 )
 def test_files_without_a_table_of_numbers(tmp_path: Path, content: bytes, expected: str) -> None:

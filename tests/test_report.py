@@ -356,7 +356,7 @@ def test_recordings_held_out_are_shown() -> None:
     rows = page.table("relative error %")
     assert [row[0] for row in rows] == ["fit", "held out: other day"]
     assert float(rows[1][1]) == pytest.approx(100.0 * fit.held_out[0].relative_error[0], abs=1e-4)
-    assert "on 'other day', which was kept out of the fit, " in page.text
+    assert "on 'other day', which was held out of the fit, " in page.text
 
 
 @pytest.mark.usefixtures("without_drawing")

@@ -278,7 +278,9 @@ def test_an_indefinite_set_is_exit_1(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert simulate(path, parameters="didim_printed") == 1
     out, err = capsys.readouterr()
     assert err == ""
-    assert re.search(r"ended at [\d.]+ s: M\(q\) is not positive definite, .* that joint \d feels", out)
+    assert re.search(
+        r"ended at [\d.]+ s: M\(q\) is not positive definite, .* inertia at joint \d is not", out
+    )
 
 
 def test_limits_and_a_large_step_are_warnings_on_stderr(

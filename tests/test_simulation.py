@@ -409,7 +409,7 @@ def test_table_2_as_printed_ends_with_joint_and_time() -> None:
     assert 0.0 <= run.outcome.time_s < 10.0
     joint, when = run.outcome.joint, run.outcome.time_s
     assert str(run.outcome) == (
-        f"ended at {when:.4g} s: M(q) is not positive definite, the inertia that joint {joint} feels is not "
+        f"ended at {when:.4g} s: M(q) is not positive definite, the inertia at joint {joint} is not "
         "positive with these parameters"
     )
     assert "M(q) is not positive definite" in run.status.value

@@ -147,11 +147,11 @@ def test_a_urdf_has_own_frames_too(shared: Path) -> None:
             "",
             "key 'a_m' is missing: with convention = 'dh' a_m is the length along x and d_m",
         ),
-        ("a_m = 0.11", "a = 0.11", "unknown key 'a'; units stand in the keys: a_m"),
+        ("a_m = 0.11", "a = 0.11", "unknown key 'a'; units are part of the keys: a_m"),
         (
             "alpha_deg = 90.0",
             "alpha = 90.0",
-            "unknown key 'alpha'; units stand in the keys: alpha_deg or alpha_rad",
+            "unknown key 'alpha'; units are part of the keys: alpha_deg or alpha_rad",
         ),
         ("a_m = 0.11", "r_m = 0.11", "r_m belongs to convention 'mdh'"),
         ("d_m = 0.32\n", "", "key 'd_m' is missing"),

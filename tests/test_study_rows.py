@@ -185,9 +185,9 @@ def test_files_of_something_else_are_refused(tmp_path: Path, content: str | None
         *((row("b", method=value), "'method' of a row must be text or null") for value in (0.5, True, ["a"])),
         *((row("b", seed=value), "'seed' of a row must be a whole number") for value in ("1", 0.5, -1, True)),
         (row("b", seed=None), "'seed' of a row must be a whole number, got null"),
-        (row("b", status="SOLVED?"), "'status' of a row is none that didim knows, got \"SOLVED\\?\""),
-        (row("b", status="TRUTH"), "'status' of a row is none that didim knows"),
-        (truth("b", status="SOLVED"), "'status' of a row is none that didim knows"),
+        (row("b", status="SOLVED?"), "'status' of a row is unknown, got \"SOLVED\\?\""),
+        (row("b", status="TRUTH"), "'status' of a row is unknown"),
+        (truth("b", status="SOLVED"), "'status' of a row is unknown"),
         (row("b", status="LOST", sentence=1.0), "'sentence' of a row must be text, got 1.0"),
         *(
             (row("b", beta=value), "'beta' of a row must be a list of numbers")

@@ -308,7 +308,7 @@ def test_defaults_of_a_design_are_a_hundredth_of_the_torque_and_a_quarter_of_a_s
         (0.0, 9.8, ""),
         (0.0, 10.2, "small beside the noise"),
         (0.88, 10.2, "small beside the noise"),
-        (0.952, 10.2, "hardly tells it from"),
+        (0.952, 10.2, "hardly separates it from"),
         (0.94, 10.2, "small beside the noise"),
     ],
 )
@@ -327,7 +327,7 @@ def test_a_weak_parameter(correlation: float, std: float, words: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("correlation", "words"), [(0.89, "other parameters together"), (0.91, "hardly tells it")]
+    ("correlation", "words"), [(0.89, "other parameters together"), (0.91, "hardly separates it")]
 )
 def test_parameters_that_are_told_apart_by_a_correlation_of_nine_tenths(
     correlation: float, words: str

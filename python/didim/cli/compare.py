@@ -81,8 +81,8 @@ def add(commands: Commands) -> None:
     method.add_argument(
         "--contrast",
         action="store_true",
-        help="only IDIM-LS, IDIM-IV and DIDIM, on the log of the experiment if it has one: their differences tell a wrong filter "
-        "from a wrong controller",
+        help="only IDIM-LS, IDIM-IV and DIDIM, on the log of the experiment if it has one: their differences show whether the "
+        "filter or the controller is wrong",
     )
     add_regression(method)
     files = parser.add_argument_group("files and printing")

@@ -56,7 +56,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--positions",
         action="store_true",
-        help="ROBOT is an experiment file with known links: steps or chirps that tell its drives and friction apart by positions "
+        help="ROBOT is an experiment file with known links: design steps or chirps that identify drives and friction by positions "
         "alone (-o motion.csv)",
     )
     add_report(parser)

@@ -42,7 +42,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--prior",
         metavar="NAME",
-        help="what the log leaves open is taken from this parameter set of the robot, or from 'generic' solids that fit the arm "
+        help="prior for parameters that the log does not identify: a parameter set of the robot, or 'generic' solids "
         "(default: the set of the URDF)",
     )
     parser.add_argument(
@@ -60,7 +60,7 @@ def add(commands: Commands) -> None:
         type=Path,
         nargs="?",
         const=NEW,
-        help="write MJCF, the format of MuJoCo; with a file, change the drives in it and nothing else",
+        help="write MJCF, the format of MuJoCo; with a file, only change its drives",
     )
     form.add_argument(
         "--isaac-lab", action="store_true", help="write the actuators of an Isaac Lab articulation"

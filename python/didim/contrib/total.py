@@ -76,6 +76,6 @@ class Total:
         found = total_least_squares(system.w * first.weights[:, None], system.y * first.weights)
         if found is None:
             raise FitError(
-                "total least squares has no solution: the torques are no part of the direction that fits worst"
+                "total least squares has no solution: the last singular vector has no component along the torques"
             )
         return with_weights(system, settings, first, found, first.weights)

@@ -202,7 +202,7 @@ def _told_jumps(recording: Recording, jumps: Sequence[tuple[Channel, int]]) -> l
                     kind="gap",
                     sentence=f"the positions of {at[0].side}s {', '.join(map(str, joints))} jump together behind sample "
                     f"{sample} ({time:.6g} s) of recording '{recording.name}': samples seem to be missing there",
-                    advice="Find the lost samples, or use what lies before and behind as two windows with windows_s",
+                    advice="Recover the lost samples, or use the stretches before and after as two windows with windows_s",
                     recording=recording.name,
                     file=at[0].file,
                     joints=joints,
@@ -245,8 +245,8 @@ def _clipped(channel: Channel) -> list[Finding]:
         channel.found(
             kind="clipped",
             sentence=f"{channel} is clipped at {limits}: {total} samples have that value, the first of them sample {first}",
-            advice="Move less fast or raise the limit of the drive or of the logger; until then leave these times out "
-            "with windows_s, because there the torque is not what the model needs",
+            advice="Move more slowly or raise the limit of the drive or of the logger; until then exclude these times "
+            "with windows_s, because the torque there is wrong",
             sample=first,
             value=found[0][0],
         )
@@ -265,7 +265,7 @@ def _coarse(channel: Channel) -> list[Finding]:
     return [
         channel.found(
             kind="quantised",
-            sentence=f"{channel} has {levels} different values only, so that one step is "
+            sentence=f"{channel} has {levels} different values only, so one step is "
             f"{100.0 / (levels - 1):.2g} % of its range",
             advice="Log it with more digits, or in the unit of the drive",
             value=float(levels),

@@ -150,7 +150,7 @@ def _checked(
         shown = recovered(experiment)
     fits = any(recording.role == "fit" for recording in experiment.recordings)
     if filtered and fits and not (without or constant):
-        say("looking for what explains the torques better")
+        say("searching for causes of the torque error")
         found += _model(experiment, known, shown, notes)
     return Findings(
         experiment.name,

@@ -30,7 +30,7 @@ SMALLEST_SHARE = 1e-6
 
 
 def check_excitation(rows: LogRows, n_rows: float) -> list[Finding]:
-    """Name the base parameters that a log of so many rows cannot tell, and the joints that rest."""
+    """Name the base parameters that a log with this number of rows does not identify, and the joints at rest."""
     robot = rows.robot
     q, dq, ddq = (np.concatenate([getattr(part, key) for part in rows.parts]) for key in ("q", "dq", "ddq"))
     alike = np.equal.outer(robot.joint_kinds, robot.joint_kinds)
@@ -52,7 +52,7 @@ def check_excitation(rows: LogRows, n_rows: float) -> list[Finding]:
         moves = "moves" if len(resting) == 1 else "move"
         shown = ", ".join(f"{value:.2g}" for value in ranges)
         sentence = (
-            f"{joints_text(resting)} hardly {moves} (through {shown} {units}), so that this log cannot tell "
+            f"{joints_text(resting)} hardly {moves} (through {shown} {units}), so this log does not identify "
         )
         sentence += ", ".join(untold)
         advice = "Record a motion in which every joint moves, or drop these parameters under [parameters]"
@@ -61,7 +61,7 @@ def check_excitation(rows: LogRows, n_rows: float) -> list[Finding]:
         values = np.linalg.eigvalsh(information / np.sqrt(np.outer(*[np.diag(information)] * 2)))
         with np.errstate(over="ignore"):  # infinite for a direction that the log does not identify
             condition = float(np.sqrt(values[-1] / max(values[0], np.finfo(float).tiny)))
-        sentence = f"this log cannot tell {', '.join(untold)} from the others and from noise (condition number {condition:.3g})"
+        sentence = f"this log does not separate {', '.join(untold)} from others and from noise (condition number {condition:.3g})"
         advice = "Record a richer motion (more configurations and speeds), or drop these parameters under [parameters]"
     joints = tuple(int(joint) + 1 for joint in resting)
     return [said(kind="excitation", sentence=sentence, advice=advice, joints=joints, parameters=untold)]

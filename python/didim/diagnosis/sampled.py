@@ -11,7 +11,7 @@ MOST_GAPS = 5
 """Largest number of gaps that are reported one by one."""
 
 ADVICE = {
-    "order": "Sort or mend the time stamps",
+    "order": "Sort or correct the time stamps",
     "gap": "Find the lost samples, or write resample = true under [recording.time], which takes the stretches between gaps",
     "uneven": "Write resample = true under [recording.time], or give rate_hz in place of that table if only the stamps jitter",
     "rate": "Correct rate_hz, or leave it out",

@@ -59,7 +59,7 @@ def check_standstill(robot: Robot, parts: list[Segment]) -> list[Finding]:
     return [
         said(
             kind="standstill",
-            sentence=f"the arm stands still in part of the log, joint{'s' if len(shares) > 1 else ''} {shown}: there the noise "
+            sentence=f"the arm rests in a part of the log, joint{'s' if len(shares) > 1 else ''} {shown}: there the noise "
             "of the velocity decides the sign of the Coulomb friction",
             advice=f"Write a dead zone under [friction], dead_zone_{'m' if prismatic else 'rad'}_s = "
             f"{'0.001' if prismatic else '0.01'}, or leave these times out with windows_s",

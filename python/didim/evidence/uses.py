@@ -167,7 +167,7 @@ def _missed(fit: Identification, residual: Residual, growth: float) -> tuple[flo
     outside = [item for item in fit.held_out if len(item.error_rms) == len(residual.size)]
     if outside:
         worst = max(outside, key=lambda item: item.overall_relative_error)
-        return float(np.linalg.norm(worst.error_rms)), f"as on recording '{worst.name}', which was kept out"
+        return float(np.linalg.norm(worst.error_rms)), f"as on recording '{worst.name}', which was held out"
     own = np.sqrt(np.mean(residual.error**2, axis=1))
     return growth * float(np.linalg.norm(own)), "as on blocks of the log that were left out"
 

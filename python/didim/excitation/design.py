@@ -144,7 +144,7 @@ class Excitation(Pickled, Printed):
             other = int(row.argmax())
             if weak and inflated and row[other] > CORRELATED_ESTIMATES:
                 sentences.append(
-                    f"weak: {words}; the motion hardly tells it from {self.names[other]} (correlation "
+                    f"weak: {words}; the motion hardly separates it from {self.names[other]} (correlation "
                     f"{correlation[k, other]:.2f})"
                 )
             elif weak:

@@ -116,7 +116,7 @@ def noise_from(source: Experiment | str | Path, robot: Robot, log_rate_hz: float
     share = 1.0 - int(solution[2]) / len(system.y)
     if share <= 0.0:
         raise ExcitationError(
-            f"experiment {experiment.name!r} has too few samples to tell the noise of its torques"
+            f"experiment {experiment.name!r} has too few samples to estimate the noise of its torques"
         )
     variance = np.array([np.mean(residual[rows] ** 2) for rows in system.joints]) / share
     return np.asarray(np.sqrt(variance * log_rate_hz / (kept / seconds)))

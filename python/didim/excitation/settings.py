@@ -144,7 +144,7 @@ class ExcitationSettings:
                 raise ExcitationError(f"{name} must be positive, got {value!r}")
         if self.smoothing > MOST_SMOOTHING:
             raise ExcitationError(
-                f"smoothing must be at most {MOST_SMOOTHING:g} rad/s or m/s, or friction is not seen, got {self.smoothing!r}"
+                f"smoothing must be at most {MOST_SMOOTHING:g} rad/s or m/s, or friction vanishes, got {self.smoothing!r}"
             )
         if not 0.0 <= self.dwell_s < float("inf"):
             raise ExcitationError(f"dwell_s must not be negative, got {self.dwell_s!r}")

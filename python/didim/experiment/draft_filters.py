@@ -92,7 +92,9 @@ def choose_filters(robot: Robot, recordings: Sequence[Recording], *, comparable:
     middle = CUTOFF_TIMES * band if band > 0.0 else 0.04 * rate
     middle = min(max(middle, LOWEST_SHARE * APART * rate), HIGHEST_SHARE * rate / APART)
     cutoffs = [_two_digits(middle * factor) for factor in (1.0 / APART, 1.0, APART)]
-    moves = f"{source} {band:.3g} Hz" if band > 0.0 else "the log is too short to say where the motion ends"
+    moves = (
+        f"{source} {band:.3g} Hz" if band > 0.0 else "the log is too short to detect the end of the motion"
+    )
     stages = _stages(band, cutoffs[1], rate, samples)
 
     def filters(cutoff: float, reason: str, errors: Sequence[tuple[float, float]] = ()) -> Filters:

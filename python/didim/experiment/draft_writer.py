@@ -282,7 +282,7 @@ class RecordingWriter:
             return []
         start, stop = found
         self._tell(
-            f"the arm moves from {start:g} s to {stop:g} s; what is before and after is left out (windows_s)"
+            f"the arm moves from {start:g} s to {stop:g} s; the samples before and after are left out (windows_s)"
         )
         return [
             f"windows_s = [[{start:g}, {stop:g}]] # confirm: before and after the arm rests, or is brought to its start"

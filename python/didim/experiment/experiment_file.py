@@ -243,7 +243,7 @@ def read_experiment(
     for part, title in parts:
         recording = read_recording(part, title, robot, reduction, folder, faults)
         if recording.name in [other.name for other in recordings]:
-            part.fail(f"name {recording.name!r} stands for an earlier recording already")
+            part.fail(f"name {recording.name!r} is already used by an earlier recording")
         recordings.append(recording)
 
     # An experiment and a robot may both be emps.toml.

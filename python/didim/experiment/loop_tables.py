@@ -256,7 +256,7 @@ class MadeUpRecipe:
             Always.
         """
         raise ExperimentError(
-            "[controller] kind = 'made-up' has no gains of its own: consistent DIDIM "
+            "[controller] kind = 'made-up' has no gains yet: consistent DIDIM "
             "(didim identify --method didim) makes them from its estimate"
         )
 

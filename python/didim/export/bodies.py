@@ -353,7 +353,7 @@ def _left_out(
     ]
     if offsets:
         sentences.append(
-            f"the torque offsets of {', '.join(offsets)} are left out: no format has a place for them"
+            f"the torque offsets of {', '.join(offsets)} are left out: no format can represent them"
         )
     sentences += lost_friction(values, robot.friction.terms, dict(zip(joints, missed, strict=True)))
     if robot.friction.model == "asymmetric":

@@ -158,7 +158,7 @@ def _sentences(joints: Sequence[JointDrive]) -> list[str]:
         found.append(f"offsets have no place in the file: add to commands (mrad, mm) {shifts}")
     elif offsets:
         names = ", ".join(drive.joint for drive in offsets)
-        found.append(f"torque offsets of {names} are left out: no file has a place for them")
+        found.append(f"torque offsets of {names} are left out: no format can represent them")
     delay, lag = (max(getattr(drive, key) for drive in joints) for key in ("delay_s", "lag_s"))
     if delay or lag:
         behind = f", and behind a lag of {1e3 * lag:.3g} ms" if lag else ""

@@ -67,9 +67,7 @@ def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tup
                 f"{path.name}: there is no joint {drive.joint!r}{did_you_mean(drive.joint, found.joints)}"
             )
         if drive.joint not in found.elements:
-            raise FitError(
-                f"{path.name}: joint {drive.joint!r} stands in an included file; export into that one"
-            )
+            raise FitError(f"{path.name}: joint {drive.joint!r} is in an included file; export into that one")
     motors = [
         drive.joint
         for drive in drives.joints

@@ -200,7 +200,7 @@ class CsvFile:
             hint = "" if nearest(column, self.names) else self._delimiter_hint()
             self._fail(f"there is no column {column!r}; {there}{hint}")
         if self.names.count(column) > 1:
-            self._fail(f"column {column!r} stands twice in the header")
+            self._fail(f"column {column!r} occurs twice in the header")
         return self.names.index(column)
 
     def _load(self, usecols: list[int]) -> Array:

@@ -53,7 +53,7 @@ class OneValueALine:
             return list(range(1, count + 1))
         numbers = [column for column in columns if isinstance(column, int)]
         if len(numbers) < len(columns):
-            self._fail("values that stand one a line have no names: columns go by number, from 1")
+            self._fail("values with one per line have no names: columns go by number, from 1")
         for number in numbers:
             if not 1 <= number <= self._width:
                 self._fail(f"there is no column {number}; values_per_sample says 1 to {self._width}")

@@ -51,8 +51,8 @@ class Outcome:
             )
         if self.status is SimulationStatus.INDEFINITE:
             return (
-                f"ended at {self.time_s:.4g} s: M(q) is not positive definite, the inertia that joint {self.joint} "
-                "feels is not positive with these parameters"
+                f"ended at {self.time_s:.4g} s: M(q) is not positive definite, the inertia at joint {self.joint} "
+                "is not positive with these parameters"
             )
         return "completed"
 

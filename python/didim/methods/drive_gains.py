@@ -58,7 +58,7 @@ def run_with_gains(
             record={"gains": kind},
         )
         remarks.append(
-            f"drive gains by {kind.upper()} are biased, since the noisy currents stand in the regressor: for comparison alone"
+            f"drive gains by {kind.upper()} are biased, because the noisy currents are in the regressor: for comparison only"
         )
     entry = Iteration(
         iteration=found.iterations,

@@ -172,7 +172,7 @@ class MethodSettings:
             )
         if not knows_logs(choice):
             raise FitError(
-                "this solver knows the robot alone, and recordings have payloads, own offsets or own friction: identify without "
+                "this solver only supports robots, and recordings have payloads, own offsets or own friction: identify without "
                 "it, or write its `for_logs`"
             )
         friction = robot.friction

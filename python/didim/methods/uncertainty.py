@@ -64,7 +64,9 @@ def spread_of_fit(
     if not fit.covariance.any():
         return Spread(fit.covariance, None)
     if system.w.shape[0] < system.w.shape[1]:  # physical constraints still yield a solution
-        sentence = "there are fewer rows than parameters, so the residual says nothing of the noise: no standard deviations"
+        sentence = (
+            "there are fewer rows than parameters, so the noise cannot be estimated: no standard deviations"
+        )
         return Spread(np.zeros_like(fit.covariance), None, (sentence,))
     factors, noise = fit.factors, fit.covariance
     if factors is None:

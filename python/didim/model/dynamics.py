@@ -228,7 +228,7 @@ def direct_dynamics(robot: Robot, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, x
     if indefinite is not None:
         sample, joint = indefinite
         raise IndefiniteError(
-            f"M(q) is not positive definite at sample {sample + 1}: the inertia that joint {joint + 1} feels "
+            f"M(q) is not positive definite at sample {sample + 1}: the inertia at joint {joint + 1} "
             "is not positive with these parameters"
         )
     return ddq

@@ -70,7 +70,7 @@ def parts_of(keys: Keys) -> Parts:
         if root in PROCESSING and side == "truth.":
             raise StudyError(f"key {key!r}: [{root}] does not change a simulated log; leave out 'truth.'")
         if root == "measurement" and side == "model.":
-            raise StudyError(f"key {key!r}: methods are not told the noise of a log; leave out 'model.'")
+            raise StudyError(f"key {key!r}: methods do not use the noise of a log; omit 'model.'")
         if side != "model." and root not in PROCESSING:
             _put(found.truth_robot if root == "robot" else found.truth, root, inner, value)
         if side != "truth.":

@@ -287,7 +287,7 @@ def _check_row(row: Row, where: str) -> None:
         known = (*Status.__members__, *NO_FIT)
         own = {"seed": "a whole number", **FIT}
     if status not in known:
-        raise StudyError(f"{where}: 'status' of a row is none that didim knows, got {_shown(status)}")
+        raise StudyError(f"{where}: 'status' of a row is unknown, got {_shown(status)}")
     if status in NO_FIT:
         own = {"seed": HEAD["seed"] if row["method"] is None else "a whole number", "sentence": "text"}
     _check(row, own, where)

@@ -239,7 +239,7 @@ def dependence_sentence(
         texts.append(f"{names[index]} = {' '.join(terms).lstrip('+')}" if terms else f"{names[index]} = 0")
     shown = "; ".join(texts[:5]) + (f"; and {len(texts) - 5} more" if len(texts) > 5 else "")
     return (
-        f"the log cannot tell {len(dependent)} of {len(names)} parameters from the others "
+        f"the log does not separate {len(dependent)} of {len(names)} parameters from the others "
         f"(columns of W: {shown}); "
         "excite them, or fix or drop them under [parameters]"
     )

@@ -184,7 +184,7 @@ def _convergence_section(fits: dict[str, Identification]) -> Html:
         "Convergence",
         paragraph(
             "Relative error: of the torques, or, for CLOE, of what it minimises over that of its start. IDIM-LS iterates on its "
-            "weights only. What else a method tells of its iterations is in the JSON."
+            "weights only. The JSON has further numbers of each iteration."
         ),
         picture(plot.convergence(known), "Relative error and step over the iterations, by method"),
     )

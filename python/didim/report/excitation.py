@@ -74,4 +74,4 @@ def _parameter_section(design: Excitation) -> Html:
         if percent is not None:
             row.append(f"{percent[k]:.3g}" if np.isfinite(percent[k]) else "-")
         rows.append(row)
-    return section("What it tells of each parameter", table(head, rows, numbers=range(2, len(head))))
+    return section("Expected standard deviations", table(head, rows, numbers=range(2, len(head))))

@@ -83,7 +83,7 @@ def judged(fit: Identification) -> tuple[Level, str, str]:
         if len(errors) > 1:
             text += f", {percent(fit.overall_relative_error)} overall"
     for item in fit.held_out:
-        text += f"; on '{item.name}', which was kept out of the fit, {percent(item.overall_relative_error)}"
+        text += f"; on '{item.name}', which was held out of the fit, {percent(item.overall_relative_error)}"
     text += "."
     verdict = fit.verdict
     badge = f"{verdict.state.value.capitalize()}. {fit.status.value.partition(':')[0]}"
@@ -168,7 +168,7 @@ def torque_section(fit: Identification, experiment: Experiment, predictions: Seq
     if any(item.role == "held-out" for item in experiment.recordings) and fit.held_out:
         found = predict(fit, experiment, role="held-out")
         content += [
-            paragraph("The recordings that were kept out of the fit, predicted along their measured motion:"),
+            paragraph("The recordings that were held out, predicted along their measured motion:"),
             picture(plot.torques(fit, experiment, predictions=found), "Torques of the recordings held out"),
         ]
     return section("Torques", *content)
@@ -259,7 +259,7 @@ def parameter_section(
         lines = [[name, text] for name, text in zip(base.names, base.groupings, strict=True)]
         wide = {(row, 1): "wide" for row in range(len(lines))}
         content.append(
-            details("What the base parameters are made of", table(["parameter", "sum"], lines, classes=wide))
+            details("Groupings of the base parameters", table(["parameter", "sum"], lines, classes=wide))
         )
     return section("Parameters", *content)
 

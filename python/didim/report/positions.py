@@ -50,7 +50,7 @@ def _parameters(record: PositionRecord) -> Html:
         "Parameters",
         paragraph(
             f"Values with their 95 % intervals, by leaving out {record.blocks} {record.kind}. A star marks a value at a bound; a "
-            "value in parentheses was held, for this log does not tell it."
+            "value in parentheses was held, because this log does not identify it."
         ),
         *(_shown(rows) for rows in limb_tables(record)),
         *([_shown(shared)] if shared else []),

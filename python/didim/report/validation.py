@@ -92,7 +92,7 @@ def _recording_sections(
         what = {"q": "Positions"} | ({"tau": "Torques"} if recording.tau is not None else {})
         for key, name in what.items():
             content += [
-                paragraph(f"{name} of the simulated closed loop beside the log, as they are:"),
+                paragraph(f"{name} of the simulated closed loop and the log, unfiltered:"),
                 picture(
                     plot.overlay(
                         simulation,

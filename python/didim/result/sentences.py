@@ -61,7 +61,7 @@ def _cause(finding: Told) -> str:
     ties = [looks(tie["code"], tuple(tie["joints"]), tie["value"], tie["facts"]) for tie in facts["ties"]]
     others = "".join(f", or {text}" for text in ties)
     what = "the first" if others else "that"
-    text = f"{first}{others}{' (this log does not tell which)' if others else ''}"
+    text = f"{first}{others}{' (this log does not show which)' if others else ''}"
     if facts.get("friction"):
         told = ", ".join(f"{name} = {value:.3g}" for name, value in facts["friction"].items())
         return f"{text}: friction would drive the robot ({told})"
@@ -144,7 +144,7 @@ def _value(f: Told) -> float:
 
 def _held_out(f: Told) -> str:
     return (
-        f"on recording '{f.recordings[0]}', which was kept out, the torques of {_joints(f)} are off by "
+        f"on recording '{f.recordings[0]}', which was held out, the torques of {_joints(f)} are off by "
         f"{percent(f.facts['share'])} %, {between(f.facts['ratios'])} times as much as on the recordings of the fit"
     )
 
@@ -192,11 +192,7 @@ def _friction_advice(f: Told) -> str:
 
 
 def _size(f: Told) -> str:
-    of = (
-        "the torques of the servos"
-        if f.facts.get("positions")
-        else "torques that it was not fitted to, beside their noise"
-    )
+    of = "the torques of the servos" if f.facts.get("positions") else "held-out torques, without their noise"
     return (
         f"the model misses {percent(_value(f))} % of {of}"
         + (f", most in {_joints(f)} ({percents(f.facts['shares'])} %)" if f.joints else "")
@@ -354,8 +350,8 @@ WORDS: dict[str, Words] = {
     ),
     "spikes": (
         lambda f: (
-            f"{f.facts['count']} samples of the torques of {_joints(f)} ({percent(_value(f))} %) stand alone, far from those "
-            "around them"
+            f"{f.facts['count']} samples of the torques of {_joints(f)} ({percent(_value(f))} %) are isolated, far from their "
+            "neighbours"
         ),
         _always(
             'Write spikes = "hampel" under [signal], which replaces them before the decimation smears them'

@@ -88,7 +88,7 @@ class Payload:
                 )
             reason = why_no_body(self._body(1.0 if mass is None else mass))
             if reason is not None:
-                raise ExperimentError(f"{where} inertia_kg_m2 belongs to no body: {reason}")
+                raise ExperimentError(f"{where} inertia_kg_m2 is not that of a body: {reason}")
 
     def _body(self, mass: float) -> Array:
         assert self.com_m is not None

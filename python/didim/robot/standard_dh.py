@@ -59,7 +59,7 @@ def read_lengths(joint: Table) -> tuple[float, float]:
         ("theta", "theta_deg or theta_rad"),
     ):
         if key in joint.content_unread:
-            joint.fail(f"unknown key {key!r}; units stand in the keys: {meant}")
+            joint.fail(f"unknown key {key!r}; units are part of the keys: {meant}")
     if joint.has("r_m"):
         joint.fail(
             "r_m belongs to convention 'mdh'; with convention = 'dh' the lengths are the maker's: a_m along x and d_m along z"

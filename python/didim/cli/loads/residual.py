@@ -28,7 +28,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("fit", metavar="FIT.json", type=Path, help="result of an identification")
     parser.add_argument("log", metavar="LOG.toml", type=Path, help="experiment file of the log")
     add_data(parser)
-    parser.add_argument("--json", metavar="FILE", type=Path, help="also write what was found as JSON")
+    parser.add_argument("--json", metavar="FILE", type=Path, help="also write the detections as JSON")
     parser.add_argument("-o", "--output", metavar="FILE.csv", type=Path, help="also write the torques as CSV")
     parser.add_argument(
         "--plot", metavar="FILE.svg", type=Path, help="also draw the torques (needs didim[plot])"

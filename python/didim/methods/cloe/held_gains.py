@@ -53,7 +53,7 @@ def run_with_held_gains(
         further=_with_gains(fit, known),
         remarks=(
             *fit.remarks,
-            "positions say nothing of drive gains: these are the gains of IDIM-LS, with its standard deviations",
+            "positions do not identify drive gains: these are the gains of IDIM-LS, with its standard deviations",
         ),
     )
 

@@ -310,7 +310,7 @@ class OutputError:
             remarks=(
                 *remarks,
                 *self.saved.remarks,
-                *(() if torques else ("without torques in the log, torque errors mean nothing",)),
+                *(() if torques else ("the log has no torques, so there are no torque errors",)),
             ),
         )
         result = identification(

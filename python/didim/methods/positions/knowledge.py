@@ -190,10 +190,10 @@ def weak_pairs(problem: Problem, a: Array, free: NDArray[np.bool_]) -> list[str]
 def _advice(one: Column, two: Column) -> str:
     kinds = {one.kind, two.kind}
     if kinds & {"delay_s", "lag_s", "Ia"}:
-        return "steps, or a chirp up to the bandwidth of the loop, tell them apart"
+        return "steps, or a chirp up to the bandwidth of the loop, separate them"
     if kinds & {"kp", "kv", "saturation"}:
-        return "steps that reach the limit of the torque tell them apart"
-    return "other speeds and poses tell them apart"
+        return "steps that reach the limit of the torque separate them"
+    return "other speeds and poses separate them"
 
 
 def where_of(robot: Robot, column: Column) -> str:

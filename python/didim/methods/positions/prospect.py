@@ -66,7 +66,7 @@ def prospect(experiment: Experiment) -> tuple[list[Lack], list[str]]:
         if poor:
             names = ", ".join(where_of(problem.robot, problem.columns[k]) for k in poor)
             sentence = (
-                f"the log says little of {kind} of {names}: intervals of about {_range_text(share[poor])}"
+                f"the log hardly identifies {kind} of {names}: intervals of about {_range_text(share[poor])}"
             )
             advice = "Log faster, and command steps or a chirp up to the bandwidth of the loop (didim excite --positions)"
             found.append(Lack(sentence, advice, tuple(problem.columns[k].joints[0] + 1 for k in poor)))

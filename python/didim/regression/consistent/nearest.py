@@ -172,7 +172,7 @@ def root_of(covariance: Array) -> Array:
     std = np.sqrt(np.diag(covariance))
     if not (np.isfinite(covariance).all() and (std > 0.0).all()):
         raise FitError(
-            "the estimate has no standard deviations, and without them no robot is nearest to it: let the method converge first"
+            "the estimate has no standard deviations, so the nearest robot is undefined: let the method converge first"
         )
     try:
         root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(std, std))) / std

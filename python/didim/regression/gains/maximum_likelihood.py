@@ -207,7 +207,7 @@ def _result(
     if singular[-1] < SINGULAR * singular[0]:
         lost = [names[k] for k in np.flatnonzero(np.abs(right[-1]) > 0.1)]
         raise RankError(
-            f"the currents do not tell {', '.join(lost)} from each other: what is known of the payloads does not reach them",
+            f"the currents do not separate {', '.join(lost)}: the known payloads have no effect on them",
             tuple(int(k) for k in np.flatnonzero(np.abs(right[-1]) > 0.1)),
         )
     inverse_r = (right.T / singular) @ left.T / size[:, None]

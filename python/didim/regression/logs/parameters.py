@@ -326,7 +326,9 @@ class _Builder:
                 f"{which} of payload '{owner}' cannot be separated from the last link, because every recording carries it: add one "
                 "without a payload or with a known one, or use `didim payload`"
             )
-        raise FitError(f"{which} of recording '{owner}' cannot be told from those of the other recordings")
+        raise FitError(
+            f"{which} of recording '{owner}' cannot be separated from those of the other recordings"
+        )
 
     def gains(self) -> None:
         """Add a drive gain for each motor.

@@ -24,7 +24,7 @@ def position_lines(record: PositionRecord, name: str, robot: str) -> list[str]:
         lines += ["", *columned(rows)]
     lines.append("")
     lines.append(
-        f"95 % intervals by leaving out {record.blocks} {record.kind}; * at a bound, (..) held, for this log does not tell it"
+        f"95 % intervals by leaving out {record.blocks} {record.kind}; * at a bound, (..) fixed, as this log does not identify it"
         if record.blocks
         else "too few rollouts and too short a log for intervals"
     )

@@ -200,7 +200,7 @@ def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) 
     if free and chain.tip == WHOLE:
         mimics = [f"{name} (of {joints[name].mimic})" for name in free if joints[name].mimic is not None]
         if mimics:
-            notes.append(f"held, because they follow joints that stand still: {_names(mimics)}")
+            notes.append(f"fixed, because they follow locked joints: {_names(mimics)}")
         many = [name for name in free if joints[name].mimic is None]
         if many:
             notes.append(

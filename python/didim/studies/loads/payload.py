@@ -87,7 +87,7 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
     same_robot(fit, experiment)
     if not fit.std.any():
         raise FitError(
-            f"the result '{fit.name}' has no standard deviations: without them nothing says how well the robot is known"
+            f"the result '{fit.name}' has no standard deviations: they are needed for the uncertainty of the robot"
         )
     experiment, name = _with_unknown(fit, experiment)
     robot = experiment.robot
@@ -134,7 +134,7 @@ def identify_payload(fit: Identification, experiment: Experiment, *, seed: int =
         missing = [item for item in names if item not in block.names]
         return replace(
             estimate,
-            remarks=(f"no motion of this arm shows {', '.join(missing)}: the rest is no whole body",),
+            remarks=(f"this arm cannot identify {', '.join(missing)}, so there is no complete body",),
         )
     return _with_body(estimate, theta, covariance, known, chosen, seed)
 
@@ -189,7 +189,7 @@ def _solve(
     except np.linalg.LinAlgError:
         wanted = ", ".join(system.names[b:])
         raise FitError(
-            f"the log does not tell all of {wanted} apart: look for samples out of scale (`didim check`), or move more joints"
+            f"the log does not separate all of {wanted} apart: look for samples out of scale (`didim check`), or move more joints"
         ) from None
     log = replace(
         factors, left=factors.left[:rows], right=factors.right[:rows], residual=factors.residual[:rows]

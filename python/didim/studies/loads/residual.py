@@ -243,7 +243,7 @@ def residual_torques(
             prediction = next(windows)
             if prediction.std is None:
                 raise FitError(
-                    f"the result '{fit.name}' has no standard deviations: without them nothing says what is unusual"
+                    f"the result '{fit.name}' has no standard deviations: they are needed for the limits"
                 )
             found.append(
                 _window(
