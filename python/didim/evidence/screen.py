@@ -1,11 +1,12 @@
-"""A rougher look at a hypothesis, which costs a small part of the columns of a fit. Tested in ``tests/test_evidence_products.py``.
+"""Cheap screening of hypotheses along the decimated motion.
 
-Links and rotors are formed along the decimated motion, friction, which jumps at reversals, is that of the fit, and what the columns
-of a fit have beside their rougher look is taken to be the same for another robot:
+Links and rotors are evaluated along the decimated motion; friction, which jumps at reversals, is that of the fit. The difference
+between the columns of a fit and these approximate ones is assumed to be the same for another robot:
 
     dec(W'(q, dq, ddq)) ~ W'(dec q, dec dq, dec ddq) + [dec(W(q, dq, ddq)) - W(dec q, dec dq, dec ddq)]
 
-The term in brackets is up to 3 % of a torque on fast motions. Where a joint turns the other way it says nothing, and is left out.
+The term in brackets is up to 3 % of a torque on fast motions. It is omitted if a joint turns the other way. Tested in
+``tests/test_evidence_products.py``.
 """
 
 from __future__ import annotations
