@@ -16,10 +16,12 @@ import pytest
 
 import didim
 from arm import arm_file, arm_log
-from didim import DIDIM, identify
+from didim import DIDIM, _core, identify
 from didim._tools.threads import core_threads
 from didim.cli.main import main
 from didim.errors import ThreadsError
+from didim.signal.decimation import decimation_stages
+from didim.signal.processing import SignalProcessing
 
 
 @pytest.fixture(autouse=True)
@@ -52,6 +54,20 @@ def test_the_result_has_the_same_bits() -> None:
     for fit in fits[1:]:
         np.testing.assert_array_equal(fit.beta, fits[0].beta)
         np.testing.assert_array_equal(fit.covariance, fits[0].covariance)
+
+
+def _filtered(_: int = 0) -> np.ndarray[Any, Any]:
+    x = np.sin(np.arange(30000.0)).reshape(1000, 30)
+    return _core.decimate(x, decimation_stages(1000, SignalProcessing(decimation=(5,))), 4)
+
+
+@pytest.mark.skipif(
+    "fork" not in multiprocessing.get_all_start_methods(), reason="processes cannot be forked"
+)
+def test_a_forked_process_has_threads_of_its_own() -> None:
+    expected = _filtered()
+    with ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as pool:
+        np.testing.assert_array_equal(pool.submit(_filtered).result(timeout=60), expected)
 
 
 @pytest.mark.parametrize("number", [0, -1, 1.5, "2", True, 2**70])

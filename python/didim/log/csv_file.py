@@ -18,6 +18,7 @@ import numpy as np
 import didim._core as _core
 
 from .._tools.arrays import Array
+from .._tools.threads import core_threads
 from .._tools.words import counted, known_names, nearest
 from ..errors import RecordingError
 from .data_format import LONGEST_LINE, LOST_SAMPLE, MOST_COLUMNS, Column
@@ -239,7 +240,9 @@ class CsvFile:
         if not self._delimiter.isascii():
             return None
         begin = 0 if self.names is None else self._body.find(b"\n") + 1
-        return _core.parse_table(self._body[begin:], ord(self._delimiter), self._n_columns, usecols)
+        return _core.parse_table(
+            self._body[begin:], ord(self._delimiter), self._n_columns, usecols, core_threads()
+        )
 
     def _is_rectangular(self) -> bool:
         lines = self._body.count(b"\n") + 1

@@ -97,15 +97,18 @@ pub(super) fn filtfilt<'py>(
 
 /// Columns of plain delimited text, `(n_rows, n_wanted)`; None where the text is not plain. A blank stands for any white space.
 #[pyfunction]
+#[pyo3(signature = (text, delimiter, columns, wanted, threads=None))]
 pub(super) fn parse_table<'py>(
     py: Python<'py>,
     text: &[u8],
     delimiter: u8,
     columns: usize,
     wanted: Vec<usize>,
+    threads: Option<usize>,
 ) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
     let separator = if delimiter == b' ' { Delimiter::Blanks } else { Delimiter::Byte(delimiter) };
-    let parsed = py.detach(|| parse(text, separator, columns, &wanted));
+    let threads = threads.unwrap_or_else(parallel::available_threads);
+    let parsed = py.detach(|| parse(text, separator, columns, &wanted, threads));
     parsed
         .map(|numbers| {
             let rows = numbers.len() / wanted.len().max(1);

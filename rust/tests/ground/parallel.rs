@@ -24,7 +24,7 @@ fn every_unit_runs_once_and_in_its_slot() {
 }
 
 #[test]
-#[should_panic(expected = "a scoped thread panicked")]
+#[should_panic(expected = "on purpose")]
 fn a_panic_reaches_the_caller() {
     let caller = std::thread::current().id();
     map(8, 2, |_| {
@@ -35,6 +35,25 @@ fn a_panic_reaches_the_caller() {
             panic!("on purpose");
         }
     });
+}
+
+#[test]
+fn calls_within_and_beside_other_calls_end() {
+    let inner = |k: usize| map(5, 3, move |index| k + index).into_iter().sum::<usize>();
+    let expected: Vec<usize> = (0..20).map(|k| 5 * k + 10).collect();
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| (0..20).for_each(|_| assert_eq!(map(20, 4, inner), expected)));
+        }
+    });
+}
+
+#[test]
+fn a_panic_leaves_the_threads_for_the_next_call() {
+    for _ in 0..3 {
+        assert!(std::panic::catch_unwind(|| map(8, 4, |index| assert!(index < 7, "on purpose"))).is_err());
+        assert_eq!(map(8, 4, |index| index).len(), 8);
+    }
 }
 
 #[test]
