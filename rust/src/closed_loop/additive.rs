@@ -16,9 +16,9 @@ use crate::model::links::Lower;
 use crate::model::steep::Steep;
 use crate::robot::arm::for_joints;
 
-/// `g`, the diagonal of the implicit method.
+/// Diagonal coefficient `g` of the implicit method.
 const DIAGONAL: f64 = 1_767_732_205_903.0 / 4_055_673_282_236.0;
-/// The implicit method; the last row weighs both.
+/// Coefficients of the implicit method; the last row has the weights of both methods.
 const IMPLICIT: [[f64; 4]; 4] = [
     [0.0; 4],
     [DIAGONAL, DIAGONAL, 0.0, 0.0],
@@ -30,7 +30,7 @@ const IMPLICIT: [[f64; 4]; 4] = [
         DIAGONAL,
     ],
 ];
-/// The explicit method.
+/// Coefficients of the explicit method.
 const EXPLICIT: [[f64; 3]; 4] = [
     [0.0; 3],
     [1_767_732_205_903.0 / 2_027_836_641_118.0, 0.0, 0.0],
@@ -41,13 +41,13 @@ const EXPLICIT: [[f64; 3]; 4] = [
         10_755_448_449_292.0 / 10_357_097_424_841.0,
     ],
 ];
-/// Times of the stages.
+/// Stage times, as shares of the step.
 const NODES: [f64; 4] = [0.0, 1_767_732_205_903.0 / 2_027_836_641_118.0, 0.6, 1.0];
-/// A Newton step below this share of the smoothing velocity is the last; what is left is its square.
+/// Newton step, as a share of the smoothing velocity, that is the last: the error after it is its square.
 const SMALL: f64 = 1e-4;
-/// What is left of the accelerations, as a share of the smoothing velocities, counts as nothing below this.
+/// Residual of the accelerations, as a share of the smoothing velocities, below which a stage has converged.
 const NOTHING: f64 = 1e-9;
-/// Most steps of a stage: beyond, the numbers mean nothing.
+/// Upper bound of the Newton steps of a stage: more mean invalid numbers.
 const MOST: usize = 60;
 
 /// One step.

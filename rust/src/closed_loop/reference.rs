@@ -70,9 +70,9 @@ pub enum ReferenceError {
     },
 }
 
-/// Joints that one vector of the evaluation holds.
+/// Number of joints in one vector of the evaluation.
 const BLOCK: usize = 4;
-/// Coefficients of a piece.
+/// Number of coefficients of a piece.
 const DEGREES: usize = 6;
 
 /// A reference motion of `n` joints.
@@ -295,7 +295,7 @@ impl Reference {
     }
 }
 
-/// Differences over five samples in units of the step, times 12: velocity and acceleration at each of the five.
+/// Five-point difference weights times 12, in units of the step: velocity and acceleration at each of the samples.
 const FIVE_POINTS: [([f64; 5], [f64; 5]); 5] = [
     ([-25.0, 48.0, -36.0, 16.0, -3.0], [35.0, -104.0, 114.0, -56.0, 11.0]),
     ([-3.0, -10.0, 18.0, -6.0, 1.0], [11.0, -20.0, 6.0, 4.0, -1.0]),

@@ -95,9 +95,9 @@ pub struct Plan<'a> {
     pub motion: Option<&'a Reference>,
 }
 
-/// Instants closer than this share of the shortest interval are one.
+/// Distance of two instants, as a share of the shortest interval, below which they coincide.
 const SAME: f64 = 1e-6;
-/// Most steps of a run: beyond, the plan is a mistake.
+/// Upper bound of the steps of a run: more are a mistake in the settings.
 const MOST_STEPS: f64 = 1e10;
 
 impl Schedule {

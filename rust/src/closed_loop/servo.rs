@@ -11,7 +11,7 @@ use super::simulation::{Candidate, SimulationError};
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::lanes::{Lanes, Set};
 
-/// Numbers of a joint in the row of a candidate: gains, limit, shift of the reference, initial position and velocity.
+/// Number of values per joint in the row of a candidate: gains, limit, shift of the reference, initial position and velocity.
 const NUMBERS: usize = 6;
 
 /// What position servos follow: means of held references over the steps of a schedule.

@@ -29,11 +29,11 @@ use crate::robot::geometry::Geometry;
 
 pub use crate::closed_loop::kernels::{portable, run_as_any, run_group};
 
-/// How often, in segments, a run asks whether it shall stop.
+/// Number of segments between two checks for a request to stop.
 const PATIENCE: usize = 256;
-/// The same within a segment, in steps.
+/// Number of steps between two such checks within a segment.
 const LONG: usize = 4096;
-/// Angle (rad) beyond which the sines of `lanes.rs` lose digits.
+/// Largest angle (rad) for which the sines of `lanes.rs` keep their digits.
 const FARTHEST: f64 = 1e5;
 
 /// The state of a run, and its memory: nothing is allocated once it runs.

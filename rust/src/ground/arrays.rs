@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-/// Most joints a robot can have; per-sample state lives in arrays of this size.
+/// Largest number of joints; per-sample state is in arrays of this size.
 pub const MAX_DOF: usize = 40;
 
 /// Arrays that do not fit a robot.

@@ -56,9 +56,9 @@ pub trait Kernel: Sized {
     }
 }
 
-/// Lanes that fill the vector registers of most processors.
+/// Number of lanes that fill the vector registers of most processors.
 pub const WIDTH: usize = 4;
-/// The most lanes there are.
+/// Largest number of lanes.
 pub const WIDEST: usize = 8;
 
 const _: () = assert!(MAX_DOF.is_multiple_of(WIDTH), "joints are taken side by side in whole registers");

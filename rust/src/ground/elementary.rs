@@ -3,9 +3,9 @@
 use super::lanes::{Lanes, Set};
 use std::f64::consts::FRAC_2_PI;
 
-/// Angles (rad) up to which [`Lanes::small_sin_cos`] has all digits.
+/// Largest angle (rad) for which [`Lanes::small_sin_cos`] has all digits.
 pub(crate) const SMALL_ANGLE: f64 = 0.0625;
-/// 1.5 * 2^52: adding it leaves the nearest integer in the low bits.
+/// Rounding constant 1.5 * 2^52: its sum with a number has the nearest integer in the low bits.
 const ROUND: f64 = 6_755_399_441_055_744.0;
 
 impl<V: Set> Lanes<V> {

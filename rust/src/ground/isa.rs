@@ -87,7 +87,7 @@ impl Isa {
     }
 }
 
-/// 0 before the first question. What is stored never names a set that the processor lacks.
+/// Chosen instruction set, 0 before the first use. What is stored never names a set that the processor lacks.
 static CHOSEN: AtomicU8 = AtomicU8::new(0);
 
 /// Lets all kernels that start from now on run on a set, by its name; `auto` is the widest there is.

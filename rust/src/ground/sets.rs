@@ -12,12 +12,12 @@ use std::ops::{Index, IndexMut};
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64 as x86;
 
-/// The bit of the sign.
+/// Sign bit of a 64-bit float.
 const SIGN: u64 = 1 << 63;
 
 /// Numbers side by side, and how they are held.
 pub trait Held: Copy + Send + Sync + 'static {
-    /// How many.
+    /// Number of lanes.
     const L: usize;
     /// Whether `a * b + c` rounds once. It follows the processor, not the number of lanes or threads.
     const FUSED: bool;

@@ -8,7 +8,7 @@ use crate::ground::spatial::Vector;
 use crate::robot::arm::{Place, by_twist};
 use crate::robot::geometry::{Pose, Step};
 
-/// Joints of a robot whose rows are read in one piece: most arms have no more, and longer pieces cost more than they save.
+/// Largest number of joints whose rows are read in one piece: most arms have no more, and longer pieces are slower.
 const FEW: usize = 12;
 
 /// Positions, velocities and accelerations of the joints on lanes.

@@ -15,7 +15,7 @@ use crate::robot::friction_terms::Law;
 use crate::robot::geometry::Geometry;
 use crate::robot::parameters::{FRICTION, IA, INERTIAL, Layout};
 
-/// Samples at a time of a robot whose joints follow others: the rows of all joints are larger than those of the driven ones.
+/// Number of samples in one batch for coupled joints: the rows of all joints are larger than those of the driven ones.
 const TOGETHER: usize = 64;
 
 /// Hands over every entry of the regressor that is not zero by structure. `load`: torques of links and rotors (N.m or N), which

@@ -7,25 +7,25 @@
 
 use crate::ground::arrays::MAX_DOF;
 
-/// `alpha = 0`.
+/// Code of `alpha = 0`.
 pub const ZERO: u8 = 0;
-/// `alpha = pi/2`.
+/// Code of `alpha = pi/2`.
 pub const PLUS: u8 = 1;
-/// `alpha = -pi/2`.
+/// Code of `alpha = -pi/2`.
 pub const MINUS: u8 = 2;
-/// Any other `alpha`.
+/// Code of any other `alpha`.
 pub const GENERAL: u8 = 3;
-/// Known only when the robot is known.
+/// Code of an `alpha` that is only known at run time.
 pub const UNKNOWN: u8 = 4;
 
-/// Only the moment of a wrench has an effect in the frame before.
+/// Code of a step after which only the moment of a wrench has an effect.
 pub const MOMENTS: u8 = 0;
-/// It turns with the frame; the origins are the same.
+/// Code of a step with a rotation and equal origins.
 pub const TURNED: u8 = 1;
-/// It turns, and the origin moves.
+/// Code of a step with a rotation and a displaced origin.
 pub const DISPLACED: u8 = 2;
 
-/// Joints of the arms that are known when kernels are compiled.
+/// Number of joints of the arms with specialised kernels.
 pub const SIX: usize = 6;
 
 /// The form of a step from one frame to the next.

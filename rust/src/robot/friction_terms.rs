@@ -21,7 +21,7 @@
 //! `s(dq)` is the sign of the Coulomb friction, with its smoothing and dead zone. Each column has one parameter. Identity that
 //! tests them: `W x` equals the inverse model, and the direct model undoes it (`model/friction_terms.rs`).
 
-/// Most terms that a robot can have: five at each joint.
+/// Largest number of friction terms of a robot: five at each joint.
 pub const MAX_TERMS: usize = 60;
 
 /// How the torque of a term follows from the speed of its joint.

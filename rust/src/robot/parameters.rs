@@ -8,17 +8,17 @@ use super::followers::Followers;
 use super::friction_terms::Law;
 use crate::robot::{JointKind, Robot};
 
-/// Inertial parameters of a link: `XX` to `M`.
+/// Number of inertial parameters of a link, `XX` to `M`.
 pub const INERTIAL: usize = 10;
-/// `XX`, first of the link's inertia matrix about the origin of its frame (`XX XY XZ YY YZ ZZ`).
+/// Index of `XX`, first of the link's inertia matrix about the origin of its frame (`XX XY XZ YY YZ ZZ`).
 pub const XX: usize = 0;
-/// `MX`, first of the first moments.
+/// Index of `MX`, first of the first moments.
 pub const MX: usize = 6;
-/// The mass.
+/// Index of the mass.
 pub const M: usize = 9;
-/// Rotor (and gear) inertia, joint side.
+/// Index of the rotor (and gear) inertia, joint side.
 pub const IA: usize = 10;
-/// First friction parameter.
+/// Index of the first friction parameter.
 pub const FRICTION: usize = 11;
 
 const INERTIAL_NAMES: [&str; 11] = ["XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "Ia"];

@@ -2,7 +2,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-/// Angles closer than this to a multiple of 90 degrees are taken as that multiple.
+/// Largest distance (rad) from a multiple of 90 degrees at which an angle counts as that multiple.
 const RIGHT_ANGLE_TOLERANCE: f64 = 1e-12;
 
 /// `alpha` as the kernels see it: right angles need no multiplication.

@@ -21,7 +21,7 @@ use crate::signal::filter::{
 };
 use thiserror::Error;
 
-/// Columns filtered side by side: two vector registers hide the latency of the recursion.
+/// Number of columns filtered in parallel: two vector registers hide the latency of the recursion.
 const COLUMNS: usize = 8;
 
 /// Inputs that [`observation`] refuses.

@@ -61,7 +61,7 @@ const RAISE: f64 = 100.0;
 /// See [`FREE`].
 const RAISED: f64 = 0.05;
 
-/// How often a step is halved that rounding has led outside.
+/// Largest number of times a step is halved after rounding has led outside.
 const HALVINGS: usize = 20;
 
 /// A proof of contradiction holds for unknowns up to so many times those of the iterate.
