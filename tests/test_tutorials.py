@@ -86,7 +86,9 @@ def test_from_a_log_to_parameters(
     same(capsys.readouterr().out, indented(text, "by mistake, it prints\n"))
     (Path("log.toml")).write_text(right, encoding="utf-8")
     run(identify)
-    end = text[text.index("and ends\n") : text.index("## Do they hold")].split("\n\n", 1)[1]
+    end = text[text.index("and ends with the errors") : text.index("## Validation on another motion")].split(
+        "\n\n", 1
+    )[1]
     written = "\n".join(line.removeprefix("    ") for line in end.rstrip().splitlines())
     printed = capsys.readouterr().out
     same(printed[printed.index("relative error %") :].rstrip(), written)
@@ -94,7 +96,7 @@ def test_from_a_log_to_parameters(
     run(append_other)
     capsys.readouterr()
     run(validate)
-    block = text[text.index("    log, by idim-ls") : text.index("Nearly as good as on")]
+    block = text[text.index("    log, by idim-ls") : text.index("They are nearly as small as on")]
     same(capsys.readouterr().out.rstrip(), "\n".join(line[4:] for line in block.rstrip().splitlines()))
 
 
