@@ -413,7 +413,7 @@ def test_check_says_before_the_fit_what_a_log_can_tell(tmp_path: Path) -> None:
     found = didim.check(twin(tmp_path, ARM.format(option=""), commands(3, 6.0, steps=False), unknown=unknown))
     said = [item.sentence for item in found]
     assert any("kp is held" in sentence for sentence in said)
-    assert any("says little of Ia" in sentence for sentence in said)
+    assert any("hardly identifies Ia" in sentence for sentence in said)
     assert any(note.startswith("Fc: 95 % intervals of about") for note in found.notes)
     lively = didim.check(twin(tmp_path, ARM.format(option=""), commands(3, 12.0, steps=True)))
     assert not lively.items

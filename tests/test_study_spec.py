@@ -121,7 +121,7 @@ def test_wrong_keys_of_content(keys: dict[str, Any], sentence: str) -> None:
         ({"experiment": "emps.toml"}, "needs a [reference] of its own"),
         ({"grid": {"cutoff": [20]}}, "key 'cutoff' names no table"),
         ({"grid": {"truth.signal.cutoff_hz": [20]}}, "[signal] does not change a simulated log"),
-        ({"grid": {"model.measurement.seed": [20]}}, "methods are not told the noise of a log"),
+        ({"grid": {"model.measurement.seed": [20]}}, "methods do not use the noise of a log"),
         ({"grid": {"truth.method.weights": ["none"]}}, "methods have settings on their own side only"),
         (
             {"grid": {"signal.cutof_hz": [20]}},
