@@ -195,7 +195,8 @@ impl<'a> Drives<'a> {
         tau: &mut [Lanes<V>; MAX_DOF],
     ) {
         for (term, &parameter) in self.robot.friction().terms.iter().zip(&links.terms) {
-            if term.law != Law::Load {
+            // Memory has been added with its state.
+            if !matches!(term.law, Law::Load | Law::Dahl { .. }) {
                 let j = term.joint;
                 tau[j] = column(self.robot, term, q[j], dq[j], || signs[j]).mul_add(parameter, tau[j]);
             }

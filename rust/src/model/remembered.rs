@@ -14,6 +14,9 @@ use crate::robot::friction_terms::Law;
 /// One number per joint, on lanes.
 type PerJoint<V> = [Lanes<V>; MAX_DOF];
 
+/// Distance of a state from the sign of the motion below which it is that sign: rounding.
+const BUILT: f64 = 1e-15;
+
 /// States of one kind, one a joint at most.
 #[derive(Debug, Clone, Copy)]
 struct States<V: Set> {
@@ -45,7 +48,15 @@ impl<V: Set> States<V> {
         for (k, &(j, _, steepness)) in self.of[..self.count].iter().enumerate() {
             let way = q[j] - self.origin[k];
             let sign = Lanes::splat(1.0).copysign(way);
-            let z = sign - (sign - self.start[k]) * way.abs().scale(steepness).exp_minus();
+            let gap = sign - self.start[k];
+            // Where a joint slides on nothing is left to fade: most of the time there is no exponential to compute.
+            let built = Lanes::splat(BUILT) - gap.abs();
+            let z = if built.all_above(0.0) {
+                sign
+            } else {
+                let faded = sign - gap * way.abs().scale(steepness).exp_minus();
+                sign.or_where_not_above(faded, built)
+            };
             self.z[k] = z;
             if first {
                 (self.origin[k], self.start[k]) = (q[j], z);
