@@ -87,20 +87,10 @@ def simulated(p: dict[str, np.ndarray], r: np.ndarray, step: float) -> np.ndarra
     return np.asarray(np.round(out / QUANTUM) * QUANTUM)
 
 
-def softness(p: dict[str, np.ndarray], friction: np.ndarray) -> list[float]:
-    """Speed (rad/s) below which MuJoCo's frictionloss is viscous, with its default solver parameters."""
-    model = mujoco.MjModel.from_xml_string(mjcf(p))
-    low, high = model.dof_solimp[:, 0], model.dof_solimp[:, 1]
-    return list(friction * model.dof_invweight0 * (1.0 - low) / low * high * model.dof_solref[:, 0] / 2.0)
-
-
 EXPERIMENT = """
 schema = 1
 name = "arm"
 robot = "arm.xml"
-[friction]
-coulomb = "tanh"
-smoothing_rad_s = {smoothing}
 [parameters]
 links = "fixed"
 dropped = ["Off"]
@@ -113,16 +103,12 @@ saturation_n_m = 3.35
 kind = "recorded"
 between_samples = "held"
 [unknown]
-Ia = {{ start = 0.05, min = 0.002 }}
-Fv = {{ start = 0.8 }}
-Fc = {{ start = 0.1 }}
-kp = {{ start = 15.0 }}
-kv = {{ start = 0.8 }}
-delay_s = {{ start = 0.02, max = 0.06 }}
-[simulation]
-step_s = {step}
-fine_step_s = {step}
-integrator = "{integrator}"
+Ia = { start = 0.05, min = 0.002 }
+Fv = { start = 0.8 }
+Fc = { start = 0.1 }
+kp = { start = 15.0 }
+kv = { start = 0.8 }
+delay_s = { start = 0.02, max = 0.06 }
 [[recording]]
 name = "log"
 rate_hz = 50
@@ -139,14 +125,9 @@ side = "joint"
 """
 
 
-def fitted(
-    folder: Path, p: dict[str, np.ndarray], smoothing: list[float], step: float, integrator: str
-) -> didim.Identification:
+def fitted(folder: Path, p: dict[str, np.ndarray]) -> didim.Identification:
     """The estimate of a log in a folder."""
-    text = EXPERIMENT.format(
-        smoothing=[float(f"{v:.6g}") for v in smoothing], step=step, integrator=integrator
-    )
-    (folder / "arm.toml").write_text(text)
+    (folder / "arm.toml").write_text(EXPERIMENT)
     (folder / "arm.xml").write_text(mjcf(p))
     return didim.identify(didim.load_experiment(folder / "arm.toml"), CLOE(threads=1), verbose=False)
 
@@ -263,8 +244,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--step", type=float, default=1e-4, help="step of the truth (s)")
-    parser.add_argument("--fit-step", type=float, default=1e-3)
-    parser.add_argument("--integrator", default="rk4")
     parser.add_argument(
         "--quadruped",
         type=Path,
@@ -283,11 +262,7 @@ def main() -> None:
             folder, r = Path(name), commands(seed)
             np.savez(folder / "log.npz", q=simulated(p, r, options.step), r=r)
             clock = process_time()
-            fit = fitted(folder, p, softness(p, np.full(6, 0.15)), options.fit_step, options.integrator)
-            record = PositionRecord.of(fit.settings)
-            assert record is not None
-            friction = np.array([row["value"] for row in record.rows if row["kind"] == "Fc"])
-            fit = fitted(folder, p, softness(p, friction), options.fit_step, options.integrator)
+            fit = fitted(folder, p)
             seconds.append(process_time() - clock)
             record = PositionRecord.of(fit.settings)
             assert record is not None

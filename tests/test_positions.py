@@ -358,6 +358,38 @@ def test_wrong_keys_are_named(tmp_path: Path, edit: tuple[str, str], words: str)
     assert words in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"checkpoint": "search.npz"}, "takes no checkpoint"),
+        ({"max_evaluations": 10}, "takes no max_evaluations"),
+        ({"start": "idim-ls"}, "start is a mapping of names to values, got 'idim-ls'"),
+        ({"noise": [1e-3]}, "noise needs one number per joint, 3, got 1"),
+        ({"starts": 2}, "from one start"),
+    ],
+)
+def test_settings_of_other_searches_are_refused(tmp_path: Path, settings: dict[str, Any], words: str) -> None:
+    experiment = twin(tmp_path, ARM.format(option=""), commands(3, 2.0, steps=False))
+    with pytest.raises(didim.DidimError) as error:
+        fitted(experiment, **settings)
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(("smoothing", "exact"), [(0.02, True), (0.2, False)])
+def test_intervals_say_what_they_lack(tmp_path: Path, smoothing: float, exact: bool) -> None:
+    """Friction that is smooth below another speed than the robot's leaves errors that are no noise."""
+    twin(tmp_path, ARM.format(option=""), commands(3, 8.0, steps=True), noise=2e-4)
+    path = tmp_path / "log.toml"
+    path.write_text(path.read_text().replace("smoothing_rad_s = 0.02", f"smoothing_rad_s = {smoothing}"))
+    fit = fitted(didim.load_experiment(path))
+    found = [finding for finding in fit.evidence if finding.code == "model-error"]
+    assert len(found) == (0 if exact else 1)
+    if not exact:
+        assert "so they are too narrow" in found[0].facts["text"]
+        assert max(found[0].facts["over_noise"]) > 3.0
+        assert not found[0].facts["widened"]
+
+
 GO2 = Path(__file__).resolve().parents[2] / "shared" / "data" / "go2"
 
 

@@ -19,7 +19,7 @@ from arm import arm_log
 from didim.evidence.hypotheses.geometry import lengths, with_geometry
 from didim.evidence.hypotheses.hypothesis import Hypothesis
 from didim.evidence.hypotheses.torques import gains
-from didim.evidence.products import Products
+from didim.evidence.products import Part, Products
 from didim.evidence.rows import samples_wanted
 from didim.excitation.problem import BETWEEN, Problem
 from didim.excitation.series import SeriesBasis
@@ -72,13 +72,13 @@ def test_products_take_three_solutions_for_their_weights_and_stop_at_rounding(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     solved: list[int] = []
-    plain = Products._solved
+    plain = Part._solved
 
-    def counted(self: Products, gram: Array, right: Array) -> Array:
+    def counted(self: Part, gram: Array, right: Array) -> Array:
         solved.append(1)
         return plain(self, gram, right)
 
-    monkeypatch.setattr(Products, "_solved", counted)
+    monkeypatch.setattr(Part, "_solved", counted)
     products = Products.of(np.ones((1, 40, 1)), np.ones((1, 40)))
     # The torque is the column itself: what is left is the least share of its square.
     assert products.seen()[0] == pytest.approx(1e-14 * 40.0, rel=1e-3, abs=0.0)
@@ -86,7 +86,8 @@ def test_products_take_three_solutions_for_their_weights_and_stop_at_rounding(
     assert products.predicted(np.ones(1))[0] == pytest.approx(1e-14 * 40.0, rel=1e-3, abs=0.0)
     # Two columns that are one share what they explain, the sum of both less the ridge.
     gram, right = np.full((1, 2, 2), 1.0), np.ones((1, 2))
-    assert plain(products, gram, right)[0].sum() == pytest.approx(1.0 - 1e-11, abs=2e-12)
+    part = Part(products.g, products.h[0], products.y, np.ones(1))
+    assert plain(part, gram, right)[0].sum() == pytest.approx(1.0 - 1e-11, abs=2e-12)
 
 
 @pytest.mark.parametrize(("log_gain", "told"), [(0.045, 0), (0.055, 1)])

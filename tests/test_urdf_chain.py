@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from didim import load_robot
 from didim.errors import RobotError
 from didim.robot.urdf.chain import WHOLE, Chain, choose_chain
 from didim.robot.urdf.description import read_description
@@ -166,3 +168,22 @@ def test_a_long_row_of_fixed_links_is_read() -> None:
     edges = [(f"f{k}", f"f{k + 1}", "fixed") for k in range(3000)]
     chain = chain_of(tree(*arm("base", "l", 1), ("l1", "f0", "fixed"), *edges))
     assert len(chain.groups[0]) == 3002
+
+
+def test_what_xacro_has_left_is_refused_with_the_command_that_expands_it() -> None:
+    text = tree(*arm("base", "l", 2)).replace("<robot>", '<robot><xacro:property name="m" value="1"/>')
+    text = text.replace('<mass value="', '<mass value="${m} ', 1)
+    assert "${m}" in text
+    with pytest.raises(
+        RobotError, match=r"value of <mass> is '\$\{m\}.*; expand the file first: xacro arm.urdf > arm.urdf"
+    ):
+        chain_of(text)
+
+
+def test_a_joint_that_mimics_nothing_says_why_it_is_held(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(
+        tree(*arm("base", "l", 3)).replace("</joint>", '<mimic joint="none"/></joint>', 1)
+    )
+    robot = load_robot(tmp_path / "arm.urdf")
+    assert robot.n_dof == 2
+    assert "fixed, because they follow joints that are locked or do not exist: to_l1 (of none)" in robot.notes

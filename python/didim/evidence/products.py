@@ -11,16 +11,19 @@ itself. What it changes is
 
     D = sum_c log(sum_b E_cb / sum_b E_cb as declared)                                                           (1)
 
--1.4 where the error of one joint is halved and the others keep theirs. Tested in ``tests/test_evidence_products.py``.
+-1.4 where the error of one joint is halved and the others keep theirs. Branches of a tree share no columns: each part of joints is
+solved by itself, and a hypothesis on one leaves the others as they are. Tested in ``tests/test_evidence_products.py``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._tools.arrays import Array
 from ..regression.linear_system import LinearSystem
@@ -103,6 +106,7 @@ class Products:
     y: Array
     scale: Array
     given: Array | None = None
+    _solutions: dict[tuple[str, bytes, bytes, bytes], tuple[Array, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, columns: Array, torque: Array, blocks: int = BLOCKS, given: Array | None = None) -> Products:
@@ -126,11 +130,84 @@ class Products:
         """Number of joints."""
         return len(self.y)
 
+    @cached_property
+    def parts(self) -> tuple[NDArray[np.intp], list[NDArray[np.intp]]]:
+        """Part of each joint, (n,), and the columns of each part: parts share none. Columns without rows are with the first."""
+        used = np.einsum("jmpp->jp", self.g) > 0.0
+        first = np.arange(self.n)
+        for column in used.T[used.any(axis=0)]:
+            first[np.isin(first, first[column])] = first[column].min()
+        _, part = np.unique(first, return_inverse=True)
+        columns = np.stack([used[part == k].any(axis=0) for k in range(part.max() + 1)])
+        columns[0] |= ~columns.any(axis=0)
+        return part, [np.flatnonzero(own) for own in columns]
+
     def judged(self, order: Sequence[int] | None = None, factors: Array | None = None) -> Judged:
         """Return the errors where channel c is predicted by the rows of joint ``order[c]`` times ``factors[c]``."""
+        unseen, beta, std = np.empty(self.g.shape[:2]), np.zeros(len(self.scale)), np.zeros(len(self.scale))
+        for channels, columns, found in self._by_part("judged", order, factors):
+            unseen[channels], beta[columns], std[columns] = found
+        return Judged(unseen, beta / self.scale, std / self.scale)
+
+    def seen(self, order: Sequence[int] | None = None, factors: Array | None = None) -> Array:
+        """Return the squared errors of the channels in sample, (n,): a third of the work of `judged`."""
+        squares = np.empty(self.n)
+        for channels, _, (found,) in self._by_part("seen", order, factors):
+            squares[channels] = found
+        return squares
+
+    def _by_part(
+        self, what: str, order: Sequence[int] | None, factors: Array | None
+    ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], tuple[Array, ...]]]:
+        """Give channels, columns and result of each part; one that a hypothesis leaves alone has been solved before."""
         rows, s = self._change(order, factors)
-        g, h = self.g[rows], self.h[rows, np.arange(self.n)]
-        v = self._weights(g.sum(axis=1), h.sum(axis=1), s)
+        part_of, parts = self.parts
+        for k, columns in enumerate(parts):
+            channels = np.flatnonzero(part_of[rows] == k)
+            if not channels.size:
+                continue
+            own = np.array(rows)[channels]
+            key = what, channels.tobytes(), own.tobytes(), s[channels].tobytes()
+            if key not in self._solutions:
+                whole = len(columns) == len(self.scale)
+                part = Part(
+                    self.g[own]
+                    if whole
+                    else self.g[own[:, None, None], :, columns[:, None], columns].transpose(0, 3, 1, 2),
+                    self.h[own, channels][..., columns],
+                    self.y[channels],
+                    s[channels],
+                    None if self.given is None else (self.given * self.scale)[columns],
+                )
+                self._solutions[key] = part.judged() if what == "judged" else (1.0 / part.weights(),)
+            yield channels, columns, self._solutions[key]
+
+    def predicted(
+        self, beta: Array, order: Sequence[int] | None = None, factors: Array | None = None
+    ) -> Array:
+        """Return the squared errors of the channels, (n,), for given parameters, (p,): those of another log."""
+        rows, s = self._change(order, factors)
+        part = Part(self.g[rows], self.h[rows, np.arange(self.n)], self.y, s)
+        return part.squares(beta * self.scale)
+
+    def _change(self, order: Sequence[int] | None, factors: Array | None) -> tuple[list[int], Array]:
+        rows = list(range(self.n)) if order is None else list(order)
+        return rows, np.ones(self.n) if factors is None else np.asarray(factors, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Channels with the columns that they share: products (n, m, p, p), (n, m, p) and (n, m), and factors (n,)."""
+
+    g: Array
+    h: Array
+    y: Array
+    s: Array
+    given: Array | None = None
+
+    def judged(self) -> tuple[Array, Array, Array]:
+        """Return errors on blocks left out, (n, m), parameters and standard deviations, (p,), of columns of norm 1."""
+        g, h, s, v = self.g, self.h, self.s, self.weights()
         a, r = np.tensordot(v * s * s, g, 1), np.tensordot(v * s, h, 1)
         whole, told = a.sum(axis=0), r.sum(axis=0)
         beta = self._solved(whole[None], told[None])[0]
@@ -142,44 +219,31 @@ class Products:
         )
         m = len(left)
         spread = np.sqrt((m - 1) / m * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
-        unseen = np.maximum(error, LEAST_SHARE * np.maximum(self.y, np.finfo(float).tiny))
-        return Judged(unseen, beta / self.scale, spread / self.scale)
+        return np.maximum(error, LEAST_SHARE * np.maximum(self.y, np.finfo(float).tiny)), beta, spread
 
-    def seen(self, order: Sequence[int] | None = None, factors: Array | None = None) -> Array:
-        """Return the squared errors of the channels in sample, (n,): a third of the work of `judged`."""
-        rows, s = self._change(order, factors)
-        g, h = self.g[rows].sum(axis=1), self.h[rows, np.arange(self.n)].sum(axis=1)
-        return np.asarray(1.0 / self._weights(g, h, s))
+    @cached_property
+    def _sums(self) -> tuple[Array, Array]:
+        return self.g.sum(axis=1), self.h.sum(axis=1)
 
-    def predicted(
-        self, beta: Array, order: Sequence[int] | None = None, factors: Array | None = None
-    ) -> Array:
-        """Return the squared errors of the channels, (n,), for given parameters, (p,): those of another log."""
-        rows, s = self._change(order, factors)
-        return self._squares(
-            beta * self.scale, self.g[rows].sum(axis=1), self.h[rows, np.arange(self.n)].sum(axis=1), s
-        )
-
-    def _change(self, order: Sequence[int] | None, factors: Array | None) -> tuple[list[int], Array]:
-        rows = list(range(self.n)) if order is None else list(order)
-        return rows, np.ones(self.n) if factors is None else np.asarray(factors, dtype=np.float64)
-
-    def _weights(self, g: Array, h: Array, s: Array) -> Array:
+    def weights(self) -> Array:
         """Return one over the squared errors in sample, after a few solutions, (n,)."""
+        (g, h), s = self._sums, self.s
         v = 1.0 / np.maximum(self.y.sum(axis=1), np.finfo(float).tiny)
         for _ in range(REWEIGHTINGS):
             beta = self._solved(np.tensordot(v * s * s, g, 1)[None], ((v * s) @ h)[None])[0]
-            v = 1.0 / self._squares(beta, g, h, s)
+            v = 1.0 / self.squares(beta)
         return np.asarray(v)
 
-    def _squares(self, beta: Array, g: Array, h: Array, s: Array) -> Array:
+    def squares(self, beta: Array) -> Array:
+        """Return the squared errors of given parameters of columns of norm 1, (n,)."""
+        (g, h), s = self._sums, self.s
         sizes = self.y.sum(axis=1)
         error = sizes - 2.0 * s * (h @ beta) + s * s * ((g @ beta) @ beta)
         return np.asarray(np.maximum(error, LEAST_SHARE * np.maximum(sizes, np.finfo(float).tiny)))
 
     def _solved(self, gram: Array, right: Array) -> Array:
         if self.given is not None:
-            return np.tile(self.given * self.scale, (len(right), 1))
+            return np.tile(self.given, (len(right), 1))
         p = right.shape[1]
         ridge = RIDGE * np.trace(gram, axis1=1, axis2=2)
         gram = gram + ridge[:, None, None] * np.eye(p)

@@ -1,8 +1,8 @@
 """Position servos that follow a held reference: ``tau = sat(kp (r(t - delay) - q) - kv dq)``, a lag of first order before it.
 
-Gains, limits, delays, lags, biases and initial states differ between the candidates of one batch. The reference enters each step
-of the simulation as its mean over the step (``rust/src/closed_loop/servo.rs``), and its jumps end steps. Tested in
-``tests/test_positions.py``.
+Gains, limits, delays, lags, biases, initial states and the softness of friction differ between the candidates of one batch. The
+reference enters each step of the simulation as its mean over the step (``rust/src/closed_loop/servo.rs``), and its jumps end steps.
+Tested in ``tests/test_positions.py``.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from .reference import Reference
 
 NO_LIMIT = 1e30
 """Limit (N.m, N) of a servo without one: the core takes finite numbers only."""
+SOFT_RATE = 2.0 / (0.95 * 0.02)
+"""Rate (1/s) of MuJoCo's soft constraints, ``2 / (dmax timeconst)``, by the defaults of its ``solimp`` and ``solref``."""
 SETTLED = 40.0
 """Duration of a lag's transient, in time constants: exp(-40) is below the rounding of a double."""
 
@@ -91,6 +93,8 @@ class Servos:
         Encoder reading less joint position.
     q, dq : array
         Encoder readings at time 0, and velocities.
+    softness : array, optional
+        Slope k (kg.m^2 or kg) of friction ``-k (ddq + SOFT_RATE dq)`` between -Fc and Fc, in the place of the robot's smooth sign.
     """
 
     kp: Array
@@ -101,6 +105,7 @@ class Servos:
     bias_rad: Array
     q: Array
     dq: Array
+    softness: Array | None = None
 
 
 class ServoLoop:
@@ -175,7 +180,9 @@ class ServoLoop:
         targets = np.concatenate([self.held.means(edges, row[:n], row[n:]) for row in kinds])
         b = servos.bias_rad
         limit = np.minimum(servos.saturation, NO_LIMIT)
-        rows = [servos.kp, servos.kv, limit, b, servos.q - b, servos.dq, number.reshape(-1, 1)]
+        soft = np.zeros_like(b) if servos.softness is None else servos.softness
+        rate = np.full_like(b, SOFT_RATE)
+        rows = [servos.kp, servos.kv, limit, b, servos.q - b, servos.dq, soft, rate, number.reshape(-1, 1)]
         try:
             q, endings = _core.simulate_servos(
                 loop.core,

@@ -215,7 +215,7 @@ impl<V: Set> Additive<'_, V> {
 
 /// `-W^-1 r` by `W = L' D L`, which takes the place of `W`.
 #[inline(always)]
-fn solve<V: Set>(n: usize, w: &mut Lower<V>, r: &PerJoint<V>) -> PerJoint<V> {
+pub(super) fn solve<V: Set>(n: usize, w: &mut Lower<V>, r: &PerJoint<V>) -> PerJoint<V> {
     let mut y = [Lanes::zero(); MAX_DOF];
     for_joints!(j in n => y[j] = -r[j]);
     for_joints!(last in n => {

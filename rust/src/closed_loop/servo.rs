@@ -2,17 +2,30 @@
 //!
 //! A reference that is held from sample to sample enters each step as its mean over that step. Where a jump ends a step this is exact. A
 //! jump within a step of length `h`, that of a candidate with another delay, keeps its impulse and misses the position at the end of the
-//! step by at most `h^2/8` times the acceleration of the jump. Tested in `rust/tests/closed_loop/servo.rs`: against the law of
-//! `control.rs`, and jumps within steps against steps that end on them.
+//! step by at most `h^2/8` times the acceleration of the jump.
+//!
+//! Coulomb friction may be soft, as MuJoCo's `frictionloss` is: `-k (ddq + b dq)` between `-Fc` and `Fc`, whose slope `k` has the unit of an
+//! inertia and whose rate `b` that of a frequency. It depends on the acceleration, so that `(M + k) ddq = tau - N - k b dq` where a joint
+//! sticks; which joints do is found by Newton's method, for the friction is the gradient of a convex function of `ddq`. A simulator that takes
+//! velocities at the end of its step adds to the inertia, but not while a servo saturates: so a lead `l` (s) adds `l kv` there. Tested in
+//! `rust/tests/closed_loop/servo.rs`: against the law of `control.rs`, jumps within steps against steps that end on them, and a joint that
+//! sticks against its closed form.
 
+use super::additive::solve;
 use super::runge_kutta::PerJoint;
 use super::schedule::Schedule;
 use super::simulation::{Candidate, SimulationError};
 use crate::ground::arrays::MAX_DOF;
 use crate::ground::lanes::{Lanes, Set};
+use crate::model::direct::Direct;
+use crate::model::links::{Links, Lower};
+use crate::robot::arm::for_joints;
 
-/// Number of values per joint in the row of a candidate: gains, limit, shift of the reference, initial position and velocity.
-const NUMBERS: usize = 6;
+/// Number of values per joint in the row of a candidate: gains, limit, shift of the reference, initial position and velocity, slope and rate of
+/// its friction, and lead.
+const NUMBERS: usize = 9;
+/// Largest number of Newton steps of soft friction: a few are usual.
+const MOST: usize = 16;
 
 /// What position servos follow: means of held references over the steps of a schedule.
 #[derive(Debug, Clone)]
@@ -37,8 +50,9 @@ impl<'a> Servos<'a> {
         Ok(Self { n, edges, targets })
     }
 
-    /// Numbers in the row of a candidate: `kp`, `kv`, limit of the torque, shift of the reference, initial position and velocity of the
-    /// joints, each `n`, then the number of its reference.
+    /// Numbers in the row of a candidate: `kp`, `kv`, limit of the torque, shift of the reference, initial position and velocity, slope and
+    /// rate of the friction and lead of the joints, each `n`, then the number of its reference. Friction is that of the robot where all
+    /// slopes are 0.
     pub fn width(&self) -> usize {
         NUMBERS * self.n + 1
     }
@@ -67,16 +81,20 @@ pub(super) struct ServoLanes<'a, V: Set> {
     step: usize,
     /// Step that `target` holds for.
     held: usize,
+    /// Friction in the place of the robot's Coulomb friction, and inertia while servos saturate.
+    pub(super) soft: Option<Soft<V>>,
 }
 
 impl<'a, V: Set> ServoLanes<'a, V> {
-    /// Servos of the candidates, whose rows have been checked; their initial positions and velocities go to `q` and `dq`.
+    /// Servos of the candidates, whose rows have been checked; their initial positions and velocities go to `q` and `dq`, and soft friction
+    /// takes the coefficients of the Coulomb friction from `links`.
     #[cold]
     pub(super) fn new(
         servos: &'a Servos<'a>,
         candidates: &[Candidate<'a>],
         q: &mut PerJoint<V>,
         dq: &mut PerJoint<V>,
+        links: &mut Links<V>,
     ) -> Self {
         let n = servos.n;
         let row = |l: usize| candidates[l.min(candidates.len() - 1)].scale;
@@ -88,6 +106,24 @@ impl<'a, V: Set> ServoLanes<'a, V> {
             found
         };
         (*q, *dq) = (lanes(4), lanes(5));
+        let [slope, rate, lead] = [6, 7, 8].map(lanes);
+        let any = |lanes: &PerJoint<V>| lanes[..n].iter().any(|&one| (0..V::L).any(|l| one.lane(l) != 0.0));
+        let zero = [Lanes::zero(); MAX_DOF];
+        let coulomb = if any(&slope) { std::mem::replace(&mut links.friction[1], zero) } else { zero };
+        let mut added = zero;
+        for j in 0..n {
+            added[j] = lead[j] * lanes(1)[j];
+        }
+        let soft = (any(&slope) || any(&lead)).then(|| Soft {
+            coulomb,
+            slope,
+            rate,
+            added,
+            beyond: zero,
+            sticks: zero,
+            last: *dq,
+            matrix: [zero; MAX_DOF],
+        });
         Self {
             servos,
             law: [lanes(0), lanes(1), lanes(2), lanes(3)],
@@ -95,6 +131,7 @@ impl<'a, V: Set> ServoLanes<'a, V> {
             target: [Lanes::zero(); MAX_DOF],
             step: 0,
             held: usize::MAX,
+            soft,
         }
     }
 
@@ -116,6 +153,63 @@ impl<'a, V: Set> ServoLanes<'a, V> {
         for j in 0..*n {
             let u = (self.target[j] - q[j]) * kp[j] - dq[j] * kv[j];
             tau[j] = u.max(-limit[j]).min(limit[j]);
+            if let Some(soft) = &mut self.soft {
+                soft.beyond[j] = Lanes::splat(1.0).where_above(u.abs(), limit[j]);
+            }
         }
+    }
+}
+
+/// Friction that is soft where a joint sticks, and inertia where its servo saturates.
+#[derive(Debug)]
+pub(super) struct Soft<V: Set> {
+    coulomb: PerJoint<V>,
+    slope: PerJoint<V>,
+    rate: PerJoint<V>,
+    /// Inertia that a saturated servo adds, and 1 where one is.
+    added: PerJoint<V>,
+    beyond: PerJoint<V>,
+    /// 1 where a joint sticks, and the torque that it would stick by, as they were last.
+    sticks: PerJoint<V>,
+    last: PerJoint<V>,
+    /// Memory for the matrix of a Newton step.
+    matrix: Lower<V>,
+}
+
+impl<V: Set> Soft<V> {
+    /// Adds to the accelerations at hand what friction and added inertia make of them at velocities `dq`.
+    #[inline(always)]
+    pub(super) fn hold(&mut self, n: usize, dq: &PerJoint<V>, direct: &mut Direct<V>) {
+        let one = Lanes::splat(1.0);
+        let Self { coulomb, slope, rate, added, beyond, sticks, last, matrix } = self;
+        let mut free = [Lanes::zero(); MAX_DOF];
+        for_joints!(j in n => free[j] = rate[j].mul_add(dq[j], direct.ddq[j]));
+        let mut change = [Lanes::zero(); MAX_DOF];
+        for _ in 0..MOST {
+            let mut torque = [Lanes::zero(); MAX_DOF];
+            direct.inertia(n, matrix);
+            for_joints!(j in n => {
+                let within = slope[j] * sticks[j];
+                let heavier = added[j] * beyond[j];
+                let friction = within.mul_add(free[j], (one - sticks[j]) * coulomb[j].copysign(last[j]));
+                torque[j] = heavier.mul_add(direct.ddq[j], friction);
+                matrix[j][j] += within + heavier;
+            });
+            change = solve(n, matrix, &torque);
+            let mut turned = Lanes::zero();
+            for_joints!(j in n => {
+                let felt = slope[j] * (free[j] + change[j]);
+                let within = one.where_above(coulomb[j], felt.abs());
+                // A joint that would slide the other way sticks first: from one slope of zero to the other Newton's method cycles.
+                let opposed = (one - sticks[j]) * one.where_above(Lanes::zero(), felt * last[j]);
+                let within = within.max(opposed);
+                turned = turned.max((within - sticks[j]).abs());
+                (sticks[j], last[j]) = (within, felt);
+            });
+            if (one - turned).all_above(0.5) {
+                break;
+            }
+        }
+        for_joints!(j in n => direct.ddq[j] += change[j]);
     }
 }

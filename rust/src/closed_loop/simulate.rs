@@ -121,7 +121,7 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
         }
         if let Some(servos) = simulation.servos {
             let Point { q, dq, .. } = &mut this.stages.here;
-            this.servos = Some(Box::new(ServoLanes::new(servos, candidates, q, dq)));
+            this.servos = Some(Box::new(ServoLanes::new(servos, candidates, q, dq, &mut this.links)));
         }
         this.remember(candidates);
         this
@@ -312,6 +312,11 @@ impl<'a, V: Set, S: Arm> Loop<'a, V, S> {
             remembered.follow(&stages.here.q, !near);
         }
         direct.solve(geometry, drives, links, &stages.here.q, &stages.here.dq, tau, &self.external, near);
+        if let Some(servos) = &mut self.servos
+            && let Some(soft) = &mut servos.soft
+        {
+            soft.hold(n, &self.stages.here.dq, direct);
+        }
         let mut smallest = direct.pivots[0];
         outwards!(S, n, place => smallest = direct.pivots[place.index()].min(smallest));
         if !smallest.all_above(0.0) {

@@ -6,7 +6,7 @@ Tested in ``tests/test_positions.py``.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,7 +85,7 @@ def file_values(experiment: Experiment, start: object = None) -> Values:
             f'{experiment.name}: links = "fixed" needs masses and inertias, and {robot.path.name} has none'
         )
     x = np.array(robot.sets[name])
-    if isinstance(start, dict):
+    if isinstance(start, Mapping):
         for key, value in start.items():
             if key not in robot.parameter_names:
                 raise FitError(f"start: there is no {key!r}{did_you_mean(key, robot.parameter_names)}")

@@ -7,7 +7,7 @@ Tested in ``tests/test_positions.py``.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -25,10 +25,10 @@ from ...result.positions.record import KEY
 from ...result.status import Status
 from ...result.uncertainty import Uncertainty
 from ..builder import digests, experiment_record
-from .intervals import Intervals, intervals
+from .intervals import Intervals, errors_over_noise, intervals, widened
 from .knowledge import Held, told_together, untold, weak_pairs
-from .problem import Problem, build
-from .search import Search, at_bound, begun, normal_of, search
+from .problem import Problem, build, may_be_soft
+from .search import Search, at_bound, begun, bounded_step, normal_of, search
 
 if TYPE_CHECKING:
     from ..cloe.settings import CLOESettings
@@ -47,6 +47,12 @@ UNLIKE = 3.0
 """Distance of a joint from its siblings, in standard deviations, from which it is reported."""
 UNLIKE_SHARE = 0.4
 """Smallest distance, as a share of the siblings' median: joints of one kind differ by a third on a real quadruped."""
+SOFTER = 0.98
+"""Squared errors over those of a smooth sign, below which MuJoCo's friction is tried: less is no reason for another simulation."""
+ROUGH = 1e-2
+"""Fall of the cost, as a share, at which the laws of friction are compared: an estimate is then within a deviation or so."""
+LASTING = 2.0
+"""Errors over their white part from which an error of the model is larger than the noise: blocks left out share it."""
 GRAVE = frozenset({"kp", "kv", "delay_s", "lag_s"})
 """Unknowns of drives whose fixed value strongly affects other estimates."""
 
@@ -67,13 +73,7 @@ def identify_positions(
         experiment = replace(experiment, fixed=dict(method.fixed))
     if method.dropped is not None:
         experiment = replace(experiment, dropped=tuple(method.dropped))
-    if (
-        method.optimizer != "levenberg-marquardt"
-        or method.output != "position"
-        or method.physical
-        or method.starts > 1
-    ):
-        raise FitError('links = "fixed" is for optimizer "levenberg-marquardt" on positions, from one start')
+    _check(method, experiment)
     problem = build(experiment, noise=method.noise, threads=method.threads, start=method.start)
     if not problem.columns:
         raise FitError(f"{experiment.name}: all parameters are fixed or dropped")
@@ -85,15 +85,37 @@ def identify_positions(
         "tolerance": method.tolerance if method.tolerance != type(method).tolerance else TOLERANCE,
         "reporter": reporter,
     }
-    now, held = _searched(problem, now, held, options)
+    shift = np.zeros(len(now.theta))
+    if may_be_soft(experiment):
+        problem, now, held, shift = _of_either_friction(experiment, method, problem, now, held, options)
+    else:
+        now, held = _searched(problem, now, held, options)
     bad = _bad_rollouts(problem, now)
     if bad and now.status.converged:
         for number in bad:
             problem.weights[number] = problem.weights[number] * bad[number]
         reporter.say(f"{len(bad)} rollouts of a limb count less; the search goes on")
         now = search(problem, begun(problem, now.theta, now.free, now), **options)
-    spread = intervals(problem, now)
-    return _result(experiment, problem, now, held, spread, before, bad)
+    over = errors_over_noise(problem, now)
+    at = [bool(over[list(column.joints)].max() > LASTING) for column in problem.columns]
+    spread = widened(intervals(problem, now), np.where(at, shift, 0.0))
+    return _result(experiment, problem, now, held, spread, before, bad, over, shift)
+
+
+def _check(method: CLOESettings, experiment: Experiment) -> None:
+    """Refuse settings of CLOE that a search with known links does not have."""
+    usual = method.optimizer == "levenberg-marquardt" and method.output == "position" and not method.physical
+    if not usual or method.starts > 1:
+        raise FitError('links = "fixed" is for optimizer "levenberg-marquardt" on positions, from one start')
+    for key in ("checkpoint", "max_evaluations", "executor"):
+        if getattr(method, key) is not None:
+            raise FitError(f'links = "fixed" takes no {key}: such a search takes seconds; leave it out')
+    if method.start is not None and not isinstance(method.start, Mapping):
+        raise FitError(
+            f'links = "fixed" starts from the robot file and [unknown]: start is a mapping of names to values, got {method.start!r}'
+        )
+    if method.noise is not None and len(method.noise) != experiment.robot.n_dof:
+        raise FitError(f"noise needs one number per joint, {experiment.robot.n_dof}, got {len(method.noise)}")
 
 
 def _searched(
@@ -113,6 +135,43 @@ def _searched(
             theta[item.column] = problem.columns[item.column].start
         now = search(problem, begun(problem, theta, free, now), **options)
     return now, held
+
+
+def _of_either_friction(
+    experiment: Experiment,
+    method: CLOESettings,
+    problem: Problem,
+    now: Search,
+    held: list[Held],
+    options: dict[str, Any],
+) -> tuple[Problem, Search, list[Held], Array]:
+    """Search with friction as MuJoCo has it, where errors and derivatives promise less than a smooth sign leaves.
+
+    Also return how far the estimate with the other law of friction is from the one that is taken, (n_columns,).
+    """
+    now.free[[item.column for item in held]] = False
+    now = search(problem, now, **{**options, "tolerance": ROUGH})
+    shift = np.zeros(len(now.theta))
+    if now.status is Status.STOPPED:
+        return problem, now, held, shift
+    rival = build(experiment, noise=method.noise, threads=method.threads, start=method.start, soft=True)
+    rival.n_simulations = problem.n_simulations
+    try:
+        start = begun(rival, now.theta, now.free.copy(), now)
+    except FitError:
+        return problem, *_searched(problem, now, held, options), shift
+    problem.n_simulations = rival.n_simulations
+    a, b = normal_of(rival, start.errors, start.blocks)
+    shift = bounded_step(rival, start, a, b, 0.0, sum(e.size for e in start.errors))
+    if start.cost + float(2.0 * b @ shift + shift @ a @ shift) < SOFTER * now.cost:
+        options["reporter"].say("friction as MuJoCo has it promises smaller errors; the search goes on with it")
+        start.free[:] = True
+        found, held_there = _searched(rival, start, untold(rival, start, strict=True), options)
+        problem.n_simulations = rival.n_simulations
+        shift = np.where(found.free & now.free, found.theta - now.theta, 0.0)
+        if found.cost < now.cost:
+            return rival, found, held_there, shift
+    return problem, *_searched(problem, now, held, options), shift
 
 
 def _bad_rollouts(problem: Problem, now: Search) -> dict[int, float]:
@@ -138,7 +197,9 @@ def _result(
     spread: Intervals,
     before: Array,
     bad: dict[int, float],
-) -> Identification:
+    over: Array,
+    shift: Array,
+) -> Identification:  # ten facts of one fit
     a, _ = normal_of(problem, now.errors, now.blocks)
     weak = weak_pairs(problem, a, now.free)
     rows = _rows(problem, now, held, spread)
@@ -164,6 +225,7 @@ def _result(
         "weak": weak,
         "siblings": siblings,
         "smoothing": list(problem.robot.friction.smoothing),
+        "soft": bool(problem.inertia),
         "blocks": spread.blocks,
         "kind": spread.kind,
     }
@@ -190,7 +252,11 @@ def _result(
         n_simulations=problem.n_simulations,
         history=tuple(now.history),
         remarks=_remarks(experiment, problem, weak, siblings, bad),
-        evidence=(*_evidence(problem, now, held, rows, shares), *_size(experiment, after)),
+        evidence=(
+            *_evidence(problem, now, held, rows, shares),
+            *_size(experiment, after),
+            *_model_errors(problem, over, shift),
+        ),
         settings={
             **experiment_record(experiment, problem.robot),
             "prediction": {"motion": "simulated", "raw": True},
@@ -417,3 +483,30 @@ def _evidence(
             )
         )
     return tuple(found)
+
+
+def _model_errors(problem: Problem, over: Array, shift: Array) -> tuple[Finding, ...]:
+    """Return the finding that errors are too large for noise, so that intervals lack what no block shows."""
+    joints = np.flatnonzero(over > LASTING)
+    if not joints.size:
+        return ()
+    worst = int(np.argmax(over))
+    where = (
+        f"{problem.robot.joint_label(worst)} and {joints.size - 1} more"
+        if joints.size > 1
+        else problem.robot.joint_label(worst)
+    )
+    text = f"errors are {over[worst]:.2g} times the noise at {where}: the model is not exact, "
+    text += (
+        "and intervals include what another law of friction changes, but no other error"
+        if shift.any()
+        else "and intervals hold for its law of friction alone, so they are too narrow"
+    )
+    return (
+        Finding(
+            code="model-error",
+            grade="note",
+            joints=tuple(int(joint) + 1 for joint in joints),
+            facts={"text": text, "advice": "", "over_noise": over.tolist(), "widened": bool(shift.any())},
+        ),
+    )

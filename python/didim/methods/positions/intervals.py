@@ -7,13 +7,14 @@ stretches of two lengths are left out, and the wider intervals hold. Tested in `
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ...result.uncertainty import student_factor
+from ...signal.noise import encoder_step, white_noise
 from .problem import Problem
 from .search import Search, bounded_step, normal_of
 
@@ -23,6 +24,9 @@ LEAST_STRETCH_S = 1.0
 """Shortest stretch (s): errors of positions are correlated for about the duration of a move."""
 FEWEST = 4
 """Smallest number of blocks for a covariance."""
+
+LEAST_NOISE = 1e-4
+"""Noise (rad or m) that an encoder has at least: logs of simulations have less, and no robot is as exact as they are."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,31 @@ def intervals(problem: Problem, now: Search) -> Intervals:
     known = np.sqrt(np.diag(best))
     scale = np.divide(std, known, out=np.ones(count), where=(known > 0.0) & np.isfinite(std))
     return Intervals(std, half, best * np.outer(scale, scale), white, blocks, kind)
+
+
+def errors_over_noise(problem: Problem, now: Search) -> Array:
+    """Return the rms errors over their white part, (n_dof,): 1 where a model is exact, 0 of joints without a fit.
+
+    The rounding of an encoder counts as white, for it is no error of a model, even where a joint rests on one count.
+    """
+    squares, noise, count = (np.zeros(problem.robot.n_dof) for _ in range(3))
+    for item, weight, rows in zip(problem.rollouts, problem.weights, now.errors, strict=True):
+        if item.role == "fit":
+            at, e = list(problem.limbs[item.limb].joints), rows.reshape(-1, len(weight)) / weight
+            own = np.maximum(white_noise(e), encoder_step(item.q) / np.sqrt(12.0))
+            squares[at] += np.sum(e**2, axis=0)
+            noise[at] += len(e) * np.maximum(own, LEAST_NOISE) ** 2
+            count[at] += len(e)
+    return np.sqrt(np.divide(squares, noise, out=np.zeros_like(squares), where=count > 0))
+
+
+def widened(spread: Intervals, shift: Array) -> Intervals:
+    """Return intervals to whose squared halves the squares of shifts are added, (n_columns,)."""
+    known = np.isfinite(spread.half) & (spread.half > 0.0)
+    factor = np.ones(len(shift))
+    factor[known] = np.hypot(spread.half, shift)[known] / spread.half[known]
+    covariance = spread.covariance * np.outer(factor, factor)
+    return replace(spread, std=spread.std * factor, half=spread.half * factor, covariance=covariance)
 
 
 def _inverse(matrix: Array) -> Array:

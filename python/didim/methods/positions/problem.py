@@ -7,7 +7,7 @@ parameter simulates its limb alone. All candidates of a limb are lanes of one ba
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..._tools.arrays import Array
 from ...errors import FitError
 from ...experiment.experiment import Experiment
+from ...experiment.specs import SimulationSettings
 from ...loop.servos import Held, ServoLoop, Servos
 from ...model.dynamics import inertia_matrix
 from ...model.limbs import Limb, limbs_of
@@ -29,6 +30,8 @@ LEFT_OUT_S, LEFT_OUT_SHARE = 0.5, 0.25
 """Time (s) at the start of a rollout that is not compared, for its initial velocity is a guess; at most this share of it."""
 START_S = 0.02
 """Duration (s) of the line fitted for a rollout's initial position and velocity."""
+SOFT_RATIO = 9.0
+"""``d / (1 - d)`` of MuJoCo's friction loss, d = 0.9 the first number of its default ``solimp``."""
 FEWEST_START_SAMPLES = 5
 """Smallest number of samples of that line."""
 
@@ -86,6 +89,8 @@ class Problem:
         Factors of the errors of the joints of each rollout.
     n_simulations : int
         Simulations of a limb so far.
+    inertia : list of array
+        M (kg.m^2, kg) of each limb at position zero, with the values, where friction is MuJoCo's soft constraint; empty otherwise.
     """
 
     robot: Robot
@@ -96,6 +101,7 @@ class Problem:
     threads: int | None = None
     weights: list[Array] = field(default_factory=list)
     n_simulations: int = 0
+    inertia: list[Array] = field(default_factory=list)
 
     @property
     def start(self) -> Array:
@@ -138,7 +144,17 @@ class Problem:
                     x[:, names.index(f"{column.kind}{local + 1}")] = thetas[:, k]
         q, dq = (np.tile(part, (count, 1)) for part in rollout.start)
         self.n_simulations += count
-        return rollout.loop.run(x, Servos(**drive, q=q, dq=dq), self.threads)
+        softness = self._softness(rollout.limb, x) if self.inertia else None
+        return rollout.loop.run(x, Servos(**drive, q=q, dq=dq, softness=softness), self.threads)
+
+    def _softness(self, limb: int, x: Array) -> Array:
+        """Return slopes of MuJoCo's friction loss, ``d / ((1 - d) (M^-1)_jj)`` at position zero, (n_candidates, n_limb_joints)."""
+        names = self.limbs[limb].robot.parameter_names
+        rotors = [names.index(f"Ia{j + 1}") for j in range(len(self.inertia[limb]))]
+        m = np.tile(self.inertia[limb], (len(x), 1, 1))
+        at = np.arange(len(rotors))
+        m[:, at, at] += x[:, rotors] - self.values.x[self.limbs[limb].indices][rotors]
+        return np.asarray(SOFT_RATIO / np.diagonal(np.linalg.inv(m), axis1=1, axis2=2))
 
     def errors(self, theta: Array, role: str = "fit") -> list[Array]:
         """Return weighted errors of each rollout of a role, (n_rows,); NaN throughout where a run has ended early."""
@@ -192,9 +208,14 @@ class Problem:
 
 
 def build(
-    experiment: Experiment, *, noise: Sequence[float] | None, threads: int | None, start: object
+    experiment: Experiment,
+    *,
+    noise: Sequence[float] | None,
+    threads: int | None,
+    start: object,
+    soft: bool = False,
 ) -> Problem:
-    """Return the problem of an experiment whose links are known.
+    """Return the problem of an experiment whose links are known, with friction as a smooth sign or, `soft`, as MuJoCo has it.
 
     Raises
     ------
@@ -206,11 +227,14 @@ def build(
         raise FitError(f'{experiment.name}: links = "fixed" needs [reference] kind = "recorded"')
     settings = experiment.simulation
     robot = settings.robot(experiment.robot)
+    if soft:  # its rate is 100 /s, so velocity zero needs no finer steps
+        step = settings.step_s or STEP_S
+        settings = replace(settings, step_s=step, fine_step_s=step, integrator="rk4")
     if robot.friction.coulomb != "tanh" or min(robot.friction.smoothing) <= 0.0:
         robot = robot.with_smoothing([SMOOTHING] * robot.n_dof)
     values = file_values(experiment, start)
     limbs = limbs_of(robot)
-    rollouts = _rollouts(experiment, limbs)
+    rollouts = _rollouts(experiment, limbs, settings)
     steps = _steps(robot, limbs, rollouts, values)
     columns = columns_of(experiment, limbs, values, steps)
     weights = [
@@ -219,12 +243,26 @@ def build(
         else 1.0 / np.array(noise)[list(limbs[item.limb].joints)]
         for item in rollouts
     ]
-    return Problem(robot, limbs, rollouts, values, columns, threads, weights)
+    problem = Problem(robot, limbs, rollouts, values, columns, threads, weights)
+    if soft:
+        zero = [np.zeros((1, len(limb.joints))) for limb in limbs]
+        problem.inertia = [
+            inertia_matrix(limb.robot, q, values.x[limb.indices])[0]
+            for limb, q in zip(limbs, zero, strict=True)
+        ]
+    return problem
 
 
-def _rollouts(experiment: Experiment, limbs: Sequence[Limb]) -> list[Rollout]:
+def may_be_soft(experiment: Experiment) -> bool:
+    """Return whether friction may be MuJoCo's: one coefficient a joint, and no smooth sign that was asked for."""
+    robot = experiment.simulation.robot(experiment.robot)
+    friction = robot.friction
+    plain = friction.coulomb != "tanh" and friction.model == "symmetric" and not friction.terms
+    return plain and not robot.geometry.followers
+
+
+def _rollouts(experiment: Experiment, limbs: Sequence[Limb], settings: SimulationSettings) -> list[Rollout]:
     found = []
-    settings = experiment.simulation
     for number, recording in enumerate(experiment.recordings):
         if recording.q_ref is None:
             raise FitError(f"recording '{recording.name}' has no commanded positions: [recording.reference]")

@@ -11,6 +11,7 @@ from ..._tools.arrays import Array
 from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...result.identification import Identification
+from ...result.positions.record import PositionRecord
 from .problem import build
 
 
@@ -70,7 +71,9 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
     FitError
         For an experiment that has other unknowns than the result.
     """
-    problem = build(experiment, noise=None, threads=None, start=None)
+    record = PositionRecord.of(fit.settings)
+    soft = record is not None and record.soft
+    problem = build(experiment, noise=None, threads=None, start=None, soft=soft)
     values = dict(zip(fit.names, fit.beta, strict=True))
     lacking = [column.name for column in problem.columns if column.name not in values]
     if lacking or fit.parameter_names != problem.robot.parameter_names:

@@ -33,6 +33,8 @@ class PositionRecord:
         Joints that differ from the corresponding joints of other limbs.
     smoothing : sequence of float
         Velocity of the tanh of the friction of each joint (rad/s or m/s).
+    soft : bool
+        Whether friction is MuJoCo's soft constraint in the place of the tanh.
     blocks, kind : int, str
         Number and kind (rollouts or stretches) of the blocks for the intervals.
     """
@@ -46,6 +48,7 @@ class PositionRecord:
     smoothing: Sequence[float]
     blocks: int
     kind: str
+    soft: bool = False
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> PositionRecord | None:

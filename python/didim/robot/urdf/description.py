@@ -290,6 +290,11 @@ def _numbers(element: Element | None, key: str, default: tuple[float, ...], wher
         values = ()
     if len(values) != len(default) or not all(abs(value) <= LARGEST for value in values):
         wanted = "a number" if len(default) == 1 else f"{len(default)} numbers"
+        if "${" in text:
+            file = where.partition(":")[0]
+            raise RobotError(
+                f"{where} {key} of <{element.tag}> is {text!r}; expand the file first: xacro {file} > arm.urdf"
+            )
         raise RobotError(
             f"{where} {key} of <{element.tag}> must be {wanted} of at most {LARGEST:g}, got {text!r}"
         )

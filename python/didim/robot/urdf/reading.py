@@ -197,16 +197,20 @@ def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) 
     held = [f"{name} ({joints[name].kind})" for name in free if joints[name].kind not in MOVING]
     free = [name for name in free if joints[name].kind in MOVING]
     notes = [f"held at zero, because no joint of a robot is of this type: {_names(held)}"] if held else []
+    stand = {
+        name
+        for name in free
+        if (leader := joints[name].mimic) is not None and (chain.tip == WHOLE or leader not in joints)
+    }
+    if stand:
+        names = [f"{name} (of {joints[name].mimic})" for name in free if name in stand]
+        notes.append(f"fixed, because they follow joints that are locked or do not exist: {_names(names)}")
+    free = [name for name in free if name not in stand]
     if free and chain.tip == WHOLE:
-        mimics = [f"{name} (of {joints[name].mimic})" for name in free if joints[name].mimic is not None]
-        if mimics:
-            notes.append(f"fixed, because they follow locked joints: {_names(mimics)}")
-        many = [name for name in free if joints[name].mimic is None]
-        if many:
-            notes.append(
-                f"held at zero, because a robot has at most {LARGEST_CHAIN} joints, those that carry least: {_names(many)} "
-                "(--lock, --base and --tip choose others)"
-            )
+        notes.append(
+            f"held at zero, because a robot has at most {LARGEST_CHAIN} joints, those that carry least: {_names(free)} "
+            "(--lock, --base and --tip choose others)"
+        )
     elif free:
         notes.append(
             f"the chain ends at link {chain.tip}; locked at 0: {_names(free)} (--tip LINK takes more of the tree, "
