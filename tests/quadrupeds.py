@@ -69,10 +69,12 @@ def commands(seconds: float) -> np.ndarray:
     return np.asarray(found + np.array([0.4, -0.9, 0.3, -1.0]))
 
 
-def followed(mujoco: Any, text: str, r: np.ndarray, rate_hz: float, delay_s: float) -> np.ndarray:
+def followed(
+    mujoco: Any, text: str, r: np.ndarray, rate_hz: float, delay_s: float, step_s: float = 2.5e-4
+) -> np.ndarray:
     """Positions of the robot of an MJCF, (n_samples, n_joints), while its servos follow commands that act late."""
     model = mujoco.MjModel.from_xml_string(text)
-    model.opt.timestep = 2.5e-4
+    model.opt.timestep = step_s
     steps, late = round(1.0 / (rate_hz * model.opt.timestep)), round(delay_s / model.opt.timestep)
     data = mujoco.MjData(model)
     data.qpos[:] = r[0]

@@ -8,7 +8,7 @@ half a step early. `for_step` takes both off. Tested in ``tests/test_export_driv
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from .._tools.words import columned
@@ -21,6 +21,17 @@ IMPLICIT = ("implicit", "implicitfast")
 """Integrators of MuJoCo that also treat the damping of actuators implicitly."""
 HALF = 0.5
 """Share of a time step by which an implicit velocity is late, and a command early."""
+
+FIELDS = {
+    "Ia": "rotor",
+    "Fv": "viscous",
+    "Fc": "coulomb",
+    "kp": "kp",
+    "kv": "kv",
+    "saturation": "effort",
+    "delay_s": "delay_s",
+}
+"""Fields of a drive by the kind of an unknown."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +55,9 @@ class JointDrive:
     bias_rad : float
         Encoder reading less joint position (rad or m).
     smoothing : float
-        Velocity below which the result's friction is smooth (rad/s or m/s).
+        Velocity below which the result's friction is smooth (rad/s or m/s); zero where it is MuJoCo's.
+    per_step : mapping of str to float
+        Changes of these fields with the step of a simulator that takes kv implicitly, beyond that of the rotor (per second).
     """
 
     joint: str
@@ -60,6 +73,7 @@ class JointDrive:
     offset: float = 0.0
     bias_rad: float = 0.0
     smoothing: float = 0.0
+    per_step: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def shift(self) -> float:
@@ -110,8 +124,11 @@ def drives_of(fit: Identification, where: str) -> Drives:
     if not names:
         raise FitError(f"{where}: its robot has no names of joints, by which other files have them")
     values = dict(zip(fit.parameter_names, fit.parameters.tolist(), strict=True))
-    servo: Mapping[str, Sequence[float | None]] = (fit.settings.get("positions") or {}).get("drive", {})
+    positions = fit.settings.get("positions") or {}
+    servo: Mapping[str, Sequence[float | None]] = positions.get("drive", {})
     smoothing = robot.get("friction", {}).get("smoothing") or [0.0] * len(names)
+    if positions.get("soft"):
+        smoothing = [0.0] * len(names)
     terms = Friction.terms_of(robot.get("friction", {}).get("terms", ()))
     found, missed = [], {}
     for j, (name, kind) in enumerate(zip(names, robot["geometry"]["kinds"], strict=True)):
@@ -145,6 +162,11 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 offset=values.get(f"Off{j + 1}", 0.0),
                 bias_rad=of("bias_rad") or 0.0,
                 smoothing=float(smoothing[j]),
+                per_step={
+                    FIELDS[row["kind"]]: row["per_step"]
+                    for row in positions.get("rows", ())
+                    if row["kind"] in FIELDS and j + 1 in row["joints"] and row.get("per_step")
+                },
             )
         )
     return Drives(tuple(found), (*lost_friction(values, terms, missed), *_sentences(found)))
@@ -199,6 +221,12 @@ def for_step(drives: Drives, step_s: float, integrator: str, *, explicit_kv: boo
     for drive in drives.joints:
         sign = 1.0 if integrator in IMPLICIT and not explicit_kv else -1.0
         shift = HALF * step_s * (drive.viscous + sign * (drive.kv or 0.0))
+        changed = {
+            name: getattr(drive, name) + sign * step_s * change
+            for name, change in drive.per_step.items()
+            if getattr(drive, name) is not None
+        }
+        drive = replace(drive, **changed)
         if drive.rotor < shift:
             raise FitError(
                 f"joint {drive.joint!r}: a step of {step_s:g} s adds {shift:.4g} to its rotor inertia of {drive.rotor:.4g}; "
@@ -214,6 +242,8 @@ def for_step(drives: Drives, step_s: float, integrator: str, *, explicit_kv: boo
     if found[0].kp is not None:
         extra = max((drive.kp or 0.0) * HALF * step_s for drive in found)
         sentence += f" (or add h kp / 2, up to {extra:.3g}, to kv for slow motion)"
+    if any(drive.per_step for drive in drives.joints):
+        sentence += "; other values change too, as the armature does not while servos saturate"
     return Drives(tuple(found), (*drives.sentences, sentence))
 
 

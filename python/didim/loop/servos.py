@@ -95,6 +95,8 @@ class Servos:
         Encoder readings at time 0, and velocities.
     softness : array, optional
         Slope k (kg.m^2 or kg) of friction ``-k (ddq + SOFT_RATE dq)`` between -Fc and Fc, in the place of the robot's smooth sign.
+    lead_s : float
+        Inertia that a servo adds while it saturates, over kv (s): minus half a step for a simulator that takes kv implicitly.
     """
 
     kp: Array
@@ -106,6 +108,7 @@ class Servos:
     q: Array
     dq: Array
     softness: Array | None = None
+    lead_s: float = 0.0
 
 
 class ServoLoop:
@@ -181,8 +184,19 @@ class ServoLoop:
         b = servos.bias_rad
         limit = np.minimum(servos.saturation, NO_LIMIT)
         soft = np.zeros_like(b) if servos.softness is None else servos.softness
-        rate = np.full_like(b, SOFT_RATE)
-        rows = [servos.kp, servos.kv, limit, b, servos.q - b, servos.dq, soft, rate, number.reshape(-1, 1)]
+        rate, lead = np.full_like(b, SOFT_RATE), np.full_like(b, servos.lead_s)
+        rows = [
+            servos.kp,
+            servos.kv,
+            limit,
+            b,
+            servos.q - b,
+            servos.dq,
+            soft,
+            rate,
+            lead,
+            number.reshape(-1, 1),
+        ]
         try:
             q, endings = _core.simulate_servos(
                 loop.core,

@@ -25,7 +25,7 @@ from ...result.positions.record import KEY
 from ...result.status import Status
 from ...result.uncertainty import Uncertainty
 from ..builder import digests, experiment_record
-from .intervals import Intervals, errors_over_noise, intervals, widened
+from .intervals import Intervals, errors_over_noise, intervals, per_step, widened
 from .knowledge import Held, told_together, untold, weak_pairs
 from .problem import Problem, build, may_be_soft
 from .search import Search, at_bound, begun, bounded_step, normal_of, search
@@ -164,7 +164,9 @@ def _of_either_friction(
     a, b = normal_of(rival, start.errors, start.blocks)
     shift = bounded_step(rival, start, a, b, 0.0, sum(e.size for e in start.errors))
     if start.cost + float(2.0 * b @ shift + shift @ a @ shift) < SOFTER * now.cost:
-        options["reporter"].say("friction as MuJoCo has it promises smaller errors; the search goes on with it")
+        options["reporter"].say(
+            "friction as MuJoCo has it promises smaller errors; the search goes on with it"
+        )
         start.free[:] = True
         found, held_there = _searched(rival, start, untold(rival, start, strict=True), options)
         problem.n_simulations = rival.n_simulations
@@ -311,7 +313,7 @@ def _limbs(problem: Problem) -> list[dict[str, Any]]:
 
 
 def _rows(problem: Problem, now: Search, held: Sequence[Held], spread: Intervals) -> list[dict[str, Any]]:
-    bound = at_bound(problem, now)
+    bound, steps = at_bound(problem, now), per_step(problem, now)
     texts = {item.column: item.known for item in held}
     rows = []
     for k, column in enumerate(problem.columns):
@@ -340,6 +342,7 @@ def _rows(problem: Problem, now: Search, held: Sequence[Held], spread: Intervals
                 "before": column.start,
                 "by": by,
                 "text": texts.get(k, ""),
+                "per_step": float(steps[k]),
             }
         )
     return rows

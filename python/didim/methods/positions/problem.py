@@ -125,7 +125,9 @@ class Problem:
             dtype=np.intp,
         )
 
-    def positions(self, rollout: Rollout, thetas: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def positions(
+        self, rollout: Rollout, thetas: Array, lead_s: float = 0.0
+    ) -> tuple[Array, NDArray[np.bool_]]:
         """Return what the encoders show, (n_candidates, n_samples, n_limb_joints), and which runs came to their end."""
         limb = self.limbs[rollout.limb]
         count, joints = len(thetas), list(limb.joints)
@@ -145,7 +147,9 @@ class Problem:
         q, dq = (np.tile(part, (count, 1)) for part in rollout.start)
         self.n_simulations += count
         softness = self._softness(rollout.limb, x) if self.inertia else None
-        return rollout.loop.run(x, Servos(**drive, q=q, dq=dq, softness=softness), self.threads)
+        return rollout.loop.run(
+            x, Servos(**drive, q=q, dq=dq, softness=softness, lead_s=lead_s), self.threads
+        )
 
     def _softness(self, limb: int, x: Array) -> Array:
         """Return slopes of MuJoCo's friction loss, ``d / ((1 - d) (M^-1)_jj)`` at position zero, (n_candidates, n_limb_joints)."""
@@ -156,10 +160,10 @@ class Problem:
         m[:, at, at] += x[:, rotors] - self.values.x[self.limbs[limb].indices][rotors]
         return np.asarray(SOFT_RATIO / np.diagonal(np.linalg.inv(m), axis1=1, axis2=2))
 
-    def errors(self, theta: Array, role: str = "fit") -> list[Array]:
+    def errors(self, theta: Array, role: str = "fit", lead_s: float = 0.0) -> list[Array]:
         """Return weighted errors of each rollout of a role, (n_rows,); NaN throughout where a run has ended early."""
         return [
-            self._compared(number, self.positions(rollout, theta[None])[0][0]).ravel()
+            self._compared(number, self.positions(rollout, theta[None], lead_s)[0][0]).ravel()
             if rollout.role == role
             else np.zeros(0)
             for number, rollout in enumerate(self.rollouts)
