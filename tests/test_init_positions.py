@@ -121,3 +121,33 @@ def test_a_lerobot_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     law = experiment.controller.build(None)  # type: ignore[union-attr, arg-type]
     np.testing.assert_array_equal(law.laws[:, :2], [[17.8, 0.5]] * 2)
     np.testing.assert_array_equal(law.saturation, [3.0, np.inf])
+
+
+def test_goal_and_present_positions_of_bus_servos(tmp_path: Path) -> None:
+    """Names as Dynamixel and Feetech servos have them, and rollouts of a pendulum by number."""
+    (tmp_path / "servo.xml").write_text(
+        """<mujoco><worldbody><body><joint name="servo" axis="0 1 0"/>
+        <inertial pos="0.1 0 0" mass="0.3" diaginertia="1e-3 1e-3 1e-3"/></body></worldbody>
+        <actuator><position joint="servo" kp="17" kv="0.5"/></actuator></mujoco>"""
+    )
+    t = np.arange(200) / 100.0
+    rows = [
+        f"{episode},{value:.3f},{np.sin(3 * value):.5f},{np.sin(3 * value - 0.1):.5f}"
+        for episode in range(5)
+        for value in t
+    ]
+    (tmp_path / "log.csv").write_text(
+        "\n".join(["episode,timestamp,goal_position,present_position", *rows]) + "\n"
+    )
+    arguments = [
+        "init",
+        str(tmp_path / "servo.xml"),
+        str(tmp_path / "log.csv"),
+        "-o",
+        str(tmp_path / "log.toml"),
+    ]
+    assert main(arguments) == 0
+    (recording,) = tomllib.loads((tmp_path / "log.toml").read_text(encoding="utf-8"))["recording"]
+    assert recording["rollouts"] == "episode"
+    assert recording["position"]["columns"] == ["present_position"]
+    assert recording["reference"]["columns"] == ["goal_position"]

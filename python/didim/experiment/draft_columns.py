@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 WORDS = {
     "time": ("t", "time", "times", "timestamp", "timestamps", "stamp", "stamps", "clock"),
-    "reference": ("ref", "reference", "des", "desired", "cmd", "command", "commanded", "target", "setpoint",
+    "reference": ("ref", "reference", "des", "desired", "cmd", "command", "commanded", "target", "setpoint", "goal",
         "action", "qg"),
     "acceleration": ("ddq", "qdd", "acc", "acceleration", "accelerations", "qddot"),
     "velocity": ("dq", "qd", "vel", "velocity", "velocities", "speed", "speeds", "qdot", "omega"),
@@ -21,7 +21,7 @@ WORDS = {
 
 PLACES = (
     "joint", "joints", "axis", "axes", "motor", "mot", "robot", "arm", "actual", "act", "measured",
-    "meas", "state", "feedback",
+    "meas", "state", "feedback", "present",
 )  # fmt: skip
 """Words for the location of a signal: a name of only these words and a number is a position."""
 
