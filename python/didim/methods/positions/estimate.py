@@ -25,7 +25,7 @@ from ...result.positions.record import KEY
 from ...result.status import Status
 from ...result.uncertainty import Uncertainty
 from ..builder import digests, experiment_record
-from .intervals import Intervals, errors_over_noise, intervals, per_step, widened
+from .intervals import LASTING, Intervals, errors_over_noise, intervals, model_errors, per_step, widened
 from .knowledge import Held, told_together, untold, weak_pairs
 from .problem import Problem, build, may_be_soft
 from .search import Search, at_bound, begun, bounded_step, normal_of, search
@@ -51,8 +51,6 @@ SOFTER = 0.98
 """Squared errors over those of a smooth sign, below which MuJoCo's friction is tried: less is no reason for another simulation."""
 ROUGH = 1e-2
 """Fall of the cost, as a share, at which the laws of friction are compared: an estimate is then within a deviation or so."""
-LASTING = 2.0
-"""Errors over their white part from which an error of the model is larger than the noise: blocks left out share it."""
 GRAVE = frozenset({"kp", "kv", "delay_s", "lag_s"})
 """Unknowns of drives whose fixed value strongly affects other estimates."""
 
@@ -257,7 +255,7 @@ def _result(
         evidence=(
             *_evidence(problem, now, held, rows, shares),
             *_size(experiment, after),
-            *_model_errors(problem, over, shift),
+            *model_errors(problem, over, shift),
         ),
         settings={
             **experiment_record(experiment, problem.robot),
@@ -486,30 +484,3 @@ def _evidence(
             )
         )
     return tuple(found)
-
-
-def _model_errors(problem: Problem, over: Array, shift: Array) -> tuple[Finding, ...]:
-    """Return the finding that errors are too large for noise, so that intervals lack what no block shows."""
-    joints = np.flatnonzero(over > LASTING)
-    if not joints.size:
-        return ()
-    worst = int(np.argmax(over))
-    where = (
-        f"{problem.robot.joint_label(worst)} and {joints.size - 1} more"
-        if joints.size > 1
-        else problem.robot.joint_label(worst)
-    )
-    text = f"errors are {over[worst]:.2g} times the noise at {where}: the model is not exact, "
-    text += (
-        "and intervals include what another law of friction changes, but no other error"
-        if shift.any()
-        else "and intervals hold for its law of friction alone, so they are too narrow"
-    )
-    return (
-        Finding(
-            code="model-error",
-            grade="note",
-            joints=tuple(int(joint) + 1 for joint in joints),
-            facts={"text": text, "advice": "", "over_noise": over.tolist(), "widened": bool(shift.any())},
-        ),
-    )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
+from ...result.finding import Finding
 from ...result.uncertainty import student_factor
 from ...signal.noise import encoder_step, white_noise
 from .problem import Problem
@@ -29,6 +30,8 @@ USUAL_STEP_S, HALF = 2e-3, 0.5
 """Step (s) of most simulators, and the share by which a velocity at its end is late."""
 CHORDS = 10
 """Steps with derivatives that stay: with 31 unknowns of an arm each leaves three quarters."""
+LASTING = 2.0
+"""Errors over their white part from which an error of the model is larger than the noise: blocks left out share it."""
 LEAST_NOISE = 1e-4
 """Noise (rad or m) that an encoder has at least: logs of simulations have less, and no robot is as exact as they are."""
 
@@ -141,6 +144,33 @@ def per_step(problem: Problem, now: Search) -> Array:
             break
         found[use] -= inverse @ normal_of(problem, apart, now.blocks)[1][use]
     return found / USUAL_STEP_S
+
+
+def model_errors(problem: Problem, over: Array, shift: Array) -> tuple[Finding, ...]:
+    """Return the finding that errors are too large for noise, so that intervals lack what no block shows."""
+    joints = np.flatnonzero(over > LASTING)
+    if not joints.size:
+        return ()
+    worst = int(np.argmax(over))
+    where = (
+        f"{problem.robot.joint_label(worst)} and {joints.size - 1} more"
+        if joints.size > 1
+        else problem.robot.joint_label(worst)
+    )
+    text = f"errors are {over[worst]:.2g} times the noise at {where}: the model is not exact, "
+    text += (
+        "and intervals include what another law of friction changes, but no other error"
+        if shift.any()
+        else "and intervals hold for its law of friction alone, so they are too narrow"
+    )
+    return (
+        Finding(
+            code="model-error",
+            grade="note",
+            joints=tuple(int(joint) + 1 for joint in joints),
+            facts={"text": text, "advice": "", "over_noise": over.tolist(), "widened": bool(shift.any())},
+        ),
+    )
 
 
 def _inverse(matrix: Array) -> Array:
