@@ -27,8 +27,9 @@ from ...result.uncertainty import Uncertainty
 from ..builder import digests, experiment_record
 from .intervals import LASTING, Intervals, errors_over_noise, intervals, model_errors, per_step, widened
 from .knowledge import Held, told_together, untold, weak_pairs
+from .laws import search_of_either_friction, searched
 from .problem import Problem, build, may_be_soft
-from .search import Search, at_bound, begun, bounded_step, normal_of, search
+from .search import Search, at_bound, begun, normal_of, search
 
 if TYPE_CHECKING:
     from ..cloe.settings import CLOESettings
@@ -47,10 +48,6 @@ UNLIKE = 3.0
 """Distance of a joint from its siblings, in standard deviations, from which it is reported."""
 UNLIKE_SHARE = 0.4
 """Smallest distance, as a share of the siblings' median: joints of one kind differ by a third on a real quadruped."""
-SOFTER = 0.98
-"""Squared errors over those of a smooth sign, below which MuJoCo's friction is tried: less is no reason for another simulation."""
-ROUGH = 1e-2
-"""Fall of the cost, as a share, at which the laws of friction are compared: an estimate is then within a deviation or so."""
 GRAVE = frozenset({"kp", "kv", "delay_s", "lag_s"})
 """Unknowns of drives whose fixed value strongly affects other estimates."""
 
@@ -85,9 +82,9 @@ def identify_positions(
     }
     shift = np.zeros(len(now.theta))
     if may_be_soft(experiment):
-        problem, now, held, shift = _of_either_friction(experiment, method, problem, now, held, options)
+        problem, now, held, shift = search_of_either_friction(experiment, method, problem, now, held, options)
     else:
-        now, held = _searched(problem, now, held, options)
+        now, held = searched(problem, now, held, options)
     bad = _bad_rollouts(problem, now)
     if bad and now.status.converged:
         for number in bad:
@@ -114,64 +111,6 @@ def _check(method: CLOESettings, experiment: Experiment) -> None:
         )
     if method.noise is not None and len(method.noise) != experiment.robot.n_dof:
         raise FitError(f"noise needs one number per joint, {experiment.robot.n_dof}, got {len(method.noise)}")
-
-
-def _searched(
-    problem: Problem, now: Search, held: list[Held], options: dict[str, Any]
-) -> tuple[Search, list[Held]]:
-    """Search; hold what the log turns out not to tell, at its start, and search on."""
-    now.free[[item.column for item in held]] = False
-    now = search(problem, now, **options)
-    while now.status.converged:
-        more = untold(problem, now)
-        if not more:
-            break
-        held = [*held, *more]
-        theta, free = now.theta.copy(), now.free.copy()
-        for item in more:
-            free[item.column] = False
-            theta[item.column] = problem.columns[item.column].start
-        now = search(problem, begun(problem, theta, free, now), **options)
-    return now, held
-
-
-def _of_either_friction(
-    experiment: Experiment,
-    method: CLOESettings,
-    problem: Problem,
-    now: Search,
-    held: list[Held],
-    options: dict[str, Any],
-) -> tuple[Problem, Search, list[Held], Array]:
-    """Search with friction as MuJoCo has it, where errors and derivatives promise less than a smooth sign leaves.
-
-    Also return how far the estimate with the other law of friction is from the one that is taken, (n_columns,).
-    """
-    now.free[[item.column for item in held]] = False
-    now = search(problem, now, **{**options, "tolerance": ROUGH})
-    shift = np.zeros(len(now.theta))
-    if now.status is Status.STOPPED:
-        return problem, now, held, shift
-    rival = build(experiment, noise=method.noise, threads=method.threads, start=method.start, soft=True)
-    rival.n_simulations = problem.n_simulations
-    try:
-        start = begun(rival, now.theta, now.free.copy(), now)
-    except FitError:
-        return problem, *_searched(problem, now, held, options), shift
-    problem.n_simulations = rival.n_simulations
-    a, b = normal_of(rival, start.errors, start.blocks)
-    shift = bounded_step(rival, start, a, b, 0.0, sum(e.size for e in start.errors))
-    if start.cost + float(2.0 * b @ shift + shift @ a @ shift) < SOFTER * now.cost:
-        options["reporter"].say(
-            "friction as MuJoCo has it promises smaller errors; the search goes on with it"
-        )
-        start.free[:] = True
-        found, held_there = _searched(rival, start, untold(rival, start, strict=True), options)
-        problem.n_simulations = rival.n_simulations
-        shift = np.where(found.free & now.free, found.theta - now.theta, 0.0)
-        if found.cost < now.cost:
-            return rival, found, held_there, shift
-    return problem, *_searched(problem, now, held, options), shift
 
 
 def _bad_rollouts(problem: Problem, now: Search) -> dict[int, float]:
