@@ -126,8 +126,8 @@ def twin(
         at = list(limb.joints)
         held = Held(np.ascontiguousarray(r[:, at]), RATE)
         loop = ServoLoop(limb.robot, held, held.values, step_s=2.5e-4, fine_step_s=2.5e-4)
-        rows = {kind: np.full((1, len(at)), value) for kind, value in numbers.items()}
-        start = {"q": r[:1, at], "dq": np.zeros((1, len(at)))}
+        rows: dict[str, Any] = {kind: np.full((1, len(at)), value) for kind, value in numbers.items()}
+        start: dict[str, Any] = {"q": r[:1, at], "dq": np.zeros((1, len(at)))}
         found, completed = loop.run(x[limb.indices][None], Servos(**rows, **start))
         assert completed.all()
         q[:, at] = found[0]

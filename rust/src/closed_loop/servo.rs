@@ -4,7 +4,7 @@
 //! jump within a step of length `h`, that of a candidate with another delay, keeps its impulse and misses the position at the end of the
 //! step by at most `h^2/8` times the acceleration of the jump.
 //!
-//! Coulomb friction may be soft, as MuJoCo's `frictionloss` is: `-k (ddq + b dq)` between `-Fc` and `Fc`, whose slope `k` has the unit of an
+//! Coulomb friction may be soft, as `MuJoCo`'s `frictionloss` is: `-k (ddq + b dq)` between `-Fc` and `Fc`, whose slope `k` has the unit of an
 //! inertia and whose rate `b` that of a frequency. It depends on the acceleration, so that `(M + k) ddq = tau - N - k b dq` where a joint
 //! sticks; which joints do is found by Newton's method, for the friction is the gradient of a convex function of `ddq`. A simulator that takes
 //! velocities at the end of its step adds to the inertia, but not while a servo saturates: so a lead `l` (s) adds `l kv` there. Tested in
@@ -114,7 +114,7 @@ impl<'a, V: Set> ServoLanes<'a, V> {
         for j in 0..n {
             added[j] = lead[j] * lanes(1)[j];
         }
-        let soft = (any(&slope) || any(&lead)).then(|| Soft {
+        let soft = (any(&slope) || any(&lead)).then_some(Soft {
             coulomb,
             slope,
             rate,
