@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -14,8 +15,10 @@ import didim
 from arm import arm_log
 from didim import DIDIM, IDIMLS, Experiment, identify
 from didim.errors import FitError
+from didim.evidence import causes
 from didim.evidence.causes import Search
 from didim.evidence.hypotheses.geometry import with_geometry
+from didim.evidence.hypotheses.hypothesis import Hypothesis
 from didim.evidence.naming import cause_findings, torque_findings
 from didim.evidence.rows import LogRows
 from didim.regression.linear_system import LinearSystem, linear_system
@@ -279,3 +282,28 @@ def test_causes_of_logs_with_a_payload(known: bool) -> None:
         (cause,) = [item for item in identify(wrong).verdict.reasons if "ties" in item.facts]
         assert (code, (2,)) in with_ties(cause)
         assert code in [item.code for item in didim.check(wrong)]
+
+
+def test_a_family_with_a_row_in_the_table_is_searched(
+    log: Experiment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The hypothesis of CONTRIBUTING: two neighbours that share a drive."""
+
+    def halved(rows: LogRows) -> Iterator[Hypothesis]:
+        for joint in range(rows.n - 1):
+            factors = np.ones(rows.n)
+            factors[joint : joint + 2] = 0.5
+            yield Hypothesis(code="shared-drive", joints=(joint + 1, joint + 2), factors=factors)
+
+    job = IDIMLS().job(with_torques(log, torques(log) * [1.0, 0.5, 0.5, 1.0, 1.0, 1.0]))
+    rows = LogRows(job.robot, job.signal, job.parts("fit", job.declared_delay))
+
+    def named() -> list[Named]:
+        cause = Search(rows, readings=False).cause()
+        return (
+            [] if cause is None else [(item.hypothesis.code, item.hypothesis.joints) for item in cause.tried]
+        )
+
+    assert ("shared-drive", (2, 3)) not in named()
+    monkeypatch.setattr(causes, "OF_TORQUES", (*causes.OF_TORQUES, halved))
+    assert ("shared-drive", (2, 3)) in named()

@@ -17,8 +17,8 @@ from .._tools.arrays import Array
 from ..regression.linear_system import LinearSystem
 from .hypotheses.hypothesis import Hypothesis
 from .hypotheses.positions import scales
-from .hypotheses.table import OF_READINGS, OF_ROBOT, OF_SIGNS
-from .hypotheses.torques import exchanges, gains, signs
+from .hypotheses.table import OF_READINGS, OF_ROBOT, OF_SIGNS, OF_TORQUES
+from .hypotheses.torques import exchanges, signs
 from .products import BLOCKS, Declared, Judged, Products
 from .rows import LogRows
 from .thresholds import (
@@ -116,8 +116,10 @@ class Search:
         torn = self._torn_joints()
         if rows.hopeless and not torn and not any(item.friction for item in found):
             return None
-        found += [self._tried(item) for item in gains(rows)]
-        found += [self._tried(item) for item in exchanges(rows) if self._fell(item) <= 0.0]
+        for family in OF_TORQUES:
+            # An exchange must make both channels smaller in all.
+            items = (item for item in family(rows) if family is not exchanges or self._fell(item) <= 0.0)
+            found += [self._tried(item) for item in items]
         found += [self._tried(item) for item in self._promising()]
         found = [item for item in found if np.isfinite(item.d)]
         near = sorted((item for item in found if item.d <= SCREEN), key=lambda item: item.d)[:MOST_DECIDED]

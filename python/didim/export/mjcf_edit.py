@@ -16,6 +16,7 @@ from .._tools.arrays import Array
 from .._tools.inputs import read_small_file
 from .._tools.words import did_you_mean, listing
 from ..errors import FitError
+from ..loop.servos import IMPEDANCE, LARGEST_IMPEDANCE, TIME_CONSTANT_S
 from ..model.dynamics import inertia_matrix
 from ..robot.robot import Robot
 from ..robot.robot_file import load_robot
@@ -29,10 +30,6 @@ from .urdf import Edit, attribute_edit, edited
 
 SAME = 1e-9
 """Largest relative difference of two equal values: the file then keeps its digits."""
-IMPEDANCE, LARGEST_IMPEDANCE = 0.9, 0.95
-"""First two numbers of MuJoCo's default ``solimpfriction``."""
-TIME_CONSTANT_S = 0.02
-"""Time constant (s) of MuJoCo's default ``solreffriction``, its first number; at least two steps."""
 
 
 def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tuple[bytes, Drives]:

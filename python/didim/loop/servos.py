@@ -25,8 +25,12 @@ from .reference import Reference
 
 NO_LIMIT = 1e30
 """Limit (N.m, N) of a servo without one: the core takes finite numbers only."""
-SOFT_RATE = 2.0 / (0.95 * 0.02)
-"""Rate (1/s) of MuJoCo's soft constraints, ``2 / (dmax timeconst)``, by the defaults of its ``solimp`` and ``solref``."""
+IMPEDANCE, LARGEST_IMPEDANCE = 0.9, 0.95
+"""First two numbers of MuJoCo's default ``solimpfriction``."""
+TIME_CONSTANT_S = 0.02
+"""Time constant (s) of MuJoCo's default ``solreffriction``, its first number; at least two steps."""
+SOFT_RATE = 2.0 / (LARGEST_IMPEDANCE * TIME_CONSTANT_S)
+"""Rate (1/s) of MuJoCo's soft friction, ``2 / (dmax timeconst)``."""
 SETTLED = 40.0
 """Duration of a lag's transient, in time constants: exp(-40) is below the rounding of a double."""
 

@@ -8,12 +8,12 @@ from ..rows import LogRows
 from .geometry import conventions, gravities, lengths, twists
 from .hypothesis import Hypothesis
 from .positions import exchanged, positions, scales, sides, units
-from .torques import exchanges, gains, signs
+from .torques import exchanges, gains
 
 Family = Callable[[LogRows], Iterator[Hypothesis]]
 """Generator of a family's hypotheses for the rows of a log."""
-OF_TORQUES: tuple[Family, ...] = (signs, gains, exchanges)
-"""Families that do not change the columns: two milliseconds per hypothesis."""
+OF_TORQUES: tuple[Family, ...] = (gains, exchanges)
+"""Families that do not change the columns, two milliseconds per hypothesis; signs come before all others."""
 OF_SIGNS: tuple[Family, ...] = (positions,)
 """Families about a joint's direction of rotation, which friction also determines."""
 OF_READINGS: tuple[Family, ...] = (units, sides, exchanged, scales)
