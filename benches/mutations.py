@@ -217,7 +217,7 @@ PYTHON = (
         "python/didim/methods/didim/globalisation.py",
         "wanted = self._secant(ahead, inverse(solved.fit.covariance)) if iterate.iteration >= 2 else 1.0",
         "wanted = 1.0",
-        "tests/test_consistent.py tests/test_consistent_methods.py tests/test_slack_loop.py",
+        "tests/test_turning_points_of_methods.py",
     ),
     Mutation(
         "consistent DIDIM goes uphill as far as it likes",

@@ -137,6 +137,28 @@ def test_a_secant_step_is_not_shorter_than_three_tenths() -> None:
         assert damped._secant(np.array([ahead]), np.eye(1)) == pytest.approx(length)
 
 
+def test_the_third_step_of_a_two_cycle_is_halved() -> None:
+    """Each full step lands where the one before began: the secant step goes to the middle, from the third on."""
+    base = stub(project=lambda step: step)
+    problem = stub(
+        base=base, job=stub(selection=stub(estimated=[0])), method=None, simulator=None, reporter=None
+    )
+    damped = SecantSteps(problem)
+    advanced: list[float] = []
+
+    def advance(iterate: Any, solved: Any, length: float, moved: float) -> tuple[float, None]:
+        advanced.append(length)
+        return length, None
+
+    damped._advance = advance  # type: ignore[method-assign, assignment]
+    for iteration, (x, target) in enumerate([(0.0, 1.0), (1.0, 0.0), (0.0, 1.0)]):
+        damped.step(
+            stub(x=np.array([x]), iteration=iteration),
+            stub(target=np.array([target]), std=np.ones(1), fit=stub(covariance=np.eye(1))),
+        )
+    assert advanced == [1.0, 1.0, 0.5]
+
+
 @pytest.mark.parametrize(("strength", "weak"), [(0.48, False), (0.52, True)])
 def test_a_weak_instrument(strength: float, weak: bool) -> None:
     found = stub(strength=np.array([strength]), test=None, durbin_watson=np.array([np.nan]))
