@@ -72,19 +72,19 @@ class EKF(MethodSettings):
         """Identify the parameters of an experiment's robot, as `Method.run`."""
         job = self.job(experiment, experiment.simulated_robot)
         _check(job)
-        windows = [
-            (item.q[start:stop], np.asarray(item.driving)[start:stop], item.rate_hz)
-            for item in experiment.recordings
-            if item.role == "fit"
-            for start, stop in item.windows
-        ]
-        count = sum(len(q) for q, _, _ in windows)
+        recordings = [item for item in experiment.recordings if item.role == "fit"]
+        count = sum(stop - start for item in recordings for start, stop in item.windows)
         if count > MOST_SAMPLES:
             raise FitError(
                 f"the Kalman filter takes at most {MOST_SAMPLES} samples, and the log has {count}: give shorter windows"
             )
         parts = job.parts("fit", 0.0)
         system = job.system(parts)
+        windows = [
+            (item.q[start:stop], np.asarray(item.driving)[start:stop], item.rate_hz)
+            for item in recordings
+            for start, stop in item.windows
+        ]
         position_noise, torque_noise = (
             white_noise(np.concatenate([window[k] for window in windows])) for k in (0, 1)
         )
