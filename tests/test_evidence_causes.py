@@ -19,6 +19,7 @@ from didim.evidence import causes
 from didim.evidence.causes import Search
 from didim.evidence.hypotheses.geometry import with_geometry
 from didim.evidence.hypotheses.hypothesis import Hypothesis
+from didim.evidence.hypotheses.table import OF_TORQUES
 from didim.evidence.naming import cause_findings, torque_findings
 from didim.evidence.rows import LogRows
 from didim.regression.linear_system import LinearSystem, linear_system
@@ -305,5 +306,5 @@ def test_a_family_with_a_row_in_the_table_is_searched(
         )
 
     assert ("shared-drive", (2, 3)) not in named()
-    monkeypatch.setattr(causes, "OF_TORQUES", (*causes.OF_TORQUES, halved))
+    monkeypatch.setattr(causes, "OF_TORQUES", (*OF_TORQUES, halved))
     assert ("shared-drive", (2, 3)) in named()
