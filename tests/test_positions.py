@@ -385,7 +385,7 @@ def test_intervals_say_what_they_lack(tmp_path: Path, smoothing: float, exact: b
     found = [finding for finding in fit.evidence if finding.code == "model-error"]
     assert len(found) == (0 if exact else 1)
     if not exact:
-        assert "so they are too narrow" in found[0].facts["text"]
+        assert "so they are too narrow" in found[0].sentence
         assert max(found[0].facts["over_noise"]) > 3.0
         assert not found[0].facts["widened"]
 

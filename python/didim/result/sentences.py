@@ -191,6 +191,17 @@ def _friction_advice(f: Told) -> str:
     return f"Write {terms} under [friction]{smooth}"
 
 
+def _model_error(f: Told) -> str:
+    return (
+        f"the errors of {_joints(f)} are up to {_value(f):.2g} times the noise: the model is not exact, and intervals "
+        + (
+            "include what another law of friction changes, but no other error"
+            if f.facts["widened"]
+            else "hold for its law of friction alone, so they are too narrow"
+        )
+    )
+
+
 def _size(f: Told) -> str:
     of = "the torques of the servos" if f.facts.get("positions") else "held-out torques, without their noise"
     return (
@@ -330,6 +341,7 @@ WORDS: dict[str, Words] = {
         ),
     ),
     "friction": (_friction, _friction_advice),
+    "model-error": (_model_error, _always("")),
     "size": (
         _size,
         lambda f: (

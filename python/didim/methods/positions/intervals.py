@@ -151,24 +151,13 @@ def model_errors(problem: Problem, over: Array, shift: Array) -> tuple[Finding, 
     joints = np.flatnonzero(over > LASTING)
     if not joints.size:
         return ()
-    worst = int(np.argmax(over))
-    where = (
-        f"{problem.robot.joint_label(worst)} and {joints.size - 1} more"
-        if joints.size > 1
-        else problem.robot.joint_label(worst)
-    )
-    text = f"errors are {over[worst]:.2g} times the noise at {where}: the model is not exact, "
-    text += (
-        "and intervals include what another law of friction changes, but no other error"
-        if shift.any()
-        else "and intervals hold for its law of friction alone, so they are too narrow"
-    )
     return (
         Finding(
             code="model-error",
             grade="note",
             joints=tuple(int(joint) + 1 for joint in joints),
-            facts={"text": text, "advice": "", "over_noise": over.tolist(), "widened": bool(shift.any())},
+            value=float(over.max()),
+            facts={"over_noise": over.tolist(), "widened": bool(shift.any())},
         ),
     )
 
