@@ -14,7 +14,6 @@ figures.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import sys
 from dataclasses import replace
@@ -78,8 +77,9 @@ def try_fault(arm: Arm, fault: Fault, seeds: int) -> tuple[dict[str, int], dict[
                     and reason.remedy is not None
                     and isinstance(method, didim.IDIMLS)
                 ):
-                    with contextlib.suppress(NotImplementedError):
-                        after = didim.identify(*obeyed(experiment, method, reason.remedy))
+                    edited = obeyed(experiment, method, reason.remedy)
+                    if edited is not None:
+                        after = didim.identify(*edited)
                         counts["obeyed"] += 1
                         counts["better"] += expected_error(after) < expected_error(fit) and not named(
                             fault, after.verdict

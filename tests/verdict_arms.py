@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import didim
 from didim import Experiment, Robot
-from didim.evidence.hypotheses.geometry import with_geometry
+from didim.evidence.hypotheses.geometry import of_other_convention, with_geometry
 from didim.experiment.loop import closed_loop
 from didim.experiment.specs import ReferenceSpec, SimulationSettings
 from didim.loop.controller import Controller
@@ -439,13 +439,12 @@ def faults(arm: Arm) -> list[Fault]:
     return found
 
 
-def obeyed(experiment: Experiment, method: didim.IDIMLS, remedy: Remedy) -> tuple[Experiment, didim.IDIMLS]:
-    """An experiment and its method after the edit that a finding asks for.
+def obeyed(
+    experiment: Experiment, method: didim.IDIMLS, remedy: Remedy
+) -> tuple[Experiment, didim.IDIMLS] | None:
+    """Return an experiment and its method after the edit that a finding asks for.
 
-    Raises
-    ------
-    NotImplementedError
-        For an edit that these arms have no file for.
+    None for an edit of units and axes, which no fault of these arms calls for: a finding that asks for one is misnamed.
     """
     (recording,) = experiment.recordings
     assert recording.tau is not None
@@ -461,6 +460,8 @@ def obeyed(experiment: Experiment, method: didim.IDIMLS, remedy: Remedy) -> tupl
         q[:, at] = q[:, at[::-1]]
     elif remedy.key == "gravity_m_s2":
         robot = with_geometry(robot, gravity=tuple(value))
+    elif remedy.key == "convention":
+        robot = of_other_convention(robot)
     elif remedy.key == "alpha_deg":
         alpha = [-a if joint in at else a for joint, a in enumerate(geometry.alpha)]
         robot = with_geometry(robot, alpha=tuple(alpha))
@@ -476,7 +477,7 @@ def obeyed(experiment: Experiment, method: didim.IDIMLS, remedy: Remedy) -> tupl
     elif (remedy.table, remedy.key) == ("[delay]", "compensate_samples"):
         method = replace(method, compensate_samples=value)
     else:
-        raise NotImplementedError(f"{remedy.table} {remedy.key}")
+        return None
     return replace(experiment, robot=robot, recordings=(replace(recording, q=q, tau=tau),)), method
 
 

@@ -42,30 +42,30 @@ def gravities(rows: LogRows) -> Iterator[Hypothesis]:
         )
 
 
+def of_other_convention(robot: Robot) -> Robot:
+    """Return a robot whose rows of lengths and twists are read by the other Denavit-Hartenberg convention."""
+    g = robot.geometry
+    if robot.standard is not None:
+        return with_geometry(robot, alpha=tuple(robot.standard.alpha), d=tuple(robot.standard.a))
+    # Modified rows have the twist and the length of the link before; standard ones have their own.
+    return with_geometry(robot, alpha=(0.0, *g.alpha[:-1]), d=(0.0, *g.d[:-1]))
+
+
 def conventions(rows: LogRows) -> Iterator[Hypothesis]:
     """Return the same rows read by the other convention, and with a and d exchanged."""
     g, robot = rows.robot.geometry, rows.robot
     if len(g.kinds) < 2 or g.mounts:  # the rows of a tree have one convention
         return
-    if robot.standard is not None:
-        other = {"alpha": tuple(robot.standard.alpha), "d": tuple(robot.standard.a)}
-    else:
-        # Modified rows have the twist and the length of the link before; standard ones have their own.
-        other = {"alpha": (0.0, *g.alpha[:-1]), "d": (0.0, *g.d[:-1])}
-    found: list[tuple[str, dict[str, tuple[float, ...]]]] = []
-    if robot.correspondence is None:  # a URDF has no convention
-        found.append(("dh-convention", other))
-    found += [
-        ("a-and-d", {"d": tuple(g.r), "r": tuple(g.d)}),
-        ("a-and-d", {"d": (g.d[0], *g.r[:-1]), "r": (*g.d[1:], g.r[-1])}),
+    found = [
+        ("a-and-d", with_geometry(robot, d=tuple(g.r), r=tuple(g.d))),
+        ("a-and-d", with_geometry(robot, d=(g.d[0], *g.r[:-1]), r=(*g.d[1:], g.r[-1]))),
     ]
-    for code, changes in found:
-        if not all(np.allclose(getattr(g, key), value) for key, value in changes.items()):
-            yield Hypothesis(
-                code=code,
-                robot=with_geometry(robot, **changes),
-                facts={"standard": robot.standard is not None},
-            )
+    if robot.correspondence is None:  # a URDF has no convention
+        found.insert(0, ("dh-convention", of_other_convention(robot)))
+    for code, changed in found:
+        other = changed.geometry
+        if not all(np.allclose(getattr(g, key), getattr(other, key)) for key in ("alpha", "d", "r")):
+            yield Hypothesis(code=code, robot=changed, facts={"standard": robot.standard is not None})
 
 
 def twists(rows: LogRows) -> Iterator[Hypothesis]:
