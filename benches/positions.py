@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import copy
 import re
+import sys
 import tempfile
 from pathlib import Path
 from time import process_time
@@ -25,6 +26,9 @@ from mujoco import minimize, rollout
 import didim
 from didim.methods.cloe.cloe import CLOE
 from didim.result.positions.record import PositionRecord
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from quadrupeds import recorded
 
 RATE_HZ, SECONDS, DELAY_S, QUANTUM, LIMIT = 50.0, 60.0, 0.015, 2.0 * np.pi / 4096, 3.35
 KINDS = ("Ia", "Fv", "Fc", "kp", "kv")
@@ -112,17 +116,8 @@ delay_s = { start = 0.02, max = 0.06 }
 [[recording]]
 name = "log"
 rate_hz = 50
-[recording.position]
-file = "log.npz"
-variable = "q"
-unit = "rad"
-side = "joint"
-[recording.reference]
-file = "log.npz"
-variable = "r"
-unit = "rad"
-side = "joint"
 """
+EXPERIMENT += recorded("log.npz", "q", "r")
 
 
 def fitted(folder: Path, p: dict[str, np.ndarray]) -> didim.Identification:
@@ -153,17 +148,8 @@ delay_s = { start = 0.005, max = 0.025 }
 [[recording]]
 name = "log"
 rate_hz = 200
-[recording.position]
-file = "traj_0.pt"
-variable = "dof_pos"
-unit = "rad"
-side = "joint"
-[recording.reference]
-file = "traj_0.pt"
-variable = "des_dof_pos"
-unit = "rad"
-side = "joint"
 """
+QUADRUPED += recorded("traj_0.pt", "dof_pos", "des_dof_pos")
 KP, KV, RATE = 20.0, 1.5, 200.0
 BOUNDS = np.array(
     [[1e-5, 1.0]] * 12 + [[0.0, 7.0]] * 12 + [[0.0, 3.0]] * 12 + [[-3.0, 3.0]] * 12 + [[0.0, 0.025]]

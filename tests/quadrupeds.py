@@ -98,6 +98,14 @@ def logged(folder: Path, mujoco: Any, seconds: float = 14.0) -> Path:
     return folder
 
 
+def recorded(file: str, position: str, reference: str) -> str:
+    """Return the tables of a recording's columns in an experiment file: positions and their commands, variables of one file."""
+    return "".join(
+        f'[recording.{kind}]\nfile = "{file}"\nvariable = "{variable}"\nunit = "rad"\nside = "joint"\n'
+        for kind, variable in (("position", position), ("reference", reference))
+    )
+
+
 # A hobby arm.
 
 ARM_RATE, ENCODER = 50.0, 2.0 * np.pi / 4096.0

@@ -16,7 +16,7 @@ from didim.errors import FitError
 from didim.export.drives import drives_of, for_step
 from didim.methods.cloe.cloe import CLOE
 from didim.studies.in_mujoco import validate_in_mujoco
-from quadrupeds import ARM_DELAY_S, ARM_TRUTH, FILE, TRUTH, arm_episodes, arm_text, followed, logged
+from quadrupeds import ARM_DELAY_S, ARM_TRUTH, FILE, TRUTH, arm_episodes, arm_text, followed, logged, recorded
 from test_lerobot import dataset
 
 mujoco = pytest.importorskip("mujoco", reason="needs mujoco, the group 'test'")
@@ -191,17 +191,8 @@ delay_s = { max = 0.06 }
 [[recording]]
 name = "log"
 rate_hz = 50
-[recording.position]
-file = "log.npz"
-variable = "q"
-unit = "rad"
-side = "joint"
-[recording.reference]
-file = "log.npz"
-variable = "r"
-unit = "rad"
-side = "joint"
 """
+STEPPED += recorded("log.npz", "q", "r")
 
 
 def test_the_step_of_the_truth_is_taken_off(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from didim.methods.positions.motion import excite_positions
 from didim.model.limbs import limbs_of
 from didim.report import write
 from didim.result.positions.record import PositionRecord
+from quadrupeds import recorded
 
 RATE = 100.0
 LEG = """
@@ -59,17 +60,8 @@ between_samples = "held"
 name = "log"
 rate_hz = 100
 {windows}
-[recording.position]
-file = "log.npz"
-variable = "q"
-unit = "rad"
-side = "joint"
-[recording.reference]
-file = "log.npz"
-variable = "r"
-unit = "rad"
-side = "joint"
 """
+EXPERIMENT += recorded("log.npz", "q", "r")
 
 
 def legs() -> str:
