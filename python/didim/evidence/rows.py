@@ -18,6 +18,7 @@ from ..errors import DidimError, FitError
 from ..log.recording import Recording
 from ..regression.block import stacked
 from ..regression.consistent.solver import Consistent
+from ..regression.jackknife import FEWEST_ROWS
 from ..regression.linear_system import LinearSystem, linear_system, observation
 from ..regression.logs.parameters import LogParameters
 from ..regression.settings import LeastSquaresSettings
@@ -39,8 +40,6 @@ ROUGH_ROWS = 150
 """Smallest number of rows per joint for the screening; fewer than twice this number are used."""
 SAMPLES = 6000
 """Smallest number of samples for a hypothesis."""
-FEWEST_ROWS = 3
-"""Smallest number of rows per joint in a block."""
 
 
 class LogRows:

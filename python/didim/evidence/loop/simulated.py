@@ -22,6 +22,7 @@ from ...result.finding import Finding, Grade
 from ...signal.decimation import row_values
 from ...signal.noise import white_noise
 from ...signal.processing import SignalProcessing
+from ..gain_check import INTERVALS
 from .law import declared_loop, made_up
 
 POSITION = 0.005
@@ -34,8 +35,6 @@ SLOPE = 0.005
 0.01."""
 SLOPE_SIGMAS = 6.0
 """Smallest deviation of the slope that is reported, in standard deviations over intervals of time."""
-INTERVALS = 20
-"""Number of time intervals, as in the jackknife."""
 WORSE = 1.5
 """Ratio of the error to that of IDIM-LS from which it is reported: correct results reach 1.06, and a gain 10 % off 1.9."""
 NEGLIGIBLE = 0.003

@@ -54,15 +54,12 @@ class Held:
         Which.
     why : {"null", "widened"}
         No effect, or exchangeable with others.
-    partners : tuple of int
-        Unknowns that it is exchangeable with.
     known : str
         What is known in its place; the sentence without its joint.
     """
 
     column: int
     why: str
-    partners: tuple[int, ...]
     known: str
 
 
@@ -98,7 +95,7 @@ def untold(problem: Problem, now: Search, *, strict: bool = False, error: float 
         column = problem.columns[k]
         moved = math.sqrt(a[k, k] / rows) * _range(column)
         if moved < max(0.0 if strict else NULL_SHARE * error, NULL_M):
-            found.append(Held(k, "null", (), _without_effect(column)))
+            found.append(Held(k, "null", _without_effect(column)))
             free[k] = False
     while True:
         use = np.flatnonzero(free & (np.diag(a) > 0.0))
@@ -121,7 +118,7 @@ def untold(problem: Problem, now: Search, *, strict: bool = False, error: float 
         k = int(use[worst])
         partners = partners_of(inverse, worst, use)
         known = _exchangeable(problem.columns[k], [problem.columns[p] for p in partners])
-        found.append(Held(k, "widened", partners, known))
+        found.append(Held(k, "widened", known))
         free[k] = False
 
 

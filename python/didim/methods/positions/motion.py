@@ -105,9 +105,7 @@ class PositionMotion:
         write_atomically(path, "\n".join([head, *rows]) + "\n", ())
 
 
-def excite_positions(
-    experiment: Experiment, *, duration_s: float = 20.0, rate_hz: float | None = None
-) -> PositionMotion:
+def excite_positions(experiment: Experiment, *, duration_s: float = 20.0) -> PositionMotion:
     """Return commanded positions that tell the unknowns of an experiment apart.
 
     Parameters
@@ -116,8 +114,6 @@ def excite_positions(
         With known links, a law, and [unknown]; a recording gives the rate and the pose in the middle.
     duration_s : float
         Length.
-    rate_hz : float, optional
-        Commands per second; those of the first recording by default.
 
     Raises
     ------
@@ -128,7 +124,7 @@ def excite_positions(
         raise ExcitationError(
             f'{experiment.name}: motions for positions are for [parameters] links = "fixed"'
         )
-    rate = rate_hz or (experiment.recordings[0].rate_hz if experiment.recordings else 100.0)
+    rate = experiment.recordings[0].rate_hz if experiment.recordings else 100.0
     values = file_values(experiment)
     middle, swing = _room(experiment)
     bandwidth = _bandwidth(experiment, values, middle)

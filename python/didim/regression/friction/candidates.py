@@ -19,6 +19,7 @@ from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from ..linear_system import LinearSystem
+from .alarm import PRISMATIC
 from .velocity import decimated
 
 ATAN = tuple(np.geomspace(0.01, 2.0, 10).tolist())
@@ -27,8 +28,6 @@ STRIBECK = (0.02, 0.05, 0.12, 0.3)
 """Velocities (rad/s) of Stribeck's law among the candidates."""
 DAHL = (3e-4, 6e-4, 1.2e-3, 2.5e-3, 5e-3, 1e-2, 2e-2)
 """Displacements (rad) of Dahl's memory among the candidates; on real arms wider ones fit the log but predict no other."""
-PRISMATIC = 0.1
-"""Ratio of velocities and displacements of a prismatic joint (m/s, m) to those of a revolute one (rad/s, rad)."""
 LEAST_DEAD_ZONES = 2.0
 """Smallest velocity of a law, in dead zones of its joint: a slower law only corrects the torque at rest."""
 LEAST_STANDSTILL = 0.01
