@@ -385,3 +385,24 @@ def test_check_tells_torques_beyond_floating_point(arm: Path, capsys: pytest.Cap
     arm.write_text(EXPERIMENT.replace('"N.m"', '"A"\ngain = 1e155'), encoding="utf-8")
     assert main(["check", str(arm), "--data", str(arm.parent / "data")]) == 2
     assert "the torques of joint 1 are too large to be squared" in one_line(capsys)
+
+
+@pytest.mark.filterwarnings("always::RuntimeWarning")
+def test_warnings_of_numpy_wait_for_the_end(
+    arm: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Beside a result they are told after it; a refusal, which names the number, is told alone."""
+    arguments = ["check", str(arm), "--data", str(arm.parent / "data")]
+    checked = importlib.import_module("didim.diagnosis.check")
+    run = checked.check
+
+    def overflowing(*positional: object, **named: object) -> object:
+        np.array([1e300]) * np.array([1e300])
+        return run(*positional, **named)
+
+    monkeypatch.setattr(checked, "check", overflowing)
+    main(arguments)
+    assert "warning: overflow encountered in multiply" in capsys.readouterr().err
+    arm.write_text(EXPERIMENT.replace('"N.m"', '"A"\ngain = 1e155'), encoding="utf-8")
+    assert main(arguments) == 2
+    assert "the torques of joint 1 are too large to be squared" in one_line(capsys)

@@ -327,6 +327,7 @@ def test_limits_without_room_get_one_sentence(planar: Robot, settings: dict[str,
         ({"criterion": "trace"}, "criterion must be 'information' or 'condition', got 'trace'"),
         ({"starts": 0}, "starts must be a whole number of at least 1, got 0"),
         ({"duration_s": -1.0}, r"duration_s must be positive, got -1\.0"),
+        ({"rate_hz": 1e7}, r"make 2e\+08 samples, where at most 2e\+06 are designed"),
         ({"smoothing": 1e6}, "smoothing must be at most 100 rad/s or m/s"),
         ({"wanted": ("Fv1",), "criterion": "condition"}, "the condition number is one of all parameters"),
     ],
@@ -334,6 +335,18 @@ def test_limits_without_room_get_one_sentence(planar: Robot, settings: dict[str,
 def test_wrong_settings_are_named(settings: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ExcitationError, match=sentence):
         ExcitationSettings(**settings)
+
+
+def test_points_that_are_dwelt_on_for_days_are_too_many_samples(planar: Robot) -> None:
+    settings = {
+        "kind": "point-to-point",
+        "points": 3,
+        "dwell_s": 1e5,
+        "rate_hz": 100.0,
+        "parameters": "reference",
+    }
+    with pytest.raises(ExcitationError, match="samples, where at most"):
+        excite(planar, ExcitationSettings(**(SMALL | settings)))
 
 
 def test_a_robot_without_limits_is_asked_for_them() -> None:

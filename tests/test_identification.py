@@ -235,7 +235,9 @@ def test_what_is_no_result_is_told(tmp_path: Path, text: str, message: str) -> N
         Identification.load(path)
 
 
-@pytest.mark.parametrize(("key", "value"), [("output_error", [1.0]), ("relative_error", [10**400])])
+@pytest.mark.parametrize(
+    ("key", "value"), [("output_error", [1.0]), ("relative_error", [10**400]), ("warnings", [["text"]])]
+)
 def test_wrong_values_of_a_result_are_told(tmp_path: Path, key: str, value: object) -> None:
     path = tmp_path / "fit.json"
     path.write_text(json.dumps({**example().to_dict(), key: value}), encoding="utf-8")

@@ -12,6 +12,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 from .._tools.inputs import Run, one_run
@@ -70,8 +71,11 @@ def _run(options: argparse.Namespace, files: Run) -> int:
         core_threads()  # a wrong DIDIM_THREADS is refused before the work
         with warnings.catch_warnings():
             warnings.simplefilter("always", RobotWarning)
-            warnings.showwarning = _show_warning
+            late: list[str] = []
+            warnings.showwarning = partial(_show_warning, late)
             code: int = options.run(options)
+        for text in late:
+            tell_user(text, "warning")
         sys.stdout.flush()
     except BrokenPipeError:
         # The reader of the result (head, less) has closed the pipe, so nothing may be written at exit either.
@@ -107,9 +111,17 @@ BEYOND = {
 that was read last, because its numbers are the likely cause."""
 
 
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Print a warning without file and line of the code."""
-    tell_user(str(message), "warning")
+def _show_warning(
+    late: list[str], message: Warning | str, category: type[Warning], *_: object, **__: object
+) -> None:
+    """Print a warning without file and line of the code.
+
+    NumPy's on rounding and overflow waits in `late` for the end: before a refusal, which names the number, it says nothing.
+    """
+    if issubclass(category, RuntimeWarning):
+        late.append(str(message))
+    else:
+        tell_user(str(message), "warning")
 
 
 def _parser() -> argparse.ArgumentParser:

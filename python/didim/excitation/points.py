@@ -16,6 +16,7 @@ from .._tools.arrays import Array
 from ..errors import ExcitationError
 from ..loop.reference import Reference
 from .problem import FINE, Problem
+from .settings import sample_count
 
 POINT_PASSES = 3
 """Number of passes over all points: a fourth gained less than 1 % of the first's gain."""
@@ -175,5 +176,5 @@ class PointDesign:
 
 def _sampled(reference: Reference, rate_hz: float) -> tuple[Array, Array, Array]:
     """Return positions, velocities and accelerations in the middle of equal parts, away from corners of the velocity."""
-    count = max(8, round(reference.duration * rate_hz))
+    count = max(8, sample_count(reference.duration, rate_hz))
     return reference.at((np.arange(count) + 0.5) * (reference.duration / count))

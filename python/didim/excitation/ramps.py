@@ -14,6 +14,7 @@ from ..errors import ExcitationError
 from ..loop.reference import Reference
 from .clearance import Clearance
 from .limits import MotionLimits
+from .settings import sample_count
 
 LONGER = 1.25
 """Factor by which a ramp is prolonged until its torques keep their limits."""
@@ -117,6 +118,7 @@ def whole_motion(
     first = 0.0 if before is None else before.duration
     second = first + reference.duration
     end = second + (0.0 if after is None else after.duration)
+    sample_count(end, rate_hz)
     # The last sample is at rest: the end of the motion, or the first sample after it.
     t = np.arange(int(np.ceil(end * rate_hz - 1e-9)) + 1) / rate_hz
     q, dq, ddq = (np.array(values) for values in reference.at(np.clip(t - first, 0.0, reference.duration)))

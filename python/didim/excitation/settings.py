@@ -24,6 +24,8 @@ LEAST_HARMONICS = 4
 """Smallest number of harmonics: rest at both ends puts three conditions on the amplitudes of each joint."""
 MOST_HARMONICS = 200
 """Largest number of harmonics: beyond it the matrices of the series do not fit memory."""
+MOST_SAMPLES = 2_000_000
+"""Largest number of samples of a designed motion: an hour at 500 Hz. Tables of more do not fit memory."""
 MOST_SMOOTHING = 100.0
 """Largest smoothing velocity of friction (rad/s or m/s): beyond it friction, and with it its base parameters, is lost in
 rounding."""
@@ -146,9 +148,27 @@ class ExcitationSettings:
             raise ExcitationError(
                 f"smoothing must be at most {MOST_SMOOTHING:g} rad/s or m/s, or friction vanishes, got {self.smoothing!r}"
             )
+        if self.kind == "fourier":
+            sample_count(self.duration_s * self.periods, max(self.rate_hz, self.log_rate_hz or 0.0))
         if not 0.0 <= self.dwell_s < float("inf"):
             raise ExcitationError(f"dwell_s must not be negative, got {self.dwell_s!r}")
         if self.wanted and self.criterion == "condition":
             raise ExcitationError(
                 "the condition number is one of all parameters: leave out the names of wanted ones"
             )
+
+
+def sample_count(seconds: float, rate_hz: float) -> int:
+    """Return how many samples a motion has, rounded.
+
+    Raises
+    ------
+    ExcitationError
+        For more than `MOST_SAMPLES` (``test_excitation.py``).
+    """
+    if seconds * rate_hz > MOST_SAMPLES:
+        raise ExcitationError(
+            f"{seconds:g} s at {rate_hz:g} Hz are {seconds * rate_hz:.3g} samples, where at most {MOST_SAMPLES:g} are designed: "
+            "shorten the motion, or lower rate_hz"
+        )
+    return round(seconds * rate_hz)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -63,8 +64,8 @@ def fields_of(data: dict[str, Any]) -> dict[str, Any]:
             )
             for item in data["held_out"]
         ),
-        "warnings": tuple(data["warnings"]),
-        "remarks": tuple(data.get("remarks", ())),
+        "warnings": _texts(data["warnings"]),
+        "remarks": _texts(data.get("remarks", ())),
         "ending": str(data.get("ending", "")),
         "evidence": tuple(
             Finding.from_dict(item)
@@ -87,6 +88,13 @@ def fields_of(data: dict[str, Any]) -> dict[str, Any]:
 
 def _pair(values: list[float | None] | None) -> tuple[float, float] | None:
     return None if values is None else (_number(values[0]), _number(values[1]))
+
+
+def _texts(values: Iterable[object]) -> tuple[str, ...]:
+    texts = tuple(values)
+    if not all(isinstance(text, str) for text in texts):
+        raise TypeError("a sentence is no text")
+    return texts  # type: ignore[return-value]
 
 
 def _number(value: float | None, missing: float = math.nan) -> float:
