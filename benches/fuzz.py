@@ -98,7 +98,7 @@ def run_case(folder: Path, material: Path, seed: int, number: int) -> tuple[str,
     before = snapshot()
     forget_peak()
     outcome, complaint = judge(arguments)
-    complaint += losses(before, arguments)
+    complaint += losses(before, arguments, scenario.files)
     used = peak_gb()
     if used > MEMORY_GB:
         complaint += f"\n{used:.2f} GB of memory"

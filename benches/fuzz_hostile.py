@@ -287,17 +287,24 @@ def snapshot() -> dict[str, bytes]:
     }
 
 
-def losses(before: dict[str, bytes], arguments: list[str]) -> str:
+def losses(before: dict[str, bytes], arguments: list[str], files: tuple[str, ...]) -> str:
     """Say which files have changed that the command does not own; an empty text when none has.
 
-    A checkpoint is replaced; rows of a study are appended behind those that are whole.
+    Its own are the outputs that it names, but those of `files`, which it reads. A checkpoint is replaced, also through a link; rows
+    of a study are appended behind those that are whole.
     """
-    own = {arguments[number + 1] for number, word in enumerate(arguments[:-1]) if word == "--checkpoint"}
+    named = [
+        (word, Path(arguments[number + 1]).resolve())
+        for number, word in enumerate(arguments[:-1])
+        if word in OUTPUTS
+    ]
+    read = {Path(name).resolve() for name in files}
+    own = {path for word, path in named if word == "--checkpoint" or path not in read}
     after = snapshot()
     lost = []
     for name, content in before.items():
         now = after.get(name)
-        if now == content or name in own:
+        if now == content or Path(name).resolve() in own:
             continue
         if arguments[0] == "study" and name.endswith(".jsonl") and now is not None:
             whole = content[: content.rfind(b"\n") + 1]

@@ -86,13 +86,20 @@ def test_hostile_files_and_lost_ones(benches: None, tmp_path: Path, monkeypatch:
         Path(name).write_bytes(content)
     Path("search.npz").write_bytes(b"2")
     Path("rows.jsonl").write_bytes(b"{}\n{}\n")
+    Path("alias.npz").symlink_to("search.npz")
+    files = ("log.csv", "rows.jsonl", "search.npz")
     arguments = ["study", "study.toml", "-o", "rows.jsonl"]
-    assert made.losses(before, ["identify", "log.toml", "--checkpoint", "search.npz"]) == (
-        "lost or changed: rows.jsonl"
-    )
-    assert made.losses({"rows.jsonl": before["rows.jsonl"]}, arguments) == ""
+    for checkpoint in ("search.npz", "alias.npz"):
+        line = ["identify", "log.toml", "--checkpoint", checkpoint]
+        assert made.losses(before, line, files) == "lost or changed: rows.jsonl"
+    assert made.losses({"rows.jsonl": before["rows.jsonl"]}, arguments, files) == ""
     Path("log.csv").unlink()
-    assert made.losses(before, [*arguments, "--checkpoint", "search.npz"]) == "lost or changed: log.csv"
+    assert (
+        made.losses(before, [*arguments, "--checkpoint", "search.npz"], files) == "lost or changed: log.csv"
+    )
+    written = ["identify", "log.toml", "--json", "log.csv"]
+    assert made.losses({"log.csv": b"1\n"}, written, files) == "lost or changed: log.csv"
+    assert made.losses({"log.csv": b"1\n"}, written, ("log.h5",)) == ""
     rng = importlib.import_module("random").Random(1)
     Path("log.csv").touch()
     for _ in range(20):
