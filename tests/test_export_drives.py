@@ -98,6 +98,18 @@ def test_what_the_file_has_already_is_left_alone(tmp_path: Path) -> None:
     assert edit_mjcf(Drives(tuple(same)), path)[0] == path.read_bytes()
 
 
+@pytest.mark.parametrize("angle", ["degree", "radian"])
+def test_springs_go_into_the_file_and_other_formats_report_them(tmp_path: Path, angle: str) -> None:
+    text = ARM.replace("  <option", f'  <compiler angle="{angle}"/>\n  <option', 1)
+    path = written(tmp_path, text)
+    drives = Drives((replace(PAN, stiffness=4.0, rest=-0.3), LIFT))
+    model = mujoco.MjModel.from_xml_string(edit_mjcf(drives, path)[0].decode())
+    np.testing.assert_allclose(model.jnt_stiffness, [4.0, 0.0])
+    np.testing.assert_allclose(model.qpos_spring[0], -0.3)
+    assert "springs (N.m/rad or N/m): pan 4" in drives.without_springs().sentences[-1]
+    assert BOTH.without_springs() == BOTH
+
+
 def test_joints_that_cannot_be_edited_are_named(tmp_path: Path) -> None:
     path = written(tmp_path)
     with pytest.raises(FitError, match=r"two.xml: there is no joint 'plan'; did you mean 'pan'"):
@@ -266,6 +278,12 @@ def test_drives_of_a_result(tmp_path: Path) -> None:
     found = drives_of(result(robot, lag_s=[0.003, 0.003]), "fit.json")
     late: dict[str, Any] = {"delay_s": 0.012, "lag_s": 0.003, "smoothing": 0.01}
     assert found.joints == (replace(PAN, **late), replace(LIFT, offset=0.02, **late))
+    sprung = result(robot)
+    sprung = replace(
+        sprung, parameter_names=(*robot.parameter_names, "Ks2"), parameters=np.append(sprung.parameters, 4.0)
+    )
+    spring = drives_of(sprung, "fit.json").joints[1]
+    assert (spring.stiffness, spring.rest, spring.offset) == (4.0, -0.02 / 4.0, 0.0)
     assert any(sentence.endswith("add to commands (mrad, mm) lift -0.556") for sentence in found.sentences)
     assert any(
         "commands act 12 ms late, and behind a lag of 3 ms" in sentence for sentence in found.sentences

@@ -115,7 +115,91 @@ def test_everything_is_read_as_mujoco_reads_it(tmp_path: Path, degrees: bool, eu
     assert [limits.effort for limits in robot.limits] == [30.0, 7.0, None, None]
     np.testing.assert_allclose(robot.limits[0].position or (), [-np.pi / 2, np.pi / 4], rtol=1e-15)
     assert robot.limits[2].position == (-0.1, 0.2)
-    assert any("held at zero" in note and "floating (floating)" in note for note in robot.notes)
+    assert any(
+        "held where the file draws them" in note and "floating (floating)" in note for note in robot.notes
+    )
+
+
+SPRUNG = """
+<mujoco><compiler angle="{angle}"/><default><joint stiffness="3" axis="0 1 0"/></default>
+<worldbody><body name="a"><joint name="j1" springref="{angles[0]}" ref="{angles[1]}"/><geom size="0.1" pos="0.2 0 0"/>
+<body name="b" pos="0.3 0 0"><joint name="j2" type="slide" axis="1 0 0" stiffness="5" springref="0.1"/><geom size="0.1"/>
+<body name="c" pos="0.2 0.1 0"><joint name="j3" stiffness="0"/><geom size="0.1" pos="0.1 0 0"/></body></body></body></worldbody>
+{tied}</mujoco>
+"""
+TIED = '<equality><joint joint1="j2" joint2="j1" polycoef="0.1 0.5 0 0 0"/></equality>'
+
+
+def sprung(path: Path, angle: str = "degree", tied: str = "") -> mujoco.MjModel:
+    """Write a file with springs; MuJoCo's model of it, without contacts."""
+    angles = (20.0, 30.0) if angle == "degree" else np.radians([20.0, 30.0]).tolist()
+    path.write_text(SPRUNG.format(angle=angle, angles=angles, tied=tied))
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    return model
+
+
+def by_mujoco(model: mujoco.MjModel, states: list[np.ndarray]) -> np.ndarray:
+    data, found = mujoco.MjData(model), []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(*states, strict=True):
+        mujoco.mj_inverse(model, data)
+        found.append(data.qfrc_inverse.copy())
+    return np.array(found)
+
+
+@pytest.mark.parametrize("angle", ["degree", "radian"])
+def test_springs_are_read_and_written_as_mujoco_has_them(tmp_path: Path, angle: str) -> None:
+    path = tmp_path / "sprung.xml"
+    model = sprung(path, angle)
+    robot = didim.load_robot(path)
+    x = robot.parameter_set("mjcf")
+    assert robot.parameter_names[-2:] == ("Ks1", "Ks2")
+    motion = random_motion(np.random.default_rng(0), 10, 3)
+    states = [motion.q, motion.dq, motion.ddq]
+    tau = didim.inverse_dynamics(robot, *states, x)
+    np.testing.assert_allclose(tau, by_mujoco(model, states), rtol=1e-9, atol=1e-9)
+    # Out, and in again.
+    path.write_text(didim.export.to_mjcf(robot, x))
+    again = didim.load_robot(path)
+    np.testing.assert_allclose(again.parameter_set("mjcf"), x, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        by_mujoco(mujoco.MjModel.from_xml_path(str(path)), states), tau, rtol=1e-9, atol=1e-9
+    )
+
+
+def test_the_spring_of_a_coupled_joint_acts_on_its_leader(tmp_path: Path) -> None:
+    """The torque of the leader is its own plus the slope of the equality times the force of the coupled joint."""
+    path = tmp_path / "tied.xml"
+    model = sprung(path, tied=TIED)
+    robot = didim.load_robot(path)
+    values = dict(zip(robot.parameter_names, robot.parameter_set("mjcf"), strict=True))
+    assert values["Ks1"] == pytest.approx(3.0 + 0.5**2 * 5.0)
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (10, 2))
+    zero = np.zeros_like(q)
+    # Positions of an equality are relative to the pose in which the file draws the joints.
+    slide = 0.1 + 0.5 * (q[:, 0] - np.radians(30.0))
+    whole = np.column_stack([q[:, 0], slide, q[:, 1]])
+    theirs = by_mujoco(model, [whole, np.zeros_like(whole), np.zeros_like(whole)])
+    want = np.column_stack([theirs[:, 0] + 0.5 * theirs[:, 1], theirs[:, 2]])
+    np.testing.assert_allclose(
+        didim.inverse_dynamics(robot, q, zero, zero, robot.parameter_set("mjcf")), want, rtol=1e-9, atol=1e-9
+    )
+
+
+def test_nonlinear_springs_springs_of_tendons_and_joints_nailed_down_are_reported(tmp_path: Path) -> None:
+    path = tmp_path / "sprung.xml"
+    tendon = '<tendon><fixed name="rope" stiffness="2"><joint joint="j1" coef="1"/></fixed></tendon>'
+    text = SPRUNG.format(angle="degree", angles=(20, 30), tied=tendon)
+    path.write_text(text.replace('stiffness="5"', 'stiffness="5 1 0"').replace('"0"', '"0" damping="1e11"'))
+    robot = didim.load_robot(path)
+    assert robot.joint_names == ("j1", "j2")
+    notes = " ".join(robot.notes)
+    assert "j3 (revolute with a damping of 1e11)" in notes
+    assert "nonlinear parts are left out: stiffness of j2" in notes
+    assert "springs of tendons are left out: rope" in notes
+    path.write_text(text.replace('"0"', '"0" damping="nan"'))
+    with pytest.raises(RobotError, match="damping of <joint> must be 1 number"):
+        didim.load_robot(path)
 
 
 @pytest.mark.parametrize(

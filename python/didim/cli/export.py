@@ -157,6 +157,8 @@ def _drives(options: argparse.Namespace) -> int:
     if options.fit is None:
         return refuse("drives are exported of a result, FIT.json, and not of --parameters")
     drives, step = read_drives(options.fit), options.for_step
+    if options.bam or options.urdf is not None or options.mjlab or options.isaac_lab:
+        drives = drives.without_springs()
     if options.bam:
         content = bam(drives).encode()
     elif options.urdf is not None:

@@ -50,8 +50,10 @@ class JointDrive:
         Largest torque or force of the servo; None without a limit.
     delay_s, lag_s : float
         Delay of commands, and time constant of a first-order lag after it (s).
+    stiffness, rest : float
+        Spring of the joint, ``Ks`` (N.m/rad or N/m), and the position (rad or m) at which it has no torque.
     offset : float
-        ``Off`` (N.m or N), a constant torque on the joint.
+        ``Off`` (N.m or N), a constant torque on the joint; zero with a spring, whose `rest` contains it.
     bias_rad : float
         Encoder reading less joint position (rad or m).
     smoothing : float
@@ -70,6 +72,8 @@ class JointDrive:
     effort: float | None = None
     delay_s: float = 0.0
     lag_s: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
     offset: float = 0.0
     bias_rad: float = 0.0
     smoothing: float = 0.0
@@ -95,6 +99,12 @@ class Drives:
 
     joints: tuple[JointDrive, ...]
     sentences: tuple[str, ...] = ()
+
+    def without_springs(self) -> Drives:
+        """Return the same drives for a format without springs, with a sentence on those left out."""
+        springs = [f"{drive.joint} {drive.stiffness:.4g}" for drive in self.joints if drive.stiffness]
+        sentence = f"the format has no place for springs (N.m/rad or N/m): {', '.join(springs)}"
+        return replace(self, sentences=(*self.sentences, sentence)) if springs else self
 
     def __str__(self) -> str:
         rows: list[tuple[str, ...]] = [("joint", "armature", "damping", "frictionloss", "kp", "kv", "limit")]
@@ -133,11 +143,13 @@ def drives_of(fit: Identification, where: str) -> Drives:
     found, missed = [], {}
     for j, (name, kind) in enumerate(zip(names, robot["geometry"]["kinds"], strict=True)):
         viscous, coulomb, missed[name] = joint_friction(values, j, terms, kind)
-        rotor = values[f"Ia{j + 1}"]
+        rotor, offset = values[f"Ia{j + 1}"], values.get(f"Off{j + 1}", 0.0)
+        stiffness = values.get(f"Ks{j + 1}", 0.0)
         for word, value in (
             ("rotor inertia", rotor),
             ("viscous friction", viscous),
             ("Coulomb friction", coulomb),
+            ("stiffness of the spring", stiffness),
         ):
             if value < 0.0:
                 raise FitError(
@@ -159,7 +171,9 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 effort=of("saturation"),
                 delay_s=of("delay_s") or 0.0,
                 lag_s=of("lag_s") or 0.0,
-                offset=values.get(f"Off{j + 1}", 0.0),
+                stiffness=stiffness,
+                rest=-offset / stiffness if stiffness else 0.0,
+                offset=0.0 if stiffness else offset,
                 bias_rad=of("bias_rad") or 0.0,
                 smoothing=float(smoothing[j]),
                 per_step={

@@ -1,8 +1,8 @@
 """Drives of a result in the user's MJCF: attributes of joints and actuators; no other byte changes.
 
-A joint gets ``armature``, ``damping`` and ``frictionloss``, its position actuator ``kp``, ``kv`` and ``forcerange``, a general one
-``gainprm`` and ``biasprm``; values already in the file, also by a default class, do not change. Tested in
-``tests/test_export_drives.py`` with MuJoCo.
+A joint gets ``armature``, ``damping``, ``frictionloss``, ``stiffness`` and ``springref``, its position
+actuator ``kp``, ``kv`` and ``forcerange``, a general one ``gainprm`` and ``biasprm``; values already in the file, also by a default
+class, do not change. Tested in ``tests/test_export_drives.py`` with MuJoCo.
 """
 
 from __future__ import annotations
@@ -90,7 +90,10 @@ def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tup
 def _joint_edits(data: bytes, found: DriveElements, drive: JointDrive) -> list[Edit]:
     old = found.joints[drive.joint]
     values = {"armature": (old.armature, drive.rotor), "damping": (old.damping, drive.viscous)}
-    values["frictionloss"] = (old.friction, drive.coulomb)
+    values |= {"frictionloss": (old.friction, drive.coulomb), "stiffness": (old.stiffness, drive.stiffness)}
+    if drive.stiffness:
+        turns = old.kind == "revolute"
+        values["springref"] = (found.written(old.rest, turns), found.written(drive.rest, turns))
     element = found.elements[drive.joint]
     return [
         attribute_edit(data, element, key, number(new))

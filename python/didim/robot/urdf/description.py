@@ -92,6 +92,8 @@ class UrdfJoint:
         The position is the multiplier times that of the leader, plus the offset (rad or m).
     armature : float
         Rotor inertia (kg.m^2 or kg), only in an MJCF.
+    stiffness, rest : float
+        Spring of the joint (N.m/rad or N/m), and its position (rad or m) without a torque, only in an MJCF.
     zero : float
         Position (rad or m) at which an MJCF draws the joint.
     actuator : Actuator or None
@@ -114,6 +116,8 @@ class UrdfJoint:
     multiplier: float = 1.0
     offset: float = 0.0
     armature: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
     zero: float = 0.0
     actuator: Actuator | None = None
 

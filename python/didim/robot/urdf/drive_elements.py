@@ -5,6 +5,7 @@ Tested in ``tests/test_export_drives.py``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,13 +24,15 @@ class DriveElements:
     Attributes
     ----------
     joints : mapping of str to UrdfJoint
-        Armature, damping and friction of each joint, with the defaults of its class.
+        Armature, damping, friction and spring of each joint, with the defaults of its class.
     elements : mapping of str to Element
         Element of the joint; joints of included files have none.
     settings : mapping of str to (Element, Setting)
         Element and setting of the joint's actuator; those of included files are missing.
     actuators : mapping of str to Actuator
         Gains and limit of the actuator, joint side.
+    degrees : bool
+        Whether angles of the file are in degrees.
     integrator : str
         Integrator of ``<option>``: "Euler", "implicit", "implicitfast" or "RK4".
     """
@@ -38,7 +41,12 @@ class DriveElements:
     elements: Mapping[str, Element]
     settings: Mapping[str, tuple[Element, Setting]]
     actuators: Mapping[str, Actuator]
+    degrees: bool
     integrator: str
+
+    def written(self, position: float, turns: bool) -> float:
+        """Return a position of a joint (rad or m) in the unit of the file."""
+        return math.degrees(position) if turns and self.degrees else position
 
 
 def drive_elements(data: bytes, path: Path) -> DriveElements:
@@ -74,5 +82,6 @@ def drive_elements(data: bytes, path: Path) -> DriveElements:
         elements={name: element for name, element in reader.elements.items() if id(element) in own},
         settings={name: found for name, found in settings.items() if id(found[0]) in own},
         actuators=actuators,
+        degrees=reader.compiler.degrees,
         integrator=integrator,
     )

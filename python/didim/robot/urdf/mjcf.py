@@ -1,7 +1,8 @@
-"""Content of an MJCF as the description of a URDF: bodies with inertia; joints with axis, limits, rotor and friction.
+"""Content of an MJCF as the description of a URDF: bodies with inertia; joints with axis, limits, rotor, friction and spring.
 
 Defaults and classes, the compiler's angles and ``include`` are resolved here. A body with several joints becomes several links,
-the last of which has the inertia; free and ball joints are fixed. Inertias that MuJoCo computes from meshes are not supported.
+the last of which has the inertia; free and ball joints are fixed, and so are joints nailed down by their damping. Inertias that
+MuJoCo computes from meshes are not supported.
 Tested in ``tests/test_mjcf.py`` against MuJoCo.
 """
 
@@ -23,7 +24,7 @@ from ..payload import LARGEST
 from ..rigid_body import inverse, pose, turn
 from .actuators import read_actuators
 from .description import Description, Inertial, UrdfJoint
-from .mjcf_ties import tied
+from .mjcf_sections import Compiler, Defaults, compiler_of, defaults_of, sprung_tendons, tied
 from .solids import solid_inertial
 from .xml_spans import Element, parse_xml
 
@@ -37,32 +38,6 @@ UNREAD = ("replicate", "composite", "flexcomp", "attach")
 """Elements that generate bodies and are not supported by this reader."""
 
 
-@dataclass(frozen=True)
-class Compiler:
-    """Settings of ``<compiler>`` that affect the description.
-
-    Attributes
-    ----------
-    degrees : bool
-        Whether angles of the file are in degrees.
-    eulerseq : str
-        Axes of Euler angles: small letters turn with the frame.
-    from_geoms : str
-        ``inertiafromgeom``: ``true``, ``false`` or ``auto``.
-    autolimits : bool
-        Whether a range is a limit by itself.
-    """
-
-    degrees: bool = True
-    eulerseq: str = "xyz"
-    from_geoms: str = "auto"
-    autolimits: bool = True
-
-
-Defaults = Mapping[str, Mapping[str, Mapping[str, str]]]
-"""Attributes by class and tag."""
-
-
 @dataclass
 class Reader:
     """The bodies of a file, collected link by link."""
@@ -74,7 +49,7 @@ class Reader:
     joints: dict[str, UrdfJoint] = field(default_factory=dict)
     outgoing: dict[str, tuple[UrdfJoint, ...]] = field(default_factory=dict)
     meshes: list[str] = field(default_factory=list)
-    springs: list[str] = field(default_factory=list)
+    curved: list[str] = field(default_factory=list)
     own_limits: dict[str, float] = field(default_factory=dict)
     elements: dict[str, Element] = field(default_factory=dict)
 
@@ -194,12 +169,20 @@ class Reader:
         def number_of(key: str) -> float:
             return float(self.numbers(element, given, key, 0.0)[0])
 
+        # MuJoCo takes polynomials here; the first coefficient is the linear one.
+        for key in ("stiffness", "damping"):
+            first, *others = given.get(key, "0").split() or ["0"]
+            given[key] = first
+            if any(word.strip("0.") for word in others):
+                self.curved.append(f"{key} of {name}")
+        nailed = _beyond(given["damping"])
+        if nailed:
+            kind, given["damping"] = f"{kind} with a damping of {given['damping']}", "0"
+
         scale = self.angle(1.0) if turns else 1.0
         low, high = scale * self.numbers(element, given, "range", 0.0, 0.0)
         limited = given.get("limited", "auto")
         bounded = low < high and (limited == "true" or (limited == "auto" and self.compiler.autolimits))
-        if number_of("stiffness"):
-            self.springs.append(name)
         low_force, high_force = self.numbers(element, given, "actuatorfrcrange", 0.0, 0.0)
         if low_force < high_force and given.get("actuatorfrclimited", "auto") != "false":
             self.own_limits[name] = float(max(-low_force, high_force))
@@ -218,7 +201,9 @@ class Reader:
             friction=number_of("frictionloss"),
             mimic=None,
             armature=number_of("armature"),
-            zero=scale * number_of("ref"),
+            stiffness=number_of("stiffness"),
+            rest=scale * number_of("springref"),
+            zero=0.0 if nailed else scale * number_of("ref"),
         )
         anchored = kind in ("revolute", "prismatic")
         return joint, self.numbers(element, given, "pos", 0.0, 0.0, 0.0) if anchored else np.zeros(3)
@@ -284,8 +269,10 @@ def read_mjcf(data: bytes, path: Path) -> Description:
     if reader.meshes:
         names = ", ".join(dict.fromkeys(reader.meshes))
         notes.append(f"inertias of meshes are not computed: {names} (MuJoCo writes them: mj_saveLastXML)")
-    if reader.springs:
-        notes.append(f"springs of joints are left out: {', '.join(reader.springs)}")
+    if reader.curved:
+        notes.append(f"nonlinear parts are left out: {', '.join(reader.curved)}")
+    if tendons := sprung_tendons(sections, reader.defaults):
+        notes.append(f"springs of tendons are left out: {', '.join(tendons)}")
     if unread:
         notes.append(f"not read: {'; '.join(unread)}")
     name = outermost.attributes.get("model", "")
@@ -305,7 +292,7 @@ def walked(data: bytes, path: Path) -> tuple[Element, list[Element], Reader]:
     where = path.name
     outermost = parse_xml(data, where)
     sections = _included(outermost, path, (path,))
-    reader = Reader(where, _compiler(sections, where), _defaults(sections))
+    reader = Reader(where, compiler_of(sections, where), defaults_of(sections))
     reader.links[WORLD] = None
     for section in sections:
         if section.tag == "worldbody":
@@ -340,44 +327,6 @@ def _included(element: Element, main: Path, above: tuple[Path, ...]) -> list[Ele
     return inside
 
 
-def _compiler(sections: list[Element], where: str) -> Compiler:
-    given: dict[str, str] = {}
-    for section in sections:
-        if section.tag == "compiler":
-            given.update(section.attributes)
-    if given.get("coordinate", "local") != "local":
-        raise RobotError(f"{where}: coordinates must be local, got {given['coordinate']!r}")
-    eulerseq = given.get("eulerseq", "xyz")
-    if len(eulerseq) != 3 or not set(eulerseq.lower()) <= set("xyz"):
-        raise RobotError(f"{where}: eulerseq must be three letters of x, y and z, got {eulerseq!r}")
-    return Compiler(
-        degrees=given.get("angle", "degree") == "degree",
-        eulerseq=eulerseq,
-        from_geoms=given.get("inertiafromgeom", "auto"),
-        autolimits=given.get("autolimits", "true") == "true",
-    )
-
-
-def _defaults(sections: list[Element]) -> Defaults:
-    found: dict[str, dict[str, dict[str, str]]] = {"main": {}}
-
-    def read(element: Element, name: str) -> None:
-        own = found[name]
-        for child in element.children:
-            if child.tag != "default":
-                own[child.tag] = {**own.get(child.tag, {}), **child.attributes}
-        for child in element.children:
-            if child.tag == "default":
-                inner = child.attributes.get("class", "")
-                found[inner] = {tag: dict(values) for tag, values in own.items()}
-                read(child, inner)
-
-    for section in sections:
-        if section.tag == "default":
-            read(section, "main")
-    return found
-
-
 def _with_actuators(
     sections: list[Element], reader: Reader, where: str
 ) -> tuple[dict[str, UrdfJoint], list[str]]:
@@ -390,6 +339,14 @@ def _with_actuators(
         for child, joint in reader.joints.items()
     }
     return joints, unread
+
+
+def _beyond(text: str) -> bool:
+    """Whether a damping is finite and beyond the largest number of a parameter: the joint is meant to stand still."""
+    try:
+        return LARGEST < float(text) < math.inf
+    except ValueError:
+        return False
 
 
 def _fixed(name: str) -> UrdfJoint:

@@ -19,7 +19,7 @@ from ..._tools.arrays import Array
 from ..._tools.inputs import read_small_file
 from ...errors import RobotError
 from ..correspondence import Correspondence, LinkPlace, rows_of
-from ..friction import Friction
+from ..friction import Friction, FrictionTerm
 from ..placement import in_line
 from ..right_angles import NEARLY_PARALLEL, SNAP, SUSPICIOUS
 from ..rigid_body import INERTIAL, body_pseudo_inertia, ten_parameters, why_no_body
@@ -150,7 +150,8 @@ def read_urdf(
         geometry = replace(_geometry(chain, table, down), followers=_followers(chain), coupling=one)
         names = (f"{name} ({leader})" for name, (leader, _, _) in chain.mimics.items())
         notes.append(f"joints that follow others, with their leaders: {_names(list(names))}")
-    named, missing = _parameters(description, chain, table, set_name)
+    springs = _springs(chain)
+    named, missing = _parameters(description, chain, table, set_name, springs)
     notes += missing
     robot = Robot(
         name=description.name or path.stem,
@@ -158,7 +159,7 @@ def read_urdf(
         path=path,
         digest=hashlib.sha256(data).hexdigest(),
         geometry=geometry,
-        friction=_no_friction(len(chain.driven)),
+        friction=_friction(len(chain.driven), springs),
         limits=_limits(chain),
         reduction=None,
         gains=None,
@@ -196,7 +197,11 @@ def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) 
     joints = {joint.name: joint for joint in description.joints.values()}
     held = [f"{name} ({joints[name].kind})" for name in free if joints[name].kind not in MOVING]
     free = [name for name in free if joints[name].kind in MOVING]
-    notes = [f"held at zero, because no joint of a robot is of this type: {_names(held)}"] if held else []
+    notes = (
+        [f"held where the file draws them, because no joint of a robot is of this type: {_names(held)}"]
+        if held
+        else []
+    )
     stand = {
         name
         for name in free
@@ -290,9 +295,25 @@ def _followers(chain: Chain) -> tuple[Follower, ...]:
     )
 
 
-def _no_friction(n: int) -> Friction:
+def _springs(chain: Chain) -> dict[int, tuple[float, float]]:
+    """Return stiffness and torque at position zero of the springs by joint: that of a coupled joint acts on its leader."""
+    numbers = {joint.name: number for number, joint in enumerate(chain.driven)}
+    found: dict[int, tuple[float, float]] = {}
+    for joint in chain.joints:
+        leader, factor, offset = chain.mimics.get(joint.name, (joint.name, 1.0, 0.0))
+        if joint.stiffness:
+            stiffness, torque = found.get(numbers[leader], (0.0, 0.0))
+            torque += factor * joint.stiffness * (offset - joint.rest)
+            found[numbers[leader]] = (stiffness + factor**2 * joint.stiffness, torque)
+    return found
+
+
+def _friction(n: int, springs: Mapping[int, tuple[float, float]]) -> Friction:
     nothing = (0.0,) * n
-    return Friction(model="symmetric", coulomb="sign", coupling="shaft", smoothing=nothing, dead_zone=nothing)
+    terms = tuple(FrictionTerm(law="spring", joint=joint) for joint in sorted(springs))
+    return Friction(
+        model="symmetric", coulomb="sign", coupling="shaft", smoothing=nothing, dead_zone=nothing, terms=terms
+    )
 
 
 def _limits(chain: Chain) -> tuple[JointLimits, ...]:
@@ -307,7 +328,11 @@ def _limits(chain: Chain) -> tuple[JointLimits, ...]:
 
 
 def _parameters(
-    description: Description, chain: Chain, table: MdhTable, set_name: str
+    description: Description,
+    chain: Chain,
+    table: MdhTable,
+    set_name: str,
+    springs: Mapping[int, tuple[float, float]],
 ) -> tuple[dict[str, float], list[str]]:
     """Return the standard parameters of the file by name, and sentences on missing ones."""
     pseudos = chain.pseudo_inertias(description)
@@ -336,6 +361,8 @@ def _parameters(
     ):
         if any(values):
             named.update({f"{key}{j + 1}": value for j, value in enumerate(values)})
+    for j, (stiffness, torque) in springs.items():
+        named |= {f"Ks{j + 1}": stiffness, f"Off{j + 1}": torque}
     return named, notes
 
 

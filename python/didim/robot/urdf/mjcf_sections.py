@@ -1,0 +1,122 @@
+"""Sections of an MJCF other than its bodies: ``<compiler>``, classes of ``<default>``, ``equality/joint`` and tendons.
+
+Tested in ``tests/test_mjcf.py`` and ``tests/test_couplings.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from ...errors import RobotError
+from .description import UrdfJoint
+from .xml_spans import Element
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """Settings of ``<compiler>`` that affect the description.
+
+    Attributes
+    ----------
+    degrees : bool
+        Whether angles of the file are in degrees.
+    eulerseq : str
+        Axes of Euler angles: small letters turn with the frame.
+    from_geoms : str
+        ``inertiafromgeom``: ``true``, ``false`` or ``auto``.
+    autolimits : bool
+        Whether a range is a limit by itself.
+    """
+
+    degrees: bool = True
+    eulerseq: str = "xyz"
+    from_geoms: str = "auto"
+    autolimits: bool = True
+
+
+Defaults = Mapping[str, Mapping[str, Mapping[str, str]]]
+"""Attributes by class and tag."""
+
+
+def compiler_of(sections: list[Element], where: str) -> Compiler:
+    """Return the settings of all ``<compiler>`` together.
+
+    Raises
+    ------
+    RobotError
+        For global coordinates, which MuJoCo no longer reads, and a wrong order of Euler angles.
+    """
+    given: dict[str, str] = {}
+    for section in sections:
+        if section.tag == "compiler":
+            given.update(section.attributes)
+    if given.get("coordinate", "local") != "local":
+        raise RobotError(f"{where}: coordinates must be local, got {given['coordinate']!r}")
+    eulerseq = given.get("eulerseq", "xyz")
+    if len(eulerseq) != 3 or not set(eulerseq.lower()) <= set("xyz"):
+        raise RobotError(f"{where}: eulerseq must be three letters of x, y and z, got {eulerseq!r}")
+    return Compiler(
+        degrees=given.get("angle", "degree") == "degree",
+        eulerseq=eulerseq,
+        from_geoms=given.get("inertiafromgeom", "auto"),
+        autolimits=given.get("autolimits", "true") == "true",
+    )
+
+
+def defaults_of(sections: list[Element]) -> Defaults:
+    """Return the attributes of all classes, those of an outer class included."""
+    found: dict[str, dict[str, dict[str, str]]] = {"main": {}}
+
+    def read(element: Element, name: str) -> None:
+        own = found[name]
+        for child in element.children:
+            if child.tag != "default":
+                own[child.tag] = {**own.get(child.tag, {}), **child.attributes}
+        for child in element.children:
+            if child.tag == "default":
+                inner = child.attributes.get("class", "")
+                found[inner] = {tag: dict(values) for tag, values in own.items()}
+                read(child, inner)
+
+    for section in sections:
+        if section.tag == "default":
+            read(section, "main")
+    return found
+
+
+def tied(sections: list[Element], joints: dict[str, UrdfJoint], where: str) -> dict[str, UrdfJoint]:
+    """Return the joints with the leader that a linear ``equality/joint`` ties them to; nonlinear ties lock the joint."""
+    zeros = {joint.name: joint.zero for joint in joints.values()}
+    ties: dict[str, tuple[str, float, float]] = {}
+    for section in sections:
+        for element in section.children if section.tag == "equality" else ():
+            if element.tag == "joint" and element.attributes.get("active", "true") == "true":
+                words = element.attributes.get("polycoef", "0 1 0 0 0").split()
+                try:
+                    rest, slope, *more = [float(word) for word in words] + [0.0] * (2 - len(words))
+                except ValueError:
+                    raise RobotError(f"{where}: line {element.line}: polycoef must be five numbers") from None
+                name, leader = (element.attributes.get(key, "") for key in ("joint1", "joint2"))
+                # Both positions are relative to the pose in which the file draws the joints.
+                at_zero = zeros.get(name, 0.0) + rest
+                line = not any(more) and leader in zeros
+                ties[name] = (leader, slope, at_zero - slope * zeros[leader]) if line else ("", 0.0, at_zero)
+    return {
+        child: replace(
+            joint, mimic=ties[joint.name][0], multiplier=ties[joint.name][1], offset=ties[joint.name][2]
+        )
+        if joint.name in ties
+        else joint
+        for child, joint in joints.items()
+    }
+
+
+def sprung_tendons(sections: list[Element], defaults: Defaults) -> list[str]:
+    """Return the names of tendons with a stiffness."""
+    found = []
+    for element in (child for section in sections if section.tag == "tendon" for child in section.children):
+        own = defaults.get(element.attributes.get("class", "main"), {}).get("tendon", {})
+        if {**own, **element.attributes}.get("stiffness", "0").strip("0. "):
+            found.append(element.attributes.get("name", f"line {element.line}"))
+    return found
