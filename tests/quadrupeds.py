@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -70,9 +71,18 @@ def commands(seconds: float) -> np.ndarray:
 
 
 def followed(
-    mujoco: Any, text: str, r: np.ndarray, rate_hz: float, delay_s: float, step_s: float = 2.5e-4
+    mujoco: Any,
+    text: str,
+    r: np.ndarray,
+    rate_hz: float,
+    delay_s: float,
+    step_s: float = 2.5e-4,
+    push: Callable[[float, np.ndarray], Sequence[float]] | None = None,
 ) -> np.ndarray:
-    """Positions of the robot of an MJCF, (n_samples, n_joints), while its servos follow commands that act late."""
+    """Positions of the robot of an MJCF, (n_samples, n_joints), while its servos follow commands that act late.
+
+    A push gives further torques of the joints (N.m), (n_joints,), by time (s) and position.
+    """
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.timestep = step_s
     steps, late = round(1.0 / (rate_hz * model.opt.timestep)), round(delay_s / model.opt.timestep)
@@ -83,6 +93,8 @@ def followed(
         if k % steps == 0:
             q[k // steps] = data.qpos
         data.ctrl[:] = r[max(k - late, 0) // steps]
+        if push is not None:
+            data.qfrc_applied[:] = push(k * step_s, data.qpos)
         mujoco.mj_step(model, data)
     return q
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..experiment.experiment import Experiment
-from ..methods.positions.replay import Replay, replayed
+from ..methods.positions.replay import Replay, replayed, rms_error
 from ..result.identification import Identification
 from .style import FAINT, MEASURED, MODEL, line, new_figure, per_row, styled
 
@@ -63,8 +63,7 @@ def positions(fit: Identification, experiment: Experiment, replays: Sequence[Rep
                 for item, start in zip(items, starts[:-1], strict=True)
             ]
             line(axes, pieces, color=color, label=label, linewidth=0.9)
-        error = np.concatenate([item.errors[:, joint] for item in items])
-        axes.set_title(f"{experiment.robot.joint_label(joint)}: {1e3 * np.sqrt(np.mean(error**2)):.2f}")
+        axes.set_title(f"{experiment.robot.joint_label(joint)}: {1e3 * rms_error(items, joint):.2f}")
     for axes in panels[n:]:
         axes.set_visible(False)
     panels[0].legend(loc="upper right", ncols=3)

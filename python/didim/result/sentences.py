@@ -202,6 +202,21 @@ def _model_error(f: Told) -> str:
     )
 
 
+def _held(f: Told) -> str:
+    limits, times = f.facts["limits"], f.facts["times"]
+    ends = " or ".join(f"{limit:.3g}" for limit in limits)
+    by = [
+        *([f"the end of its range ({ends})"] if limits else []),
+        *(["a contact"] if f.facts["contact"] else []),
+    ]
+    begin, end = max(times, key=lambda pair: pair[1] - pair[0])
+    others = f" and {len(times) - 1} more times" if len(times) > 1 else ""
+    return (
+        f"{f.facts['name']} is held by {' or '.join(by)} from {begin:.2f} to {end:.2f} s{others}, {_value(f):.3g} s in all: "
+        "left out, with its limb"
+    )
+
+
 def _size(f: Told) -> str:
     of = "the torques of the servos" if f.facts.get("positions") else "held-out torques, without their noise"
     return (
@@ -342,6 +357,7 @@ WORDS: dict[str, Words] = {
     ),
     "friction": (_friction, _friction_advice),
     "model-error": (_model_error, _always("")),
+    "held": (_held, _always("")),
     "size": (
         _size,
         lambda f: (

@@ -6,6 +6,7 @@ in addition to the delay of the result. Tested in ``tests/test_in_mujoco.py``.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,9 +22,14 @@ from ..experiment.experiment import Experiment
 from ..export.drives import HALF, Drives, JointDrive, drives_of, for_step
 from ..log.recording import Recording
 from ..loop.servos import Held
-from ..methods.positions.problem import LEFT_OUT_S, LEFT_OUT_SHARE, start_state
+from ..methods.positions.columns import file_values
+from ..methods.positions.problem import left_out, start_state
+from ..methods.positions.stops import free_stretches, stops_of
+from ..model.limbs import limbs_of
 from ..result.identification import Identification
 
+Stretches = dict[tuple[int, int], list[int]]
+"""Joints that are compared, by begin and end of a stretch."""
 MOST_STEP_S = 0.02
 """Longest time step (s) of a replay: servos oscillate within some hundredths of a second."""
 
@@ -137,11 +143,15 @@ def validate_in_mujoco(
         Without the package mujoco, for a file that it cannot load, and for a joint or commands that are missing.
     """
     drives = drives_of(fit, fit.name)
-    used = [item for item in experiment.recordings if item.q_ref is not None and item.has_positions]
+    used = [
+        (item, _stretches(experiment, number))
+        for number, item in enumerate(experiment.recordings)
+        if item.q_ref is not None and item.has_positions
+    ]
     if not used:
         raise FitError(f"{experiment.name}: no recording has commanded and measured positions")
     record = fit.settings.get("positions", {}).get("errors", {})
-    same = {name: digest for item in used for name, digest in item.digests.items()}
+    same = {name: digest for item, _ in used for name, digest in item.digests.items()}
     known = all(fit.digests.get(f"data {name}") == digest for name, digest in same.items())
     own = np.array(record["after"]) if known and record.get("after") else None
     after, step = _errors(path, used, drives, step_s)
@@ -162,6 +172,20 @@ def validate_in_mujoco(
     )
 
 
+def _stretches(experiment: Experiment, number: int) -> Stretches:
+    """Return the stretches of a recording by begin and end, and the joints of the limbs that nothing holds there."""
+    recording, n = experiment.recordings[number], experiment.robot.n_dof
+    if experiment.links != "fixed":
+        return {window: list(range(n)) for window in recording.windows}
+    limbs = limbs_of(experiment.robot)
+    found: Stretches = {}
+    stops = stops_of(experiment, limbs, file_values(experiment))
+    for window, limb in itertools.product(recording.windows, limbs):
+        for stretch in free_stretches(stops, limb, number, window, recording.rate_hz):
+            found.setdefault(stretch, []).extend(limb.joints)
+    return found
+
+
 def _plain(drive: JointDrive) -> JointDrive:
     """Return a drive with its gains, but without delay and offset, as assumed before the fit."""
     return JointDrive(
@@ -178,7 +202,7 @@ def _plain(drive: JointDrive) -> JointDrive:
 
 def _errors(
     path: Path,
-    recordings: Sequence[Recording],
+    recordings: Sequence[tuple[Recording, Stretches]],
     drives: Drives,
     step_s: float | None,
     *,
@@ -187,19 +211,19 @@ def _errors(
     """Root mean square error of each joint over all rollouts, and the step, whose effect on armatures may be taken off."""
     model = load_model(path)
     wanted = float(model.opt.timestep) if step_s is None else step_s
-    squares, count = np.zeros(len(drives.joints)), 0
-    for recording in recordings:
+    squares, count = np.zeros(len(drives.joints)), np.zeros(len(drives.joints))
+    for recording, stretches in recordings:
         steps = max(1, math.ceil(1.0 / (recording.rate_hz * min(wanted, MOST_STEP_S)) - 1e-6))
         model.opt.timestep = 1.0 / (recording.rate_hz * steps)
         delayed = _corrected(model, path.name, drives) if corrected else _stepped(model, path.name, drives)
         measured, commands = recording.measured_positions(), recording.q_ref
         assert commands is not None
-        for begin, end in recording.windows:
+        for (begin, end), at in stretches.items():
             q = measured[begin:end]
             found = replayed(model, path.name, delayed, commands[begin:end], q, recording.rate_hz, steps)
-            first = min(int(LEFT_OUT_S * recording.rate_hz), int(LEFT_OUT_SHARE * len(q)))
-            squares += np.sum((found - q)[first:] ** 2, axis=0)
-            count += len(q) - first
+            first = left_out(len(q), recording.rate_hz)
+            squares[at] += np.sum((found - q)[first:, at] ** 2, axis=0)
+            count[at] += len(q) - first
     return np.sqrt(squares / count), float(model.opt.timestep)
 
 

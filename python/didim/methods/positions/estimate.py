@@ -30,6 +30,7 @@ from .knowledge import Held, told_together, untold, weak_pairs
 from .laws import search_of_either_friction, searched
 from .problem import Problem, build, may_be_soft
 from .search import Search, at_bound, begun, normal_of, search
+from .stops import findings_of
 
 if TYPE_CHECKING:
     from ..cloe.settings import CLOESettings
@@ -193,6 +194,7 @@ def _result(
         remarks=_remarks(experiment, problem, weak, siblings, bad),
         evidence=(
             *_evidence(problem, now, held, rows, shares),
+            *findings_of(experiment, problem.stops),
             *_size(experiment, after),
             *model_errors(problem, over, shift),
         ),

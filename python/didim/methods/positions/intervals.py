@@ -182,7 +182,13 @@ def _cuts(problem: Problem) -> tuple[list[list[NDArray[np.intp]]], str]:
                 for item in problem.rollouts
             ]
         ], "rollouts"
-    lengths = {(item.recording, item.window): (len(item.q) - item.first) / item.rate_hz for item in fitted}
+    spans: dict[tuple[int, int], tuple[int, int]] = {}  # all limbs' stretches of a window
+    for item in fitted:
+        key, stretch = (item.recording, item.window), (item.begin + item.first, item.begin + len(item.q))
+        low, high = spans.get(key, stretch)
+        spans[key] = min(low, stretch[0]), max(high, stretch[1])
+    rates = {(item.recording, item.window): item.rate_hz for item in fitted}
+    lengths = {key: (high - low) / rates[key] for key, (low, high) in spans.items()}
     total = sum(lengths.values())
     cuts = []
     for asked in STRETCHES:
@@ -199,7 +205,8 @@ def _cuts(problem: Problem) -> tuple[list[list[NDArray[np.intp]]], str]:
                 continue
             key = (item.recording, item.window)
             parts = max(1, round(lengths[key] / each))
-            cut.append(first[key] + np.arange(size) * parts // size)
+            low, high = spans[key]
+            cut.append(first[key] + (item.begin + item.first - low + np.arange(size)) * parts // (high - low))
         cuts.append(cut)
     return cuts, "stretches"
 

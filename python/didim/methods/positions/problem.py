@@ -6,6 +6,7 @@ parameter simulates its limb alone. All candidates of a limb are lanes of one ba
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -21,6 +22,7 @@ from ...model.dynamics import inertia_matrix
 from ...model.limbs import Limb, limbs_of
 from ...robot.robot import Robot
 from .columns import Column, Steps, Values, columns_of, file_values
+from .stops import Stop, free_stretches, refuse_little, stops_of
 
 SMOOTHING = 0.01
 """Velocity (rad/s or m/s) of Coulomb friction's tanh if neither robot nor [simulation] declares one."""
@@ -56,6 +58,8 @@ class Rollout:
         First sample that is compared.
     start : (q, dq)
         Initial position and velocity, (n_limb_joints,) each.
+    begin : int
+        Its first sample in the recording.
     """
 
     limb: int
@@ -67,6 +71,7 @@ class Rollout:
     first: int
     start: tuple[Array, Array]
     rate_hz: float
+    begin: int
 
 
 @dataclass(eq=False)
@@ -91,6 +96,8 @@ class Problem:
         Simulations of a limb so far.
     inertia : list of array
         M (kg.m^2, kg) of each limb at position zero, with the values, where friction is MuJoCo's soft constraint; empty otherwise.
+    stops : list of Stop
+        Stretches of the log that no rollout has, for something holds a joint.
     """
 
     robot: Robot
@@ -102,6 +109,7 @@ class Problem:
     weights: list[Array] = field(default_factory=list)
     n_simulations: int = 0
     inertia: list[Array] = field(default_factory=list)
+    stops: list[Stop] = field(default_factory=list)
 
     @property
     def start(self) -> Array:
@@ -238,7 +246,8 @@ def build(
         robot = robot.with_smoothing([SMOOTHING] * robot.n_dof)
     values = file_values(experiment, start)
     limbs = limbs_of(robot)
-    rollouts = _rollouts(experiment, limbs, settings)
+    stops = stops_of(experiment, limbs, values)
+    rollouts = _rollouts(experiment, limbs, settings, stops)
     steps = _steps(robot, limbs, rollouts, values)
     columns = columns_of(experiment, limbs, values, steps)
     weights = [
@@ -247,7 +256,7 @@ def build(
         else 1.0 / np.array(noise)[list(limbs[item.limb].joints)]
         for item in rollouts
     ]
-    problem = Problem(robot, limbs, rollouts, values, columns, threads, weights)
+    problem = Problem(robot, limbs, rollouts, values, columns, threads, weights, stops=stops)
     if soft:
         zero = [np.zeros((1, len(limb.joints))) for limb in limbs]
         problem.inertia = [
@@ -265,15 +274,17 @@ def may_be_soft(experiment: Experiment) -> bool:
     return plain and not robot.geometry.followers
 
 
-def _rollouts(experiment: Experiment, limbs: Sequence[Limb], settings: SimulationSettings) -> list[Rollout]:
+def _rollouts(
+    experiment: Experiment, limbs: Sequence[Limb], settings: SimulationSettings, stops: Sequence[Stop]
+) -> list[Rollout]:
     found = []
     for number, recording in enumerate(experiment.recordings):
         if recording.q_ref is None:
             raise FitError(f"recording '{recording.name}' has no commanded positions: [recording.reference]")
         measured, rate = recording.measured_positions(), recording.rate_hz
-        for count, (begin, end) in enumerate(recording.windows):
-            for k, limb in enumerate(limbs):
-                joints = list(limb.joints)
+        for (count, window), (k, limb) in itertools.product(enumerate(recording.windows), enumerate(limbs)):
+            joints = list(limb.joints)
+            for begin, end in free_stretches(stops, limb, number, window, rate):
                 q = np.ascontiguousarray(measured[begin:end][:, joints])
                 held = Held(np.ascontiguousarray(recording.q_ref[begin:end][:, joints]), rate)
                 loop = ServoLoop(
@@ -284,13 +295,21 @@ def _rollouts(experiment: Experiment, limbs: Sequence[Limb], settings: Simulatio
                     fine_step_s=_fine(settings.fine_step_s),
                     integrator=settings.integrator,
                 )
-                left_out = min(int(LEFT_OUT_S * rate), int(LEFT_OUT_SHARE * len(q)))
-                found.append(
-                    Rollout(k, number, count, recording.role, loop, q, left_out, start_state(q, rate), rate)
-                )
-    if not any(item.role == "fit" for item in found):
+                start = start_state(q, rate)
+                first = left_out(len(q), rate)
+                found.append(Rollout(k, number, count, recording.role, loop, q, first, start, rate, begin))
+    if not any(item.role == "fit" for item in experiment.recordings):
         raise FitError(f"experiment '{experiment.name}' has no recording with role 'fit'")
+    whole = sum(b - a for item in experiment.recordings if item.role == "fit" for a, b in item.windows)
+    for k, limb in enumerate(limbs):
+        used = sum(len(item.q) for item in found if item.limb == k and item.role == "fit")
+        refuse_little(experiment, stops, limb, used, whole)
     return found
+
+
+def left_out(count: int, rate: float) -> int:
+    """Return the number of samples at the start of a rollout that are not compared."""
+    return min(int(LEFT_OUT_S * rate), int(LEFT_OUT_SHARE * count))
 
 
 def _fine(given: object) -> float:

@@ -16,6 +16,7 @@ from ...signal.noise import encoder_step, white_noise
 from .knowledge import told_together, untold, where_of, widening
 from .problem import Problem, build
 from .search import Search, begun, normal_of
+from .stops import findings_of
 
 MODEL_ERROR, LASTS_S = 1e-3, 0.2
 """Error (rad or m) that friction models leave on good robots, and the time (s) that it lasts: a quadruped's hips have 2 mrad."""
@@ -50,7 +51,11 @@ def prospect(experiment: Experiment) -> tuple[list[Lack], list[str]]:
     """
     problem = build(experiment, noise=None, threads=None, start=None)
     now = begun(problem, problem.start, np.ones(len(problem.columns), dtype=bool))
-    found, said = [], []
+    found = [
+        Lack(item.sentence, "Log the joint moving freely, or go on without these stretches", item.joints)
+        for item in findings_of(experiment, problem.stops)
+    ]
+    said = []
     held = untold(problem, now, error=MODEL_ERROR)
     now.free[[item.column for item in held]] = False
     for sentence, items in told_together(problem, held).items():

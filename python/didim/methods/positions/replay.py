@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ...errors import FitError
@@ -26,9 +27,9 @@ class Replay:
     t : (n_samples,) array
         Time from the start of the rollout (s).
     commanded, measured, simulated : (n_samples, n_dof) array
-        Positions (rad or m).
-    first : int
-        First sample that is compared: before it a guess of the initial velocity shows.
+        Positions (rad or m); simulated ones are NaN where something holds a joint of the limb.
+    compared : (n_samples, n_dof) array of bool
+        Positions that are compared: a guess of the initial velocity shows at the start of each stretch.
     """
 
     name: str
@@ -37,22 +38,28 @@ class Replay:
     commanded: Array
     measured: Array
     simulated: Array
-    first: int
+    compared: NDArray[np.bool_]
 
-    @property
-    def errors(self) -> Array:
-        """Errors of the samples that are compared, (n_compared, n_dof)."""
-        return np.asarray((self.simulated - self.measured)[self.first :])
+    def errors(self, joint: int) -> Array:
+        """Errors of the positions of a joint that are compared, (n_compared,)."""
+        return np.asarray((self.simulated - self.measured)[self.compared[:, joint], joint])
 
 
 def position_errors(replays: Sequence[Replay]) -> dict[str, list[float]]:
     """Return the rms error of each joint (rad or m) by recording, its rollouts together."""
-    parts: dict[str, list[Array]] = {}
+    parts: dict[str, list[Replay]] = {}
     for item in replays:
-        parts.setdefault(item.name, []).append(item.errors)
+        parts.setdefault(item.name, []).append(item)
     return {
-        name: np.sqrt(np.mean(np.concatenate(rows) ** 2, axis=0)).tolist() for name, rows in parts.items()
+        name: [rms_error(items, joint) for joint in range(items[0].measured.shape[1])]
+        for name, items in parts.items()
     }
+
+
+def rms_error(replays: Sequence[Replay], joint: int) -> float:
+    """Return the rms error of a joint (rad or m) over rollouts; NaN where none of it is compared."""
+    errors = np.concatenate([item.errors(joint) for item in replays])
+    return float(np.sqrt(np.mean(errors**2))) if errors.size else float("nan")
 
 
 def error_lines(errors: dict[str, list[float]]) -> list[str]:
@@ -84,15 +91,17 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
     found: dict[tuple[int, int], Replay] = {}
     for item in problem.rollouts:
         recording = experiment.recordings[item.recording]
-        shape = (len(item.q), experiment.robot.n_dof)
+        first, last = recording.windows[item.window]
         key = item.recording, item.window
         if key not in found:
-            t = np.arange(len(item.q)) / item.rate_hz
-            parts = (np.empty(shape), np.empty(shape), np.empty(shape))
-            found[key] = Replay(recording.name, recording.role, t, *parts, item.first)
-        at = list(problem.limbs[item.limb].joints)
+            assert recording.q_ref is not None
+            both = recording.q_ref[first:last], recording.measured_positions()[first:last]
+            t = np.arange(last - first) / item.rate_hz
+            empty = np.full(both[0].shape, np.nan), np.zeros(both[0].shape, dtype=bool)
+            found[key] = Replay(recording.name, recording.role, t, *both, *empty)
         simulated, _ = problem.positions(item, theta[None])
-        found[key].commanded[:, at] = item.loop.held.values
-        found[key].measured[:, at] = item.q
-        found[key].simulated[:, at] = simulated[0]
+        begin = item.begin - first
+        for place, joint in enumerate(problem.limbs[item.limb].joints):
+            found[key].simulated[begin : begin + len(item.q), joint] = simulated[0, :, place]
+            found[key].compared[begin + item.first : begin + len(item.q), joint] = True
     return list(found.values())

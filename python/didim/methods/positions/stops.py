@@ -1,0 +1,214 @@
+"""Stretches of a log in which something holds a joint: the end of its range, or a contact.
+
+A joint that stays, while its servo pulls it with a multiple of the torque that moves it elsewhere in the log, is held by a force
+that the model lacks: drive, gravity, inertia and friction do not explain it. Such stretches are left out, and the limb starts anew
+after each. Tested in ``tests/test_stops.py``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._tools.arrays import Array
+from ...errors import FitError
+from ...model.dynamics import gravity, inertia_matrix
+from ...model.limbs import Limb
+from ...result.finding import Finding
+from ...signal.noise import encoder_step, white_noise
+from .columns import Values
+
+if TYPE_CHECKING:
+    from ...experiment.experiment import Experiment
+
+LASTS_S, PERIODS = 0.2, 0.5
+"""Shortest time (s) that a joint is held, and the same in periods of the servo's oscillation: a free joint has followed by then."""
+PULL = 2.5
+"""Smallest torque of the drive that counts as a pull, as a multiple of the median one that moves the joint. Simulated arms, legs
+and the Go2 log chose it; on joints that move freely nothing beyond 1.6 lasts."""
+FOLLOWS = 0.25
+"""Share of the distance, pull over kp, that a free joint covers at least in that time."""
+AT_END = 0.4
+"""Time and pull at the end of a joint's range that count, as shares of those elsewhere."""
+NEAR = 0.03
+"""Distance from the end of the range, as a share of the range, at which it is the end that holds a joint."""
+PAD_S, LEAST_S = 0.06, 1.0
+"""Time (s) left out on both sides, and the shortest stretch (s) that is used."""
+LEAST_SHARE = 0.2
+"""Smallest share of a limb's log that must be left: friction of a joint that mostly presses on something is not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """One joint that is held along a stretch of a recording.
+
+    Attributes
+    ----------
+    joint, recording : int
+        Which, from 0.
+    begin, end : int
+        Samples of the recording.
+    limit : float or None
+        End of the joint's range (rad or m) that holds it; None for a contact elsewhere.
+    """
+
+    joint: int
+    recording: int
+    begin: int
+    end: int
+    limit: float | None
+
+
+def stops_of(experiment: Experiment, limbs: Sequence[Limb], values: Values) -> list[Stop]:
+    """Return all stretches in which something holds a joint."""
+    found = []
+    for number, recording in enumerate(experiment.recordings):
+        if recording.q_ref is None:
+            continue
+        measured, rate = recording.measured_positions(), recording.rate_hz
+        noise = np.maximum(3.0 * white_noise(measured), 2.0 * encoder_step(measured))
+        for (begin, end), limb in itertools.product(recording.windows, limbs):
+            at = list(limb.joints)
+            q, r = measured[begin:end][:, at], recording.q_ref[begin:end][:, at]
+            pull, lasts_s = _pull(limb, values, q, r, rate)
+            for place, joint in enumerate(at):
+                held = _held(
+                    q[:, place],
+                    (r - q)[:, place],
+                    pull[:, place],
+                    math.ceil(lasts_s[place] * rate),
+                    float(noise[joint]),
+                    experiment.robot.limits[joint].position,
+                )
+                found += [Stop(joint, number, begin + a, begin + b, limit) for a, b, limit in held]
+    return found
+
+
+def _pull(limb: Limb, values: Values, q: Array, r: Array, rate: float) -> tuple[Array, Array]:
+    """Return the torque of the drives less gravity, over kp (rad or m), (n_samples, n_joints), and the times (s) to follow."""
+    at, q = list(limb.joints), np.ascontiguousarray(q)
+    x = values.x[limb.indices]
+    kp, kv, most = (values.drive[key][at] for key in ("kp", "kv", "saturation"))
+    kp = np.maximum(kp, np.finfo(float).tiny)
+    drive = np.clip(kp * (r - q) - kv * np.gradient(q, axis=0) * rate, -most, most)
+    inertia = np.diag(inertia_matrix(limb.robot, q[:1], x)[0])
+    lasts = np.maximum(2.0 * np.pi * PERIODS * np.sqrt(inertia / kp), 2.0 * kv / kp)
+    return (drive - gravity(limb.robot, q, x)) / kp, np.maximum(lasts, LASTS_S)
+
+
+def _held(
+    q: Array, ahead: Array, pull: Array, count: int, noise: float, limits: tuple[float, float] | None
+) -> list[tuple[int, int, float | None]]:
+    """Return stretches of one joint, (begin, end, end of the range), by the pull of its drive over kp (rad or m).
+
+    Only at an end of the range gravity alone may hold it; elsewhere the command is `ahead` of it, for the mount may be wrong.
+    """
+    speed = np.gradient(q)
+    moving = np.abs(speed) > 0.5 * np.sqrt(np.mean(speed**2))
+    if count >= len(q) or not moving.any():
+        return []
+    usual = max(float(np.median(np.abs(pull[moving]))), noise)
+    found = []
+    for side in (-1.0, 1.0):
+        held = _pulled(side * q, np.minimum(side * pull, side * ahead), count, PULL * usual)
+        end = math.inf if limits is None else side * limits[0 if side < 0.0 else 1]
+        near_end = math.inf if limits is None else end - NEAR * (limits[1] - limits[0])
+        short = _pulled(side * q, side * pull, math.ceil(AT_END * count), AT_END * PULL * usual)
+        held |= short & (side * q > end - noise)
+        near = held & (side * q > near_end)
+        if near.any():  # it does end there, so each touch of it counts
+            held |= side * q > min(end, float(np.median(side * q[near]))) - noise
+        last = 0
+        for a, b in _runs(held):
+            if b <= last:
+                continue
+            level = float(np.min(side * q[a:b])) - noise
+            while a > last and side * q[a - 1] > level:
+                a -= 1
+            while b < len(q) and side * q[b] > level:
+                b += 1
+            at_end = bool(np.max(side * q[a:b]) > near_end)
+            found.append((a, b, side * end if at_end else None))
+            last = b
+    return found
+
+
+def _pulled(q: Array, pull: Array, count: int, least: float) -> NDArray[np.bool_]:
+    """Return samples of the stretches of `count` steps along which a pull lasts and the joint does not follow it."""
+    lasting = np.lib.stride_tricks.sliding_window_view(pull, count + 1).min(axis=1)
+    held = np.zeros(len(q), dtype=bool)
+    for k in np.flatnonzero((lasting > least) & (q[count:] - q[:-count] < FOLLOWS * lasting)):
+        held[k : k + count + 1] = True
+    return held
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def free_stretches(
+    stops: Sequence[Stop], limb: Limb, recording: int, window: tuple[int, int], rate_hz: float
+) -> list[tuple[int, int]]:
+    """Return the stretches of a window in which nothing holds a joint of a limb; the window itself without stops."""
+    begin, end = window
+    free, pad = np.ones(end - begin, dtype=bool), math.ceil(PAD_S * rate_hz)
+    for item in stops:
+        if item.recording == recording and item.joint in limb.joints:
+            free[max(item.begin - pad - begin, 0) : max(item.end + pad - begin, 0)] = False
+    if free.all():
+        return [window]
+    return [(begin + a, begin + b) for a, b in _runs(free) if b - a >= LEAST_S * rate_hz]
+
+
+def refuse_little(experiment: Experiment, stops: Sequence[Stop], limb: Limb, used: int, whole: int) -> None:
+    """Refuse a limb of which too few samples are left.
+
+    Raises
+    ------
+    FitError
+        It names the joint that is held for most of the time.
+    """
+    if used >= LEAST_SHARE * whole:
+        return
+    mine = [item for item in stops if item.joint in limb.joints]
+    times = {
+        joint: sum(item.end - item.begin for item in mine if item.joint == joint) for joint in limb.joints
+    }
+    worst = max(times, key=lambda joint: times[joint])
+    rate = experiment.recordings[mine[0].recording].rate_hz
+    raise FitError(
+        f"{experiment.name}: {experiment.robot.joint_label(worst)} is held by the end of its range or a contact for "
+        f"{times[worst] / rate:.3g} s, and too little is left: log it moving freely, or lock it (didim init --lock)"
+    )
+
+
+def findings_of(experiment: Experiment, stops: Sequence[Stop]) -> list[Finding]:
+    """Return a finding for each joint that something holds."""
+    found = []
+    for joint in sorted({item.joint for item in stops}):
+        mine = sorted((s for s in stops if s.joint == joint), key=lambda s: (s.recording, s.begin))
+        rates = [experiment.recordings[s.recording].rate_hz for s in mine]
+        names = tuple(dict.fromkeys(experiment.recordings[s.recording].name for s in mine))
+        found.append(
+            Finding(
+                code="held",
+                grade="note",
+                joints=(joint + 1,),
+                recordings=names,
+                value=sum((s.end - s.begin) / rate for s, rate in zip(mine, rates, strict=True)),
+                facts={
+                    "name": experiment.robot.joint_label(joint),
+                    "limits": sorted({s.limit for s in mine if s.limit is not None}),
+                    "contact": any(s.limit is None for s in mine),
+                    "times": [[s.begin / rate, s.end / rate] for s, rate in zip(mine, rates, strict=True)],
+                },
+            )
+        )
+    return found

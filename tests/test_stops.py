@@ -1,0 +1,113 @@
+"""Joints that run into the ends of their ranges, and contacts: found in the log, left out, and reported."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import didim
+from didim.diagnosis.check import check
+from didim.errors import FitError
+from didim.methods.cloe.cloe import CLOE
+from didim.methods.positions.problem import build
+from didim.studies.in_mujoco import validate_in_mujoco
+from quadrupeds import ARM_DELAY_S, ARM_RATE, ARM_TRUTH, ENCODER, arm_text, followed, recorded
+
+mujoco = pytest.importorskip("mujoco", reason="needs mujoco, the group 'test'")
+
+EXPERIMENT = """
+schema = 1
+robot = "arm.xml"
+[parameters]
+links = "fixed"
+[controller]
+kind = "pd"
+[reference]
+kind = "recorded"
+between_samples = "held"
+[unknown]
+delay_s = { max = 0.06 }
+[[recording]]
+name = "log"
+rate_hz = 50
+"""
+EXPERIMENT += recorded("log.npz", "q", "r")
+Push = Callable[[float, np.ndarray], list[float]]
+
+
+def commands(shift: list[float], scale: float = 0.35, seconds: float = 20.0) -> np.ndarray:
+    """Waves, and steps in half of the log, (n_samples, 4)."""
+    rng = np.random.default_rng(0)
+    t = np.arange(round(seconds * ARM_RATE)) / ARM_RATE
+    waves = np.sin(2.0 * np.pi * np.outer(t, rng.uniform(0.2, 0.8, 4)) + rng.uniform(0.0, 6.0, 4))
+    steps = np.repeat(rng.uniform(-1.0, 1.0, (round(seconds), 4)), round(ARM_RATE), axis=0)
+    return np.where((t % 4.0 > 2.0)[:, None], steps, waves) * scale + np.array([0.0, 0.2, 0.4, 0.7]) + shift
+
+
+def logged(folder: Path, r: np.ndarray, file: str, *, push: Push | None = None) -> didim.Experiment:
+    """Write the arm of a file and its log, whose ranges are those of the arm; a push acts on the joints."""
+    text = arm_text(truth=True)
+    q = followed(mujoco, text if push is None else without_ranges(text), r, ARM_RATE, ARM_DELAY_S, push=push)
+    np.savez(folder / "log.npz", q=np.round(q / ENCODER) * ENCODER, r=r)
+    (folder / "arm.xml").write_text(file)
+    (folder / "arm.toml").write_text(EXPERIMENT)
+    return didim.load_experiment(folder / "arm.toml")
+
+
+def without_ranges(text: str) -> str:
+    return re.sub(r' range="[^"]*"', "", text)
+
+
+def held(fit: didim.Identification) -> list[str]:
+    return [item.sentence for item in fit.evidence if item.code == "held"]
+
+
+def drives_are_true(fit: didim.Identification, share: float, joints: int = 4) -> None:
+    for kind, key in (("Ia", "armature"), ("Fv", "damping")):
+        values = [fit.beta[fit.names.index(f"{kind}{joint + 1}")] for joint in range(joints)]
+        np.testing.assert_allclose(values, ARM_TRUTH[key], rtol=share)
+
+
+@pytest.mark.parametrize("ranges", [True, False])
+def test_ends_of_the_range_are_left_out(tmp_path: Path, ranges: bool) -> None:
+    """A gripper commanded beyond its end half of the time, with an end that the file has, or not."""
+    r = commands([0.0, 0.0, 0.0, 0.9])
+    file = arm_text() if ranges else without_ranges(arm_text())
+    experiment = logged(tmp_path, r, file)
+    fit = didim.identify(experiment, CLOE(threads=1), verbose=False)
+    (sentence,) = held(fit)
+    assert "(gripper) is held by " + ("the end of its range (1.75)" if ranges else "a contact") in sentence
+    drives_are_true(fit, 0.03, joints=4 if ranges else 3)
+    (at_limit,) = np.nonzero(np.any(r[:, 3:] > 1.85, axis=1))
+    stops = build(experiment, noise=None, threads=None, start=None).stops
+    assert {item.joint for item in stops} == {3}
+    left_out = np.concatenate([np.arange(item.begin, item.end) for item in stops])
+    assert np.isin(at_limit[at_limit > 5] + 2, left_out).mean() > 0.8
+    if ranges:
+        assert sentence in [item.sentence for item in check(experiment).items]
+        replay = validate_in_mujoco(fit, experiment, tmp_path / "arm.xml")
+        assert replay.completed
+
+
+@pytest.mark.parametrize("span", ["", "-0.1 0.5"])
+def test_free_motion_has_no_word(tmp_path: Path, span: str) -> None:
+    """Not even beyond ranges of a file that are too narrow: the joints follow their commands there."""
+    file = arm_text() if not span else re.sub(r'range="[^"]*"', f'range="{span}"', arm_text())
+    experiment = logged(tmp_path, commands([0.0] * 4), file)
+    problem = build(experiment, noise=None, threads=None, start=None)
+    assert not problem.stops
+    assert [len(item.q) for item in problem.rollouts] == [1000]
+
+
+def test_a_joint_that_is_always_held_is_refused(tmp_path: Path) -> None:
+    """A gripper that is closed, but for one move."""
+    r = commands([0.0] * 4)
+    r[:, 3] = np.where(np.arange(len(r)) < 75, 0.5, -0.6)
+    with pytest.raises(
+        FitError, match=r"joint 4 \(gripper\) is held .* for 1\d.\d s, and too little is left"
+    ):
+        didim.identify(logged(tmp_path, r, arm_text()), CLOE(threads=1), verbose=False)
