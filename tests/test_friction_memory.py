@@ -71,6 +71,11 @@ def test_what_a_start_leaves_is_linear() -> None:
     )
 
 
+def test_what_a_start_leaves_does_not_underflow() -> None:
+    q = np.linspace(0.0, 100.0, 50)[:, None]
+    assert np.all(start_column(q, 0.01) >= 1e-27)
+
+
 def test_widths_are_those_of_their_joints_and_rest_keeps_the_state() -> None:
     q = walk(1)
     both = state(q, np.array([0.01, 0.1]))

@@ -134,10 +134,10 @@ class Products:
     def parts(self) -> tuple[NDArray[np.intp], list[NDArray[np.intp]]]:
         """Part of each joint, (n,), and the columns of each part: parts share none. Columns without rows are with the first."""
         used = np.einsum("jmpp->jp", self.g) > 0.0
-        first = np.arange(self.n)
-        for column in used.T[used.any(axis=0)]:
-            first[np.isin(first, first[column])] = first[column].min()
-        _, part = np.unique(first, return_inverse=True)
+        joined = used @ used.T | np.eye(self.n, dtype=bool)
+        for _ in range(self.n.bit_length()):  # joints that share a column with a joint in common
+            joined = joined @ joined
+        _, part = np.unique(joined.argmax(axis=1), return_inverse=True)
         columns = np.stack([used[part == k].any(axis=0) for k in range(part.max() + 1)])
         columns[0] |= ~columns.any(axis=0)
         return part, [np.flatnonzero(own) for own in columns]
@@ -152,9 +152,17 @@ class Products:
     def seen(self, order: Sequence[int] | None = None, factors: Array | None = None) -> Array:
         """Return the squared errors of the channels in sample, (n,): a third of the work of `judged`."""
         squares = np.empty(self.n)
-        for channels, _, (found,) in self._by_part("seen", order, factors):
+        for channels, _, (found,) in self._in_sample._by_part("seen", order, factors):
             squares[channels] = found
         return squares
+
+    @cached_property
+    def _in_sample(self) -> Products:
+        """The same of all blocks together."""
+        if self.y.shape[1] == 1:
+            return self
+        g, h, y = self.g.sum(1, keepdims=True), self.h.sum(2, keepdims=True), self.y.sum(1, keepdims=True)
+        return Products(g, h, y, self.scale, self.given)
 
     def _by_part(
         self, what: str, order: Sequence[int] | None, factors: Array | None

@@ -151,14 +151,14 @@ class LogRows:
 
     @cached_property
     def _rough(self) -> Array:
-        return self._seen(self.screen.exact)
+        return self._rough_products(self.screen.exact).seen()
 
-    def _seen(self, w: Array, order: Sequence[int] | None = None, factors: Array | None = None) -> Array:
+    def _rough_products(self, w: Array) -> Products:
         y, known = self.y[:, :: self._step], self.known
         given = None if known is None else self.robot.base_parameters.lift(known)
         # What the logs have beside the robot is about the same for another one.
         w = np.concatenate([w, self.w[:, :: self._step, self.logs.n_base :]], axis=2)
-        return Products.of(w, y, 1, given).seen(order, factors)
+        return Products.of(w, y, 1, given)
 
     def rough(self, item: Hypothesis) -> float:
         """Return about the D of a hypothesis, in sample; infinity where it cannot be computed."""
@@ -178,7 +178,7 @@ class LogRows:
         except DidimError:
             return np.full(self.n, math.inf)
         w = w if item.torque is None else np.tensordot(item.torque, w, 1)
-        return self._seen(w, item.order, item.factors) / self._rough
+        return self._rough_products(w).seen(item.order, item.factors) / self._rough
 
     def seen(self, item: Hypothesis) -> Array:
         """Return the squared errors of the channels in sample, (n,); infinity where they cannot be computed."""
@@ -260,14 +260,18 @@ class LogRows:
         return problem.gamma
 
     def _whole(self) -> Array:
-        """Return the columns of all standard parameters as those of a fit, (n, n_rows, m)."""
-        columns = list(range(len(self.robot.parameter_names)))
+        """Return the columns of all standard parameters as those of a fit, (n, n_rows, m): base columns are there."""
+        known = list(self.robot.base_parameters.indices)
+        columns = sorted(set(range(len(self.robot.parameter_names))) - set(known))
         found = []
         for part in self.parts:
             stages = decimation_stages(part.q.shape[0], self.signal)
             w = observation(self.robot, part, columns, stages)
             found.append(w.reshape(self.n, -1, len(columns))[:, self.signal.kept_rows])
-        return np.ascontiguousarray(np.concatenate(found, axis=1)[:, :: self._thin])
+        whole = np.empty((*self.y.shape, len(columns) + len(known)))
+        whole[:, :, columns] = np.concatenate(found, axis=1)[:, :: self._thin]
+        whole[:, :, known] = self.w[:, :, : self.logs.n_base]
+        return whole
 
     def _system(self, robot: Robot, parts: Sequence[Segment]) -> tuple[Array, Array, tuple[str, ...]]:
         """Return base columns, (n, rows, p), and torques, (n, rows), as those of a fit, before they are thinned out."""

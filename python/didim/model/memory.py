@@ -27,6 +27,9 @@ from .._tools.arrays import Array
 from ..robot.friction import HOLD_WIDTH, OF_PATH
 from ..robot.robot import Robot
 
+FADED = 60.0
+"""Exponent at which a column has faded to 1e-26 and stays: filters are ten times slower on numbers that underflow."""
+
 
 def state(q: Array, width: ArrayLike, first: ArrayLike = 0.0) -> Array:
     """Compute the state of Dahl's memory along positions.
@@ -80,13 +83,16 @@ def states(q: Array, widths: Array, first: float = 0.0) -> Array:
         return out
     # Rest does not change the state: a stretch ends at the next motion in the other direction.
     turns = moving[1:][moves[moving[1:]] != moves[moving[:-1]]]
-    edges = [0, *turns.tolist(), q.size - 1]
-    signs = [moves[moving[0]], *moves[turns]]
-    z = out[0]
-    for start, stop, sign in zip(edges[:-1], edges[1:], signs, strict=True):
-        way = np.abs(q[start + 1 : stop + 1] - q[start])
-        out[start + 1 : stop + 1] = sign - (sign - z) * np.exp(-way[:, None] / widths)
-        z = out[stop]
+    edges = np.array([0, *turns, q.size - 1])
+    signs, lengths = moves[[moving[0], *turns]][:, None], np.diff(edges)
+    way = np.abs(q[1:] - np.repeat(q[edges[:-1]], lengths))
+    decay = np.exp(-way[:, None] / widths)
+    z = np.empty((len(signs), widths.size))
+    z[0] = first
+    for k, stop in enumerate(edges[1:-1]):
+        z[k + 1] = signs[k] - (signs[k] - z[k]) * decay[stop - 1]
+    sign = np.repeat(signs, lengths, axis=0)
+    out[1:] = sign - (sign - np.repeat(z, lengths, axis=0)) * decay
     return out
 
 
@@ -106,7 +112,7 @@ def start_column(q: Array, width: ArrayLike) -> Array:
     """
     path = np.zeros_like(q)
     np.cumsum(np.abs(np.diff(q, axis=0)), axis=0, out=path[1:])
-    return np.asarray(np.exp(-path / np.asarray(width, dtype=np.float64)))
+    return np.asarray(np.exp(-np.minimum(path / np.asarray(width, dtype=np.float64), FADED)))
 
 
 def direction(robot: Robot, q: Array, dq: Array) -> Array:

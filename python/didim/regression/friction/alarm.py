@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
-from ...model.memory import direction, start_column, state
+from ...model.memory import FADED, direction, start_column, state
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
@@ -143,7 +143,8 @@ class _Candidate:
     columns: Array
     amplitude: Array
     """Friction of each joint per unit of its column, as it counts for a user: the largest along the log, (n_dof,)."""
-    start: Array | None = None
+    width: Array | None = None
+    """Displacements of a law of memory, (n_dof,), zero where it is not tested (rad or m)."""
 
 
 def friction_alarm(
@@ -219,7 +220,10 @@ def friction_alarm(
             seen = visible[item.family]
             seen[joint] = max(seen[joint], amplitude * item.amplitude[joint])
     raised = bool((p_value < LEVEL).any())
-    moved = _shifts(candidates, q, r, weights, rho, system) if raised else {}
+    moved = {}
+    if raised:
+        starts = [_start(item, parts, signal, system) for item in candidates]
+        moved = _shifts(candidates, starts, q, r, weights, rho, system)
     return FrictionAlarm(
         p_value=p_value,
         law=min(moved, key=lambda family: moved[family][0], default=""),
@@ -257,7 +261,7 @@ def _candidates(
 
     for velocity in STRIBECK:
         values = [
-            sign * np.exp(-np.square(part.dq / (velocity * unit)))
+            sign * np.exp(-np.minimum(np.square(part.dq / (velocity * unit)), FADED))
             for part, sign in zip(parts, signs, strict=True)
         ]
         add("stribeck", values, smooth)
@@ -275,9 +279,22 @@ def _candidates(
             [state(part.q, width * unit) - sign for part, sign in zip(parts, signs, strict=True)],
             resolved,
         )
-        start = decimated([start_column(part.q, width * unit) * resolved for part in parts], parts, signal)
-        found[-1] = replace(found[-1], start=_columns(start, system))
+        found[-1] = replace(found[-1], width=width * unit * resolved)
     return found
+
+
+def _start(
+    item: _Candidate, parts: Sequence[Segment], signal: SignalProcessing, system: LinearSystem
+) -> Array:
+    """Return the columns of the unknown state at the first sample, (r, k): none for a law without memory."""
+    if item.width is None:
+        return np.zeros((system.y.size, 0))
+    joints = np.flatnonzero(item.width)
+    values = [start_column(part.q[:, joints], item.width[joints]) for part in parts]
+    columns = np.zeros((system.y.size, len(joints)))
+    for column, joint, rows in zip(columns.T, joints, decimated(values, parts, signal).T, strict=True):
+        column[system.joints[joint]] = rows
+    return columns
 
 
 def _columns(rows: Array, system: LinearSystem) -> Array:
@@ -348,15 +365,19 @@ def _signs(blocks: int) -> Array:
 
 
 def _shifts(
-    candidates: Sequence[_Candidate], q: Array, r: Array, weights: Array, rho: Array, system: LinearSystem
+    candidates: Sequence[_Candidate],
+    starts: Sequence[Array],
+    q: Array,
+    r: Array,
+    weights: Array,
+    rho: Array,
+    system: LinearSystem,
 ) -> dict[str, tuple[float, Array]]:
     """Return for each family its best criterion of Schwarz and the change of the scaled estimate with it, (b,)."""
     found: dict[str, tuple[float, Array]] = {}
     n_rows = system.y.size / len(system.joints)
-    for item in candidates:
-        used = item.columns[:, item.columns.any(axis=0)]
-        if item.start is not None:
-            used = np.hstack([used, item.start[:, item.start.any(axis=0)]])
+    for item, start in zip(candidates, starts, strict=True):
+        used = np.hstack([item.columns[:, item.columns.any(axis=0)], start])
         weighted = used * weights[:, None]
         seen = q.T @ weighted
         free = weighted - q @ seen
