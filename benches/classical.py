@@ -4,8 +4,7 @@
 
 With FOLDER, which holds tx40/ and emps/: each of five contiguous parts of a real log is predicted from the other four, with
 5 rows of gap. Then, on simulated logs of the packaged experiment: the estimators of Huber and Tukey and Hampel's filter on torques
-with spikes, total least squares with a cut-off of 60 Hz, and maximum likelihood and IDIM-IV without decimation. Errors in
-standard deviations, rms.
+with spikes, and IDIM-IV without decimation. Errors in standard deviations, rms.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import didim
-from didim.contrib.maximum_likelihood import MaximumLikelihood
 from didim.methods.method import Method
 from didim.regression.linear_system import LinearSystem
 from didim.regression.solver import SOLVERS, solver_of
@@ -29,7 +27,6 @@ from didim.studies.simulated_log import measured
 Array = NDArray[np.float64]
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-TOTAL = "didim.contrib.total:Total"
 PARTS, GAP = 5, 5
 """Parts of a log, and rows between them that serve neither the fit nor the prediction."""
 SPIKES, SPIKE_SIZE = 0.005, 30.0
@@ -62,7 +59,7 @@ def left_out(experiment: didim.Experiment) -> None:
     system = job.system(job.parts("fit", job.delay()))
     n = system.joints[0].stop
     edges = np.linspace(0, n, PARTS + 1).round().astype(int)
-    for name in (*SOLVERS, TOTAL):
+    for name in SOLVERS:
         if name == "consistent":
             continue
         solve = solver_of(name, job.robot, job.selection)
@@ -127,7 +124,7 @@ def spiked(seeds: int) -> None:
 
 
 def simulated(seeds: int) -> None:
-    """Total least squares and maximum likelihood on simulated logs of the TX40."""
+    """Least squares and IDIM-IV on simulated logs of the TX40 without decimation."""
     experiment = didim.packaged_experiment("tx40")
     x = experiment.robot.parameter_set("didim")
     clean, truth = (
@@ -137,30 +134,13 @@ def simulated(seeds: int) -> None:
     assert clean.measurement is not None
     logs = [measured(clean, seed) for seed in range(seeds)]
     sigma = didim.identify(logs[0], didim.DIDIM(physical=False)).std_white
-    slow = replace(clean.signal, cutoff_hz=60.0)
-    squares: dict[str, list[float]] = {"least-squares": [], "total": []}
-    for log in logs:
-        plain = didim.identify(log, didim.IDIMLS(signal=slow, uncertainty="decimated"))
-        total = didim.identify(log, didim.IDIMLS(signal=slow, solver=TOTAL))
-        for name, fit in (("least-squares", plain), ("total", total)):
-            squares[name].append(rms((fit.beta - truth) / plain.std))
-    plain_rms, total_rms = (rms(np.array(values)) for values in squares.values())
-    print(
-        f"60 Hz, decimated: weighted least squares {plain_rms:.4f}, total {total_rms:.4f}: "
-        f"{100.0 * (total_rms / plain_rms - 1.0):+.2f} %",
-        flush=True,
-    )
     signal = didim.SignalProcessing(cutoff_hz=UNDECIMATED_HZ, trim_start=50, trim_end=50)
     for factor in (1.0, 10.0):
         noise = tuple(factor * value for value in clean.measurement.position_noise)
         measurement = replace(clean.measurement, position_noise=noise)
         noisy = [measured(replace(clean, measurement=measurement), seed) for seed in range(seeds)]
-        given = MaximumLikelihood(signal=signal, position_noise=noise, torque_noise=measurement.torque_noise)
         for name, method in (
             ("weighted least squares", didim.IDIMLS(signal=signal)),
-            ("ml, noise given", given),
-            ("ml, two solutions", replace(given, max_iterations=2)),
-            ("ml, noise estimated", MaximumLikelihood(signal=signal)),
             ("IDIM-IV", didim.IDIMIV(signal=signal)),
         ):
             print(f"encoder noise x {factor:g}, {name}: {errors(noisy, method, truth, sigma)}", flush=True)

@@ -289,10 +289,7 @@ SCENARIOS: tuple[tuple[list[str], str, int], ...] = (
     (["export", "fit.json", "--latex", "-o", "out.txt"], "fit.json", 1),
     (["export", "--parameters", "urdf", "--robot", "arm.urdf", "--urdf", "arm.urdf", "-o", "out.urdf"], "arm.urdf", 2),
     (["identify", "sliding.toml", "--method", "idim-iv", "--json", "out.json"], "sliding.toml slide.csv", 2),
-    (["identify", "sliding.toml", "--method", "didim.contrib.ekf:EKF"], "sliding.toml slide.csv", 1),
-    (["identify", "sliding.toml", "--method", "didim.contrib.maximum_likelihood:MaximumLikelihood"], "sliding.toml slide.csv", 1),
     (["identify", "log.toml", "--solver", "huber", "--uncertainty", "decimated"], "log.toml log.csv", 1),
-    (["identify", "log.toml", "--solver", "didim.contrib.total:Total"], "log.csv", 1),
     (["identify", "log.toml", "--physical", "--json", "out.json"], "log.toml arm.toml log.csv", 2),
     (["identify", "log.toml", "--format", "latex"], "log.csv", 1),
 )  # fmt: skip

@@ -158,14 +158,6 @@ def test_help_lists_every_solver(capsys: pytest.CaptureFixture[str]) -> None:
             ("--method", "idim-iv", "--solver", "huber"),
             "IDIM-IV solves the linear system with its instruments",
         ),
-        (
-            ("--method", "didim.contrib.ekf:EKF", "--plain"),
-            "--plain is not for method 'didim.contrib.ekf:EKF'",
-        ),
-        (
-            ("--method", "didim.contrib.ekf:EKF", "--uncertainty", "white"),
-            "the standard deviations of the Kalman filter are its own",
-        ),
     ],
 )
 def test_choices_that_a_method_does_not_have(

@@ -12,8 +12,6 @@ import pytest
 
 from contract import CHECKS, Contract, check_method
 from didim import CLOE, DIDIM, IDIMIV, IDIMLS, Experiment, Identification
-from didim.contrib.ekf import EKF
-from didim.contrib.maximum_likelihood import MaximumLikelihood
 from didim.methods.method import Motion
 from didim.methods.table import METHODS
 from didim.regression.solver import SOLVERS
@@ -32,9 +30,6 @@ METHODS_UNDER_CONTRACT: dict[str, Contract] = {
     "idim-iv": Contract(make=IDIMIV, needs_controller=True),
     "didim plain": Contract(make=partial(DIDIM, physical=False), needs_controller=True),
     "didim consistent": Contract(make=DIDIM, needs_controller=True),
-    "ml": Contract(make=MaximumLikelihood),
-    # Its standard deviations are documented to be several times too small.
-    "ekf": Contract(make=EKF, recovery=0.05, coverage=None),
     "cloe levenberg-marquardt": Contract(
         make=partial(CLOE, start="idim-ls"), needs_controller=True, needs_torque=False
     ),
@@ -50,8 +45,7 @@ def test_a_method_keeps(name: str, check: Callable[[Contract], None]) -> None:
 
 
 def test_every_method_and_every_solver_is_under_contract() -> None:
-    contrib = {"ml", "ekf"}
-    assert {name.split()[0] for name in METHODS_UNDER_CONTRACT} - contrib == set(METHODS)
+    assert {name.split()[0] for name in METHODS_UNDER_CONTRACT} == set(METHODS)
     solvers = {name.partition(" ")[2] for name in METHODS_UNDER_CONTRACT if name.startswith("idim-ls ")}
     assert solvers == set(SOLVERS) - {"least-squares"}
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 import didim
 from didim import Experiment
-from didim.contrib.ekf import EKF
 from didim.errors import FitError
 from didim.log.recording import Recording
+from didim.methods.method import MethodSettings
 from didim.regression.gains.classical import classical_gains
 from didim.regression.gains.maximum_likelihood import drive_gains, expected_percent
 from didim.regression.linear_system import LinearSystem
@@ -190,7 +190,7 @@ def test_what_cannot_be_known_is_said() -> None:
     with pytest.raises(FitError, match="only ratios of parameters to drive gains"):
         didim.identify(replace(experiment, payloads={"disc": Payload(name="disc")}), didim.IDIMLS())
     with pytest.raises(FitError, match="drive gains are unknown: identify them by idim-ls"):
-        didim.identify(experiment, EKF())
+        MethodSettings().job(experiment)
     with pytest.raises(FitError, match=r"compares torques, but experiment .* has currents"):
         didim.identify(experiment, didim.CLOE(output="torque"))
     with pytest.raises(FitError, match="physically consistent solution needs torques"):

@@ -27,7 +27,6 @@ FLOORS = (
     ("result",),
     ("evidence",),
     ("methods",),
-    ("contrib",),
     ("export",),
     ("excitation",),
     ("studies",),

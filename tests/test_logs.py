@@ -11,7 +11,6 @@ import pytest
 import didim
 from arm import arm_file, arm_log
 from didim import Experiment
-from didim.contrib.ekf import EKF
 from didim.errors import ExperimentError, FitError
 from didim.methods.builder import Run, fitted, solved_status
 from didim.methods.method import Method
@@ -109,8 +108,6 @@ def test_parameters_that_no_recording_tells_are_refused_by_name() -> None:
         ExperimentError, match=r"log 2: payload 'disc' is not described; add a table \[payload.disc\]"
     ):
         didim.identify(arm_logs([False, True], payloads={"disk": Payload(name="disk")}), didim.IDIMLS())
-    with pytest.raises(FitError, match="Kalman"):
-        didim.identify(arm_logs([False, True]), EKF())
 
 
 def test_a_sentence_says_that_own_offsets_were_left_out() -> None:

@@ -16,16 +16,14 @@ import numpy as np
 import pytest
 
 import didim
-from didim._tools.plugins import named, places, source_digest
+from didim._tools.plugins import places, source_digest
 from didim.cli.main import main
 from didim.errors import FitError, RobotError, StudyError
-from didim.methods.table import METHODS, MOVED, title_of
+from didim.methods.table import METHODS, title_of
 from didim.monte_carlo.spec import load_study
 from didim.monte_carlo.study import study
 from didim.monte_carlo.tasks import tasks
 from didim.monte_carlo.worker import run_task
-from didim.regression.solver import MOVED as MOVED_SOLVERS
-from didim.regression.solver import check_solver
 from didim.robot.robot_text import robot_text
 from small_study import EXAMPLES
 from test_cli import arm as arm_fixture
@@ -207,16 +205,9 @@ def test_wrong_methods_are_one_sentence(
         didim.identify(log, name)
 
 
-def test_names_of_the_version_before_warn(arm: Path) -> None:
-    log = didim.load_experiment(arm, data=arm.parent / "data")
-    with pytest.warns(DeprecationWarning, match=r"method 'ml' is 'didim.contrib"):
-        assert didim.identify(log, "ml").method == "ml"
-    with pytest.warns(DeprecationWarning, match=r"solver 'total' is 'didim.contrib"):
-        check_solver("total")
-    with pytest.warns(DeprecationWarning, match=r"didim.EKF is didim.contrib.ekf.EKF now"):
-        assert didim.EKF().name == "ekf"
-    for place in (*MOVED.values(), *MOVED_SOLVERS.values()):
-        assert named(place, {}, "thing", FitError)
+def test_names_of_the_version_before_warn() -> None:
+    with pytest.warns(DeprecationWarning, match=r"didim.Bounds is didim.solvers.Bounds now"):
+        assert didim.Bounds is didim.solvers.Bounds
 
 
 def test_titles_and_places() -> None:

@@ -10,11 +10,10 @@ from typing import Any
 import pytest
 
 import didim
+from contract import noisy
 from didim._tools import progress
 from didim._tools.progress import WIDEST, ProgressLine, in_notebook
-from didim.contrib.maximum_likelihood import MaximumLikelihood
 from didim.excitation.search.progress import share_done
-from simulated import experiment, log
 from test_study import SPEC
 
 
@@ -89,9 +88,7 @@ def test_identify_says_how_long_it_takes_at_most(
 ) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    robot = didim.load_robot("planar2")
-    measured = experiment(robot, log(robot, robot.parameter_set("reference"), noise=0.1))
-    didim.identify(measured, MaximumLikelihood(), verbose=verbose)
+    didim.identify(noisy(0), didim.DIDIM(physical=False), verbose=verbose)
     text = terminal.getvalue()
     assert ("iteration 1: relative error" in text) is expected
     assert (" s left" in text) is expected

@@ -1,4 +1,4 @@
-"""Huber's and Tukey's estimators, total least squares, ridge regression and the whitening of maximum likelihood."""
+"""Huber's and Tukey's estimators and ridge regression."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ import pytest
 from scipy.optimize import minimize
 
 import didim
-from didim.contrib.sample_weights import sample_covariances, whitened, whitening
-from didim.contrib.total import total_least_squares
 from didim.regression.block import stacked
 from didim.regression.classical.ridge import STRENGTHS, chosen_strength, ridge
 from didim.regression.classical.robust import CONSTANTS, psi_weights, reweighted
@@ -80,39 +78,6 @@ def test_without_noise_nothing_is_divided_by_zero() -> None:
     assert found.solution == pytest.approx(truth, rel=1e-9)
 
 
-def test_total_least_squares_is_the_line_nearest_to_points() -> None:
-    # Unit norms on both axes: the slope of the principal axis of the scaled points.
-    rng = np.random.default_rng(3)
-    t = rng.standard_normal(20_000)
-    a, y = (t + 0.3 * rng.standard_normal(t.size))[:, None], 2.0 * t + 0.6 * rng.standard_normal(t.size)
-    found = total_least_squares(a, y)
-    assert found is not None
-    u, v = a[:, 0] / np.linalg.norm(a), y / np.linalg.norm(y)
-    angle = 0.5 * np.arctan2(2.0 * u @ v, u @ u - v @ v)
-    assert found[0] == pytest.approx(np.tan(angle) * np.linalg.norm(y) / np.linalg.norm(a))
-    # The noise of the column attenuates ordinary least squares by 1 / 1.09.
-    assert found[0] == pytest.approx(2.0, abs=0.03)
-    assert (a[:, 0] @ y) / (a[:, 0] @ a[:, 0]) == pytest.approx(2.0 / 1.09, abs=0.03)
-
-
-def test_total_least_squares_meets_its_normal_equations() -> None:
-    a, y, _ = system()
-    found = total_least_squares(a, y)
-    assert found is not None
-    size, target = np.linalg.norm(a, axis=0), np.linalg.norm(y)
-    joined = np.column_stack([a / size, y / target])
-    smallest = np.linalg.eigvalsh(joined.T @ joined)[0]
-    u = a / size
-    expected = np.linalg.solve(u.T @ u - smallest * np.eye(3), u.T @ y / target)
-    assert found * size / target == pytest.approx(expected, rel=1e-9)
-
-
-def test_total_least_squares_without_a_solution_says_so() -> None:
-    # The torque is orthogonal to both columns, which are nearly the same: the worst direction does not contain it.
-    a = np.array([[1.0, 1.0], [1.0, 1.0 + 1e-12], [0.0, 0.0]])
-    assert total_least_squares(a, np.array([0.0, 0.0, 1.0])) is None
-
-
 def test_ridge_is_its_normal_equations() -> None:
     a, y, _ = system()
     size = np.linalg.norm(a, axis=0)
@@ -137,28 +102,6 @@ def test_ridge_helps_where_columns_hardly_differ_and_not_elsewhere() -> None:
     assert clear < 1e-4
 
 
-def test_whitened_errors_have_the_unit_covariance() -> None:
-    rng = np.random.default_rng(2)
-    n, d = 4, 3
-    jacobians = [rng.standard_normal((n, d, d)) for _ in range(3)]
-    noise = [np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0])]
-    torque = np.array([0.5, 0.1, 0.2])
-    covariances = sample_covariances(torque, jacobians, noise)
-    for k in range(n):
-        expected = np.diag(torque**2) + sum(
-            jacobian[k] @ np.diag(sigma**2) @ jacobian[k].T
-            for jacobian, sigma in zip(jacobians, noise, strict=True)
-        )
-        assert covariances[k] == pytest.approx(expected)
-    whiteners = whitening(covariances)
-    for k in range(n):
-        assert whiteners[k] @ covariances[k] @ whiteners[k].T == pytest.approx(np.eye(d), abs=1e-9)
-    rows = rng.standard_normal((d * n, 2))
-    found = whitened(rows, whiteners)
-    for k in range(n):
-        assert found[k::n] == pytest.approx(whiteners[k] @ rows[k::n])
-
-
 @pytest.fixture(scope="module")
 def tx40() -> tuple[didim.Experiment, didim.Identification]:
     """A log, and its estimate by least squares."""
@@ -167,7 +110,7 @@ def tx40() -> tuple[didim.Experiment, didim.Identification]:
     return log, didim.identify(log)
 
 
-@pytest.mark.parametrize("name", ["huber", "bisquare", "didim.contrib.total:Total", "ridge"])
+@pytest.mark.parametrize("name", ["huber", "bisquare", "ridge"])
 def test_they_are_solvers_of_the_methods(
     tx40: tuple[didim.Experiment, didim.Identification], name: str
 ) -> None:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 import didim
 from didim import CLOE, DIDIM, IDIMIV, IDIMLS, Experiment, Recording, identify
 from didim.cli.main import main
-from didim.contrib.ekf import EKF
 from didim.errors import DidimError, RecordingError
 from didim.experiment.specs import ReferenceSpec
 
@@ -112,13 +111,12 @@ def test_didim_runs_without_positions(bare: Experiment) -> None:
     [
         lambda log: identify(log, IDIMLS()),
         lambda log: identify(log, IDIMIV()),
-        lambda log: identify(log, EKF()),
         lambda log: identify(log, CLOE(start="reference")),
         lambda log: identify(log, DIDIM(compensate_samples="estimate")),
         didim.check,
         lambda log: identify(replace(log, reference=ReferenceSpec("measured", None, {})), DIDIM()),
     ],
-    ids=["idim-ls", "idim-iv", "ekf", "cloe", "delay", "check", "measured reference"],
+    ids=["idim-ls", "idim-iv", "cloe", "delay", "check", "measured reference"],
 )
 def test_all_else_names_what_is_missing(bare: Experiment, call: Callable[[Experiment], object]) -> None:
     with pytest.raises(

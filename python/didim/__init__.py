@@ -16,8 +16,6 @@ if TYPE_CHECKING:  # for type checkers, the names that `__getattr__` loads
     from . import formats as formats
     from . import plot as plot
     from . import report as report
-    from .contrib.ekf import EKF as EKF
-    from .contrib.maximum_likelihood import MaximumLikelihood as MaximumLikelihood
     from .diagnosis.check import check as check
     from .diagnosis.finding import Findings as Findings
     from .errors import ExperimentError as ExperimentError
@@ -139,8 +137,6 @@ _LATER = {
 _MOVED = {
     name: module
     for module, names in {
-        "contrib.ekf": "EKF",
-        "contrib.maximum_likelihood": "MaximumLikelihood",
         "diagnosis.finding": "Findings",
         "errors": "ExperimentError FitError IndefiniteError RankError RecordingError RobotError "
         "RobotWarning ShapeError SignalError StudyError",

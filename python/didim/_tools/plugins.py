@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import re
 import sys
-import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
 from importlib.util import find_spec
@@ -22,13 +21,7 @@ PLACE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 """Form of "module:name"."""
 
 
-def named(
-    name: str,
-    places: Mapping[str, Any],
-    what: str,
-    error: type[DidimError],
-    moved: Mapping[str, str] | None = None,
-) -> Any:
+def named(name: str, places: Mapping[str, Any], what: str, error: type[DidimError]) -> Any:
     """Return an object by its name in a table, or as "module:name".
 
     Parameters
@@ -41,16 +34,7 @@ def named(
         Noun for messages, such as "method".
     error : type of DidimError
         Class of the error for an unknown name, or a module that cannot be loaded.
-    moved : mapping, optional
-        Names of the previous version with their new location; they work with a `DeprecationWarning`.
     """
-    if moved and name in moved:
-        warnings.warn(
-            f"the {what} '{name}' is '{moved[name]}' now; the short name goes with the next version",
-            DeprecationWarning,
-            stacklevel=3,
-        )
-        name = moved[name]
     if name not in places and ":" not in name:
         raise error(
             f"there is no {what} '{name}'{did_you_mean(name, places)} (there are: {', '.join(places)}; "

@@ -81,8 +81,6 @@ METHODS: dict[str, Row] = {
     )
 }
 """Methods by name, in the order of the pages."""
-MOVED = {"ekf": "didim.contrib.ekf:EKF", "ml": "didim.contrib.maximum_likelihood:MaximumLikelihood"}
-"""Methods of 0.2.0 that left the table, and their present location."""
 VARIANTS = {
     "nelder-mead": "Nelder-Mead",
     "nelder-mead-literal": "literal",
@@ -106,7 +104,7 @@ def method_class(name: str) -> Any:
     FitError
         For an unknown name, with a list of the known ones, or an object that is not a method (``test_plugins.py``).
     """
-    made = named(name, {row.name: row.place for row in METHODS.values()}, "method", FitError, MOVED)
+    made = named(name, {row.name: row.place for row in METHODS.values()}, "method", FitError)
     if not (inspect.isclass(made) and callable(getattr(made, "run", None))):
         raise FitError(f"method '{name}' must be a class of settings with `name` and `run`, got {made!r}")
     return made

@@ -55,8 +55,6 @@ SOLVERS: dict[str, str | Solver | RobotSolver] = {
     "consistent": "didim.regression.consistent.solver:CONSISTENT",
 }
 """Solvers by name, or their location "module:object", imported when they are used. A class has its default settings."""
-MOVED = {"total": "didim.contrib.total:Total"}
-"""Solvers of 0.2.0 that left the table, and their present location."""
 
 
 def check_solver(choice: object) -> None:
@@ -95,7 +93,7 @@ def knows_logs(choice: SolverChoice) -> bool:
 def _loaded(choice: object) -> Solver | RobotSolver:
     solver = choice
     if isinstance(choice, str):
-        solver = named(choice, SOLVERS, "solver", FitError, MOVED)
+        solver = named(choice, SOLVERS, "solver", FitError)
         # A class means an instance with default settings.
         solver = solver() if isinstance(solver, type) else solver
     if isinstance(solver, type) or not (callable(solver) or isinstance(solver, RobotSolver)):

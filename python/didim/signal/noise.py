@@ -229,7 +229,7 @@ def row_noise(signal: SignalProcessing, rate_hz: float) -> tuple[float, float, f
 def _row_noise(
     factors: tuple[int, ...], cutoff_hz: float | None, order: int, rate_hz: float
 ) -> tuple[float, float, float, float]:
-    """Return the factors of `row_noise`, cached: maximum likelihood needs them in every iteration, and the spectra are long."""
+    """Return the factors of `row_noise`, cached, because the spectra are long."""
     total = math.prod(factors)
     if total > LARGEST_DECIMATION:
         raise SignalError(f"a decimation by {total} in all is too large, {LARGEST_DECIMATION} is possible")
