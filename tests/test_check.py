@@ -378,7 +378,7 @@ def test_gears_that_stand_for_each_other_are_both_named(tx40: Log, tmp_path: Pat
     assert (tie["code"], tie["joints"]) == ("gear-ratio", [5])
     assert tie["value"] == pytest.approx(1.11, abs=0.01)
     assert item.value == pytest.approx(0.9, abs=0.01)
-    assert "this log does not show which" in item.sentence
+    assert "this log does not show which" in item.advice
 
 
 @pytest.mark.parametrize("joint", [1, 2])

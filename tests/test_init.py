@@ -171,7 +171,7 @@ def test_what_cannot_be_read_is_asked(
     assert any(part.startswith(line) for part in text.splitlines())
     # It is TOML nevertheless, and does not pretend to be complete.
     assert tomllib.loads(text)["robot"] == "planar2"
-    with pytest.raises(ExperimentError, match=r"run.toml: not finished, open is: .*delete open$"):
+    with pytest.raises(ExperimentError, match=r"run.toml: not finished, open is: .*Then delete open$"):
         load_experiment(tmp_path / "run.toml")
     if "torques" in question:  # a log of positions is an experiment, for CLOE
         closed = "\n".join(part for part in text.splitlines() if not part.startswith("open = "))

@@ -80,7 +80,7 @@ def test_indefinite_inertia_matrix() -> None:
     told = flags(robot, base_values(robot, ZZ1R=0.01))
     assert len(told) == 1
     assert told[0].startswith("M(q) is not positive definite in ")
-    assert "of 200 configurations of the log" in told[0]
+    assert "of 200 poses of the log" in told[0]
     assert told[0].endswith("cannot be simulated")
 
 
@@ -90,7 +90,7 @@ def test_torques_of_the_wrong_sign_are_suspected() -> None:
     assert log.tau is not None
     fit = identify(simulated.experiment(robot, replace(log, tau=-log.tau)))
     (told,) = [flag for flag in fit.warnings if flag.startswith("M(q)")]
-    assert "in 100 % of 1000 configurations" in told
+    assert "in 100 % of 1000 poses" in told
     # An indefinite M(q) says nothing about signs: a light link has one by noise. Friction that drives says it.
     assert told.endswith("sigma below zero): this estimate cannot be simulated")
     assert fit.verdict.reasons[0].code == "torque-sign"

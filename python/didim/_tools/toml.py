@@ -19,7 +19,7 @@ from typing import Any, NoReturn, TypeVar
 
 from ..errors import DidimError
 from .inputs import read_small_file
-from .words import counted, did_you_mean, listing, nearest
+from .words import brief, counted, did_you_mean, listing, nearest
 
 MISSING: Any = object()
 """Default of a mandatory key."""
@@ -274,9 +274,9 @@ class Table:
         if key not in self._mapping:
             return default
         if isinstance(value, bool) or not isinstance(value, int):
-            self.fail(f"{key} must be an integer, got {value!r}")
+            self.fail(f"{key} must be an integer, got {brief(repr(value))}")
         if abs(value) > LARGEST_INTEGER:
-            self.fail(f"{key} must be an integer of at most {LARGEST_INTEGER}, got {value}")
+            self.fail(f"{key} must be an integer of at most {LARGEST_INTEGER}, got {brief(str(value))}")
         self._check_range(key, value, minimum, maximum, None)
         return value
 
@@ -289,9 +289,11 @@ class Table:
         if key not in self._mapping:
             return default
         if not isinstance(value, str):
-            self.fail(f"{key} must be a text, got {value!r}")
+            self.fail(f"{key} must be a text, got {brief(repr(value))}")
         if choices is not None and value not in choices:
-            self.fail(f"{key} must be one of {listing(choices)}, got {value!r}{did_you_mean(value, choices)}")
+            self.fail(
+                f"{key} must be one of {listing(choices)}, got {brief(repr(value))}{did_you_mean(value, choices)}"
+            )
         return value
 
     def boolean(self, key: str, default: _Default = MISSING) -> bool | _Default:
@@ -301,7 +303,7 @@ class Table:
         if key not in self._mapping:
             return default
         if not isinstance(value, bool):
-            self.fail(f"{key} must be true or false, got {value!r}")
+            self.fail(f"{key} must be true or false, got {brief(repr(value))}")
         return value
 
     def numbers(
@@ -331,7 +333,7 @@ class Table:
         if key not in self._mapping:
             return default
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-            self.fail(f"{key} must be a list of texts, got {value!r}")
+            self.fail(f"{key} must be a list of texts, got {brief(repr(value))}")
         return list(value)
 
     def matrix(
@@ -355,7 +357,7 @@ class Table:
         if key not in self._mapping:
             return default
         if not isinstance(value, dict):
-            self.fail(f"{key} must be a table, got {value!r}")
+            self.fail(f"{key} must be a table, got {brief(repr(value))}")
         return self._child(value, key)
 
     def tables(self, key: str, default: _Default = MISSING) -> list[Table] | _Default:
@@ -400,18 +402,18 @@ class Table:
 
     def _finite(self, key: str, value: object) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.fail(f"{key} must be a finite number, got {value!r}")
+            self.fail(f"{key} must be a finite number, got {brief(repr(value))}")
         try:
             number = float(value)
         except OverflowError:
             number = math.inf  # an integer of more than 308 digits
         if not math.isfinite(number):
-            self.fail(f"{key} must be a finite number, got {value!r}")
+            self.fail(f"{key} must be a finite number, got {brief(repr(value))}")
         return number
 
     def _number_list(self, key: str, value: object, length: int | None) -> list[float]:
         if not isinstance(value, list):
-            self.fail(f"{key} must be a list of numbers, got {value!r}")
+            self.fail(f"{key} must be a list of numbers, got {brief(repr(value))}")
         if length is not None and len(value) != length:
             self.fail(f"{key} must hold {counted(length, 'number')}, got {len(value)}")
         return [self._finite(f"{key} number {i + 1}", item) for i, item in enumerate(value)]

@@ -7,7 +7,12 @@ Suggestions for all misspelt names (commands, options, methods, columns, keys, r
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import accumulate
 
+ROOM = 110
+"""Largest number of characters of a list inside a message, which has at most 200."""
+MOST_JOINTS = 6
+"""Largest number of joints that a message lists one by one."""
 FEW_NAMES = 12
 """Largest number of names that a message lists in full; otherwise it shows the most similar ones."""
 
@@ -52,8 +57,22 @@ def _near(word: str, known: Iterable[str], count: int) -> list[str]:
 
 
 def listing(names: Iterable[object]) -> str:
-    """Return names as text for a message: ``'a', 'b', 3``."""
-    return ", ".join(repr(name) for name in names)
+    """Return names as quoted text for a message: ``'a', 'b', 3``; of a long list the first, as `series`."""
+    return series(repr(name) for name in names)
+
+
+def brief(text: str, room: int = 60) -> str:
+    """Return a text, cut where it is longer than `room`."""
+    return text if len(text) <= room else f"{text[: room - 3]}..."
+
+
+def series(texts: Iterable[str], room: int = ROOM) -> str:
+    """Return texts as a list for a message, ``a, b, c``; beyond `room` characters the rest is counted: ``a, b and 4 more``."""
+    items = list(texts)
+    ends = accumulate(len(item) + 2 for item in items)
+    fit = max(1, sum(end <= room for end in ends))
+    more = len(items) - fit
+    return ", ".join(items) if more <= 0 else f"{', '.join(items[:fit])} and {more} more"
 
 
 def columned(rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:
@@ -74,8 +93,15 @@ def counted(number: int, noun: str) -> str:
 
 
 def joints_text(joints: Iterable[int]) -> str:
-    """Return joints, numbered from 0, as text: ``joint 3``, ``joints 1, 2 and 6``."""
-    names = [str(int(joint) + 1) for joint in joints]
+    """Return joints, numbered from 0, as text: ``joint 3``, ``joints 1, 2 and 6``; many as runs, ``joints 1 to 9 and 12``."""
+    numbers = [int(joint) + 1 for joint in joints]
+    names = [str(number) for number in numbers]
+    if len(numbers) > MOST_JOINTS:
+        starts = [k for k, number in enumerate(numbers) if k == 0 or number != numbers[k - 1] + 1]
+        runs = [numbers[k:end] for k, end in zip(starts, [*starts[1:], None], strict=True)]
+        names = [str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs]
+        if len(names) == 1:
+            return f"joints {names[0]}"
     return f"joint {names[0]}" if len(names) == 1 else f"joints {', '.join(names[:-1])} and {names[-1]}"
 
 

@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from .._tools.words import series
+
 WORDS = {
     "time": ("t", "time", "times", "timestamp", "timestamps", "stamp", "stamps", "clock"),
     "reference": ("ref", "reference", "des", "desired", "cmd", "command", "commanded", "target", "setpoint", "goal",
@@ -265,4 +267,4 @@ def listed(columns: Sequence[Column]) -> str:
         numbers = [int(item.name) for item in columns]
         if numbers == list(range(numbers[0], numbers[0] + len(numbers))):
             return f"{numbers[0]} to {numbers[-1]}"
-    return ", ".join(str(item.name) for item in columns)
+    return series(str(item.name) for item in columns)

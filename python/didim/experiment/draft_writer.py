@@ -10,7 +10,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.toml import quoted
-from .._tools.words import counted, one_line
+from .._tools.words import counted, one_line, series
 from ..errors import RecordingError
 from ..log.resampling import LONGEST_GAP_STEPS, resampling, step_range
 from ..log.sampling import time_faults
@@ -296,15 +296,14 @@ class RecordingWriter:
         )
         blocks = self._open_blocks() or self._other_count(wanted)
         if self.source.joints:
+            known = series(self.source.joints, 60)
             self._ask(
-                f"which of the joints {', '.join(self.source.joints)} of the log are the {counted(n, 'joint')} of the robot? "
+                f"which of the log's joints {known} are the {counted(n, 'joint')} of the robot? "
                 "Answer with their names in order, --columns position=JOINT,JOINT,..."
             )
             names = quoted(list(self.source.joints))
         else:
-            servo = (
-                " (or --kp and --kv: gains of servos, for a fit on positions)" if self._offers(wanted) else ""
-            )
+            servo = "; or give --kp and --kv of servos (fit on positions)" if self._offers(wanted) else ""
             self._ask(
                 f"which columns hold the {wanted}s of the {counted(n, 'joint')}{blocks}? Answer with {option}"
                 f"or fill in [recording.{table}]{servo}"

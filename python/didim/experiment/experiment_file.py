@@ -164,8 +164,7 @@ def _refuse_other(path: Path) -> None:
         )
     if kind == ".json":
         raise ExperimentError(
-            f"{path}: this is a result, not an experiment: `didim validate {path} EXPERIMENT.toml` tries it on a log, "
-            f"`didim export {path}` writes a model"
+            f"{path}: this is a result, not an experiment: `didim validate {path} EXPERIMENT.toml` tries it on a log"
         )
     if kind == ".urdf":
         raise ExperimentError(
@@ -208,9 +207,7 @@ def read_experiment(
         table.fail(f"schema {schema} is unknown; this version reads schema {SCHEMA}")
     questions = table.texts("open", [])
     if questions:
-        table.fail(
-            f"not finished, open is: {questions[0]} Answer by options of `didim init`, or fill it in and delete open"
-        )
+        table.fail(f"not finished, open is: {questions[0]} Then delete open")
     name = table.text("name", path.stem)
     robot = _robot(table, path, robot)
     transmission = table.table("transmission", None)

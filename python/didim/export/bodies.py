@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._tools.arrays import Array
+from .._tools.words import series
 from ..errors import FitError
 from ..model.dynamics import standard_vector
 from ..robot.friction import FrictionTerm
@@ -314,10 +315,10 @@ def lost_friction(
     lined = [term.parameter for term in terms if term.law in SLIDING and values.get(term.parameter)]
     found = []
     if lined:
-        missed = ", ".join(f"{joint} {value:.2g}" for joint, value in joints.items() if value > 0.0)
+        missed = series((f"{joint} {value:.2g}" for joint, value in joints.items() if value > 0.0), 40)
         fastest, slide = FASTEST.values()
         found.append(
-            f"{', '.join(lined)} are a line of viscous and Coulomb friction in the file"
+            f"{series(lined, 40)} are a line of viscous and Coulomb friction in the file"
             + (f", off by up to (N.m, N) {missed} below {fastest:g} rad/s ({slide:g} m/s)" if missed else "")
         )
     others = [

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from .._tools.words import columned
+from .._tools.words import columned, series
 from ..errors import FitError
 from ..result.identification import Identification
 from ..robot.friction import Friction
@@ -190,10 +190,10 @@ def _sentences(joints: Sequence[JointDrive]) -> list[str]:
     found = []
     offsets = [drive for drive in joints if drive.offset or drive.bias_rad]
     if offsets and all(drive.kp for drive in offsets):
-        shifts = ", ".join(f"{drive.joint} {-1e3 * drive.shift:.3g}" for drive in offsets)
+        shifts = series(f"{drive.joint} {-1e3 * drive.shift:.3g}" for drive in offsets)
         found.append(f"offsets have no place in the file: add to commands (mrad, mm) {shifts}")
     elif offsets:
-        names = ", ".join(drive.joint for drive in offsets)
+        names = series(drive.joint for drive in offsets)
         found.append(f"torque offsets of {names} are left out: no format can represent them")
     delay, lag = (max(getattr(drive, key) for drive in joints) for key in ("delay_s", "lag_s"))
     if delay or lag:

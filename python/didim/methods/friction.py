@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.words import joints_text, series
 from ..experiment.experiment import Experiment
 from ..regression.friction.choice import LARGEST_MISFIT, FrictionChoice, choose_terms
 from ..regression.friction.velocity import VelocityEstimate, settled
@@ -58,7 +59,7 @@ class FoundFriction:
             before, after = 100.0 * self.choice.held_out_before, 100.0 * self.choice.held_out_after
             terms = [f"{gain.parameter} {100.0 * gain.gain:.1f}" for gain in self.choice.gains]
             sentences.append(
-                f"friction terms that held-out blocks support: {', '.join(terms)} (% of the squared error without each); "
+                f"friction terms that held-out blocks support: {series(terms, 60)} (% of the squared error without each); "
                 f"they lower the error of these blocks from {before:.2f} to {after:.2f} %"
                 if terms
                 else f"no friction term was chosen: held-out blocks miss {before:.0f} % of the torques, which is more than friction"
@@ -66,9 +67,9 @@ class FoundFriction:
                 else f"held-out blocks support no further friction term; their error is {before:.2f} %"
             )
             if untold := self.choice.untold:
-                joints = ", ".join(str(joint + 1) for joint in sorted(untold))
+                joints = joints_text(sorted(untold))
                 sentences.append(
-                    f"memory of friction below {max(untold.values()):.2g} rad or m is not tried at joint {joints}: "
+                    f"memory of friction below {max(untold.values()):.2g} rad or m is not tried at {joints}: "
                     "encoder steps, or motion between samples at reversals, are above a tenth of it"
                 )
         for what, laws in (
@@ -81,10 +82,10 @@ class FoundFriction:
                 if item.identified and item.law in laws
             ]
             if known:
-                sentences.append(f"{what}: {', '.join(known)}")
+                sentences.append(f"{what}: {series(known, 140)}")
         unknown = [item for item in self.velocities if not item.identified]
         if unknown:
-            names = ", ".join(item.parameter for item in unknown)
+            names = series(item.parameter for item in unknown)
             roots = self.choice is None and any(item.law == "atan" for item in unknown)
             cure = "the square root of the speed replaces atan" if roots else "its deviation is not known"
             what = "displacement" if all(item.law == "dahl" for item in unknown) else "velocity"

@@ -118,17 +118,16 @@ def _indefinite(robot: Robot, beta: Array, covariance: Array, q: Array) -> list[
     worst = int(np.argmin(smallest))
     # v' M(q) v is linear in the parameters: its derivatives are those of the torques at the acceleration v.
     vector = np.linalg.eigh(matrices[worst])[1][:, 0]
-    place = q[chosen[worst]][None]
-    rest = np.zeros_like(place)
+    at = q[chosen[worst]][None]
+    rest = np.zeros_like(at)
     # Load friction has no sign at rest; its columns are zero here, whatever its load.
-    columns = regressor(robot, place, rest, vector[None], x=x) - regressor(robot, place, rest, rest, x=x)
+    columns = regressor(robot, at, rest, vector[None], x=x) - regressor(robot, at, rest, rest, x=x)
     slopes = vector @ columns[0][:, list(robot.base_parameters.indices)]
     sigma = float(np.sqrt(max(0.0, slopes @ covariance @ slopes)))
     times = float(-smallest[worst]) / sigma if sigma > 0.0 else np.inf
-    angles = ", ".join(f"{value:.3f}" for value in place[0])
     sentence = (
-        f"M(q) is not positive definite in {100.0 * bad.mean():.3g} % of {len(chosen)} configurations of the "
-        f"log (smallest eigenvalue {smallest[worst]:.3g} at q = {angles}"
+        f"M(q) is not positive definite in {100.0 * bad.mean():.3g} % of {len(chosen)} poses of the log "
+        f"(smallest eigenvalue {smallest[worst]:.3g}"
         + (f", {times:.1f} sigma below zero" if np.isfinite(times) else "")
         + "): this estimate cannot be simulated"
         + (" (noise can explain it)" if times < NOISE_SIGMAS else "")

@@ -22,6 +22,7 @@ import numpy as np
 import didim._core as _core
 
 from .._tools.arrays import Array
+from .._tools.words import brief, series
 from ..errors import FitError, RankError
 from .covariance import covariance
 from .fit import Fit, Progress
@@ -237,9 +238,8 @@ def dependence_sentence(
             if abs(coefficient) > NEGLIGIBLE_COEFFICIENT
         ]
         texts.append(f"{names[index]} = {' '.join(terms).lstrip('+')}" if terms else f"{names[index]} = 0")
-    shown = "; ".join(texts[:5]) + (f"; and {len(texts) - 5} more" if len(texts) > 5 else "")
+    shown = series((brief(text, 40) for text in texts), 70)
     return (
-        f"the log does not separate {len(dependent)} of {len(names)} parameters from the others "
-        f"(columns of W: {shown}); "
-        "excite them, or fix or drop them under [parameters]"
+        f"the log does not separate {len(dependent)} of {len(names)} parameters (columns of W: {shown}); excite them, or fix or "
+        "drop them under [parameters]"
     )

@@ -248,8 +248,8 @@ def reading(contrasts: Sequence[Contrast]) -> str:
     if wrong_filter and filters is not None:
         names = ", ".join(filters.beyond[:MOST_NAMED])
         return (
-            f"IDIM-LS and IDIM-IV differ in {names}: the observation matrix of the measured motion is wrong; raise the cut-off of "
-            "the filter or check the friction near standstill, and compare again"
+            f"IDIM-LS and IDIM-IV differ in {names}: the observation matrix of the measured motion is wrong; raise the cut-off or "
+            "check friction near standstill, and compare again"
             + (" before judging the controller" if wrong_controller else "")
         )
     if wrong_controller and controller is not None:

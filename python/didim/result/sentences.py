@@ -58,25 +58,24 @@ def _joints(finding: Told) -> str:
 def _cause(finding: Told) -> str:
     facts = finding.facts
     first = looks(finding.code, finding.joints, finding.value, facts)
-    ties = [looks(tie["code"], tuple(tie["joints"]), tie["value"], tie["facts"]) for tie in facts["ties"]]
-    others = "".join(f", or {text}" for text in ties)
-    what = "the first" if others else "that"
-    text = f"{first}{others}{' (this log does not show which)' if others else ''}"
+    text = f"{first}{' (or another cause)' if facts['ties'] else ''}"
     if facts.get("friction"):
         told = ", ".join(f"{name} = {value:.3g}" for name, value in facts["friction"].items())
         return f"{text}: friction would drive the robot ({told})"
     return (
-        f"{text}: {what} leaves {percent(facts['left'])} % of the error of the joints (geometric mean; "
-        f"{facts['blocks']} of 10 blocks of the log, predicted without them, get better)"
+        f"{text}: without that {percent(facts['left'])} % of the error is left (geometric mean; {facts['blocks']} of 10 held-out "
+        "blocks get better)"
     )
 
 
 def _cause_advice(finding: Told) -> str:
     facts = finding.facts
     advice = edit(finding.code, finding.joints, finding.value, facts)
-    if facts["ties"] or finding.grade != "wrong":
-        return f"{advice}; what would decide: {CAUSES[finding.code][2]}"
-    return advice
+    ties = [looks(tie["code"], tuple(tie["joints"]), tie["value"], tie["facts"]) for tie in facts["ties"]]
+    decide = f"What would decide: {CAUSES[finding.code][2]}"
+    if ties:
+        return ". ".join([advice, *(f"Or {text}: this log does not show which" for text in ties), decide])
+    return advice if finding.grade == "wrong" else f"{advice}. {decide}"
 
 
 # All other findings: (sentence, advice).
@@ -85,13 +84,11 @@ def _cause_advice(finding: Told) -> str:
 def _not_white(f: Told) -> str:
     facts = f.facts
     text = (
-        f"the residual of {_joints(f)}, {percents(facts['shares'])} % of the torque, is correlated in time; white-noise sigmas "
+        f"the residual of {_joints(f)}, {percents(facts['shares'])} % of the torque, is correlated in time: white-noise sigmas "
         f"would be {between(facts['growth'])} times too small"
     )
     if facts.get("jackknife") is not None:
-        text += (
-            f", and the jackknife sigmas shown already include a factor of {facts['jackknife']:.2g} (median)"
-        )
+        text += f"; the jackknife sigmas shown include a factor of {facts['jackknife']:.2g}"
     return text
 
 
@@ -153,9 +150,8 @@ def _delay(f: Told) -> str:
     which = f"torque of {_joints(f)} looks" if f.joints else "torques look"
     return (
         f"the {which} {abs(_value(f)):.2g} samples ({1e3 * f.facts['seconds']:.2g} ms) "
-        f"{'behind' if _value(f) > 0.0 else 'ahead of'} the motion; with that the parameters move by {f.effect:.2g} of their "
-        "standard deviations (root mean square)"
-        + ("; a digital controller that holds its output leaves half a sample" if f.facts.get("held") else "")
+        f"{'behind' if _value(f) > 0.0 else 'ahead of'} the motion, which moves the parameters by {f.effect:.2g} sigma (rms)"
+        + ("; a controller that holds its output leaves half a sample" if f.facts.get("held") else "")
     )
 
 
@@ -172,13 +168,11 @@ LAWS = {
 def _friction(f: Told) -> str:
     facts = f.facts
     included = (
-        "the standard deviations printed here include that"
-        if facts["included"]
-        else "the intervals are too narrow by as much"
+        "the intervals include that" if facts["included"] else "the intervals are too narrow by as much"
     )
     return (
-        f"the friction of {_joints(f)} {LAWS[facts['law']]}, which no term of the model has: with it the parameters move by up to "
-        f"{f.effect:.2g} of the standard deviations that noise alone would give, and {included}"
+        f"the friction of {_joints(f)} {LAWS[facts['law']]}, which the model lacks: the parameters move by up to "
+        f"{f.effect:.2g} sigma of noise, and {included}"
     )
 
 
@@ -261,12 +255,12 @@ def _contradiction(f: Told) -> str:
     free, held = (f"{percent(facts[key])} %" for key in ("plain", "constrained"))
     if f.grade == "wrong":
         return (
-            f"no robot explains these torques: the residual of physically consistent parameters is {held} (without conditions "
-            f"{free}); check gravity, the mounting of the robot and the unit of the torques"
+            f"no robot explains these torques: physically consistent parameters miss {held} of them, others {free}; check gravity, "
+            "the mounting of the robot and the unit of the torques"
         )
     return (
-        f"physical conditions raise the residual to {held} (without conditions {free}): the model or the log is wrong; check the "
-        "signs of the torques, gravity and the friction model"
+        f"physical conditions raise the residual from {free} to {held}: the model or the log is wrong; check the signs of the "
+        "torques, gravity and the friction model"
     )
 
 

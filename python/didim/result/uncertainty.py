@@ -11,7 +11,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.pickling import Pickled
-from .._tools.words import joints_text
+from .._tools.words import joints_text, series
 from ..errors import FitError
 from ..regression.friction.alarm import FrictionAlarm
 
@@ -127,7 +127,7 @@ class Uncertainty(Pickled):
         compared = f"; median {ratio:.2f} times that of white noise" if self.kind != "white" else ""
         found = [f"sigma {self.origin}{compared}"]
         for block in sorted(set(self.single_block.values())):
-            names = ", ".join(name for name, number in self.single_block.items() if number == block)
+            names = series(name for name, number in self.single_block.items() if number == block)
             found.append(
                 f"only the rows of {self.blocks[block]} determine {names}: there sigma is that of noise alone"
             )

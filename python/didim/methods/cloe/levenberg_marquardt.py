@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..._tools.words import joints_text, series
 from ...errors import FitError
 from ...regression.covariance import autocorrelated
 from ...regression.jackknife import Factors
@@ -322,7 +323,7 @@ def spread_at(
     size, values, vectors = _scaled(normal)
     if values[0] <= SINGULAR_NORMAL_MATRIX * values[-1]:
         names = [problem.base.names[index] for index in problem.estimated]
-        hardly = ", ".join(names[k] for k in np.flatnonzero(np.abs(vectors[:, 0]) > 0.1))
+        hardly = series(names[k] for k in np.flatnonzero(np.abs(vectors[:, 0]) > 0.1))
         told = f"the outputs hardly identify {hardly}: there are no standard deviations; fix or drop one"
         return nothing, math.inf, [told]
     inverse = (vectors / values) @ vectors.T / np.outer(size, size)
@@ -341,9 +342,9 @@ def spread_at(
     )
     remarks = []
     if correlated:
-        joints = ", ".join(str(joint + 1) for joint in sorted(set(correlated)))
+        joints = joints_text(sorted(set(correlated)))
         remarks.append(
-            f"the output errors of joint {joints} are correlated in time: they are model error more than noise; the standard "
-            "deviations take the correlation into account, and no bias"
+            f"the output errors of {joints} are correlated in time: they are model error more than noise; the standard deviations "
+            "include the correlation, but no bias"
         )
     return spread, float(np.sqrt(values[-1] / values[0])), remarks

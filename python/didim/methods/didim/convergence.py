@@ -160,8 +160,8 @@ def best_sentence(iteration: int, n_iterations: int, error: float) -> str:
 def lost_sentence(n_iterations: int, error: float) -> str:
     """Return the sentence on a run that gave up."""
     return (
-        f"gave up after {n_iterations} iterations in a row with simulated torques {100.0 * error:.3g} % off: no robot in this "
-        "closed loop explains the log; check the signs of the torques, the controller and the reference"
+        f"gave up after {n_iterations} iterations in a row with simulated torques {100.0 * error:.3g} % off: no robot in this loop "
+        "explains the log; check torque signs, controller and reference"
     )
 
 
@@ -169,12 +169,10 @@ def stuck_sentence(stuck: Mapping[int, str]) -> str:
     """Return the sentence on parameters left unchanged because simulated joints stuck; `stuck` has their names by iteration."""
     first = min(stuck)
     where = "the start" if first == 0 else f"iteration {first}"
-    more = (
-        f", nor that of {counted(len(stuck) - 1, 'later iteration')} all parameters" if len(stuck) > 1 else ""
-    )
+    more = f" (likewise {counted(len(stuck) - 1, 'later iteration')})" if len(stuck) > 1 else ""
     return (
         f"the motion simulated with {where} does not identify {stuck[first]}{more}: a simulated joint sticks or moves one way "
-        "only; until it moves these parameters keep their values"
+        "only, so their values are kept"
     )
 
 

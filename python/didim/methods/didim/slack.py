@@ -189,14 +189,10 @@ class Settled:
         if self.rate < NOTABLE and self.remaining < NOTABLE:
             return ()
         steps = len(self.history)
-        after = (
-            f"; {counted(steps, 'step')} with the motion's response left at most {self.remaining:.2g}"
-            if steps
-            else ""
-        )
+        after = f", and at most {self.remaining:.2g} after {counted(steps, 'Newton step')}" if steps else ""
         return (
-            f"slow contraction: an iteration in this slack loop leaves {self.rate:.2g} of the distance in the slowest direction; "
-            f"the iterations ended at most {SAFETY * self.distances[0]:.2g} sigma from the fixed point{after}",
+            f"slow contraction: an iteration in this slack loop leaves {self.rate:.2g} of the distance; it ended at "
+            f"most {SAFETY * self.distances[0]:.2g} sigma from the fixed point{after}",
             f"standard deviations are up to {self.wider:.2g} times those of a tight loop, because the motion follows the "
             "parameters; a stiffer controller makes them smaller",
         )

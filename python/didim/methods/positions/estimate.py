@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..._tools.words import series
 from ...errors import FitError
 from ...evidence.thresholds import SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG
 from ...experiment.experiment import Experiment
@@ -379,7 +380,7 @@ def _evidence(
         )
     stuck = [row for row in rows if row["by"] == "bound" and row["kind"] not in ("delay_s", "lag_s")]
     if stuck:
-        names = ", ".join(row["name"] for row in stuck[:8]) + (" ..." if len(stuck) > 8 else "")
+        names = series(row["name"] for row in stuck)
         found.append(
             Finding(
                 code="at-bound",
@@ -405,14 +406,14 @@ def _evidence(
                 grade="note",
                 parameters=tuple(loose),
                 facts={
-                    "text": f"known to no better than their own size: {', '.join(loose[:8])}{' ...' if len(loose) > 8 else ''}",
+                    "text": f"known to no better than their own size: {series(loose)}",
                     "advice": "",
                 },
             )
         )
     poor = [k for k, share in enumerate(shares) if share > 1.0 + 1e-6]
     if poor and now.status is Status.CONVERGED:
-        names = ", ".join(problem.robot.joint_label(k) for k in poor)
+        names = series(problem.robot.joint_label(k) for k in poor)
         found.append(
             Finding(
                 code="no-better",

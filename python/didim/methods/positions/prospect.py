@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..._tools.words import series
 from ...experiment.experiment import Experiment
 from ...signal.noise import encoder_step, white_noise
 from .knowledge import told_together, untold, where_of, widening
@@ -69,7 +70,7 @@ def prospect(experiment: Experiment) -> tuple[list[Lack], list[str]]:
             said.append(f"{kind}: 95 % intervals of about {_range_text(share[at])}, before the fit")
         poor = [k for k in at if share[k] > POOR and kind in ("Ia", "Fv", "Fc")]
         if poor:
-            names = ", ".join(where_of(problem.robot, problem.columns[k]) for k in poor)
+            names = series(where_of(problem.robot, problem.columns[k]) for k in poor)
             sentence = (
                 f"the log hardly identifies {kind} of {names}: intervals of about {_range_text(share[poor])}"
             )

@@ -50,9 +50,9 @@ def _vector(values: Sequence[float]) -> str:
 
 
 def _convention(j: tuple[int, ...], v: Any, f: Any) -> str:
-    names = ["modified (Khalil-Kleinfinger)", "standard (Denavit-Hartenberg)"]
+    names = ["modified (Khalil-Kleinfinger)", "standard (DH)"]
     one, other = names[::-1] if f.get("standard") else names
-    return f"the rows of the robot file look as if they were of the {other} convention, not the {one} one"
+    return f"the rows of the robot file look {other}, not {one}"
 
 
 def _convention_edit(j: tuple[int, ...], v: Any, f: Any) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ..._tools.inputs import read_small_file
-from ..._tools.words import counted
+from ..._tools.words import counted, series
 from ...errors import RobotError
 from ..payload import LARGEST
 from ..rigid_body import inverse, pose, turn
@@ -267,12 +267,12 @@ def read_mjcf(data: bytes, path: Path) -> Description:
     }
     notes = []
     if reader.meshes:
-        names = ", ".join(dict.fromkeys(reader.meshes))
+        names = series(dict.fromkeys(reader.meshes))
         notes.append(f"inertias of meshes are not computed: {names} (MuJoCo writes them: mj_saveLastXML)")
     if reader.curved:
-        notes.append(f"nonlinear parts are left out: {', '.join(reader.curved)}")
+        notes.append(f"nonlinear parts are left out: {series(reader.curved)}")
     if tendons := sprung_tendons(sections, reader.defaults):
-        notes.append(f"springs of tendons are left out: {', '.join(tendons)}")
+        notes.append(f"springs of tendons are left out: {series(tendons)}")
     if unread:
         notes.append(f"not read: {'; '.join(unread)}")
     name = outermost.attributes.get("model", "")

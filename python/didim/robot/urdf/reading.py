@@ -17,6 +17,7 @@ import didim._core as _core
 
 from ..._tools.arrays import Array
 from ..._tools.inputs import read_small_file
+from ..._tools.words import series
 from ...errors import RobotError
 from ..correspondence import Correspondence, LinkPlace, rows_of
 from ..friction import Friction, FrictionTerm
@@ -149,7 +150,7 @@ def read_urdf(
         one = tuple(tuple(row) for row in np.eye(len(chain.driven)).tolist())
         geometry = replace(_geometry(chain, table, down), followers=_followers(chain), coupling=one)
         names = (f"{name} ({leader})" for name, (leader, _, _) in chain.mimics.items())
-        notes.append(f"joints that follow others, with their leaders: {_names(list(names))}")
+        notes.append(f"joints that follow others, with their leaders: {series(list(names))}")
     springs = _springs(chain)
     named, missing = _parameters(description, chain, table, set_name, springs)
     notes += missing
@@ -198,7 +199,7 @@ def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) 
     held = [f"{name} ({joints[name].kind})" for name in free if joints[name].kind not in MOVING]
     free = [name for name in free if joints[name].kind in MOVING]
     notes = (
-        [f"held where the file draws them, because no joint of a robot is of this type: {_names(held)}"]
+        [f"held where the file draws them, because no joint of a robot is of this type: {series(held)}"]
         if held
         else []
     )
@@ -209,30 +210,26 @@ def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) 
     }
     if stand:
         names = [f"{name} (of {joints[name].mimic})" for name in free if name in stand]
-        notes.append(f"fixed, because they follow joints that are locked or do not exist: {_names(names)}")
+        notes.append(f"fixed, because they follow joints that are locked or do not exist: {series(names)}")
     free = [name for name in free if name not in stand]
     if free and chain.tip == WHOLE:
         notes.append(
-            f"held at zero, because a robot has at most {LARGEST_CHAIN} joints, those that carry least: {_names(free)} "
+            f"held at zero, because a robot has at most {LARGEST_CHAIN} joints, those that carry least: {series(free)} "
             "(--lock, --base and --tip choose others)"
         )
     elif free:
         notes.append(
-            f"the chain ends at link {chain.tip}; locked at 0: {_names(free)} (--tip LINK takes more of the tree, "
+            f"the chain ends at link {chain.tip}; locked at 0: {series(free)} (--tip LINK takes more of the tree, "
             "--lock JOINT=VALUE locks elsewhere)"
         )
     return notes
-
-
-def _names(names: Sequence[str]) -> str:
-    return ", ".join(names if len(names) <= 8 else [*names[:8], f"{len(names) - 8} more"])
 
 
 def _nearly_right(chain: Chain, left: Sequence[NearlyRight], where: str) -> str | None:
     """Sentence on angles that are nearly right."""
     if not left:
         return None
-    names = ", ".join(chain.joints[found.joint].name for found in left)
+    names = series((chain.joints[found.joint].name for found in left), 60)
     largest = max(found.angle for found in left)
     nearly = next(
         (found for found in left if found.parallel and chain.parents[found.joint] is not None), None
@@ -242,12 +239,12 @@ def _nearly_right(chain: Chain, left: Sequence[NearlyRight], where: str) -> str 
         assert parent is not None
         return (
             f"{where}: the axes of {chain.joints[parent].name} and {chain.joints[nearly.joint].name} are "
-            f"{nearly.angle:.1e} rad from parallel (a calibrated description?), which adds base parameters that no log "
-            f"identifies; for the nominal geometry: {_cure(largest)}"
+            f"{nearly.angle:.1e} rad from parallel, which adds base parameters that no log identifies; nominal geometry: "
+            f"{_cure(largest)}"
         )
     return (
-        f"{where}: the axes of {names} are up to {largest:.1e} rad from right angles to the axes before them, which may add "
-        f"base parameters that no log identifies; if right angles are meant: {_cure(largest)}"
+        f"{where}: the axes of {names} are up to {largest:.1e} rad from right angles to those before, which may add base "
+        f"parameters that no log identifies; for right angles: {_cure(largest)}"
     )
 
 
@@ -347,7 +344,7 @@ def _parameters(
     if len(empty) == len(names):
         return {}, [f"no moving link has an inertia, so there is no parameter set {set_name!r}"]
     named: dict[str, float] = {}
-    notes = [f"moving links without a positive mass: {_names(empty)}"] if empty else []
+    notes = [f"moving links without a positive mass: {series(empty)}"] if empty else []
     for j, (name, pseudo, pose) in enumerate(zip(names, pseudos, table.link_poses, strict=True)):
         ten = ten_parameters(pose @ pseudo @ pose.T)
         named.update({f"{key}{j + 1}": float(value) for key, value in zip(INERTIAL, ten, strict=True)})

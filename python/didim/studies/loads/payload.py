@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..._tools.words import series
 from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...methods.method import FitSettings
@@ -187,7 +188,7 @@ def _solve(
     try:
         factors = Factors.of(a, np.concatenate([residual * weights, -solution[:k]]))
     except np.linalg.LinAlgError:
-        wanted = ", ".join(system.names[b:])
+        wanted = series(system.names[b:], 80)
         raise FitError(
             f"the log does not separate all of {wanted} apart: look for samples out of scale (`didim check`), or move more joints"
         ) from None
