@@ -284,7 +284,10 @@ def test_drives_of_a_result(tmp_path: Path) -> None:
     )
     spring = drives_of(sprung, "fit.json").joints[1]
     assert (spring.stiffness, spring.rest, spring.offset) == (4.0, -0.02 / 4.0, 0.0)
-    assert any(sentence.endswith("add to commands (mrad, mm) lift -0.556") for sentence in found.sentences)
+    assert any("add the last column (mrad or mm) to the commands" in sentence for sentence in found.sentences)
+    head, pan, lift, *_ = str(found).splitlines()
+    assert head.endswith("add to command")
+    assert (pan.split()[-1], lift.split()[-1]) == ("0", "-0.5556")
     assert any(
         "commands act 12 ms late, and behind a lag of 3 ms" in sentence for sentence in found.sentences
     )

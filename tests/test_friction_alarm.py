@@ -90,3 +90,4 @@ def test_the_alarm_is_saved_with_the_result(tmp_path: Path) -> None:
     assert np.array_equal(alarm(restored).shift, alarm(fit).shift)
     assert alarm(restored).law == alarm(fit).law
     assert "Stribeck friction explains the residual of joint" in str(fit)
+    assert f"{max(alarm(fit).joints) + 1} (p = " in str(fit)  # joints are printed from 1

@@ -287,7 +287,7 @@ def test_bags_with_other_names(tmp_path: Path, capsys: pytest.CaptureFixture[str
     bag, out = str(tmp_path / "bag2"), str(tmp_path / "y.toml")
     assert main(["init", "panda", bag, "--topic", "/joint_states", "-o", out]) == 1
     said = capsys.readouterr().err
-    assert "of the log are the 7 joints of the robot? Answer with their names in order" in said
+    assert "are the 7 joints of the robot? Answer with their names in order" in said
     assert set("abcdefg") < set(said.split("joints ")[1].split(" of the log")[0].split(", "))
     assert said.count("which of the joints") == 1
     order = ["--columns", "position=b,a,c,d,e,f,g"]

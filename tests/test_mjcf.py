@@ -116,7 +116,7 @@ def test_everything_is_read_as_mujoco_reads_it(tmp_path: Path, degrees: bool, eu
     np.testing.assert_allclose(robot.limits[0].position or (), [-np.pi / 2, np.pi / 4], rtol=1e-15)
     assert robot.limits[2].position == (-0.1, 0.2)
     assert any(
-        "held where the file draws them" in note and "floating (floating)" in note for note in robot.notes
+        "held at the pose of the file" in note and "floating (floating)" in note for note in robot.notes
     )
 
 

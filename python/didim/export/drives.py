@@ -103,14 +103,19 @@ class Drives:
     def without_springs(self) -> Drives:
         """Return the same drives for a format without springs, with a sentence on those left out."""
         springs = [f"{drive.joint} {drive.stiffness:.4g}" for drive in self.joints if drive.stiffness]
-        sentence = f"the format has no place for springs (N.m/rad or N/m): {', '.join(springs)}"
+        sentence = f"the format has no place for springs (N.m/rad or N/m): {series(springs)}"
         return replace(self, sentences=(*self.sentences, sentence)) if springs else self
 
     def __str__(self) -> str:
-        rows: list[tuple[str, ...]] = [("joint", "armature", "damping", "frictionloss", "kp", "kv", "limit")]
+        rows: list[tuple[str, ...]] = [
+            ("joint", "armature", "damping", "frictionloss", "kp", "kv", "limit", "add to command")
+        ]
         for drive in self.joints:
-            numbers = (drive.rotor, drive.viscous, drive.coulomb, drive.kp, drive.kv, drive.effort)
+            shift = 0.0 - 1e3 * drive.shift if drive.kp else None
+            numbers = (drive.rotor, drive.viscous, drive.coulomb, drive.kp, drive.kv, drive.effort, shift)
             rows.append((drive.joint, *("-" if value is None else f"{value:.4g}" for value in numbers)))
+        if not any(drive.shift and drive.kp for drive in self.joints):
+            rows = [row[:-1] for row in rows]
         return "\n".join([*columned(rows), *([""] if self.sentences else []), *self.sentences])
 
 
@@ -190,8 +195,7 @@ def _sentences(joints: Sequence[JointDrive]) -> list[str]:
     found = []
     offsets = [drive for drive in joints if drive.offset or drive.bias_rad]
     if offsets and all(drive.kp for drive in offsets):
-        shifts = series(f"{drive.joint} {-1e3 * drive.shift:.3g}" for drive in offsets)
-        found.append(f"offsets have no place in the file: add to commands (mrad, mm) {shifts}")
+        found.append("offsets have no place in the file: add the last column (mrad or mm) to the commands")
     elif offsets:
         names = series(drive.joint for drive in offsets)
         found.append(f"torque offsets of {names} are left out: no format can represent them")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .._tools.words import joints_text
+from .._tools.words import joints_text, series
 from .words.causes import CAUSES, edit, looks
 
 Told = Any
@@ -125,8 +125,7 @@ def _controller_gain(f: Told) -> str:
     ]
     return _law(
         f,
-        "the gains of the log's controller are not the declared ones: "
-        + (", ".join(parts) or "several differ"),
+        "the log's controller has other gains: " + (series(parts, 80) or "several differ"),
     )
 
 

@@ -138,7 +138,7 @@ class Uncertainty(Pickled):
         if alarm is None or not alarm.tested:
             return []
         if alarm.raised:
-            joints = joints_text([joint + 1 for joint in alarm.joints])
+            joints = joints_text(alarm.joints)
             included = "sigma includes how far the parameters move with it"
             effect = (
                 included

@@ -199,7 +199,7 @@ def _locked(chain: Chain, description: Description, asked: Mapping[str, float]) 
     held = [f"{name} ({joints[name].kind})" for name in free if joints[name].kind not in MOVING]
     free = [name for name in free if joints[name].kind in MOVING]
     notes = (
-        [f"held where the file draws them, because no joint of a robot is of this type: {series(held)}"]
+        [f"held at the pose of the file, because joints of this type are not supported: {series(held)}"]
         if held
         else []
     )
