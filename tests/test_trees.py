@@ -361,6 +361,60 @@ def test_the_page_on_trees_is_run(
         assert np.abs(fit.beta - truth).max() < 3e-2 * np.abs(truth).max(), method
 
 
+LEG = """<body name="{leg}_hip" pos="{x} {y} 0"><joint name="{leg}_hip_joint" axis="1 0 0"/>
+<inertial pos="0 0.02 0.01" mass="0.7" diaginertia="0.001 0.002 0.001"/>
+<body name="{leg}_thigh" pos="0 0.08 0"><joint name="{leg}_thigh_joint" axis="0 1 0"/>
+<inertial pos="0.01 0.02 -0.03" mass="1.1" diaginertia="0.006 0.006 0.001"/>
+<body name="{leg}_calf" pos="0 0 -0.2"><joint name="{leg}_calf_joint" axis="0 1 0"/>
+<inertial pos="0.006 0.001 -0.12" mass="0.3" diaginertia="0.0015 0.0015 0.0001"/>
+<body name="{leg}_foot" pos="0 0 -0.2"/></body></body></body>"""
+
+
+def test_the_commands_of_legs_in_the_air(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On a twin of the page's robot: twelve joints, trunk held, and a leg alone with the errors that it has in the whole."""
+    page = (project / "docs" / "branches.md").read_text(encoding="utf-8")
+    section = page.partition("## Legs in the air")[2].partition("\n## ")[0]
+    commands = [
+        line.partition("#")[0].split() for line in re.findall(r"^    didim (.*)$", section, re.MULTILINE)
+    ]
+    (option, tip) = re.findall(r"`(--tip) (\w+)`", section)[0]
+    names = [f"{end}{side}" for end in "FR" for side in "LR"]
+    bodies = "".join(
+        LEG.format(leg=name, x=0.2 - 0.4 * (name[0] == "R"), y=0.05 - 0.1 * (name[1] == "R"))
+        for name in names
+    )
+    monkeypatch.chdir(tmp_path)
+    Path("go2.xml").write_text(
+        '<mujoco model="go2"><default><joint armature="0.01" damping="0.6" frictionloss="0.2"/></default><worldbody>'
+        f'<body name="trunk"><freejoint/><inertial pos="0 0 0" mass="6" diaginertia="0.1 0.1 0.1"/>{bodies}</body>'
+        "</worldbody></mujoco>"
+    )
+    robot = didim.load_robot("go2.xml")
+    made_log = log(robot, robot.parameter_set("mjcf"), n_samples=3000, noise=0.02)
+    assert made_log.tau is not None
+    header = ["time", *(f"{signal}_{joint}" for signal in ("q", "tau") for joint in robot.joint_names)]
+    time = np.arange(len(made_log.q)) / made_log.rate_hz
+    table = np.column_stack([time, made_log.q, made_log.tau])
+    np.savetxt("log.csv", table, delimiter=",", header=",".join(header), comments="", fmt="%.9g")
+    assert [words[0] for words in commands] == ["init", "check", "identify"]
+    codes = [main(words) for words in [*commands[:2], [*commands[2], "--json", "whole.json"]]]
+    assert codes[0] == 0
+    assert "floating" in capsys.readouterr().err
+    whole = didim.Identification.load("whole.json")
+    assert whole.joint_names == robot.joint_names
+    truth = dict(zip(robot.base_parameters.names, robot.set_base("mjcf"), strict=True))
+    errors = (whole.beta - [truth[name] for name in whole.names]) / whole.std
+    assert np.abs(errors).max() < 5.0
+    assert main([*commands[0][:-1], "leg.toml", option, tip]) == 0
+    main(["identify", "leg.toml", "--json", "leg.json"])
+    leg = didim.Identification.load("leg.json")
+    assert leg.joint_names == robot.joint_names[:3]
+    assert 4 * len(leg.names) == len(whole.names)
+    np.testing.assert_allclose(leg.relative_error, whole.relative_error[:3], rtol=0.05)
+
+
 def test_legs_in_the_air_are_solved_one_by_one(tmp_path: Path) -> None:
     four = made(tmp_path, legs(4, 3))
     x = four.parameter_set("urdf")
@@ -409,3 +463,23 @@ def test_tiago_by_its_three_files(
     assert (fit.beta < high).all()
     # Efforts of the wrist that are zero for most of the log explain nothing: the verdict says so.
     assert str(fit.verdict.state) != "sound"
+    # They are currents: with the published constants of the motors friction brakes, and gravity is that of the URDF.
+    text, count = re.subn(
+        r'unit = \["N", .*',
+        'unit = "A"\ngain = [1, 13.6, 13.6, -8.7, -8.7, -20.6, -20.6, -20.6]',
+        Path("tiago.toml").read_text(),
+    )
+    assert count == 1
+    Path("tiago.toml").write_text(text)
+    log = didim.load_experiment("tiago.toml")
+    with_gains = didim.identify(log, didim.IDIMLS())
+    assert with_gains.overall_relative_error < 0.4 * fit.overall_relative_error
+    arm = [name for name in fit.names if re.fullmatch("F[vc][2-5]", name)]
+    assert len(arm) == 8
+    assert all(with_gains.beta[with_gains.names.index(name)] > 0.0 for name in arm)
+    place = with_gains.names.index("MY5R")
+    low, high = with_gains.confidence_interval(0.95)
+    assert (
+        low[place] < log.robot.set_base("urdf")[log.robot.base_parameters.names.index("MY5R")] < high[place]
+    )
+    assert str(with_gains.verdict.state) == "doubtful"

@@ -90,8 +90,8 @@ def initialise(
     topic : str, optional
         Topic of a ROS bag.
     chain : mapping, optional
-        `tip`, `base` and `lock` of a URDF, as for `load_robot`. By default the chain of a tree is the one whose joints the log
-        names. The robot is then written beside the experiment file.
+        `tip`, `base` and `lock` of a URDF or an MJCF, as for `load_robot`. By default the chain of a tree is the one whose
+        joints the log names. The robot is then written beside the experiment file.
     force : bool
         Overwrite an existing file.
     write : callable
@@ -242,12 +242,12 @@ def _finished(text: str, draft: Draft) -> str:
 def _model(
     robot: str, logs: Sequence[Path], chain: Mapping[str, Any], topic: str | None
 ) -> tuple[Robot, str | None]:
-    """Load the robot; for a tree the chain named by the logs, with the text of its robot file."""
-    if Path(robot).suffix.lower() != ".urdf":
-        return load_robot(robot, **chain), None
+    """Load the robot; a chosen chain, or that of a tree which the logs name, with the text of its robot file."""
     if any(chain.values()):
         model = load_robot(robot, **chain)
         return model, robot_text(model)
+    if Path(robot).suffix.lower() != ".urdf":
+        return load_robot(robot), None
     names = [name for log in logs for name in log_names(log, topic)]
     found = chain_of_names(Path(robot), names)
     try:
