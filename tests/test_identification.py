@@ -236,7 +236,13 @@ def test_what_is_no_result_is_told(tmp_path: Path, text: str, message: str) -> N
 
 
 @pytest.mark.parametrize(
-    ("key", "value"), [("output_error", [1.0]), ("relative_error", [10**400]), ("warnings", [["text"]])]
+    ("key", "value"),
+    [
+        ("output_error", [1.0]),
+        ("relative_error", [10**400]),
+        ("warnings", [["text"]]),
+        ("settings", {"robot": -1e300}),
+    ],
 )
 def test_wrong_values_of_a_result_are_told(tmp_path: Path, key: str, value: object) -> None:
     path = tmp_path / "fit.json"

@@ -24,6 +24,8 @@ LEAST_HARMONICS = 4
 """Smallest number of harmonics: rest at both ends puts three conditions on the amplitudes of each joint."""
 MOST_HARMONICS = 200
 """Largest number of harmonics: beyond it the matrices of the series do not fit memory."""
+MOST_POINTS = 1000
+"""Largest number of points to dwell at: the search exchanges each of them many times."""
 MOST_SAMPLES = 2_000_000
 """Largest number of samples of a designed motion: an hour at 500 Hz. Tables of more do not fit memory."""
 MOST_SMOOTHING = 100.0
@@ -140,6 +142,8 @@ class ExcitationSettings:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or value < least:
                 raise ExcitationError(f"{name} must be a whole number of at least {least}, got {value!r}")
+        if self.points > MOST_POINTS:
+            raise ExcitationError(f"points must be at most {MOST_POINTS}, got {self.points}")
         for name in ("duration_s", "rate_hz", "log_rate_hz", "smoothing"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < float("inf"):

@@ -15,6 +15,9 @@ from .status import Status
 from .uncertainty import Uncertainty
 from .verdict import DERIVED, Use
 
+TABLES = ("cloe", "consistent", "positions", "prediction", "robot", "signal", "versions")
+"""Settings of a result that are tables, if they are there."""
+
 
 def fields_of(data: dict[str, Any]) -> dict[str, Any]:
     """Return the fields of an `Identification` by name, from the JSON of `Identification.to_dict`.
@@ -81,13 +84,25 @@ def fields_of(data: dict[str, Any]) -> dict[str, Any]:
         "further": None if data.get("further") is None else Further.from_dict(data["further"]),
         "output_error": _pair(data.get("output_error")),
         "delay": data["delay"],
-        "settings": data["settings"],
+        "settings": _tables(data["settings"]),
         "digests": data["digests"],
     }
 
 
 def _pair(values: list[float | None] | None) -> tuple[float, float] | None:
     return None if values is None else (_number(values[0]), _number(values[1]))
+
+
+def _tables(settings: dict[str, Any]) -> dict[str, Any]:
+    """Return the settings; what is read as a table by its readers must be one."""
+    robot = settings.get("robot")
+    tables = {key: settings.get(key) for key in TABLES}
+    if isinstance(robot, dict):
+        tables["robot.friction"] = robot.get("friction")
+    for key, table in tables.items():
+        if not (table is None or isinstance(table, dict)):
+            raise TypeError(f"settings.{key} is {table!r:.40} in place of a table")
+    return settings
 
 
 def _texts(values: Iterable[object]) -> tuple[str, ...]:
