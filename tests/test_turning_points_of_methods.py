@@ -228,8 +228,7 @@ def test_memory_is_tested_with_twenty_steps_of_the_encoder(robot: str, step: flo
     n = arm.n_dof
     motion = np.sin(np.arange(100.0)[:, None] * 0.1) * np.ones(n)
     part = stub(q=motion, dq=motion, ddq=motion, place="here")
-    system = stub(y=np.zeros(100 * n), joints=[slice(100 * k, 100 * k + 100) for k in range(n)])
-    found = _candidates(arm, [part], SignalProcessing(edge_rows=0), system, [motion], np.full(n, step))
+    found = _candidates(arm, [part], SignalProcessing(edge_rows=0), [motion], np.full(n, step))
     assert any(item.family == "dahl" for item in found) == tested
 
 

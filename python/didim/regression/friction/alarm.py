@@ -136,8 +136,38 @@ class FrictionAlarm:
 
 
 @dataclass(frozen=True, eq=False)
+class _Limb:
+    """Joints that share columns: their rows, joint by joint, and ``A = Q R`` of their scaled and weighted columns."""
+
+    joints: tuple[int, ...]
+    rows: Rows
+    columns: Rows
+    weights: Array
+    rho: Array
+    size: Array
+    q: Array
+    r: Array
+
+    def weighted(self, columns: Array) -> Array:
+        """Return one weighted column of W per joint, zero in the rows of the other joints."""
+        found = np.zeros((len(self.joints), len(columns), len(self.joints)))
+        for place, joint in enumerate(self.joints):
+            found[place, :, place] = columns[:, joint]
+        return found.reshape(-1, len(self.joints)) * self.weights[:, None]
+
+    def own(self, blocks: Sequence[Rows]) -> list[Rows]:
+        """Return the rows of blocks of the system that are the limb's, as numbers from its first."""
+        found = []
+        for rows in blocks:
+            places = np.searchsorted(self.rows, rows)
+            there = self.rows[np.minimum(places, len(self.rows) - 1)] == rows
+            found.append(places[there])
+        return found
+
+
+@dataclass(frozen=True, eq=False)
 class _Candidate:
-    """One law at one velocity or width: its columns, (r, n_dof), zero where the joint does not test it."""
+    """One law at one velocity or width: its columns, (n_rows, n_dof), zero where the joint does not test it."""
 
     family: str
     columns: Array
@@ -191,55 +221,76 @@ def friction_alarm(
     """
     n = robot.n_dof
     step = np.zeros(n) if encoder_step is None else encoder_step
-    candidates = _candidates(robot, parts, signal, system, load, step)
+    candidates = _candidates(robot, parts, signal, load, step)
     tested = tuple(dict.fromkeys(item.family for item in candidates))
-    weights = fit.weights
-    # Fitted velocities of laws are unknowns of the model as well; their columns need no scale of their own.
-    w = np.column_stack([system.w, *system.slopes.values()]) * weights[:, None]
-    size = np.linalg.norm(w, axis=0)
-    size[size == 0.0] = 1.0
-    q, r = np.linalg.qr(w / size)
-    rho = fit.residual * weights
-    free = [_freed(q, item.columns * weights[:, None]) for item in candidates]
+    limbs = _limbs(system, fit)
     p_value = np.ones(n)
     visible = {family: np.zeros(n) for family in tested}
     time = [part.rows for part in intervals(system.blocks, TIME_BLOCKS)]
     speeds = decimated([part.dq for part in parts], parts, signal)
-    for joint in range(n):
-        blocks = (time, _between_reversals(system, speeds, joint))
-        if min(map(len, blocks)) < FEWEST_BLOCKS:
-            continue
-        own = [
-            (item, columns[:, joint])
-            for item, columns in zip(candidates, free, strict=True)
-            if columns[:, joint].any()
-        ]
-        probability, amplitudes = _joint_test(own, rho, blocks)
-        p_value[joint] = min(1.0, n * probability)
-        for item, amplitude in amplitudes:
-            seen = visible[item.family]
-            seen[joint] = max(seen[joint], amplitude * item.amplitude[joint])
+    for limb in limbs:
+        free = [_freed(limb.q, limb.weighted(item.columns)) for item in candidates]
+        stretches = limb.own(time)
+        for place, joint in enumerate(limb.joints):
+            blocks = (stretches, limb.own(_between_reversals(system, speeds, joint)))
+            if min(map(len, blocks)) < FEWEST_BLOCKS:
+                continue
+            own = [
+                (item, columns[:, place])
+                for item, columns in zip(candidates, free, strict=True)
+                if columns[:, place].any()
+            ]
+            probability, amplitudes = _joint_test(own, limb.rho, blocks)
+            p_value[joint] = min(1.0, n * probability)
+            for item, amplitude in amplitudes:
+                seen = visible[item.family]
+                seen[joint] = max(seen[joint], amplitude * item.amplitude[joint])
     raised = bool((p_value < LEVEL).any())
-    moved = {}
+    moved: dict[str, tuple[float, Array]] = {}
     if raised:
-        starts = [_start(item, parts, signal, system) for item in candidates]
-        moved = _shifts(candidates, starts, q, r, weights, rho, system)
+        moved = _shifts(candidates, [_start(item, parts, signal) for item in candidates], limbs, system)
+    b = system.w.shape[1]
     return FrictionAlarm(
         p_value=p_value,
         law=min(moved, key=lambda family: moved[family][0], default=""),
         tested=tested,
-        shift=(
-            np.max([np.abs(change) for _, change in moved.values()], axis=0) / size if moved else 0.0 * size
-        )[: system.w.shape[1]],
+        shift=np.max([np.abs(change[:b]) for _, change in moved.values()], axis=0, initial=0.0)
+        if moved
+        else np.zeros(b),
         visible={family: np.where(values > 0.0, values, np.inf) for family, values in visible.items()},
     )
+
+
+def _limbs(system: LinearSystem, fit: Fit) -> list[_Limb]:
+    """Return the independent parts of a system: the joints of different legs of one trunk share no column."""
+    found = []
+    starts = [rows.start for rows in system.joints]
+    for rows, columns in system.parts:
+        # Fitted velocities of laws are unknowns of the model as well; their columns need no scale of their own.
+        slopes = {k: slope[rows] for k, slope in enumerate(system.slopes.values()) if slope[rows].any()}
+        w = np.column_stack([system.w[np.ix_(rows, columns)], *slopes.values()]) * fit.weights[rows, None]
+        size = np.linalg.norm(w, axis=0)
+        size[size == 0.0] = 1.0
+        q, r = np.linalg.qr(w / size)
+        found.append(
+            _Limb(
+                joints=tuple(int(joint) for joint in np.flatnonzero(np.isin(starts, rows))),
+                rows=rows,
+                columns=np.array([*columns, *(system.w.shape[1] + k for k in slopes)], dtype=np.intp),
+                weights=fit.weights[rows],
+                rho=fit.residual[rows] * fit.weights[rows],
+                size=size,
+                q=q,
+                r=r,
+            )
+        )
+    return found
 
 
 def _candidates(
     robot: Robot,
     parts: Sequence[Segment],
     signal: SignalProcessing,
-    system: LinearSystem,
     load: Sequence[Array],
     encoder_step: Array,
 ) -> list[_Candidate]:
@@ -257,7 +308,7 @@ def _candidates(
         if joints.any():
             rows = decimated([value * joints for value in values], parts, signal)
             largest = np.max([np.abs(value).max(axis=0) for value in values], axis=0)
-            found.append(_Candidate(family, _columns(rows, system), largest))
+            found.append(_Candidate(family, rows, largest))
 
     for velocity in STRIBECK:
         values = [
@@ -283,25 +334,14 @@ def _candidates(
     return found
 
 
-def _start(
-    item: _Candidate, parts: Sequence[Segment], signal: SignalProcessing, system: LinearSystem
-) -> Array:
-    """Return the columns of the unknown state at the first sample, (r, k): none for a law without memory."""
+def _start(item: _Candidate, parts: Sequence[Segment], signal: SignalProcessing) -> Array | None:
+    """Return the columns of the unknown state at the first sample, (n_rows, n_dof); None for a law without memory."""
     if item.width is None:
-        return np.zeros((system.y.size, 0))
+        return None
     joints = np.flatnonzero(item.width)
     values = [start_column(part.q[:, joints], item.width[joints]) for part in parts]
-    columns = np.zeros((system.y.size, len(joints)))
-    for column, joint, rows in zip(columns.T, joints, decimated(values, parts, signal).T, strict=True):
-        column[system.joints[joint]] = rows
-    return columns
-
-
-def _columns(rows: Array, system: LinearSystem) -> Array:
-    """Return one column of W per joint, (r, n_dof), zero in the rows of the other joints."""
-    columns = np.zeros((system.y.size, rows.shape[1]))
-    for joint, place in enumerate(system.joints):
-        columns[place, joint] = rows[:, joint]
+    columns = np.zeros_like(item.columns)
+    columns[:, joints] = decimated(values, parts, signal)
     return columns
 
 
@@ -366,30 +406,32 @@ def _signs(blocks: int) -> Array:
 
 def _shifts(
     candidates: Sequence[_Candidate],
-    starts: Sequence[Array],
-    q: Array,
-    r: Array,
-    weights: Array,
-    rho: Array,
+    starts: Sequence[Array | None],
+    limbs: Sequence[_Limb],
     system: LinearSystem,
 ) -> dict[str, tuple[float, Array]]:
-    """Return for each family its best criterion of Schwarz and the change of the scaled estimate with it, (b,)."""
+    """Return for each family its best criterion of Schwarz and the change of the estimate and the velocities with it."""
     found: dict[str, tuple[float, Array]] = {}
     n_rows = system.y.size / len(system.joints)
     for item, start in zip(candidates, starts, strict=True):
-        used = np.hstack([item.columns[:, item.columns.any(axis=0)], start])
-        weighted = used * weights[:, None]
-        seen = q.T @ weighted
-        free = weighted - q @ seen
-        size = np.linalg.norm(free, axis=0)
-        kept = size > ROUNDING * np.linalg.norm(weighted, axis=0)
-        if not kept.any():
-            continue
-        amount = np.linalg.lstsq(free[:, kept] / size[kept], rho, rcond=None)[0] / size[kept]
-        left = rho - free[:, kept] @ amount
-        squares = np.array([left[joint] @ left[joint] for joint in system.joints])
-        criterion = n_rows * float(np.sum(np.log(squares))) + int(kept.sum()) * np.log(n_rows)
-        if item.family not in found or criterion < found[item.family][0]:
-            change = -np.linalg.solve(r, seen[:, kept] @ amount)
+        criterion, count = 0.0, 0
+        change = np.zeros(system.w.shape[1] + len(system.slopes))
+        for limb in limbs:
+            used = limb.weighted(item.columns)
+            if start is not None:
+                used = np.hstack([used, limb.weighted(start)])
+            seen = limb.q.T @ used
+            free = used - limb.q @ seen
+            size = np.linalg.norm(free, axis=0)
+            kept = size > ROUNDING * np.linalg.norm(used, axis=0)
+            left = limb.rho
+            if kept.any():
+                amount = np.linalg.lstsq(free[:, kept] / size[kept], limb.rho, rcond=None)[0] / size[kept]
+                left = left - free[:, kept] @ amount
+                change[limb.columns] = -np.linalg.solve(limb.r, seen[:, kept] @ amount) / limb.size
+            squares = np.sum(np.square(left.reshape(len(limb.joints), -1)), axis=1)
+            criterion += n_rows * float(np.sum(np.log(squares))) + int(kept.sum()) * np.log(n_rows)
+            count += int(kept.sum())
+        if count and (item.family not in found or criterion < found[item.family][0]):
             found[item.family] = (criterion, change)
     return found
