@@ -258,7 +258,7 @@ def test_a_parameter_from_the_prior(
     prior = Prior("given", (), np.ones(1))
     monkeypatch.setattr(nearest, "prior_of", lambda robot, choice: prior)
     robot = stub(base_parameters=stub(matrix=np.ones((1, 1))))
-    found = nearest.nearest_robot(robot, stub(estimated=[0]), np.zeros(1), np.eye(1))
+    found = nearest.nearest_robot(robot, stub(estimated=[0]), np.zeros(1), np.eye(1), nearest.Nearness())
     assert found.identified.tolist() == [identified]
     assert held.drawn == [200]
     assert held.gamma == 0.01

@@ -23,7 +23,7 @@ from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
     from ..experiment.experiment import Experiment
-    from .options import Commands
+    from .options import Commands, Options
 
 
 def add(commands: Commands) -> None:
@@ -58,7 +58,19 @@ def add(commands: Commands) -> None:
     )
     log.add_argument("--seed", type=int, metavar="N", help="seed of the noise")
     log.add_argument("--no-noise", action="store_true", help="simulate a log without noise")
-    method = parser.add_argument_group("methods")
+    _add_methods(parser.add_argument_group("methods"))
+    files = parser.add_argument_group("files and printing")
+    files.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
+    add_report(files)
+    add_format(files)
+    files.add_argument(
+        "--all", action="store_true", help="print all parameters, each joint's torque error and all notes"
+    )
+    files.add_argument("--quiet", action="store_true", help="print nothing on stderr")
+
+
+def _add_methods(method: Options) -> None:
+    """Add the choice of the methods and their settings."""
     method.add_argument(
         "--method",
         metavar="NAME",
@@ -85,14 +97,6 @@ def add(commands: Commands) -> None:
         "filter or the controller is wrong",
     )
     add_regression(method)
-    files = parser.add_argument_group("files and printing")
-    files.add_argument("--json", metavar="FILE", type=Path, help="also write everything as JSON")
-    add_report(files)
-    add_format(files)
-    files.add_argument(
-        "--all", action="store_true", help="print all parameters, each joint's torque error and all notes"
-    )
-    files.add_argument("--quiet", action="store_true", help="print nothing on stderr")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -13,7 +13,7 @@ from .outputs import Saved, check_outputs
 from .terminal.width import fitted
 
 if TYPE_CHECKING:
-    from .options import Commands
+    from .options import Commands, Options
 
 NEW = Path()
 """Value of ``--mjcf`` without a file name: a new MJCF is written."""
@@ -50,7 +50,25 @@ def add(commands: Commands) -> None:
         metavar="ROBOT",
         help="robot, robot file or URDF (default: the file that the result was made with, beside it or the URDF; the URDF itself)",
     )
-    form = parser.add_mutually_exclusive_group(required=True)
+    _add_forms(parser.add_mutually_exclusive_group(required=True))
+    parser.add_argument(
+        "--for-step",
+        metavar="H",
+        type=float,
+        help="with --mjcf ROBOT.xml, --mjlab and --isaac-lab: step of the simulator (s), by which its integrator shifts values",
+    )
+    parser.add_argument("--prefix", help="with --c: what names begin with (default: the name of the robot)")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="new file (default: stdout)")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    parser.add_argument(
+        "--keep-lumped",
+        action="store_true",
+        help="in a URDF: links that are fixed to a moving one keep their inertia, and it gets the difference",
+    )
+
+
+def _add_forms(form: Options) -> None:
+    """Add the forms, one of which is written."""
     form.add_argument(
         "--urdf", metavar="ARM.urdf", type=Path, help="URDF whose inertias and friction are replaced"
     )
@@ -73,20 +91,6 @@ def add(commands: Commands) -> None:
     form.add_argument("--c", action="store_true", help="write a C99 header: torques, M(q) and gravity")
     form.add_argument(
         "--latex", action="store_true", help="write the equations of a robot of up to three joints as LaTeX"
-    )
-    parser.add_argument(
-        "--for-step",
-        metavar="H",
-        type=float,
-        help="with --mjcf ROBOT.xml, --mjlab and --isaac-lab: step of the simulator (s), by which its integrator shifts values",
-    )
-    parser.add_argument("--prefix", help="with --c: what names begin with (default: the name of the robot)")
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="new file (default: stdout)")
-    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
-    parser.add_argument(
-        "--keep-lumped",
-        action="store_true",
-        help="in a URDF: links that are fixed to a moving one keep their inertia, and it gets the difference",
     )
 
 

@@ -22,7 +22,7 @@ from .options import (
 from .outputs import Saved, check_outputs
 
 if TYPE_CHECKING:
-    from .options import Commands
+    from .options import Commands, Options
 
 
 def add(commands: Commands) -> None:
@@ -31,7 +31,27 @@ def add(commands: Commands) -> None:
         commands, "identify", run, "identify the parameters of a robot from an experiment", EXAMPLES
     )
     add_experiment(parser)
-    method = parser.add_argument_group("method")
+    _add_method(parser.add_argument_group("method"))
+    _add_cloe(parser.add_argument_group("method cloe"))
+    files = parser.add_argument_group("files")
+    files.add_argument("--json", metavar="FILE", type=Path, help="also write the result as JSON")
+    files.add_argument(
+        "--save-parameters",
+        metavar="FILE.toml|FILE.npz",
+        type=Path,
+        help="also write the parameters: as a set for a robot file, or as arrays with their covariance",
+    )
+    add_report(files)
+    printed = parser.add_argument_group("printing")
+    add_format(printed)
+    add_strict(printed)
+    loudness = printed.add_mutually_exclusive_group()
+    loudness.add_argument("--quiet", action="store_true", help="print no table and no progress")
+    loudness.add_argument("--verbose", action="store_true", help="print every iteration on stderr")
+
+
+def _add_method(method: Options) -> None:
+    """Add the choice of the method and the settings that several methods share."""
     method.add_argument(
         "--method",
         metavar="NAME",
@@ -57,7 +77,10 @@ def add(commands: Commands) -> None:
         dest="physical",
         help="solve without these conditions, as in the paper (default of the other methods)",
     )
-    cloe = parser.add_argument_group("method cloe")
+
+
+def _add_cloe(cloe: Options) -> None:
+    """Add the settings of CLOE."""
     cloe.add_argument(
         "--optimizer",
         choices=("levenberg-marquardt", "nelder-mead"),
@@ -85,21 +108,6 @@ def add(commands: Commands) -> None:
         type=Path,
         help="save the search to a file while it runs, and resume it from there",
     )
-    files = parser.add_argument_group("files")
-    files.add_argument("--json", metavar="FILE", type=Path, help="also write the result as JSON")
-    files.add_argument(
-        "--save-parameters",
-        metavar="FILE.toml|FILE.npz",
-        type=Path,
-        help="also write the parameters: as a set for a robot file, or as arrays with their covariance",
-    )
-    add_report(files)
-    printed = parser.add_argument_group("printing")
-    add_format(printed)
-    add_strict(printed)
-    loudness = printed.add_mutually_exclusive_group()
-    loudness.add_argument("--quiet", action="store_true", help="print no table and no progress")
-    loudness.add_argument("--verbose", action="store_true", help="print every iteration on stderr")
 
 
 EXAMPLES = (

@@ -11,7 +11,7 @@ from .outputs import Saved
 from .terminal.messages import message
 
 if TYPE_CHECKING:
-    from .options import Commands
+    from .options import Commands, Options
 
 
 def add(commands: Commands) -> None:
@@ -34,6 +34,14 @@ def add(commands: Commands) -> None:
         type=Path,
         help="experiment file (default: LOG.toml beside the log)",
     )
+    _add_log(parser)
+    tree = parser.add_argument_group("robot of a URDF with several chains")
+    add_chain(tree, "that whose joints the log names")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+
+
+def _add_log(parser: Options) -> None:
+    """Add what a log does not say of itself."""
     parser.add_argument(
         "--rate", metavar="HZ", type=float, help="sampling rate, for a log without time stamps"
     )
@@ -75,9 +83,6 @@ def add(commands: Commands) -> None:
         help="values in each sample, for a text with one value a line",
     )
     parser.add_argument("--topic", metavar="TOPIC", help="topic of joint states, for a ROS bag with several")
-    tree = parser.add_argument_group("robot of a URDF with several chains")
-    add_chain(tree, "that whose joints the log names")
-    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
 
 EXAMPLES = (

@@ -109,6 +109,12 @@ def _checked(
         faults: list[tuple[str, TimeFault]] = []
         experiment = load_experiment(experiment, data=data, faults=faults)
         found += time_findings(faults)
+    notes: list[str] = []
+
+    def findings(log: Experiment, loop: tuple[tuple[str, ...], ...] = ()) -> Findings:
+        digests = tuple(log.digests.values())
+        return Findings(log.name, tuple(found), log.robot.joint_names, loop, tuple(notes), digests)
+
     # Load friction is not linear in the parameters, and none of the checks turns on it.
     linear = [term for term in experiment.robot.friction.terms if term.law != "load"]
     experiment = replace(experiment, robot=experiment.robot.with_terms(linear))
@@ -121,16 +127,9 @@ def _checked(
         found += of_columns
         recordings.append(_filterable(_without(recording, of_columns), experiment.signal))
     experiment = replace(experiment, recordings=tuple(recordings))
-    notes: list[str] = []
     if experiment.links == "fixed":
-        return Findings(
-            experiment.name,
-            (*found, *_of_positions(experiment, notes)),
-            experiment.robot.joint_names,
-            (),
-            tuple(notes),
-            tuple(experiment.digests.values()),
-        )
+        found += _of_positions(experiment, notes)
+        return findings(experiment)
     constant = constant_torque_findings(experiment)
     found += [*constant, *check_reference(experiment), *check_bandwidth(experiment)]
     cutoff = experiment.signal.cutoff_hz
@@ -152,14 +151,7 @@ def _checked(
     if filtered and fits and not (without or constant):
         say("searching for causes of the torque error")
         found += _model(experiment, known, shown, notes)
-    return Findings(
-        experiment.name,
-        tuple(found),
-        experiment.robot.joint_names,
-        loop_table(shown),
-        tuple(notes),
-        tuple(experiment.digests.values()),
-    )
+    return findings(experiment, loop_table(shown))
 
 
 def _of_positions(experiment: Experiment, notes: list[str]) -> list[Finding]:

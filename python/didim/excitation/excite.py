@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import pairwise
@@ -242,12 +241,10 @@ def _result(
 ) -> Excitation:
     """Collect the properties of a motion in a result."""
     robot, settings, limits = task.robot, task.settings, task.limits
-    whole = limits.whole
-    use = whole.use(*fine)
+    use = limits.whole.use(*fine)
     torques = problem.torques(fine)
     if torques is not None:
-        use["torque"] = np.asarray(np.abs(torques / whole.torque).max(axis=0))
-    use = {kind: values for kind, values in use.items() if values.any()}
+        use["torque"] = np.asarray(np.abs(torques / limits.whole.torque).max(axis=0))
     nearest = None
     if not task.clearance.empty:
         distances = task.clearance.distances(fine[0]).min(axis=0)
@@ -261,26 +258,12 @@ def _result(
     for motion in motions:
         matrices.append(counted.matrix(*motion[:3]))
         conditions.append(condition_number(plain.matrix(*motion[:3])))
-    ramps: tuple[Ramp | None, Ramp | None] = (None, None)
-    if task.home is not None:
-        start = reference.at([0.0])[0][0]
-        end = reference.at([reference.duration])[0][0]
-        limited: Callable[[Array, Array, Array], Array | None] | None = None
-        if task.limited:
-
-            def limited(q: Array, dq: Array, ddq: Array) -> Array | None:
-                return problem.torques((q, dq, ddq, ddq))
-
-        ramps = (
-            ramp(task.home, start, limits, task.clearance, limited),
-            ramp(end, task.home, limits, task.clearance, limited),
-        )
     return Excitation(
         robot=robot,
         settings=settings,
         reference=reference,
         tables=reference_table(robot, table),
-        ramps=ramps,
+        ramps=_ramps(task, problem, reference),
         limits=limits,
         x=task.x,
         names=robot.base_parameters.names,
@@ -292,11 +275,27 @@ def _result(
         log_det=log_determinant(matrices[0])[0],
         random_log_det=log_determinant(matrices[1])[0],
         starts=tuple(values),
-        use=use,
+        use={kind: values for kind, values in use.items() if values.any()},
         nearest=nearest,
         remarks=tuple(task.remarks),
         interrupted=interrupted,
         elapsed=0.0,
+    )
+
+
+def _ramps(task: Task, problem: Problem, reference: Reference) -> tuple[Ramp | None, Ramp | None]:
+    """Return the motions from home to the start of a reference and from its end back, if there is a home."""
+    if task.home is None:
+        return None, None
+
+    def torques(q: Array, dq: Array, ddq: Array) -> Array | None:
+        return problem.torques((q, dq, ddq, ddq))
+
+    limited = torques if task.limited else None
+    start, end = (reference.at([t])[0][0] for t in (0.0, reference.duration))
+    return (
+        ramp(task.home, start, task.limits, task.clearance, limited),
+        ramp(end, task.home, task.limits, task.clearance, limited),
     )
 
 

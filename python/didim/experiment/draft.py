@@ -33,7 +33,7 @@ from ..robot.robot_text import robot_text
 from ..robot.urdf.log_chain import chain_of_names
 from .draft_files import assembled
 from .draft_filters import choose_filters, sentence_of
-from .draft_source import choose_columns, log_names, open_log
+from .draft_source import LogSource, choose_columns, log_names, open_log
 from .draft_writer import OPEN_GAIN, Draft, DraftOptions, RecordingWriter, names_of
 
 UNFINISHED = "# Unfinished draft of `didim init`, which may replace it; SHA-256 of the lines above: "
@@ -47,7 +47,7 @@ DELAY = (
 """Lines that declare the unknowns of servos: all motors on one bus share one delay."""
 
 
-def initialise(
+def initialise(  # many parameters: one per option of `didim init`
     robot: str,
     logs: Path | Sequence[Path],
     output: Path | None = None,
@@ -121,7 +121,8 @@ def initialise(
     if not force:
         _check_free(path)
     model, own_file = _model(robot, paths, chain or {}, topic)
-    _check_options(model, rate_hz, gains, servo or {}, sides or {})
+    options = DraftOptions(rate_hz, gains, sides or {}, servo or {})
+    _check_options(model, options)
     check_output(path)
     place = path.with_name(f"{path.stem}_robot.toml")
     if own_file:
@@ -130,37 +131,18 @@ def initialise(
             raise ExperimentError(
                 f"{place}: another robot is there already; --force overwrites it, -o writes another"
             )
-    draft = Draft(notes=model.notes)
+    beside, alone = path.parent, len(paths) == 1
     sources = [
-        open_log(
-            log,
-            path.parent,
-            model,
-            values_per_sample=values_per_sample,
-            topic=topic,
-            alone=len(paths) == 1,
-        )
+        open_log(log, beside, model, values_per_sample=values_per_sample, topic=topic, alone=alone)
         for log in paths
     ]
     for kind, text in (columns or {}).items():
         choose_columns(sources, kind, text)
-    recorded, told = assembled(sources, model)
-    draft.read += told
-    options = DraftOptions(rate_hz, gains, sides or {}, servo or {})
-    writers = [
-        RecordingWriter(model, source, name, file.name, options, draft) for source, name, file in recorded
-    ]
-    body = [line for writer in writers for line in writer.lines()]
-    transmission = _transmission(model, draft) if any(writer.motors for writer in writers) else []
-    rest = "\n".join([*body, *transmission])
-    if all(writer.positions_only for writer in writers):
-        signal = _servos(model, options, draft)
-    else:
-        recordings, in_torque = _recordings(rest, model, path)
-        signal = _signal(model, recordings, in_torque, draft)
-    name = (paths[0] if len(paths) == 1 else path).stem
+    draft = Draft(notes=model.notes)
+    tables = _tables(model, sources, options, path, draft)
+    name = (paths[0] if alone else path).stem
     head = _head(model, _named(str(place) if own_file else robot, path), path, paths, name)
-    draft.text = _finished("\n".join([*_open(draft.questions), *head, rest, *signal]) + "\n", draft)
+    draft.text = _finished("\n".join([*_open(draft.questions), *head, *tables]) + "\n", draft)
     if own_file:
         draft.read.insert(
             0, f"{place}: written, the robot with {counted(model.n_dof, 'joint')} whose chain was chosen"
@@ -170,14 +152,26 @@ def initialise(
     return path, draft
 
 
-def _check_options(
-    robot: Robot,
-    rate_hz: float | None,
-    gains: Sequence[float] | str,
-    servo: Mapping[str, Sequence[float]],
-    sides: Mapping[str, str],
-) -> None:
-    for key, values in servo.items():
+def _tables(
+    robot: Robot, sources: Sequence[LogSource], options: DraftOptions, path: Path, draft: Draft
+) -> list[str]:
+    """Return the lines of the recordings, the transmission and the filters; assumptions and questions go to the draft."""
+    recorded, assumptions = assembled(sources, robot)
+    draft.read += assumptions
+    writers = [
+        RecordingWriter(robot, source, name, file.name, options, draft) for source, name, file in recorded
+    ]
+    lines = [line for writer in writers for line in writer.lines()]
+    lines += _transmission(robot, draft) if any(writer.motors for writer in writers) else []
+    if all(writer.positions_only for writer in writers):
+        return [*lines, *_servos(robot, options, draft)]
+    recordings, in_torque = _recordings("\n".join(lines), robot, path)
+    return [*lines, *_signal(robot, recordings, in_torque, draft)]
+
+
+def _check_options(robot: Robot, options: DraftOptions) -> None:
+    rate_hz, gains = options.rate_hz, options.gains
+    for key, values in options.servo.items():
         if len(values) not in (1, robot.n_dof) or not all(0.0 <= value < math.inf for value in values):
             raise ExperimentError(
                 f"--{key} takes one number or {robot.n_dof}, one for each joint, none negative; got {list(values)}"
@@ -196,7 +190,7 @@ def _check_options(
                 f'--gain takes one number or {robot.n_dof}, one for each joint, none of them zero, or "{ESTIMATE}"; '
                 f"got {list(gains)}"
             )
-    for table, side in sides.items():
+    for table, side in options.sides.items():
         for word, known in ((table, ("position", "torque", "reference")), (side, ("joint", "motor"))):
             if word not in known:
                 raise ExperimentError(

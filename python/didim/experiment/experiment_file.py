@@ -212,6 +212,38 @@ def read_experiment(
     robot = _robot(table, path, robot)
     transmission = table.table("transmission", None)
     recording_tables = table.tables("recording", [])
+    settings = _tables(table, robot)
+    if not recording_tables and settings["reference"] is None:
+        table.fail("there is neither a [[recording]] to read nor a [reference] to simulate")
+    table.done()
+
+    reduction = read_reduction(transmission, robot.reduction, robot.n_dof)
+    folder = DataFolder(path.parent if data is None else Path(data))
+    recordings: list[Recording] = []
+    for i, part in enumerate(recording_tables):
+        for expanded_part, title in expanded(part, f"recording {i + 1}", folder.folder):
+            recording = read_recording(expanded_part, title, robot, reduction, folder, faults)
+            if recording.name in [other.name for other in recordings]:
+                expanded_part.fail(f"name {recording.name!r} is already used by an earlier recording")
+            recordings.append(recording)
+
+    # An experiment and a robot may both be emps.toml.
+    every = {**(digests or {}), f"robot {robot.path.name}": robot.digest}
+    for recording in recordings:
+        every.update({f"data {file}": digest for file, digest in recording.digests.items()})
+    return Experiment(
+        name=name,
+        path=path,
+        robot=robot,
+        recordings=tuple(recordings),
+        digests=every,
+        remarks=_changed_defaults(content),
+        **settings,
+    )
+
+
+def _tables(table: Table, robot: Robot) -> dict[str, Any]:
+    """Return the attributes of an `Experiment` that are tables of the file."""
     signal = _settings(SignalProcessing, _signal_keys, table.table("signal", None))
     least_squares = _settings(LeastSquaresSettings, _least_squares_keys, table.table("least_squares", None))
     delay = _settings(DelaySettings, _delay_keys, table.table("delay", None))
@@ -219,55 +251,21 @@ def read_experiment(
     unknown = _optional(table, "unknown", robot, _unknown) or {}
     if unknown and links != "fixed":
         table.fail('[unknown] is for known links: [parameters] links = "fixed"')
-    reference = _optional(table, "reference", robot, read_reference)
-    controller = _optional(table, "controller", robot, read_controller)
-    simulation = _optional(table, "simulation", robot, read_simulation) or SimulationSettings()
-    measurement = _optional(table, "measurement", robot, read_measurement)
-    flange = None if (part := table.table("flange", None)) is None else read_flange(part)
-    payloads = _payloads(table.table("payload", None))
-    if not recording_tables and reference is None:
-        table.fail("there is neither a [[recording]] to read nor a [reference] to simulate")
-    table.done()
-
-    reduction = read_reduction(transmission, robot.reduction, robot.n_dof)
-    folder = DataFolder(path.parent if data is None else Path(data))
-    recordings: list[Recording] = []
-    parts = [
-        found
-        for i, part in enumerate(recording_tables)
-        for found in expanded(part, f"recording {i + 1}", folder.folder)
-    ]
-    for part, title in parts:
-        recording = read_recording(part, title, robot, reduction, folder, faults)
-        if recording.name in [other.name for other in recordings]:
-            part.fail(f"name {recording.name!r} is already used by an earlier recording")
-        recordings.append(recording)
-
-    # An experiment and a robot may both be emps.toml.
-    found = {**(digests or {}), f"robot {robot.path.name}": robot.digest}
-    for recording in recordings:
-        found.update({f"data {file}": digest for file, digest in recording.digests.items()})
-    return Experiment(
-        name=name,
-        path=path,
-        robot=robot,
-        recordings=tuple(recordings),
-        signal=signal,
-        least_squares=least_squares,
-        delay=delay,
-        fixed=fixed,
-        dropped=dropped,
-        digests=found,
-        reference=reference,
-        controller=controller,
-        simulation=simulation,
-        measurement=measurement,
-        payloads=payloads,
-        flange=flange,
-        links=links,
-        unknown=unknown,
-        remarks=_changed_defaults(content),
-    )
+    return {
+        "signal": signal,
+        "least_squares": least_squares,
+        "delay": delay,
+        "fixed": fixed,
+        "dropped": dropped,
+        "links": links,
+        "unknown": unknown,
+        "reference": _optional(table, "reference", robot, read_reference),
+        "controller": _optional(table, "controller", robot, read_controller),
+        "simulation": _optional(table, "simulation", robot, read_simulation) or SimulationSettings(),
+        "measurement": _optional(table, "measurement", robot, read_measurement),
+        "flange": None if (part := table.table("flange", None)) is None else read_flange(part),
+        "payloads": _payloads(table.table("payload", None)),
+    }
 
 
 def _changed_defaults(content: Mapping[str, Any]) -> tuple[str, ...]:

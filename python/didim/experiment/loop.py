@@ -53,18 +53,7 @@ def closed_loop(
         Without a reference or a controller, and when they do not fit; the sentence names the table.
     """
     if experiment.reference is None or experiment.controller is None:
-        missing = "[reference]" if experiment.reference is None else "[controller]"
-        what = (
-            "which positions the robot was to follow"
-            if experiment.reference is None
-            else "the law of its drives"
-        )
-        if experiment.reference is None and experiment.controller is None:
-            what += ", and [controller]"
-        raise ExperimentError(
-            f"{experiment.name}: a simulation needs the table {missing}: {what}; without them --method idim-ls identifies from "
-            "the measured motion"
-        )
+        raise _without_loop(experiment)
     settings = experiment.simulation
     reference, controller = experiment.reference, experiment.controller
     try:
@@ -113,6 +102,19 @@ def closed_loop(
         return loop
     except DidimError as error:
         raise ExperimentError(f"{experiment.name}: {error}") from None
+
+
+def _without_loop(experiment: Experiment) -> ExperimentError:
+    """Return the error on an experiment without a reference or a controller."""
+    if experiment.reference is None:
+        missing = "[reference]: which positions the robot was to follow"
+        missing += ", and [controller]" if experiment.controller is None else ""
+    else:
+        missing = "[controller]: the law of its drives"
+    return ExperimentError(
+        f"{experiment.name}: a simulation needs the table {missing}; without them --method idim-ls identifies from the "
+        "measured motion"
+    )
 
 
 def _memory(

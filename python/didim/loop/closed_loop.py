@@ -127,7 +127,7 @@ class ClosedLoop:
         return np.arange(self.n_records) / self.rate_hz
 
     @classmethod
-    def of(
+    def of(  # many parameters: those of `simulate`
         cls,
         robot: Robot,
         reference: Reference,
@@ -168,23 +168,6 @@ class ClosedLoop:
         if fine.shape not in ((1,), (n,)):
             raise SimulationError(f"fine_step must be one number or {n}, one per joint, got {fine_step!r}")
         steps = (float(coarse), np.broadcast_to(fine, n).astype(np.float64).tolist())
-        begin = None
-        if start is not None:
-            parts = [real_array("start", part, SimulationError) for part in start]
-            if [part.shape for part in parts] != [(n,), (n,)] or not np.isfinite(parts).all():
-                raise SimulationError(f"start needs {n} finite positions and {n} velocities, got {start!r}")
-            begin = (parts[0].tolist(), parts[1].tolist())
-        push = None
-        if external is not None:
-            if len(external) != 2:
-                raise SimulationError("external must be a rate (Hz) and torques")
-            push_hz, torques = external
-            values = real_array("external", torques, SimulationError)
-            if values.ndim != 2 or values.shape[1] != n or not len(values) or not np.isfinite(values).all():
-                raise SimulationError(f"external needs finite torques of shape (n_samples, {n})")
-            if not (np.isfinite(push_hz) and push_hz > 0.0):
-                raise SimulationError(f"the rate of external must be positive, got {push_hz}")
-            push = (float(push_hz), values)
         schedule = _schedule(robot, reference, controller, rate, records, steps, None)
         return cls(
             robot,
@@ -194,8 +177,8 @@ class ClosedLoop:
             records,
             schedule,
             steps,
-            begin,
-            push,
+            None if start is None else _state(start, n),
+            None if external is None else _push(external, n),
             float(divergence),
             memory.checked(controller),
             integrator,
@@ -308,6 +291,27 @@ class ClosedLoop:
         share = np.divide(error, size, out=np.zeros_like(error), where=error > 0.0)
         # If the run with half the steps ends early, the error is unknown (NaN).
         return IntegrationError(error_q, error, float(share.max()) if np.isfinite(share).all() else np.inf)
+
+
+def _state(start: tuple[ArrayLike, ArrayLike], n: int) -> tuple[list[float], list[float]]:
+    """Return positions and velocities at time 0 as lists, once they have the right shape."""
+    parts = [real_array("start", part, SimulationError) for part in start]
+    if [part.shape for part in parts] != [(n,), (n,)] or not np.isfinite(parts).all():
+        raise SimulationError(f"start needs {n} finite positions and {n} velocities, got {start!r}")
+    return parts[0].tolist(), parts[1].tolist()
+
+
+def _push(external: tuple[float, ArrayLike], n: int) -> tuple[float, Array]:
+    """Return rate (Hz) and external torques, once they have the right shape."""
+    if len(external) != 2:
+        raise SimulationError("external must be a rate (Hz) and torques")
+    rate_hz, torques = external
+    values = real_array("external", torques, SimulationError)
+    if values.ndim != 2 or values.shape[1] != n or not len(values) or not np.isfinite(values).all():
+        raise SimulationError(f"external needs finite torques of shape (n_samples, {n})")
+    if not (np.isfinite(rate_hz) and rate_hz > 0.0):
+        raise SimulationError(f"the rate of external must be positive, got {rate_hz}")
+    return float(rate_hz), values
 
 
 def _fine(coarse: float, integrator: str) -> float:

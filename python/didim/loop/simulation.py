@@ -72,7 +72,7 @@ class Simulation(Brief):
         return self.outcome.completed
 
 
-def simulate(
+def simulate(  # many parameters: the public keywords of the page on the API
     robot: Robot,
     x: ArrayLike,
     reference: Reference,

@@ -18,7 +18,7 @@ from ..evidence.physics import physical_findings
 from ..evidence.whiteness import whiteness, whiteness_findings
 from ..experiment.experiment import Experiment
 from ..model.dynamics import rigid_torque
-from ..model.physics import physical_flags
+from ..model.physics import Flag, physical_flags
 from ..regression.fit import Fit
 from ..regression.friction.alarm import FrictionAlarm, friction_alarm
 from ..regression.linear_system import LinearSystem
@@ -152,18 +152,7 @@ def identification(
     if uncertainty is not None:
         per_joint = freedom / max(1, len(errors.norms))
         uncertainty = replace(uncertainty, joint_std=errors.norms / np.sqrt(per_joint))
-    estimated = {
-        name
-        for name, role in zip(robot.base_parameters.names, job.selection.roles[:b], strict=True)
-        if role == "estimated"
-    }
-    flags = physical_flags(robot, beta[:b], full[:b, :b], run.q, unknown=estimated)
-    if (
-        not run.status.converged
-    ):  # signs of unfinished iterations, without standard deviations, are not evidence
-        flags = tuple(
-            item for item in flags if np.isfinite(item.sigmas) or not {*item.parameters} & estimated
-        )
+    flags = _flags(run, beta[:b], full[:b, :b])
     return Identification(
         name=job.experiment.name,
         robot=robot.name,
@@ -195,6 +184,18 @@ def identification(
         settings=record(job, prediction={"motion": method.motion, "raw": method.raw}, **run.settings),
         digests=digests(job.experiment),
     )
+
+
+def _flags(run: Run, beta: Array, covariance: Array) -> tuple[Flag, ...]:
+    """Return what is physically impossible of base parameters, (b,)."""
+    job = run.job
+    named = zip(job.robot.base_parameters.names, job.selection.roles[: beta.size], strict=True)
+    estimated = {name for name, role in named if role == "estimated"}
+    flags = physical_flags(job.robot, beta, covariance, run.q, unknown=estimated)
+    if run.status.converged:
+        return flags
+    # Signs of unfinished iterations, without standard deviations, are not evidence.
+    return tuple(item for item in flags if np.isfinite(item.sigmas) or not {*item.parameters} & estimated)
 
 
 def _split(

@@ -187,29 +187,7 @@ def _compared(
         row, column = divmod(joint, columns)
         upper = figure.add_subplot(grid[2 * row, column])
         lower = figure.add_subplot(grid[2 * row + 1, column], sharex=upper)
-        line(
-            upper,
-            [(t, measured[:, joint]) for t, measured, _ in pieces],
-            color=MEASURED,
-            linewidth=2.6,
-            label=labels[0],
-            solid_joinstyle="round",
-        )
-        line(
-            upper,
-            [(t, model[:, joint]) for t, _, model in pieces],
-            color=MODEL,
-            linewidth=0.9,
-            label=labels[1],
-        )
-        line(
-            lower,
-            [(t, measured[:, joint] - model[:, joint]) for t, measured, model in pieces],
-            color=RESIDUAL,
-            linewidth=0.8,
-            label="difference",
-        )
-        lower.axhline(0.0, color="#5b6470", linewidth=0.6, zorder=0.5)
+        _draw(upper, lower, pieces, joint, labels)
         for t, half in bands:
             kept = slice(None, None, max(1, len(t) // MOST_BAND_POINTS))
             lower.fill_between(
@@ -231,6 +209,23 @@ def _compared(
     figure.align_ylabels()
     figure.legend(handles=handles, loc="outside upper right", ncols=3)
     return figure
+
+
+def _draw(upper: Any, lower: Any, pieces: Pieces, joint: int, labels: tuple[str, str]) -> None:
+    """Draw the measured and the predicted line of a joint, and their difference on the lower axis."""
+    columns = [(t, measured[:, joint], model[:, joint]) for t, measured, model in pieces]
+    line(
+        upper,
+        [(t, measured) for t, measured, _ in columns],
+        color=MEASURED,
+        linewidth=2.6,
+        label=labels[0],
+        solid_joinstyle="round",
+    )
+    line(upper, [(t, model) for t, _, model in columns], color=MODEL, linewidth=0.9, label=labels[1])
+    difference = [(t, measured - model) for t, measured, model in columns]
+    line(lower, difference, color=RESIDUAL, linewidth=0.8, label="difference")
+    lower.axhline(0.0, color="#5b6470", linewidth=0.6, zorder=0.5)
 
 
 @styled

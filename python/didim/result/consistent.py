@@ -15,7 +15,7 @@ import numpy as np
 from .._tools.arrays import Array
 from ..errors import FitError
 from ..regression.consistent.bounds import Bounds
-from ..regression.consistent.nearest import GAMMA, NEAREST_DRAWS, NearestRobot, nearest_robot
+from ..regression.consistent.nearest import GAMMA, NEAREST_DRAWS, NearestRobot, Nearness, nearest_robot
 from ..regression.consistent.prior import Prior
 from ..regression.selection import Role, Selection
 from ..robot.friction import Friction
@@ -231,12 +231,8 @@ class MovedToRobot:
             selection,
             self.beta,
             self.covariance,
-            prior=prior,
-            gamma=gamma,
-            bounds=bounds,
-            draws=draws,
-            seed=seed,
-            degrees_of_freedom=np.inf if self.uncertainty is None else self.uncertainty.degrees_of_freedom,
+            Nearness(prior=prior, gamma=gamma, bounds=bounds, draws=draws, seed=seed),
+            np.inf if self.uncertainty is None else self.uncertainty.degrees_of_freedom,
         )
         moved: Self = replace(
             self,  # type: ignore[type-var]

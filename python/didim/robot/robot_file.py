@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .._tools.arrays import Array
 from .._tools.inputs import read_small_file
 from .._tools.plugins import search_beside
 from .._tools.toml import Table, read_toml
@@ -153,15 +154,11 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     convention = table.text("convention", "mdh", choices=("mdh", "dh"))
     gravity = table.numbers("gravity_m_s2", length=3, default=[0.0, 0.0, -9.81])
     angles.follow_file(table.number("snap_rad", None, minimum=0.0, maximum=NEARLY_PARALLEL))
-    joints = table.tables("joint") if table.has("joint") else []
-    if not joints:
-        raise RobotError(f"{path.name}: a robot needs at least one [[joint]]")
-    if len(joints) > MOST_JOINTS:
-        raise RobotError(f"{path.name}: a robot has at most {MOST_JOINTS} joints, got {len(joints)}")
+    joints = _joints(table)
     kinds = tuple(joint.text("kind", choices=("revolute", "prismatic")) for joint in joints)
     read_row = _distal_row if convention == "dh" else _row
     rows = [read_row(joint, kind, angles) for joint, kind in zip(joints, kinds, strict=True)]
-    couplings = table.tables("coupling") if table.has("coupling") else []
+    couplings = _sub_tables(table, "coupling")
     mounts = _mounts(joints, angles, convention, bool(couplings))
     joint_names = _joint_names(table, joints)
     limits = tuple(_limits(joint, kind) for joint, kind in zip(joints, kinds, strict=True))
@@ -174,12 +171,9 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     standard = StandardTable(a=d, alpha=alpha) if convention == "dh" else None
     if standard is not None:
         alpha, d = standard.rows
+    columns = {"alpha": alpha, "d": d, "theta": theta, "r": r}
     n = len(kinds) - len(followers)
-    transmission = _sub_table(table, "transmission")
-    coupling = transmission.matrix("coupling", n, n) if transmission.has("coupling") else np.eye(n).tolist()
-    reduction = reduction_matrix(transmission, n) if transmission.has("reduction") else None
-    gains = tuple(transmission.numbers("drive_gains", length=n)) if transmission.has("drive_gains") else None
-    transmission.done()
+    coupling, reduction, gains = _transmission(_sub_table(table, "transmission"), n)
     friction = read_friction(_sub_table(table, "friction"), kinds[:n], None)
     if table.has("springs"):
         friction = read_springs(table.table("springs"), kinds[:n], friction)
@@ -187,11 +181,9 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     parts = {key: sets.table(key) for key in sets.content}
     own = frozenset(key for key, part in parts.items() if _in_own_frames(part, standard))
     named = {key: _parameter_set(part) for key, part in parts.items()}
-    collision = read_capsules(table.tables("collision") if table.has("collision") else [], len(kinds))
+    collision = read_capsules(_sub_tables(table, "collision"), len(kinds))
     correspondence = read_correspondence(table.table("urdf"), len(kinds)) if table.has("urdf") else None
     table.done()
-    if reduction is not None:
-        reduction.setflags(write=False)
     return Robot(
         name=name,
         description=description,
@@ -199,12 +191,9 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
         digest=digest,
         geometry=Geometry(
             kinds=kinds,
-            alpha=alpha,
-            d=d,
-            theta=theta,
-            r=r,
+            **columns,
             gravity=tuple(gravity),
-            coupling=tuple(tuple(row) for row in coupling),
+            coupling=coupling,
             mounts=mounts,
             followers=followers,
         ),
@@ -222,9 +211,37 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     )
 
 
+def _transmission(
+    table: Table, n: int
+) -> tuple[tuple[tuple[float, ...], ...], Array | None, tuple[float, ...] | None]:
+    """Return the coupling of the motors, the reduction matrix and the drive gains."""
+    coupling = table.matrix("coupling", n, n) if table.has("coupling") else np.eye(n).tolist()
+    reduction = reduction_matrix(table, n) if table.has("reduction") else None
+    gains = tuple(table.numbers("drive_gains", length=n)) if table.has("drive_gains") else None
+    table.done()
+    if reduction is not None:
+        reduction.setflags(write=False)
+    return tuple(tuple(row) for row in coupling), reduction, gains
+
+
+def _joints(table: Table) -> list[Table]:
+    """Return the tables of the joints."""
+    joints = _sub_tables(table, "joint")
+    if not joints:
+        table.fail("a robot needs at least one [[joint]]")
+    if len(joints) > MOST_JOINTS:
+        table.fail(f"a robot has at most {MOST_JOINTS} joints, got {len(joints)}")
+    return joints
+
+
 def _sub_table(table: Table, key: str) -> Table:
     """Sub-table `key`, empty when the file has none."""
     return table.table(key) if table.has(key) else Table({}, table.prefix.removesuffix(":"), RobotError, key)
+
+
+def _sub_tables(table: Table, key: str) -> list[Table]:
+    """Array of tables `key`, empty when the file has none."""
+    return table.tables(key) if table.has(key) else []
 
 
 def _row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, float, float]:

@@ -184,7 +184,7 @@ def predict(
         delay = FitSettings().job(unloaded(experiment)).delay()
     # CLOE compares simulated torques sample by sample.
     raw = motion == "simulated" and compares_raw
-    found = []
+    predictions = []
     loaded = standard_in(fit, experiment, robot)
     for number, recording in recordings:
         if recording.tau is None:
@@ -200,21 +200,20 @@ def predict(
                 for window in recording.windows
             ]
         model = experiment.robot if motion == "measured" else robot
+        signal = replace(experiment.signal, decimation=()) if raw else experiment.signal
+        beta = model.base_parameters.project(loaded[number])
         for part, window in zip(parts, recording.windows, strict=True):
-            found.append(
-                _prediction(
-                    fit,
-                    loaded[number],
-                    part,
-                    recording,
-                    window,
-                    model,
-                    _raw(experiment.signal, raw),
-                    shift,
-                    motion,
+            predictions.append(
+                Prediction(
+                    recording=recording.name,
+                    role=recording.role,
+                    motion=motion,
+                    t=_times(recording, window, signal, shift),
+                    noise_correlation=noise_correlation(signal),
+                    **_torques(fit, model, part, signal, beta),
                 )
             )
-    return found
+    return predictions
 
 
 def with_friction_of(fit: Identification, experiment: Experiment) -> Experiment:
@@ -272,10 +271,6 @@ def fitted_experiment(fit: Identification, experiment: Experiment) -> tuple[Expe
     return replace(experiment, signal=signal), Delay.recorded(fit.delay)
 
 
-def _raw(signal: SignalProcessing, raw: bool) -> SignalProcessing:
-    return replace(signal, decimation=()) if raw else signal
-
-
 def _simulated(
     x: Array, experiment: Experiment, recording: Recording, window: tuple[int, int], delay: Shift
 ) -> Segment:
@@ -298,31 +293,18 @@ def _torque(recording: Recording) -> Array:
     return torque
 
 
-def _prediction(
-    fit: Identification,
-    x: Array,
-    part: Segment,
-    recording: Recording,
-    window: tuple[int, int],
-    robot: Robot,
-    signal: SignalProcessing,
-    delay: Shift,
-    motion: Motion,
-) -> Prediction:
+def _torques(
+    fit: Identification, robot: Robot, part: Segment, signal: SignalProcessing, beta: Array
+) -> dict[str, Any]:
+    """Return measured and predicted torques of a window, with the sizes of the columns and standard deviations."""
     n = robot.n_dof
-    beta = robot.base_parameters.project(x)
     system = linear_system(robot, [part], signal, select(robot, {}, ()), beta)
-    return Prediction(
-        recording=recording.name,
-        role=recording.role,
-        motion=motion,
-        t=_times(recording, window, signal, delay),
-        measured=system.y.reshape(n, -1).T.copy(),
-        predicted=(system.w @ beta).reshape(n, -1).T.copy(),
-        noise_correlation=noise_correlation(signal),
-        sizes=np.sqrt(np.mean(system.w.reshape(n, -1, system.w.shape[1]) ** 2, axis=1)),
+    return {
+        "measured": system.y.reshape(n, -1).T.copy(),
+        "predicted": (system.w @ beta).reshape(n, -1).T.copy(),
+        "sizes": np.sqrt(np.mean(system.w.reshape(n, -1, system.w.shape[1]) ** 2, axis=1)),
         **_spread(fit, system.w, n),
-    )
+    }
 
 
 def _spread(fit: Identification, w: Array, n_dof: int) -> dict[str, Any]:

@@ -81,124 +81,159 @@ class Steps(Protocol):
 
 def search(problem: OutputError, steps: Steps) -> Identification:
     """Search from the start, or resume from the checkpoint of the problem."""
-    method = problem.method
     weigh_by_noise(problem)
-    candidate, damping, history, initial = steps.begin(), 1e-3, list[Iteration](), math.nan
-    checkpoint = problem.checkpoint()
-    found = checkpoint.load()
-    if found is not None:
-        arrays, numbers, history = found
-        candidate, damping, initial = arrays["point"], numbers["damping"], numbers["initial"]
-        problem.n_simulations = numbers["simulations"]
-        problem.reporter.say(f"goes on from iteration {len(history)} of {method.checkpoint}")
-    point = steps.point(candidate)
-    every, completed = problem.errors(point[None])
-    if not completed[0]:
-        raise problem.no_start()
-    errors = every[0]
-    cost = float(errors @ errors)
-    initial = cost if math.isnan(initial) else initial
-    # A finished search is not continued.
-    finished = found is not None and numbers["finished"]
-    status = Status.CONVERGED if finished else Status.NOT_CONVERGED
-    normal = np.eye(point.size)
-    jacobian: Array | None = None
-    accepted, moved = False, None
-    most, begin, done_before = method.max_iterations or MOST_ITERATIONS, time.monotonic(), len(history)
+    run = Search(problem, steps)
     try:
-        for number in range(len(history) + 1, len(history) if finished else most + 1):
-            jacobian = problem.derivatives(point, errors)
-            normal = jacobian @ jacobian.T
-            trials, measure = steps.trials(candidate, errors, jacobian, damping)
-            accepted, step_length, fall = False, 0.0, 0.0
-            for raised in range(steps.most_raises):
-                if raised:
-                    trials, _ = steps.trials(candidate, errors, jacobian, damping)
-                points = np.stack([steps.point(trial) for trial in trials])
-                costs = problem.costs(points)
-                best = int(np.argmin(costs))
-                if costs[best] < cost:
-                    accepted = True
-                    break
-                damping *= 1e4
-            if accepted:
-                fall = 1.0 - float(costs[best]) / cost
-                step_length = float(np.max(np.abs(points[best] - point) / problem.scale))
-                candidate, point = trials[best], points[best]
-                errors = problem.errors(point[None])[0][0]
-                cost = float(errors @ errors)
-                damping = max(1e-12, damping * float(DAMPINGS[best]) * 3.0)
-            history.append(
-                Iteration(
-                    iteration=number,
-                    relative_error=math.sqrt(cost / initial) if initial > 0.0 else 0.0,
-                    step=step_length,
-                    more={
-                        "cost": cost,
-                        "cost_per_row": cost / max(1, errors.size - point.size),
-                        "damping": damping,
-                        steps.measure: measure,
-                        "simulations": float(problem.n_simulations),
-                    },
-                )
+        status = run.iterate()
+        run.finish(status)
+    except KeyboardInterrupt:
+        status = Status.INTERRUPTED
+    return run.result(status)
+
+
+class Search:
+    """A search in progress: its candidate, with the errors, the cost and the derivatives there."""
+
+    def __init__(self, problem: OutputError, steps: Steps) -> None:
+        self.problem, self.steps, self.checkpoint = problem, steps, problem.checkpoint()
+        self.candidate, self.damping, self.initial = steps.begin(), 1e-3, math.nan
+        self.history: list[Iteration] = []
+        self.finished = self.accepted = False
+        self.moved: float | None = None
+        saved = self.checkpoint.load()
+        if saved is not None:
+            arrays, numbers, self.history = saved
+            self.candidate, self.damping, self.initial = (
+                arrays["point"],
+                numbers["damping"],
+                numbers["initial"],
             )
+            self.finished = bool(numbers["finished"])
+            problem.n_simulations = numbers["simulations"]
+            problem.reporter.say(f"goes on from iteration {len(self.history)} of {problem.method.checkpoint}")
+        self.point = steps.point(self.candidate)
+        errors, completed = problem.errors(self.point[None])
+        if not completed[0]:
+            raise problem.no_start()
+        self.errors = errors[0]
+        self.cost = float(self.errors @ self.errors)
+        self.initial = self.cost if math.isnan(self.initial) else self.initial
+        self.jacobian: Array | None = None
+        self.normal = np.eye(self.point.size)
+
+    def iterate(self) -> Status:
+        """Step until an optimum, the largest number of iterations or the callback ends the search."""
+        if self.finished:  # a finished search is not continued
+            return Status.CONVERGED
+        problem, steps = self.problem, self.steps
+        begin, done_before = time.monotonic(), len(self.history)
+        most = problem.method.max_iterations or MOST_ITERATIONS
+        for number in range(done_before + 1, most + 1):
+            measure, fall, length = self.step()
+            self.history.append(self._entry(number, measure, length))
             each = (time.monotonic() - begin) / (number - done_before)
             problem.reporter.say(
-                f"iteration {number}: cost per row {cost / errors.size:.6g}, {steps.measure.replace('_', ' ')} {measure:.2g}, "
-                f"damping {damping:.1g}, {problem.n_simulations} simulations; {each:.2g} s an iteration, at most "
-                f"{each * (most - number):.0f} s left"
+                f"iteration {number}: cost per row {self.cost / self.errors.size:.6g}, "
+                f"{steps.measure.replace('_', ' ')} {measure:.2g}, damping {self.damping:.1g}, "
+                f"{problem.n_simulations} simulations; {each:.2g} s an iteration, at most {each * (most - number):.0f} s left"
             )
-            ended = not accepted or fall <= max(method.tolerance, steps.least_fall)
+            ended = not self.accepted or fall <= max(problem.method.tolerance, steps.least_fall)
             # (20) alone would also hold if the damping suppressed all steps.
-            converged = ended and steps.met(measure, fall, accepted=accepted)
+            converged = ended and steps.met(measure, fall, accepted=self.accepted)
             state = {
-                "damping": damping,
-                "initial": initial,
+                "damping": self.damping,
+                "initial": self.initial,
                 "simulations": problem.n_simulations,
                 "finished": converged,
             }
-            checkpoint.save({"point": candidate}, state, history)
-            if problem.reporter.progress(history[-1]):
-                status = Status.STOPPED
-                break
+            self.checkpoint.save({"point": self.candidate}, state, self.history)
+            if problem.reporter.progress(self.history[-1]):
+                return Status.STOPPED
             if ended:
-                status = Status.CONVERGED if converged else Status.NOT_CONVERGED
+                return Status.CONVERGED if converged else Status.NOT_CONVERGED
+        return Status.NOT_CONVERGED
+
+    def step(self) -> tuple[float, float, float]:
+        """Make a damped step; return the measure of optimality, and the relative decrease and the step, zero without one."""
+        jacobian = self._differentiate()
+        self.accepted = False
+        trials, measure = self.steps.trials(self.candidate, self.errors, jacobian, self.damping)
+        for raised in range(self.steps.most_raises):
+            if raised:
+                trials, _ = self.steps.trials(self.candidate, self.errors, jacobian, self.damping)
+            points = np.stack([self.steps.point(trial) for trial in trials])
+            costs = self.problem.costs(points)
+            best = int(np.argmin(costs))
+            if costs[best] < self.cost:
                 break
-        if jacobian is None or (accepted and status is not Status.STOPPED):
-            jacobian = problem.derivatives(point, errors)
-            normal = jacobian @ jacobian.T
-        advance = steps.correction(jacobian, normal, cost) if status is Status.CONVERGED else None
-        if advance is not None:
-            end = corrected(problem, candidate, normal, advance, steps.point)
-            if end is not None:
-                problem, candidate, errors, cost, moved = (
-                    end.problem,
-                    end.candidate,
-                    end.errors,
-                    end.cost,
-                    end.moved,
-                )
-    except KeyboardInterrupt:
-        status = Status.INTERRUPTED
-    spread, condition, remarks = spread_at(problem, normal, errors, jacobian)
-    if math.isinf(condition) and status is Status.CONVERGED:
-        status = Status.ILL_CONDITIONED
-    fit = problem.result(
-        steps.point(candidate),
-        status=status,
-        history=history,
-        covariance=spread.covariance,
-        uncertainty=spread.uncertainty,
-        condition_number=condition,
-        settings={
-            "noise_position": (1.0 / np.sqrt(problem.weight_q)).tolist() if problem.weight_q.all() else None,
-            "cost": cost,
-            "initial_cost": initial,
-            "moved_by_finer_steps": moved,
-        },
-        remarks=(*remarks, *spread.remarks),
-    )
-    return steps.finish(fit, candidate)
+            self.damping *= 1e4
+        else:
+            return measure, 0.0, 0.0
+        self.accepted = True
+        fall = 1.0 - float(costs[best]) / self.cost
+        length = float(np.max(np.abs(points[best] - self.point) / self.problem.scale))
+        self.candidate, self.point = trials[best], points[best]
+        self.errors = self.problem.errors(self.point[None])[0][0]
+        self.cost = float(self.errors @ self.errors)
+        self.damping = max(1e-12, self.damping * float(DAMPINGS[best]) * 3.0)
+        return measure, fall, length
+
+    def finish(self, status: Status) -> None:
+        """Take the derivatives at the end, and correct a converged search for the steps in time."""
+        if self.jacobian is None or (self.accepted and status is not Status.STOPPED):
+            self._differentiate()
+        if status is not Status.CONVERGED or self.jacobian is None:
+            return
+        advance = self.steps.correction(self.jacobian, self.normal, self.cost)
+        if advance is None:
+            return
+        end = corrected(self.problem, self.candidate, self.normal, advance, self.steps.point)
+        if end is not None:
+            self.problem, self.candidate, self.moved = end.problem, end.candidate, end.moved
+            self.errors, self.cost = end.errors, end.cost
+
+    def result(self, status: Status) -> Identification:
+        """Return the result at the last candidate."""
+        problem = self.problem
+        spread, condition, remarks = spread_at(problem, self.normal, self.errors, self.jacobian)
+        if math.isinf(condition) and status is Status.CONVERGED:
+            status = Status.ILL_CONDITIONED
+        known_noise = problem.weight_q.all()
+        fit = problem.result(
+            self.steps.point(self.candidate),
+            status=status,
+            history=self.history,
+            covariance=spread.covariance,
+            uncertainty=spread.uncertainty,
+            condition_number=condition,
+            settings={
+                "noise_position": (1.0 / np.sqrt(problem.weight_q)).tolist() if known_noise else None,
+                "cost": self.cost,
+                "initial_cost": self.initial,
+                "moved_by_finer_steps": self.moved,
+            },
+            remarks=(*remarks, *spread.remarks),
+        )
+        return self.steps.finish(fit, self.candidate)
+
+    def _differentiate(self) -> Array:
+        self.jacobian = self.problem.derivatives(self.point, self.errors)
+        self.normal = self.jacobian @ self.jacobian.T
+        return self.jacobian
+
+    def _entry(self, number: int, measure: float, length: float) -> Iteration:
+        return Iteration(
+            iteration=number,
+            relative_error=math.sqrt(self.cost / self.initial) if self.initial > 0.0 else 0.0,
+            step=length,
+            more={
+                "cost": self.cost,
+                "cost_per_row": self.cost / max(1, self.errors.size - self.point.size),
+                "damping": self.damping,
+                self.steps.measure: measure,
+                "simulations": float(self.problem.n_simulations),
+            },
+        )
 
 
 class SafeSteps:

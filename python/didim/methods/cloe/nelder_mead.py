@@ -92,10 +92,7 @@ def minimise(
         Final simplex, and whether the tolerances are met.
     """
     n = simplex.points.shape[1]
-    if adaptive:
-        rho, chi, psi, sigma = 1.0, 1.0 + 2.0 / n, 0.75 - 1.0 / (2.0 * n), 1.0 - 1.0 / n
-    else:
-        rho, chi, psi, sigma = 1.0, 2.0, 0.5, 0.5
+    chi, psi, sigma = (1.0 + 2.0 / n, 0.75 - 1.0 / (2.0 * n), 1.0 - 1.0 / n) if adaptive else (2.0, 0.5, 0.5)
     points, values = simplex.points.copy(), simplex.values.copy()
     iterations, evaluations, made = simplex.iterations, simplex.evaluations, simplex.simulations
     while evaluations < max_evaluations and iterations < max_iterations:
@@ -107,29 +104,29 @@ def minimise(
         worst = points[-1]
         trials = np.stack(
             [
-                (1 + rho) * centre - rho * worst,
-                (1 + rho * chi) * centre - rho * chi * worst,
-                (1 + psi * rho) * centre - psi * rho * worst,
+                2.0 * centre - worst,
+                (1 + chi) * centre - chi * worst,
+                (1 + psi) * centre - psi * worst,
                 (1 - psi) * centre + psi * worst,
             ]
         )
-        reflected, expanded, outside, inside = found = batch(trials)
+        reflected, expanded, outside, inside = trial_values = batch(trials)
         made += 4
         evaluations += 1
-        taken: int | None = None
+        accepted: int | None = None
         if reflected < values[0]:
             evaluations += 1
-            taken = 1 if expanded < reflected else 0
+            accepted = 1 if expanded < reflected else 0
         elif reflected < values[-2]:
-            taken = 0
+            accepted = 0
         elif reflected < values[-1]:
             evaluations += 1
-            taken = 2 if outside <= reflected else None
+            accepted = 2 if outside <= reflected else None
         else:
             evaluations += 1
-            taken = 3 if inside < values[-1] else None
-        if taken is not None:
-            points[-1], values[-1] = trials[taken], found[taken]
+            accepted = 3 if inside < values[-1] else None
+        if accepted is not None:
+            points[-1], values[-1] = trials[accepted], trial_values[accepted]
         else:
             points[1:] = points[0] + sigma * (points[1:] - points[0])
             values[1:] = batch(points[1:])

@@ -76,17 +76,35 @@ class NearestRobot:
     prior: str
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Nearness:
+    """Settings of the search for the nearest robot.
+
+    Attributes
+    ----------
+    prior, bounds
+        As in `Consistent`.
+    gamma : float
+        Weight of the prior (nats).
+    draws : int
+        Number of draws for the intervals, at least 20.
+    seed : int
+        Seed of NumPy's default generator.
+    """
+
+    prior: str | Mapping[str, float] | Array | Prior = "generic"
+    gamma: float = GAMMA
+    bounds: Bounds | None = None
+    draws: int = NEAREST_DRAWS
+    seed: int = 0
+
+
 def nearest_robot(
     robot: Robot,
     selection: Selection,
     beta: Array,
     covariance: Array,
-    *,
-    prior: str | Mapping[str, float] | Array | Prior = "generic",
-    gamma: float = GAMMA,
-    bounds: Bounds | None = None,
-    draws: int = NEAREST_DRAWS,
-    seed: int = 0,
+    settings: Nearness,
     degrees_of_freedom: float = np.inf,
 ) -> NearestRobot:
     """Find the robot nearest to base parameters, in units of their covariance.
@@ -101,14 +119,8 @@ def nearest_robot(
         Base parameters.
     covariance : (b, b) array
         Their covariance; zero for fixed and dropped ones.
-    prior, bounds
-        As in `Consistent`.
-    gamma : float
-        Weight of the prior (nats).
-    draws : int
-        Number of draws for the intervals, at least 20.
-    seed : int
-        Seed of NumPy's default generator.
+    settings : Nearness
+        Prior and draws.
     degrees_of_freedom : float
         Degrees of freedom of the covariance: for a jackknife its blocks less one. They widen the intervals, not the standard
         deviations.
@@ -118,16 +130,17 @@ def nearest_robot(
     FitError
         Without standard deviations, and when no robot meets all conditions.
     """
-    if draws < 20:
-        raise FitError(f"intervals need at least 20 draws, got {draws}")
+    if settings.draws < 20:
+        raise FitError(f"intervals need at least 20 draws, got {settings.draws}")
+    gamma, bounds, draws = settings.gamma, settings.bounds, settings.draws
     estimated = selection.estimated
     part = covariance[np.ix_(estimated, estimated)]
     root = root_of(part)
-    chosen = prior_of(robot, prior)
+    chosen = prior_of(robot, settings.prior)
     problem = ConstrainedProblem(robot, selection, chosen, gamma, bounds)
     right = root @ beta[estimated]
     best = problem.solve(root, right)
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(settings.seed)
     noise = random.standard_normal((draws, len(estimated)))
     shrink = 1.0
     if degrees_of_freedom < np.inf:
