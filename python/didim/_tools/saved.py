@@ -1,13 +1,24 @@
-"""Reader of the JSON of saved results. Tested in ``tests/test_identification.py``."""
+"""JSON of results: records as plain data and back, and files. Tested in ``tests/test_identification.py``."""
 
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType, UnionType
+from typing import Any, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from ..errors import FitError, OutputError
+from .files import write_atomically
 from .inputs import read_file
+
+UNBOUNDED = MappingProxyType({"none": math.inf})
+"""Metadata of a field whose missing numbers in JSON are infinite; those of other fields are NaN."""
 
 SCHEMA = 1
 """Version of the format that this code writes and reads."""
@@ -38,3 +49,75 @@ def read_saved(path: str | Path) -> dict[str, Any]:
     if data["schema"] != SCHEMA:
         raise FitError(f"{path}: schema {data['schema']} is not the schema {SCHEMA} that this version reads")
     return data
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON data: records by field, arrays and tuples as lists, numbers that are not finite as None."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if is_dataclass(value):
+        return {item.name: plain(getattr(value, item.name)) for item in fields(value)}
+    return value
+
+
+def rows(**columns: Iterable[Any]) -> list[dict[str, Any]]:
+    """Return columns of equal length as JSON data, one mapping per row."""
+    return [plain(dict(zip(columns, values, strict=True))) for values in zip(*columns.values(), strict=True)]
+
+
+@cache
+def _hints(record: type) -> dict[str, Any]:
+    return get_type_hints(record)
+
+
+def restored(kind: Any, data: Any, none: float = math.nan) -> Any:
+    """Return the value of a type from the data that `plain` has made of it; `none` stands for missing numbers.
+
+    Raises
+    ------
+    KeyError, AttributeError, TypeError, ValueError, OverflowError
+        For data of another structure.
+    """
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin is UnionType:
+        inner = [item for item in arguments if item is not type(None)]
+        return data if data is None or len(inner) > 1 else restored(inner[0], data, none)
+    if kind is float:
+        return none if data is None else float(data)
+    if origin is np.ndarray:
+        array = np.array(data, dtype=np.float64)
+        return np.where(np.isnan(array), none, array)
+    if origin is tuple:
+        kinds = arguments[:1] * len(data) if arguments[-1] is Ellipsis else arguments
+        return tuple(restored(item, value, none) for item, value in zip(kinds, data, strict=True))
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return {key: restored(arguments[1], value, none) for key, value in data.items()}
+    if isinstance(kind, type) and is_dataclass(kind):
+        if isinstance(data, kind):
+            return data
+        hints = _hints(kind)
+        bounds = {item.name: item.metadata.get("none", math.nan) for item in fields(kind)}
+        return kind(**{key: restored(hints[key], value, bounds[key]) for key, value in data.items()})
+    if kind in (int, str) and not isinstance(data, kind):
+        raise TypeError(f"{data!r} is not {'a text' if kind is str else 'an integer'}")
+    return data
+
+
+def save_json(path: str | Path, content: object, sources: Iterable[str] = ()) -> None:
+    """Write JSON, whole or not at all, unless the file is one of `sources`, given by their SHA-256.
+
+    Raises
+    ------
+    OutputError
+        When the file is one that the content was computed from (``test_outputs.py``).
+    OSError
+        When the file cannot be written.
+    """
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+    write_atomically(Path(path), text + "\n", sources)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Callable
@@ -68,11 +67,9 @@ class Saved:
 
     def save_json(self, path: Path | None, content: object) -> None:
         """Write an output as JSON, if requested."""
+        from .._tools.saved import save_json
 
-        def write(place: Path) -> None:
-            write_atomically(place, json.dumps(content, indent=1, allow_nan=False) + "\n")
-
-        self.save(path, write)
+        self.save(path, lambda place: save_json(place, content))
 
     def show(self, text: str, verdict: Verdict | None = None, *, exact: bool = False) -> None:
         """Print the result on stdout, in the width of a terminal unless `exact`; its verdict is in colour there."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, overload
 
-from .._tools.files import write_atomically
 from .._tools.notebook import page
+from .._tools.saved import save_json
 from .._tools.words import columned
 from ..result.finding import Finding
 
@@ -93,8 +92,7 @@ class Findings(Sequence[Finding]):
 
     def save(self, path: str | Path) -> None:
         """Write the JSON of `to_dict`, whole or not at all."""
-        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
-        write_atomically(Path(path), text + "\n", self.sources)
+        save_json(path, self.to_dict(), self.sources)
 
 
 def _item(item: Finding) -> dict[str, Any]:

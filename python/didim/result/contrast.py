@@ -17,6 +17,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.notebook import Printed
+from .._tools.saved import plain, rows
 from .._tools.words import counted
 from ..errors import FitError
 from .identification import Identification
@@ -26,6 +27,8 @@ SAME_TIME = 0.25
 """Largest difference of the blocks' edges of two results, as a share of a block: methods drop different rows at the ends."""
 MOST_NAMED = 4
 """Largest number of parameters that a sentence names."""
+SAVED = ("first", "second", "rms", "rms_in_sigma", "bound", "level", "degrees_of_freedom", "beyond")
+"""Attributes that JSON has under their own name."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -42,8 +45,8 @@ class Contrast(Printed):
         Second less first estimate.
     std : ndarray, shape (b,)
         Standard deviation of the difference, by the jackknife.
-    std_first, std_second : ndarray, shape (b,)
-        Standard deviations of the two estimates.
+    std_first : ndarray, shape (b,)
+        Standard deviations of the first estimate.
     degrees_of_freedom : float
         Number of blocks less one.
     level : float
@@ -57,7 +60,6 @@ class Contrast(Printed):
     difference: Array
     std: Array
     std_first: Array
-    std_second: Array
     degrees_of_freedom: float
     level: float = 0.95
 
@@ -135,27 +137,15 @@ class Contrast(Printed):
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain lists, numbers and strings."""
         return {
-            "first": self.first,
-            "second": self.second,
-            "rms": self.rms,
-            "rms_in_sigma": self.rms_in_sigma,
-            "bound": self.bound,
-            "level": self.level,
-            "degrees_of_freedom": self.degrees_of_freedom,
-            "beyond": list(self.beyond),
-            "parameters": [
-                {
-                    "name": name,
-                    "unit": unit,
-                    "difference": float(d),
-                    "std": float(s),
-                    "ratio": float(z),
-                    "in_sigma": float(sigma) if np.isfinite(sigma) else None,
-                }
-                for name, unit, d, s, z, sigma in zip(
-                    self.names, self.units, self.difference, self.std, self.ratios, self.in_sigma, strict=True
-                )
-            ],
+            **{key: plain(getattr(self, key)) for key in SAVED},
+            "parameters": rows(
+                name=self.names,
+                unit=self.units,
+                difference=self.difference,
+                std=self.std,
+                ratio=self.ratios,
+                in_sigma=self.in_sigma,
+            ),
         }
 
 
@@ -226,7 +216,6 @@ def contrast(first: Identification, second: Identification, *, level: float = 0.
         difference=second.beta[kept] - first.beta[kept],
         std=np.sqrt((m - 1) / m * np.sum(centred**2, axis=0)),
         std_first=_of_noise(first)[kept],
-        std_second=_of_noise(second)[kept],
         degrees_of_freedom=m - 1.0,
         level=level,
     )

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 from .._tools.pickling import Pickled
+from .._tools.saved import plain, restored
 from .sentences import advice_of, sentence_of
 
 Grade = Literal["wrong", "doubtful", "note"]
@@ -129,23 +130,8 @@ class Finding(Pickled):
         return f"{self.sentence}. {advice}." if advice else self.sentence
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields and the sentence as JSON data."""
-        remedy = self.remedy
-        return {
-            "code": self.code,
-            "grade": self.grade,
-            "severity": self.grade,  # its name in 0.2.0
-            "sentence": self.sentence,
-            "advice": self.advice,
-            "joints": list(self.joints),
-            "parameters": list(self.parameters),
-            "recordings": list(self.recordings),
-            "value": self.value,
-            "deviation": self.deviation,
-            "effect": self.effect,
-            "remedy": None if remedy is None else {**vars(remedy), "joints": list(remedy.joints)},
-            "facts": dict(self.facts),
-        }
+        """Return all fields and the sentence as JSON data; `severity` is the name of `grade` in 0.2.0."""
+        return {**plain(self), "severity": self.grade, "sentence": self.sentence, "advice": self.advice}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Finding:
@@ -156,24 +142,12 @@ class Finding(Pickled):
         KeyError, TypeError, ValueError
             For anything else.
         """
-        grade = data.get("grade", data.get("severity"))
-        if grade not in GRADES:
-            raise ValueError(f"there is no grade {grade!r}")
-        facts = data.get("facts")
-        if facts is None:
-            facts = {"text": str(data["sentence"]), "advice": str(data["advice"])}
-        remedy = data.get("remedy")
-        numbers = {key: data.get(key) for key in ("value", "deviation", "effect")}
-        return cls(
-            code=str(data["code"]),
-            grade=grade,
-            joints=tuple(int(joint) for joint in data["joints"]),
-            parameters=tuple(str(name) for name in data["parameters"]),
-            recordings=tuple(str(name) for name in data.get("recordings", ())),
-            remedy=None if remedy is None else Remedy(**{**remedy, "joints": tuple(remedy["joints"])}),
-            facts=dict(facts),
-            **{key: None if value is None else float(value) for key, value in numbers.items()},
-        )
+        facts = {"text": str(data["sentence"]), "advice": str(data["advice"])}
+        data = {"grade": data.get("severity"), "facts": facts, **data}
+        if data["grade"] not in GRADES:
+            raise ValueError(f"there is no grade {data['grade']!r}")
+        made: Finding = restored(cls, {key: data[key] for key in cls.__dataclass_fields__ if key in data})
+        return made
 
 
 def said(

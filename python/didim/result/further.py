@@ -5,9 +5,8 @@ Tested in ``tests/test_logs.py``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from .._tools.arrays import Array, relative_percent
 from .._tools.pickling import Pickled
+from .._tools.saved import plain, restored, rows
 from ..regression.logs.parameters import ColumnBlock
 from ..robot.payload import Payload
 from .table import parameter_lines, parameter_rows
@@ -187,54 +187,21 @@ class Further(Pickled):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values as JSON data."""
-        rows = zip(self.names, self.units, self.values, self.std, self.std_white, strict=True)
-        return {
-            "blocks": [
-                {
-                    "kind": block.kind,
-                    "owner": block.owner,
-                    "names": list(block.names),
-                    "units": list(block.units),
-                }
-                for block in self.blocks
-            ],
-            "parameters": [
-                {
-                    "name": name,
-                    "unit": unit,
-                    "value": float(value),
-                    "std": float(std),
-                    "std_white": float(white) if math.isfinite(white) else None,
-                }
-                for name, unit, value, std, white in rows
-            ],
-            "payloads": {name: asdict(payload) for name, payload in self.payloads.items()},
-            "reference": dict(self.reference),
-            "covariance": self.covariance.tolist(),
-        }
+        columns = rows(
+            name=self.names, unit=self.units, value=self.values, std=self.std, std_white=self.std_white
+        )
+        data: dict[str, Any] = plain(self)
+        del data["values"], data["std_white"]
+        return {**data, "parameters": columns}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Further:
         """Restore the values from `to_dict`."""
-        rows = data["parameters"]
-        return cls(
-            blocks=tuple(
-                ColumnBlock(item["kind"], item["owner"], tuple(item["names"]), tuple(item["units"]))
-                for item in data["blocks"]
-            ),
-            values=np.array([item["value"] for item in rows]),
-            covariance=np.array(data["covariance"]),
-            std_white=np.array(
-                [math.nan if item["std_white"] is None else item["std_white"] for item in rows]
-            ),
-            payloads={
-                name: Payload(
-                    name=item["name"],
-                    mass_kg=item["mass_kg"],
-                    com_m=None if item["com_m"] is None else tuple(item["com_m"]),
-                    inertia_kg_m2=None if item["inertia_kg_m2"] is None else tuple(item["inertia_kg_m2"]),
-                )
-                for name, item in data["payloads"].items()
-            },
-            reference=data["reference"],
-        )
+        columns = data["parameters"]
+        values = {
+            "values": [row["value"] for row in columns],
+            "std_white": [row["std_white"] for row in columns],
+        }
+        fields = {key: value for key, value in data.items() if key != "parameters"}
+        made: Further = restored(cls, {**fields, **values})
+        return made

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,9 +13,8 @@ from typing import Any, cast
 import numpy as np
 
 from .._tools.arrays import Array, relative_percent
-from .._tools.files import write_atomically
 from .._tools.pickling import Pickled
-from .._tools.saved import SCHEMA, read_saved
+from .._tools.saved import SCHEMA, UNBOUNDED, plain, read_saved, restored, rows, save_json
 from .._tools.words import counted
 from ..errors import FitError
 from ..regression.selection import Role
@@ -29,11 +27,21 @@ from .iteration import HeldOut, Iteration
 from .notebook import InNotebook
 from .positions.record import PositionRecord
 from .positions.table import position_lines
-from .saved_fields import fields_of
 from .status import Status
 from .table import error_rows, limb_headings, parameter_lines, parameter_rows, percent_text, table_lines
 from .uncertainty import Uncertainty, student_factor
-from .verdict import Use, Verdict, derived
+from .verdict import DERIVED, Use, Verdict, derived
+
+SAVED = (
+    *("name", "robot", "method", "n_simulations", "condition_number", "relative_error"),
+    *("overall_relative_error", "error_norm", "error_std", "n_rows", "warnings", "held_out", "delay"),
+    *("settings", "digests", "covariance"),
+)
+"""Fields that JSON has under their own name."""
+OPTIONAL = ("remarks", "ending", "output_error")
+"""Fields that JSON has under their own name, and that results of older versions lack."""
+TABLES = ("cloe", "consistent", "positions", "prediction", "robot", "signal", "versions")
+"""Settings of a result that are tables, if they are there."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,7 +127,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
     overall_relative_error: float
     error_norm: float
     error_std: float
-    condition_number: float
+    condition_number: float = field(metadata=UNBOUNDED)
     n_rows: int
     uncertainty: Uncertainty | None = None
     further: Further | None = None
@@ -301,94 +309,37 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain lists, numbers and strings; NaN and infinity become None."""
-        values = zip(
-            self.names,
-            self.units,
-            self.beta,
-            self.std,
-            self.relative_std_percent,
-            *self.confidence_interval(),
-            self.std_white,
-            self.roles,
-            strict=True,
-        )
+        low, high = self.confidence_interval()
+        further = {} if self.further is None else {"further": self.further.to_dict()}
         return {
             "schema": SCHEMA,
-            "name": self.name,
-            "robot": self.robot,
-            "method": self.method,
             "status": self.status.value,
             "status_name": self.status.name,
             "converged": self.converged,
             "verdict": self.verdict.to_dict(),
-            "ending": self.ending,
             "n_iterations": self.n_iterations,
-            "n_simulations": self.n_simulations,
-            "output_error": None if self.output_error is None else [_finite(e) for e in self.output_error],
             "elapsed_s": self.elapsed,
-            "condition_number": _finite(self.condition_number),
-            "relative_error": [_finite(value) for value in self.relative_error],
-            "overall_relative_error": _finite(self.overall_relative_error),
-            "error_norm": self.error_norm,
-            "error_std": self.error_std,
-            "n_rows": self.n_rows,
-            "parameters": [
-                {
-                    "name": name,
-                    "unit": unit,
-                    "value": float(value),
-                    "std": float(std),
-                    "relative_std_percent": _finite(percent),
-                    "low": _finite(low),
-                    "high": _finite(high),
-                    "std_white": _finite(white),
-                    "role": role,
-                }
-                for name, unit, value, std, percent, low, high, white, role in values
-            ],
-            "uncertainty": None if self.uncertainty is None else self.uncertainty.to_dict(),
-            **({} if self.further is None else {"further": self.further.to_dict()}),
-            "warnings": list(self.warnings),
-            "remarks": list(self.remarks),
-            "held_out": [
-                {
-                    "name": item.name,
-                    "relative_error": [_finite(value) for value in item.relative_error],
-                    "overall_relative_error": _finite(item.overall_relative_error),
-                    "error_rms": [_finite(value) for value in item.error_rms],
-                }
-                for item in self.held_out
-            ],
-            "history": [
-                {
-                    "iteration": item.iteration,
-                    "relative_error": _finite(item.relative_error),
-                    "step": _finite(item.step),
-                    **{key: _finite(value) for key, value in item.more.items()},
-                }
-                for item in self.history
-            ],
-            "delay": dict(self.delay),
-            "settings": copy.deepcopy(dict(self.settings)),
-            "digests": dict(self.digests),
-            "standard_parameters": dict(
-                zip(self.parameter_names, (float(value) for value in self.parameters), strict=True)
+            **{key: plain(getattr(self, key)) for key in (*SAVED, *OPTIONAL)},
+            "parameters": rows(
+                name=self.names,
+                unit=self.units,
+                value=self.beta,
+                std=self.std,
+                relative_std_percent=self.relative_std_percent,
+                low=low,
+                high=high,
+                std_white=self.std_white,
+                role=self.roles,
             ),
-            "covariance": self.covariance.tolist(),
+            "uncertainty": None if self.uncertainty is None else self.uncertainty.to_dict(),
+            **further,
+            "history": [item.to_dict() for item in self.history],
+            "standard_parameters": plain(dict(zip(self.parameter_names, self.parameters, strict=True))),
         }
 
     def save(self, path: str | Path) -> None:
-        """Write the JSON of `to_dict`, whole or not at all.
-
-        Raises
-        ------
-        OutputError
-            When the file is one that the result was computed from (``test_outputs.py``).
-        OSError
-            When the file cannot be written.
-        """
-        text = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-        write_atomically(Path(path), text + "\n", self.digests.values())
+        """Write the JSON of `to_dict`; see `didim._tools.saved.save_json`."""
+        save_json(path, self.to_dict(), self.digests.values())
 
     def save_parameters(self, path: str | Path) -> None:
         """Write the parameters alone, as TOML or npz: see `didim.robot.parameter_file.write_parameters`."""
@@ -417,11 +368,54 @@ class Identification(InNotebook, MovedToRobot, Pickled):
         """
         data = read_saved(path)
         try:
-            return checked(cls(**fields_of(data)))
+            return checked(restored(cls, _fields(data)))
         except KeyError as error:
             raise FitError(f"{path}: key {error} is missing or unknown") from None
         except (AttributeError, TypeError, ValueError, OverflowError, IndexError) as error:
             raise FitError(f"{path}: not the result of an identification: {error}") from None
+
+
+def _fields(data: dict[str, Any]) -> dict[str, Any]:
+    """Return the fields of a result from the JSON of `Identification.to_dict`."""
+    parameters, standard, verdict = data["parameters"], data["standard_parameters"], data.get("verdict", {})
+    names, units, roles, beta, white = (
+        [row[key] for row in parameters] for key in ("name", "unit", "role", "value", "std_white")
+    )
+    uncertainty, further = data.get("uncertainty"), data.get("further")
+    reasons = (item for item in verdict.get("reasons", ()) if item["code"] not in DERIVED)
+    return {
+        **{key: data[key] for key in SAVED},
+        **{key: data[key] for key in OPTIONAL if key in data},
+        "settings": _tables(data["settings"]),
+        "status": Status[data["status_name"]],
+        "names": names,
+        "units": units,
+        "roles": roles,
+        "beta": beta,
+        "covariance": np.reshape(np.array(data["covariance"]), (len(names), len(names))),
+        "parameter_names": list(standard),
+        "parameters": list(standard.values()),
+        "uncertainty": None
+        if uncertainty is None
+        else Uncertainty.from_dict(uncertainty, np.array(white, dtype=np.float64)),
+        "further": None if further is None else Further.from_dict(further),
+        "elapsed": data["elapsed_s"],
+        "history": [Iteration.from_dict(item) for item in data["history"]],
+        "evidence": [Finding.from_dict(item) for item in reasons],
+        "uses": verdict.get("uses", ()),
+    }
+
+
+def _tables(settings: dict[str, Any]) -> dict[str, Any]:
+    """Return the settings; what is read as a table by its readers must be one."""
+    robot = settings.get("robot")
+    tables = {key: settings.get(key) for key in TABLES}
+    if isinstance(robot, dict):
+        tables["robot.friction"] = robot.get("friction")
+    for key, table in tables.items():
+        if not (table is None or isinstance(table, dict)):
+            raise TypeError(f"settings.{key} is {table!r:.40} in place of a table")
+    return settings
 
 
 def checked(fit: Identification) -> Identification:
@@ -443,7 +437,3 @@ def checked(fit: Identification) -> Identification:
     if not np.isfinite(fit.covariance).all():
         raise ValueError("the covariance has an entry that is not finite")
     return fit
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

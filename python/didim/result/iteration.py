@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
+
+from .._tools.saved import plain, restored
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +29,20 @@ class Iteration:
     relative_error: float
     step: float
     more: Mapping[str, float] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all numbers as JSON data, further ones beside the others."""
+        data: dict[str, Any] = plain(self)
+        more: dict[str, Any] = data.pop("more")
+        return data | more
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Iteration:
+        """Restore an iteration from `to_dict`."""
+        own = {key: data[key] for key in ("iteration", "relative_error", "step")}
+        more = {key: value for key, value in data.items() if key not in own}
+        made: Iteration = restored(cls, {**own, "more": more})
+        return made
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.pickling import Pickled
+from .._tools.saved import UNBOUNDED, plain, restored
 from .._tools.words import joints_text, series
 from ..errors import FitError
 from ..regression.friction.alarm import FrictionAlarm
@@ -82,7 +83,7 @@ class Uncertainty(Pickled):
     """
 
     kind: Kind
-    degrees_of_freedom: float
+    degrees_of_freedom: float = field(metadata=UNBOUNDED)
     std_white: Array
     joint_std: Array = field(default_factory=lambda: np.zeros(0))
     blocks: tuple[TimeBlock, ...] = ()
@@ -167,31 +168,16 @@ class Uncertainty(Pickled):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as JSON data, without `std_white`, which the parameters have beside their `std`."""
-        return {
-            "kind": self.kind,
-            "degrees_of_freedom": self.degrees_of_freedom if np.isfinite(self.degrees_of_freedom) else None,
-            "joint_std": self.joint_std.tolist(),
-            "blocks": [vars(block) for block in self.blocks],
-            "deletions": self.deletions.tolist(),
-            "single_block": dict(self.single_block),
-            "friction": None if self.friction is None else self.friction.to_dict(),
-        }
+        data: dict[str, Any] = plain(self)
+        del data["std_white"]
+        return data
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], std_white: Array) -> Uncertainty:
         """Restore the record from `to_dict`."""
-        freedom = data["degrees_of_freedom"]
-        deletions = np.array(data["deletions"], dtype=np.float64)
-        return cls(
-            kind=data["kind"],
-            degrees_of_freedom=np.inf if freedom is None else float(freedom),
-            std_white=std_white,
-            joint_std=np.array(data["joint_std"], dtype=np.float64),
-            blocks=tuple(TimeBlock(**block) for block in data["blocks"]),
-            deletions=deletions.reshape(len(data["blocks"]), -1) if data["blocks"] else np.zeros((0, 0)),
-            single_block=data["single_block"],
-            friction=FrictionAlarm.from_dict(data["friction"]) if data.get("friction") else None,
-        )
+        deletions = data["deletions"] if data["blocks"] else np.zeros((0, 0))
+        made: Uncertainty = restored(cls, {**data, "std_white": std_white, "deletions": deletions})
+        return made
 
 
 def student_factor(level: float, degrees_of_freedom: float) -> float:

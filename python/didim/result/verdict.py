@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import Any
 
 from .._tools.notebook import page
+from .._tools.saved import plain
 from .._tools.words import counted
 from .finding import GRADES, Finding
 from .sentences import percent
@@ -53,10 +54,6 @@ class Use:
             return f"{self.name}: no, {self.why}"
         size = f"{self.error:.2g} kg" if self.name == "payload" else f"{percent(self.error)} % of the torques"
         return f"{self.name}: {size}, {self.why}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all fields as JSON data."""
-        return dict(vars(self))
 
 
 @dataclass(frozen=True)
@@ -140,7 +137,7 @@ class Verdict:
             "state": self.state.value,
             "sentence": self.sentence,
             "reasons": [reason.to_dict() for reason in self.reasons],
-            "uses": [use.to_dict() for use in self.uses],
+            "uses": plain(self.uses),
         }
 
 

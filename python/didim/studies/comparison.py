@@ -5,7 +5,6 @@ Tested in ``tests/test_compare.py``.
 
 from __future__ import annotations
 
-import json
 import math
 import textwrap
 from collections.abc import Iterable, Mapping
@@ -16,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from .._tools.arrays import Array
-from .._tools.files import write_atomically
 from .._tools.notebook import page, pandas
+from .._tools.saved import plain, save_json
 from .._tools.words import counted
 from ..experiment.experiment import Experiment
 from ..methods.table import title_of
@@ -87,20 +86,14 @@ class Comparison:
         return {
             "robot": self.experiment.robot.name,
             "truth": dict(zip(names, self.truth.tolist(), strict=True)),
-            "position_norms": {
-                name: value if np.isfinite(value) else None for name, value in self.norms.items()
-            },
-            "torque_errors": {
-                name: [float(value) if np.isfinite(value) else None for value in values]
-                for name, values in self.torque_errors.items()
-            },
+            "position_norms": plain(self.norms),
+            "torque_errors": plain(self.torque_errors),
             "methods": {method: fit.to_dict() for method, fit in self.fits.items()},
         }
 
     def save(self, path: Path) -> None:
         """Write as JSON."""
-        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
-        write_atomically(path, text + "\n", self.experiment.digests.values())
+        save_json(path, self.to_dict(), self.experiment.digests.values())
 
     def __str__(self) -> str:
         return text_of(self)

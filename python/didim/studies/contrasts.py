@@ -5,14 +5,13 @@ Tested in ``tests/test_contrast.py``.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .._tools.files import write_atomically
 from .._tools.notebook import Printed
+from .._tools.saved import save_json
 from ..experiment.experiment import Experiment
 from ..methods.didim.didim import DIDIM
 from ..methods.identify import identify
@@ -63,9 +62,9 @@ class Contrasts(Printed):
 
     def save(self, path: str | Path) -> None:
         """Write the JSON of `to_dict`, whole or not at all."""
-        text = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-        sources = {digest for fit in self.fits.values() for digest in fit.digests.values()}
-        write_atomically(Path(path), text + "\n", sources)
+        save_json(
+            path, self.to_dict(), {digest for fit in self.fits.values() for digest in fit.digests.values()}
+        )
 
 
 def contrasts_of(log: Experiment, *, verbose: bool | None = None) -> Contrasts:

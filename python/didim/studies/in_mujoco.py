@@ -17,6 +17,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.inputs import check_input
+from .._tools.saved import plain
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..export.drives import HALF, Drives, JointDrive, drives_of, for_step
@@ -80,16 +81,7 @@ class MujocoValidation:
 
     def to_dict(self) -> dict[str, object]:
         """Everything, as plain lists and numbers."""
-        return {
-            "file": self.file,
-            "joints": list(self.joints),
-            "after": self.after.tolist(),
-            "before": None if self.before is None else self.before.tolist(),
-            "own": None if self.own is None else self.own.tolist(),
-            "step_s": self.step_s,
-            "at_file_step": self.at_file_step,
-            "ratio": self.ratio,
-        }
+        return {**plain(self), "ratio": self.ratio}
 
     def __str__(self) -> str:
         columns = [("before", self.before), (self.file, self.after), ("the fit's own", self.own)]

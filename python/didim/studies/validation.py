@@ -13,6 +13,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.notebook import Printed
+from .._tools.saved import plain
 from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import experiment_of
@@ -69,13 +70,7 @@ class Validation(Printed):
             "fit": self.fit.name,
             "experiment": self.experiment,
             "recordings": [
-                {
-                    "name": item.name,
-                    "direct": None if item.direct is None else _plain(item.direct),
-                    "direct_overall": item.direct_overall if np.isfinite(item.direct_overall) else None,
-                    "simulated": {key: _plain(values) for key, values in item.simulated.items()},
-                    "outcome": None if item.outcome is None else str(item.outcome),
-                }
+                plain(item) | {"outcome": None if item.outcome is None else str(item.outcome)}
                 for item in self.recordings
             ],
         }
@@ -103,10 +98,6 @@ class Validation(Printed):
                     "not simulated: the experiment has no [controller] and [reference], or made-up gains"
                 )
         return "\n".join(lines)
-
-
-def _plain(values: Array) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
 
 
 def same_robot(fit: Identification, experiment: Experiment) -> None:

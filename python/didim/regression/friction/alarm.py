@@ -20,15 +20,15 @@ Tested in ``tests/test_friction_alarm.py``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
+from ..._tools.saved import UNBOUNDED
 from ...model.memory import FADED, direction, start_column, state
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
@@ -95,34 +95,7 @@ class FrictionAlarm:
     law: str
     tested: tuple[str, ...]
     shift: Array
-    visible: Mapping[str, Array]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all fields as JSON has them; an amplitude that no log would show is null."""
-        return {
-            "p_value": self.p_value.tolist(),
-            "law": self.law,
-            "tested": list(self.tested),
-            "shift": self.shift.tolist(),
-            "visible": {
-                family: [value if np.isfinite(value) else None for value in values.tolist()]
-                for family, values in self.visible.items()
-            },
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> FrictionAlarm:
-        """Restore what `to_dict` made."""
-        return cls(
-            p_value=np.array(data["p_value"], dtype=np.float64),
-            law=data["law"],
-            tested=tuple(data["tested"]),
-            shift=np.array(data["shift"], dtype=np.float64),
-            visible={
-                family: np.array([np.inf if value is None else value for value in values], dtype=np.float64)
-                for family, values in data["visible"].items()
-            },
-        )
+    visible: Mapping[str, Array] = field(metadata=UNBOUNDED)
 
     @property
     def joints(self) -> tuple[int, ...]:

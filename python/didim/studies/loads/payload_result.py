@@ -12,6 +12,7 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..._tools.notebook import Printed
 from ..._tools.pickling import Pickled
+from ..._tools.saved import plain
 from ...result.table import table_lines
 from ...result.uncertainty import student_factor
 from ...robot.payload import UNITS
@@ -23,6 +24,10 @@ BODY_UNITS = ("kg", "mm", "mm", "mm", *("kg.m^2",) * 6)
 """Units of `BODY` in tables."""
 BODY_FACTORS = np.array([1.0, *(1e3,) * 3, *(1.0,) * 6])
 """Factors from SI to the units of teach pendants."""
+
+
+SAVED = ("covariance", "degrees_of_freedom", "offsets", "relative_error", "remarks")
+"""Fields that JSON has under their own name."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -144,35 +149,27 @@ class PayloadEstimate(Pickled, Printed):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain lists and numbers; NaN and infinity become None."""
-
-        def plain(values: Array | None) -> list[float | None] | None:
-            if values is None:
-                return None
-            return [float(value) if math.isfinite(value) else None for value in values]
-
+        body = None
+        if self.body is not None:
+            parts = {
+                "estimate": self.body,
+                "std": self.body_std,
+                "low": self.body_low,
+                "high": self.body_high,
+            }
+            body = {
+                key: {"mass_kg": values[0], "com_m": values[1:4], "inertia_kg_m2": values[4:]}
+                for key, values in ((key, plain(part) or []) for key, part in parts.items())
+            }
         return {
             "payload": self.name,
             "robot": self.robot,
             "log": self.log,
             "estimated": list(self.names),
-            "flange": dict(zip(INERTIAL, plain(self.ten) or [], strict=True)),
-            "flange_std": dict(zip(INERTIAL, plain(self.std) or [], strict=True)),
-            "covariance": self.covariance.tolist(),
-            "degrees_of_freedom": self.degrees_of_freedom,
-            "body": None
-            if self.body is None
-            else {
-                key: {"mass_kg": values[0], "com_m": values[1:4], "inertia_kg_m2": values[4:]}
-                for key, values in (
-                    ("estimate", plain(self.body) or []),
-                    ("std", plain(self.body_std) or []),
-                    ("low", plain(self.body_low) or []),
-                    ("high", plain(self.body_high) or []),
-                )
-            },
-            "offsets": {name: list(pair) for name, pair in self.offsets.items()},
-            "relative_error": plain(self.relative_error),
-            "remarks": list(self.remarks),
+            "flange": dict(zip(INERTIAL, plain(self.ten), strict=True)),
+            "flange_std": dict(zip(INERTIAL, plain(self.std), strict=True)),
+            "body": body,
+            **{key: plain(getattr(self, key)) for key in SAVED},
         }
 
 

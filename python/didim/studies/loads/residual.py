@@ -17,6 +17,7 @@ import numpy as np
 from ..._tools.arrays import Array
 from ..._tools.notebook import Printed
 from ..._tools.pickling import Pickled
+from ..._tools.saved import plain
 from ..._tools.settings import positive
 from ...errors import DidimError, FitError
 from ...experiment.experiment import Experiment
@@ -154,23 +155,8 @@ class Residual(Pickled, Printed):
                     "std": _rms(item.std).tolist(),
                     "observer_rms": _rms(item.observed).tolist(),
                     "observer_limit": np.median(item.limits, axis=0).tolist(),
-                    "contacts": [
-                        {
-                            "start_s": contact.start_s,
-                            "stop_s": contact.stop_s,
-                            "joints": list(contact.joints),
-                            "peak": list(contact.peak),
-                        }
-                        for contact in item.contacts
-                    ],
-                    "payload_change": None
-                    if item.payload_change is None
-                    else {
-                        "start_s": item.payload_change.start_s,
-                        "whole": item.payload_change.whole,
-                        "change": list(item.payload_change.change),
-                        "std": list(item.payload_change.std),
-                    },
+                    "contacts": plain(item.contacts),
+                    "payload_change": plain(item.payload_change),
                 }
                 for item in self.windows
             ],
