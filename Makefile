@@ -75,6 +75,7 @@ lint: $(VENV)/.built $(VENV)/.group-test $(VENV)/.group-lint
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/python benches/constant_docstrings.py
+	$(BIN)/python benches/function_sizes.py
 	$(BIN)/mypy --strict
 	$(BIN)/python -m mypy.stubtest didim._core
 	cargo clippy --workspace --all-targets -- -D warnings

@@ -186,3 +186,20 @@ def test_docstrings_of_constants_begin_with_a_noun(project: Path) -> None:
         (1, "A"),
         (3, "C"),
     ]
+
+
+def test_large_functions_need_a_reason(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(project / "benches")
+    program = script(project / "benches" / "function_sizes.py")
+    body = "\n".join(f"    a{k} = {k}" for k in range(60))
+    documented = f'def f():\n    """What f does."""\n    # Why.\n\n{body}\n'
+    assert program.oversized(documented) == [(1, "f has 61 lines")]
+    assert program.oversized(documented.replace("def f():", "def f():  # long: one table")) == []
+    assert program.oversized(documented.replace("    a0 = 0\n", "")) == []
+    method = "class C:\n    def g(self, a, b, c, d, e, f, g, *, h{}):\n        return a\n"
+    assert program.oversized(method.format("")) == []
+    assert program.oversized(method.format(", i")) == [(2, "g has 9 parameters")]
+    wide = method.format(", i").replace(
+        "def g(self, ", "def g(  # many parameters: those of a file\n        self, "
+    )
+    assert program.oversized(wide) == []

@@ -7,9 +7,9 @@ differs is an error, unless `resample` asks for even samples. Tested in ``tests/
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from .._tools.words import counted
 from ..errors import RecordingError
 from ..robot.transmission import reduction_matrix
 from .data_folder import SOURCES, DataFolder, Source
-from .recording import OWN, ROLES, Recording, Role, clock
+from .recording import OWN, ROLES, Recording, clock
 from .resampling import Resampling, resampling, step_range
 from .sampling import MINIMUM_SAMPLES, TimeFault, check_time, rollout_windows, slices, stretches, time_faults
 from .units import ESTIMATE, TIME, current_factors, effort_factors, position_factors, velocity_factors
@@ -89,115 +89,169 @@ def read_recording(
     RecordingError
         On a file that contradicts its table; the message names file, row and column.
     """
-    n_dof = len(robot.joint_kinds)
     name = table.text("name", name)
-    role = cast("Role", table.text("role", "fit", choices=ROLES))
     rate = table.number("rate_hz", None, above=0.0)
     windows_s = table.raw("windows_s", [], "list of [start, stop]")
     rollouts = table.text("rollouts", None)
     if rollouts is not None and windows_s:
         table.fail("give rollouts or windows_s, not both: each rollout is a window")
-    payload = table.text("payload", "none")
-    own = [key for key in OWN if table.text(key, "shared", choices=["shared", "own"]) == "own"]
-    tables = {key: table.table(key, None) for key in SOURCES}
-    table.done()
-    if tables["position"] is None and tables["reference"] is None:
-        table.fail("the table [recording.position] is missing")
-    if tables["external"] is not None and tables["torque"] is None:
-        table.fail("the table [recording.external] needs [recording.torque] beside it")
-    sources = {
-        key: folder.source(key, part, 1)
-        if key == "time"
-        else folder.source(key, part, n_dof, robot.joint_names)
-        for key, part in tables.items()
-        if part is not None
-    }
-    # All keys are checked before a file is parsed.
-    make = {
-        "position": _Channel.motion,
-        "velocity": _Channel.velocity,
-        "torque": _Channel.effort,
-        "external": _Channel.effort,
-        "reference": _Channel.motion,
-    }
-    channels = {key: make[key](source, robot, reduction) for key, source in sources.items() if key != "time"}
-    period, resample = _time_keys(sources["time"]) if "time" in sources else (1.0, False)
-    if rate is None and "time" not in sources:
-        table.fail("either rate_hz or the table [recording.time] must be there")
-
-    # Without measured positions the reference defines the samples of the recording.
-    base = "position" if "position" in sources else "reference"
-    by_column = rollouts is not None and rollouts != GAPS
-    if by_column:
-        sources[base].file.want([str(rollouts)], None, 1)
-    values = {key: channel.read() for key, channel in channels.items()}
-    count = len(values[base])
-    digests = {source.file.name: source.file.sha256 for source in sources.values()}
-    t = sources["time"].values()[:, 0] * period if "time" in sources else None
-    for key, found in {**values, **({} if t is None else {"time": t})}.items():
-        if len(found) != count:
-            raise RecordingError(
-                f"{name}: {key} has {counted(len(found), 'sample')} ({sources[key].place}), "
-                f"{base} has {count} ({sources[base].place})"
-            )
-    if count < MINIMUM_SAMPLES:
-        file = sources[base].place
-        raise RecordingError(f"{file}: at least {MINIMUM_SAMPLES} samples are needed, got {count}")
-    between_gaps: tuple[tuple[int, int], ...] = ()
+    use = _use(table)
+    signals = _signals(table, robot, reduction, folder, rate, rollouts)
+    values, t, base = signals.values, signals.t, signals.base
+    _check_counts(name, values if t is None else {**values, "time": t}, signals.sources, base)
+    place = "" if t is None else signals.sources["time"].place
+    clock_of = _Clock(t, rate)
     notes: tuple[str, ...] = ()
-    origin = _origin(sources, channels)
     if rollouts is not None:
-        if resample:
+        if signals.resample:
             table.fail("rollouts of uneven samples are not read: resample = true is for one run")
-        if t is None and not by_column:
+        if t is None and rollouts == GAPS:
             table.fail("rollouts = 'gaps' needs the table [recording.time]")
-        number = sources[base].file.get([str(rollouts)], None, 1)[:, 0] if by_column else None
-        between_gaps = rollout_windows(count, number, t)
-        if t is not None:
-            for start, stop in between_gaps:
-                rate = check_time(t[start:stop], rate, f"{sources['time'].place}, from row {start + 1}")
-            t = None
-    elif t is not None and resample:
-        plan = resampling(t, rate, sources["time"].place)
+        file = signals.sources[base].file
+        number = None if rollouts == GAPS else file.get([rollouts], None, 1)[:, 0]
+        clock_of = clock_of.of_rollouts(rollout_windows(len(values[base]), number, t), place)
+    elif t is not None and signals.resample:
+        plan = resampling(t, rate, place)
         notes = (f"recording '{name}': {plan.sentence(step_range(t))}",)
-        values = {key: plan.apply(found) for key, found in values.items()}
-        t, rate, between_gaps = plan.t, plan.rate_hz, plan.windows
-        origin["resampled"] = {"rate_hz": plan.rate_hz, "noise_variance": plan.noise_variance}
+        values = {key: plan.apply(samples) for key, samples in values.items()}
+        clock_of = _Clock(plan.t, plan.rate_hz, plan.windows)
+        signals.origin["resampled"] = {"rate_hz": plan.rate_hz, "noise_variance": plan.noise_variance}
     elif t is not None:
-        wrong = list(time_faults(t, rate, sources["time"].place))
-        if faults is not None and wrong and np.isfinite(wrong[0].rate_hz):
-            faults += [(name, fault) for fault in wrong]
-            rate, t = wrong[0].rate_hz, None
-            gaps = [fault.sample for fault in wrong if fault.kind == "gap" and fault.sample is not None]
-            between_gaps = stretches(gaps, count)
-        elif wrong:
-            raise RecordingError(wrong[0].sentence + _offer(wrong[0], t, rate, sources["time"].place))
-        else:
-            rate = check_time(t, rate, sources["time"].place)
+        clock_of = clock_of.checked(name, place, faults)
+    rate = clock_of.rate_hz
     assert rate is not None  # a missing rate without time stamps was refused above
     first = values[base]
     windows = slices(table, windows_s, rate, len(first))
-    if resample:
-        windows = _inside(table, windows, between_gaps, rate)
+    if signals.resample:
+        windows = _inside(table, windows, clock_of.windows, rate)
     return Recording(
         name=name,
-        t=clock(len(first), rate) if t is None else t,
+        t=clock(len(first), rate) if clock_of.t is None else clock_of.t,
         q=values.get("position", np.full_like(first, np.nan)),
         dq=values.get("velocity"),
         tau=values.get("torque"),
         external=values.get("external"),
         rate_hz=rate,
         q_ref=values.get("reference"),
-        role=role,
-        windows=windows or between_gaps,
+        windows=windows or clock_of.windows,
         has_positions=base == "position",
-        digests=digests,
-        origin=origin,
+        digests={source.file.name: source.file.sha256 for source in signals.sources.values()},
+        origin=signals.origin,
         notes=notes,
-        payload=payload,
-        own=tuple(own),
-        drives=channels["torque"].drives if "torque" in channels else None,
+        drives=signals.drives,
+        **use,
     )
+
+
+def _use(table: Table) -> dict[str, Any]:
+    """Return the role of a recording, its payload, and the parameters of its own."""
+    own = [key for key in OWN if table.text(key, "shared", choices=["shared", "own"]) == "own"]
+    role = table.text("role", "fit", choices=ROLES)
+    return {"role": role, "payload": table.text("payload", "none"), "own": tuple(own)}
+
+
+@dataclass(frozen=True)
+class _Signals:
+    """Values of a recording by table, as in its files.
+
+    `t` are the time stamps (s), if any; `base` is the table whose samples the others must match; `resample` says whether even
+    samples are wanted; `drives` is the reduction of currents with unknown gains, and `origin` the record for results.
+    """
+
+    sources: Mapping[str, Source]
+    values: dict[str, Array]
+    t: Array | None
+    base: str
+    resample: bool
+    drives: tuple[tuple[float, ...], ...] | None
+    origin: dict[str, Any]
+
+
+def _signals(
+    table: Table,
+    robot: _Robot,
+    reduction: Array | None,
+    folder: DataFolder,
+    rate: float | None,
+    rollouts: str | None,
+) -> _Signals:
+    """Read the signals, once all keys are checked."""
+    sources = _sources(table, robot, folder)
+    channels = {
+        key: MAKERS[key](source, robot, reduction) for key, source in sources.items() if key != "time"
+    }
+    period, resample = _time_keys(sources["time"]) if "time" in sources else (1.0, False)
+    if rate is None and "time" not in sources:
+        table.fail("either rate_hz or the table [recording.time] must be there")
+    # Without measured positions the reference defines the samples of the recording.
+    base = "position" if "position" in sources else "reference"
+    if rollouts not in (None, GAPS):
+        sources[base].file.want([str(rollouts)], None, 1)
+    values = {key: channel.read() for key, channel in channels.items()}
+    t = sources["time"].values()[:, 0] * period if "time" in sources else None
+    drives = channels["torque"].drives if "torque" in channels else None
+    return _Signals(sources, values, t, base, resample, drives, _origin(sources, channels))
+
+
+def _sources(table: Table, robot: _Robot, folder: DataFolder) -> dict[str, Source]:
+    """Return the sources of the signals by table, the last keys of a recording."""
+    tables = {key: table.table(key, None) for key in SOURCES}
+    table.done()
+    if tables["position"] is None and tables["reference"] is None:
+        table.fail("the table [recording.position] is missing")
+    if tables["external"] is not None and tables["torque"] is None:
+        table.fail("the table [recording.external] needs [recording.torque] beside it")
+    widths = {"time": (1,)}
+    joints = (len(robot.joint_kinds), robot.joint_names)
+    return {
+        key: folder.source(key, part, *widths.get(key, joints))
+        for key, part in tables.items()
+        if part is not None
+    }
+
+
+def _check_counts(name: str, values: Mapping[str, Array], sources: Mapping[str, Source], base: str) -> None:
+    """Refuse signals of different lengths, and too few samples."""
+    count = len(values[base])
+    for key, samples in values.items():
+        if len(samples) != count:
+            raise RecordingError(
+                f"{name}: {key} has {counted(len(samples), 'sample')} ({sources[key].place}), "
+                f"{base} has {count} ({sources[base].place})"
+            )
+    if count < MINIMUM_SAMPLES:
+        raise RecordingError(
+            f"{sources[base].place}: at least {MINIMUM_SAMPLES} samples are needed, got {count}"
+        )
+
+
+@dataclass(frozen=True)
+class _Clock:
+    """Times of the samples: time stamps (s) or None for even ones, the rate (Hz), and windows between gaps."""
+
+    t: Array | None
+    rate_hz: float | None
+    windows: tuple[tuple[int, int], ...] = ()
+
+    def of_rollouts(self, windows: tuple[tuple[int, int], ...], place: str) -> _Clock:
+        """Return the clock of rollouts, which have one rate."""
+        rate, t = self.rate_hz, self.t
+        if t is not None:
+            for start, stop in windows:
+                rate = check_time(t[start:stop], rate, f"{place}, from row {start + 1}")
+        return _Clock(None, rate, windows)
+
+    def checked(self, name: str, place: str, faults: list[tuple[str, TimeFault]] | None) -> _Clock:
+        """Return the clock of even time stamps; the faults of others are collected, or an error without a list for them."""
+        assert self.t is not None
+        wrong = list(time_faults(self.t, self.rate_hz, place))
+        if not wrong:
+            return _Clock(self.t, check_time(self.t, self.rate_hz, place))
+        if faults is None or not np.isfinite(wrong[0].rate_hz):
+            raise RecordingError(wrong[0].sentence + _offer(wrong[0], self.t, self.rate_hz, place))
+        faults += [(name, fault) for fault in wrong]
+        gaps = [fault.sample for fault in wrong if fault.kind == "gap" and fault.sample is not None]
+        return _Clock(None, wrong[0].rate_hz, stretches(gaps, len(self.t)))
 
 
 def _offer(fault: TimeFault, t: Array, rate_hz: float | None, file: str) -> str:
@@ -292,6 +346,16 @@ class _Channel:
         with np.errstate(over="ignore", invalid="ignore"):  # reported by Recording
             values = self.source.values() * self.factors + self.zeros
             return values if self.to_joint is None else values @ self.to_joint
+
+
+MAKERS: Mapping[str, Callable[[Source, _Robot, Array | None], _Channel]] = {
+    "position": _Channel.motion,
+    "velocity": _Channel.velocity,
+    "torque": _Channel.effort,
+    "external": _Channel.effort,
+    "reference": _Channel.motion,
+}
+"""Constructors of the channels, by table."""
 
 
 def _to_joint(matrix: Array | None) -> Array | None:

@@ -177,10 +177,7 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     friction = read_friction(_sub_table(table, "friction"), kinds[:n], None)
     if table.has("springs"):
         friction = read_springs(table.table("springs"), kinds[:n], friction)
-    sets = _sub_table(table, "parameters")
-    parts = {key: sets.table(key) for key in sets.content}
-    own = frozenset(key for key, part in parts.items() if _in_own_frames(part, standard))
-    named = {key: _parameter_set(part) for key, part in parts.items()}
+    named, own = _parameter_sets(_sub_table(table, "parameters"), standard)
     collision = read_capsules(_sub_tables(table, "collision"), len(kinds))
     correspondence = read_correspondence(table.table("urdf"), len(kinds)) if table.has("urdf") else None
     table.done()
@@ -344,5 +341,14 @@ def _limits(joint: Table, kind: str) -> JointLimits:
     )
 
 
-def _parameter_set(table: Table) -> dict[str, float]:
-    return {name: table.number(name) for name in table.content if name != "frames"}
+def _parameter_sets(
+    table: Table, standard: StandardTable | None
+) -> tuple[dict[str, dict[str, float]], frozenset[str]]:
+    """Return the parameter sets by name, and the names of those in the frames of the robot's own table."""
+    parts = {key: table.table(key) for key in table.content}
+    own = frozenset(key for key, part in parts.items() if _in_own_frames(part, standard))
+    values = {
+        key: {name: part.number(name) for name in part.content if name != "frames"}
+        for key, part in parts.items()
+    }
+    return values, own

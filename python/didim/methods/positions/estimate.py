@@ -9,17 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..._tools.arrays import Array
+from ..._tools.saved import plain
 from ..._tools.words import series
 from ...errors import FitError
 from ...evidence.thresholds import SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG
 from ...experiment.experiment import Experiment
 from ...model.limbs import role_of
-from ...result.finding import Finding
+from ...result.finding import Finding, said
 from ...result.identification import Identification
 from ...result.iteration import Reporter
 from ...result.positions.record import KEY
@@ -96,7 +97,7 @@ def identify_positions(
     over = errors_over_noise(problem, now)
     at = [bool(over[list(column.joints)].max() > LASTING) for column in problem.columns]
     spread = widened(intervals(problem, now), np.where(at, shift, 0.0))
-    return _result(experiment, problem, now, held, spread, before, bad, over, shift)
+    return _result(experiment, End(problem, now, held, spread, before, bad, over, shift))
 
 
 def _check(method: CLOESettings, experiment: Experiment) -> None:
@@ -130,46 +131,35 @@ def _bad_rollouts(problem: Problem, now: Search) -> dict[int, float]:
     return found
 
 
-def _result(
-    experiment: Experiment,
-    problem: Problem,
-    now: Search,
-    held: list[Held],
-    spread: Intervals,
-    before: Array,
-    bad: dict[int, float],
-    over: Array,
-    shift: Array,
-) -> Identification:  # ten facts of one fit
+class End(NamedTuple):
+    """End of a search.
+
+    `before` are the errors of the joints at the start, `bad` the factors of rollouts that count less, `over` the errors of the
+    joints over their noise, and `shift` the change of the parameters with the other law of friction.
+    """
+
+    problem: Problem
+    now: Search
+    held: list[Held]
+    spread: Intervals
+    before: Array
+    bad: dict[int, float]
+    over: Array
+    shift: Array
+
+
+def _result(experiment: Experiment, end: End) -> Identification:
+    problem, now, spread, before = end.problem, end.now, end.spread, end.before
     a, _ = normal_of(problem, now.errors, now.blocks)
     weak = weak_pairs(problem, a, now.free)
-    rows = _rows(problem, now, held, spread)
+    rows = _rows(problem, now, end.held, spread)
     after = problem.joint_errors(now.errors)
-    held_out = problem.joint_errors(problem.errors(now.theta, "held-out"), "held-out")
     siblings = _unlike(problem, rows)
     use = np.flatnonzero(now.free & (np.diag(a) > 0.0))
     size = np.sqrt(np.diag(a)[use])
     condition = float(np.linalg.cond(a[np.ix_(use, use)] / np.outer(size, size))) if use.size else math.inf
     n_rows = sum(e.size for e in now.errors)
     norm = math.sqrt(sum(float(e @ e) for e in now.errors))
-    std = np.nan_to_num(spread.std)
-    covariance = np.nan_to_num(spread.covariance)
-    record: dict[str, Any] = {
-        "rows": rows,
-        "drive": _drive(problem, now.theta),
-        "errors": {
-            "before": _listed(before),
-            "after": _listed(after),
-            "held_out": None if np.isnan(held_out).all() else _listed(held_out),
-        },
-        "limbs": _limbs(problem),
-        "weak": weak,
-        "siblings": siblings,
-        "smoothing": list(problem.robot.friction.smoothing),
-        "soft": bool(problem.inertia),
-        "blocks": spread.blocks,
-        "kind": spread.kind,
-    }
     shares = np.divide(after, before, out=np.full_like(after, np.nan), where=before > 0.0)
     return Identification(
         name=experiment.name,
@@ -180,7 +170,7 @@ def _result(
         units=tuple(column.unit for column in problem.columns),
         roles=tuple("estimated" if free else "fixed" for free in now.free),
         beta=now.theta,
-        covariance=covariance,
+        covariance=np.nan_to_num(spread.covariance),
         parameter_names=problem.robot.parameter_names,
         parameters=standard_of(problem, now.theta),
         relative_error=shares,
@@ -189,23 +179,49 @@ def _result(
         error_std=norm / math.sqrt(max(1, n_rows - len(use))),
         condition_number=condition,
         n_rows=n_rows,
-        uncertainty=_uncertainty(spread, after) if spread.blocks and std.any() else None,
+        uncertainty=_uncertainty(spread, after)
+        if spread.blocks and np.nan_to_num(spread.std).any()
+        else None,
         n_simulations=problem.n_simulations,
         history=tuple(now.history),
-        remarks=_remarks(experiment, problem, weak, siblings, bad),
+        remarks=_remarks(experiment, problem, weak, siblings, end.bad),
         evidence=(
-            *_evidence(problem, now, held, rows, shares),
+            *_evidence(problem, now, end.held, rows, shares),
             *findings_of(experiment, problem.stops),
             *_size(experiment, after),
-            *model_errors(problem, over, shift),
+            *model_errors(problem, end.over, end.shift),
         ),
         settings={
             **experiment_record(experiment, problem.robot),
             "prediction": {"motion": "simulated", "raw": True},
-            KEY: record,
+            KEY: {
+                **_record(end, after),
+                "rows": rows,
+                "weak": weak,
+                "siblings": siblings,
+            },
         },
         digests=digests(experiment),
     )
+
+
+def _record(end: End, after: Array) -> dict[str, Any]:
+    """Return drives, errors and settings of a fit for the record of its result; `after` are the errors at its end."""
+    problem, theta = end.problem, end.now.theta
+    held_out = problem.joint_errors(problem.errors(theta, "held-out"), "held-out")
+    return {
+        "drive": _drive(problem, theta),
+        "errors": {
+            "before": plain(end.before),
+            "after": plain(after),
+            "held_out": None if np.isnan(held_out).all() else plain(held_out),
+        },
+        "limbs": _limbs(problem),
+        "smoothing": list(problem.robot.friction.smoothing),
+        "soft": bool(problem.inertia),
+        "blocks": end.spread.blocks,
+        "kind": end.spread.kind,
+    }
 
 
 def _uncertainty(spread: Intervals, after: Array) -> Uncertainty:
@@ -231,11 +247,7 @@ def _drive(problem: Problem, theta: Array) -> dict[str, list[float | None]]:
     for column, value in zip(problem.columns, theta, strict=True):
         if column.of_drive:
             drive[column.kind][list(column.joints)] = value
-    return {kind: _listed(value) for kind, value in drive.items()}
-
-
-def _listed(values: Array) -> list[float | None]:
-    return [float(value) if math.isfinite(value) else None for value in values]
+    return {kind: plain(value) for kind, value in drive.items()}
 
 
 def _limbs(problem: Problem) -> list[dict[str, Any]]:
@@ -366,30 +378,29 @@ def _size(experiment: Experiment, after: Array) -> list[Finding]:
 def _evidence(
     problem: Problem, now: Search, held: Sequence[Held], rows: Sequence[dict[str, Any]], shares: Array
 ) -> tuple[Finding, ...]:
-    found = []
+    """Return findings on parameters that the log does not identify, at bounds or to no better than their size, and on errors."""
+    findings = []
     for sentence, items in told_together(problem, held).items():
         columns = [problem.columns[item.column] for item in items]
-        found.append(
-            Finding(
-                code="untold",
+        findings.append(
+            said(
+                kind="untold",
+                sentence=sentence,
+                advice="",
                 grade="doubtful" if columns[0].kind in GRAVE else "note",
                 joints=tuple(joint + 1 for column in columns for joint in column.joints),
                 parameters=tuple(column.name for column in columns),
-                facts={"text": sentence, "advice": ""},
             )
         )
     stuck = [row for row in rows if row["by"] == "bound" and row["kind"] not in ("delay_s", "lag_s")]
     if stuck:
         names = series(row["name"] for row in stuck)
-        found.append(
-            Finding(
-                code="at-bound",
-                grade="doubtful",
+        findings.append(
+            said(
+                kind="at-bound",
+                sentence=f"at the bounds of what is possible: {names}",
+                advice="Something else moves the robot like them, or the bounds are too narrow",
                 parameters=tuple(row["name"] for row in stuck),
-                facts={
-                    "text": f"at the bounds of what is possible: {names}",
-                    "advice": "Something else moves the robot like them, or the bounds are too narrow",
-                },
             )
         )
     loose = [
@@ -400,29 +411,14 @@ def _evidence(
         and row["kind"] not in ("Off", "delay_s", "lag_s", "bias_rad")
     ]
     if loose:
-        found.append(
-            Finding(
-                code="loose",
-                grade="note",
-                parameters=tuple(loose),
-                facts={
-                    "text": f"known to no better than their own size: {series(loose)}",
-                    "advice": "",
-                },
-            )
+        sentence = f"known to no better than their own size: {series(loose)}"
+        findings.append(
+            said(kind="loose", sentence=sentence, advice="", grade="note", parameters=tuple(loose))
         )
     poor = [k for k, share in enumerate(shares) if share > 1.0 + 1e-6]
     if poor and now.status is Status.CONVERGED:
         names = series(problem.robot.joint_label(k) for k in poor)
-        found.append(
-            Finding(
-                code="no-better",
-                grade="doubtful",
-                joints=tuple(k + 1 for k in poor),
-                facts={
-                    "text": f"the estimate leaves larger errors than the values of the file at {names}",
-                    "advice": "",
-                },
-            )
-        )
-    return tuple(found)
+        sentence = f"the estimate leaves larger errors than the values of the file at {names}"
+        joints = tuple(k + 1 for k in poor)
+        findings.append(said(kind="no-better", sentence=sentence, advice="", joints=joints))
+    return tuple(findings)

@@ -241,7 +241,7 @@ def _estimate_velocities(
             inner[k] = best not in (0, GRID - 1) and gain[best] > CLEAR_VELOCITY_GAIN
             w[:, places[k]] = columns[:, best]
     start = velocities
-    velocities, std = _refined(robot, terms, start, inner, parts, signal, replace(system, w=w), places, solve)
+    velocities, std = _refined(robot, start, inner, parts, signal, replace(system, w=w), solve)
     ranges = [_range(term, robot.joint_kinds[term.joint]) for term in terms]
     inner &= [low < v < high for v, (low, high) in zip(velocities, ranges, strict=True)]
     if not search:
@@ -354,25 +354,25 @@ def _gains(w: Array, place: int, columns: Array, y: Array, weights: Array) -> Ar
 
 def _refined(
     robot: Robot,
-    terms: Sequence[FrictionTerm],
     velocities: Array,
     inner: np.ndarray,
     parts: Sequence[Segment],
     signal: SignalProcessing,
     system: LinearSystem,
-    places: Sequence[int],
     solve: Callable[[LinearSystem], tuple[Array, Array]],
 ) -> tuple[Array, Array]:
     """Gauss-Newton steps on the velocities that the grid found inside the range; those and their standard deviations.
 
     All other columns are eliminated once for each set of weights, so that a step is a fit of two columns a velocity.
     """
+    terms = robot.friction.estimated
     moving = [int(k) for k in np.flatnonzero(inner)]
     std = np.full(len(terms), np.nan)
     velocities = velocities.copy()
     if not moving:
         return velocities, std
-    w, own, count = system.w.copy(), [places[k] for k in moving], len(moving)
+    w, count = system.w.copy(), len(moving)
+    own = [system.names.index(terms[k].parameter) for k in moving]
     low, high = np.array([_range(terms[k], robot.joint_kinds[terms[k].joint]) for k in moving]).T
 
     def columns(shape: Callable[[Robot, FrictionTerm, Array, Segment], Array]) -> Array:

@@ -121,30 +121,13 @@ def read_urdf(
     links = bodies(chain.groups, dict(description.links))
     made_up = not any(body.inertial.pseudo.any() for group in links for body in group)
     links = made_up_bodies(len(chain.joints)) if made_up else links
-    as_given = as_they_are(snapped.origins, snapped.axes, chain.parents)
-    straight = (
-        chain.parents == in_line(len(chain.joints))
-        and not chain.mimics
-        and not any(found.parallel and found.joint for found in snapped.left)
-    )
-    # Common normals lose digits where axes are far apart; the placements are then copied.
-    for table in (common_normals(snapped.origins, snapped.axes), as_given) if straight else (as_given,):
-        geometry = _geometry(chain, table, down)
-        exact, as_written = _self_test(geometry, chain, snapped, table, links, down)
-        if exact <= LARGEST_DIFFERENCE:
-            break
-    else:
-        raise RobotError(
-            f"{where}: the frames of this chain lose too many digits (torques differ by {exact:.1e} of the largest)"
-        )
-    notes += (
-        [
+    table, exact, as_written = _table(chain, snapped, links, down, where)
+    geometry = _geometry(chain, table, down)
+    if snapped.joints:
+        notes.append(
             f"right angles of {', '.join(chain.joints[joint].name for joint in snapped.joints)} were rounded and are snapped, by "
             f"{snapped.largest:.1e} rad at most; torques change by {as_written:.1e} of the largest"
-        ]
-        if snapped.joints
-        else []
-    )
+        )
     if chain.mimics:
         table, chain = _numbered(table, chain), chain.numbered()
         one = tuple(tuple(row) for row in np.eye(len(chain.driven)).tolist())
@@ -172,6 +155,26 @@ def read_urdf(
     )
     robot.core  # noqa: B018 - a wrong description must fail on loading
     return UrdfReading(robot, table, exact, as_written, made_up, suspicion)
+
+
+def _table(
+    chain: Chain, snapped: Snapped, links: Sequence[Sequence[Body]], down: Array, where: str
+) -> tuple[MdhTable, float, float]:
+    """Return the frames of a chain, and the differences of its torques exactly and as written in the file."""
+    as_given = as_they_are(snapped.origins, snapped.axes, chain.parents)
+    straight = (
+        chain.parents == in_line(len(chain.joints))
+        and not chain.mimics
+        and not any(found.parallel and found.joint for found in snapped.left)
+    )
+    # Common normals lose digits where axes are far apart; the placements are then copied.
+    for table in (common_normals(snapped.origins, snapped.axes), as_given) if straight else (as_given,):
+        exact, as_written = _self_test(_geometry(chain, table, down), chain, snapped, table, links, down)
+        if exact <= LARGEST_DIFFERENCE:
+            return table, exact, as_written
+    raise RobotError(
+        f"{where}: the frames of this chain lose too many digits (torques differ by {exact:.1e} of the largest)"
+    )
 
 
 def _driven(chain: Chain) -> bool:
