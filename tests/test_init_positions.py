@@ -77,9 +77,7 @@ def test_a_gain_for_each_joint(tmp_path: Path) -> None:
 
 def test_without_gains_a_question_offers_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     content = init(quadruped(tmp_path), code=1)
-    assert any(
-        "--kp and --kv: gains of servos, for a fit on positions" in question for question in content["open"]
-    )
+    assert any("give --kp and --kv of servos (fit on positions)" in question for question in content["open"])
     capsys.readouterr()
     # The answer replaces the draft.
     assert "open" not in init(tmp_path, "--kp", "20", "--kv", "1.5")

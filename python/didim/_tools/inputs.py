@@ -203,19 +203,19 @@ def first_lines(path: Path, error: type[DidimError], count: int, longest: int) -
 
 def free_memory() -> int | None:
     """Return the memory (bytes) available to this process; None if unknown."""
-    found = []
+    limits = []
     with suppress(OSError, ValueError, IndexError):
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
         sizes = {line.split(":")[0]: 1024 * int(line.split()[1]) for line in lines}
-        found.append(sizes.get("MemAvailable", 0) + sizes.get("SwapFree", 0))
+        limits.append(sizes.get("MemAvailable", 0) + sizes.get("SwapFree", 0))
     with suppress(ImportError, OSError, ValueError, IndexError):
         import resource
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]
         if limit != resource.RLIM_INFINITY:
             pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-            found.append(limit - pages * resource.getpagesize())
-    return max(0, min(found)) if found else None
+            limits.append(limit - pages * resource.getpagesize())
+    return max(0, min(limits)) if limits else None
 
 
 def check_memory(size: int, where: str, error: type[DidimError]) -> None:

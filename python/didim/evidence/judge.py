@@ -100,24 +100,26 @@ def judged(
         Called with sentences on the progress.
     """
     # CLOE from positions alone has no use for torques.
-    found = constant_torque_findings(experiment) if uses_torques else []
+    findings = constant_torque_findings(experiment) if uses_torques else []
     if fit.n_simulations:
-        found += loop_findings(experiment, fit.parameters if fit.converged else None)
-        found += _simulated(fit, experiment, measured, bool(found) or not system_tested)
-    found += held_out_findings(fit)
+        findings += loop_findings(experiment, fit.parameters if fit.converged else None)
+        findings += _simulated(fit, experiment, measured, bool(findings) or not system_tested)
+    findings += held_out_findings(fit)
     uses: list[Use] = []
     along = by_law if measured is None else measured
     if along is not None:
         of_fit = [item for item in experiment.recordings if item.role == "fit"]
-        fit, found, uses = _along(along, by_law, fit, found, of_fit, system_tested=system_tested, say=say)
-    return replace(fit, evidence=(*found, *fit.evidence), uses=tuple(uses))
+        fit, findings, uses = _along(
+            along, by_law, fit, findings, of_fit, system_tested=system_tested, say=say
+        )
+    return replace(fit, evidence=(*findings, *fit.evidence), uses=tuple(uses))
 
 
 def _along(
     measured: Measured,
     by_law: Measured | None,
     fit: Identification,
-    found: list[Finding],
+    findings: list[Finding],
     fitted: Sequence[Recording],
     *,
     system_tested: bool,
@@ -130,22 +132,22 @@ def _along(
     parts, signal = measured.parts, measured.signal
     residual = _residual(measured, fit)
     if residual is None:
-        return fit, found, []
+        return fit, findings, []
     rows = _rows(measured, fitted)
     growth = 1.0
     if rows is not None:
         growth = float(np.sqrt(rows.declared.unseen.sum() / max(float(rows.products.seen().sum()), 1e-300)))
-    found = [*found, *size_findings(residual, growth, chosen="friction" in fit.settings)]
+    findings = [*findings, *size_findings(residual, growth, chosen="friction" in fit.settings)]
     if measured is not by_law:
-        found += spike_findings(parts, signal)
+        findings += spike_findings(parts, signal)
     if not system_tested:
         own = None if by_law is None else _residual(by_law, fit)
-        found += _lasting(residual, fit) if own is None else _lasting(own, replace(fit, uncertainty=None))
-    spoiled = any(item.code in ("spikes", "constant-torque") for item in found)
+        findings += _lasting(residual, fit) if own is None else _lasting(own, replace(fit, uncertainty=None))
+    spoiled = any(item.code in ("spikes", "constant-torque") for item in findings)
     if spoiled:
         # What outliers do to the law of the controller and to a simulated robot is not theirs.
-        found = [item for item in found if not item.code.startswith("controller")]
-    codes = {item.code for item in (*found, *fit.evidence)}
+        findings = [item for item in findings if not item.code.startswith("controller")]
+    codes = {item.code for item in (*findings, *fit.evidence)}
     explicable = "constant-torque" not in codes and not fit.overall_relative_error <= ROUNDING
     if rows is not None:
         alarm = None if fit.uncertainty is None else fit.uncertainty.friction
@@ -156,14 +158,14 @@ def _along(
             and (codes & SUSPICIOUS or (alarm is not None and alarm.raised))
         ):
             say("the log contradicts its model: looking for the cause")
-            found = [*explained(rows, measured, fit), *found]  # the cause before what follows from it
+            findings = [*explained(rows, measured, fit), *findings]  # the cause before what follows from it
             fit = replace(fit, evidence=tuple(item for item in fit.evidence if "ties" not in item.facts))
     by_law_rows = rows if measured is by_law or by_law is None else _rows(by_law, fitted)
     if explicable and by_law_rows is not None and by_law is not None:
-        found = [item for item in found if item.code != "friction"]
-        found += friction_findings(by_law_rows, fit, chosen="friction" in fit.settings)
+        findings = [item for item in findings if item.code != "friction"]
+        findings += friction_findings(by_law_rows, fit, chosen="friction" in fit.settings)
     uses, untold = uses_of(measured.robot, fit, parts, residual, signal, growth)
-    return fit, [*found, *untold], uses
+    return fit, [*findings, *untold], uses
 
 
 def _rows(measured: Measured, fitted: Sequence[Recording] = ()) -> LogRows | None:
@@ -179,9 +181,9 @@ def _residual(measured: Measured, fit: Identification) -> Residual | None:
     beta = fit.beta if fit.further is None else np.append(fit.beta, fit.further.values)
     beta = beta[: measured.logs.n_base + measured.logs.n_further]
     with suppress(DidimError), np.errstate(over="ignore", invalid="ignore"):
-        found = residual_of(measured.robot, measured.logs, beta, measured.parts, measured.signal)
-        if np.isfinite(found.error).all():
-            return found
+        residual = residual_of(measured.robot, measured.logs, beta, measured.parts, measured.signal)
+        if np.isfinite(residual.error).all():
+            return residual
     return None
 
 

@@ -110,21 +110,21 @@ def edits(
     links = {element.attributes.get("name"): element for element in outermost.all("link")}
     joints = {element.attributes.get("name"): element for element in outermost.all("joint")}
     newline = b"\r\n" if b"\r\n" in data else b"\n"
-    found = []
+    changes = []
     for body, group in zip(model.links, chain.groups, strict=True):
         pseudo = body.pseudo.copy()
-        kept = []
+        untouched = []
         for member in group[1:]:
             inertial = description.links[member.link]
             if inertial is None:
                 continue
             if keep_lumped or member.locked:
                 pseudo -= member.pose @ inertial.pseudo @ member.pose.T
-                kept.append(member.link)
+                untouched.append(member.link)
             else:
                 element = links[member.link].find("inertial")
                 assert element is not None
-                found.append(
+                changes.append(
                     Edit(
                         element.start,
                         element.end,
@@ -134,11 +134,11 @@ def edits(
         reason = why_no_body(pseudo)
         if reason is not None:
             raise FitError(
-                f"link {body.link!r} is not a body without the links that keep their own inertia ({', '.join(kept)}): {reason}"
+                f"link {body.link!r} is not a body without the links that keep their own inertia ({', '.join(untouched)}): {reason}"
             )
-        found.append(_inertial(data, links[body.link], pseudo, newline))
-        found += _dynamics(data, joints[body.joint], body, newline)
-    return found
+        changes.append(_inertial(data, links[body.link], pseudo, newline))
+        changes += _dynamics(data, joints[body.joint], body, newline)
+    return changes
 
 
 def edited(data: bytes, changes: Iterable[Edit]) -> bytes:
@@ -188,19 +188,19 @@ def edit_dynamics(drives: Drives, path: Path) -> bytes:
     read_description(data, path.name)
     newline = b"\r\n" if b"\r\n" in data else b"\n"
     joints = {str(item.attributes.get("name")): item for item in parse_xml(data, path.name).all("joint")}
-    found: list[Edit] = []
+    changes: list[Edit] = []
     for drive in drives.joints:
         if drive.joint not in joints:
             raise FitError(
                 f"{path.name}: there is no joint {drive.joint!r}{did_you_mean(drive.joint, joints)}"
             )
-        found += _dynamics(data, joints[drive.joint], drive, newline)
-    return edited(data, found)
+        changes += _dynamics(data, joints[drive.joint], drive, newline)
+    return edited(data, changes)
 
 
 def _dynamics(data: bytes, joint: Element, body: LinkBody | JointDrive, newline: bytes) -> list[Edit]:
     """Return the friction of a joint, and its rotor inertia as a comment, because URDF has no element for it."""
-    found = []
+    changes = []
     values = {"damping": body.viscous, "friction": body.coulomb}
     old = joint.find("dynamics")
     behind = b""
@@ -208,7 +208,7 @@ def _dynamics(data: bytes, joint: Element, body: LinkBody | JointDrive, newline:
         changed = {
             key: value for key, value in values.items() if float(old.attributes.get(key, "0")) != value
         }
-        found += [attribute_edit(data, old, key, number(value)) for key, value in changed.items()]
+        changes += [attribute_edit(data, old, key, number(value)) for key, value in changed.items()]
     indent = _indent(data, joint.children[-1].start)
     if old is None and any(values.values()):
         words = " ".join(f'{key}="{number(value)}"' for key, value in values.items())
@@ -217,22 +217,22 @@ def _dynamics(data: bytes, joint: Element, body: LinkBody | JointDrive, newline:
     unit = "kg" if body.kind == "prismatic" else "kg.m^2"
     text = f"<!--{ROTOR_NOTE}{number(body.rotor)} {unit} (armature), which URDF has no place for -->".encode()
     if note is not None:
-        found.append(Edit(note.start, note.end, text))
+        changes.append(Edit(note.start, note.end, text))
     elif body.rotor:
         behind += newline + indent + text
     if behind:
         last = max(joint.children, key=lambda child: child.end).end
-        found.append(Edit(last, last, behind))
-    return found
+        changes.append(Edit(last, last, behind))
+    return changes
 
 
 def attribute_edit(data: bytes, element: Element, key: str, value: str) -> Edit:
     """Return a new value of an attribute of an opening tag."""
     text = f'{key}="{value}"'.encode()
     old = re.compile(rb"(?<=\s)%s\s*=\s*(\"[^\"]*\"|'[^']*')" % key.encode())
-    found = old.search(data, element.start, element.opened)
-    if found:
-        return Edit(found.start(), found.end(), text)
+    match = old.search(data, element.start, element.opened)
+    if match:
+        return Edit(match.start(), match.end(), text)
     place = element.start + len(f"<{element.tag}")
     return Edit(place, place, b" " + text)
 
@@ -241,8 +241,8 @@ def _indent(data: bytes, start: int) -> bytes:
     """Return the indentation of an element that is the first on its line."""
     line = data.rfind(b"\n", 0, start) + 1
     before = data[line:start]
-    found = re.match(rb"[ \t]*", before)
-    return found.group() if found else b""
+    match = re.match(rb"[ \t]*", before)
+    return match.group() if match else b""
 
 
 def _safe(name: str) -> str:

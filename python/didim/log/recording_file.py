@@ -90,12 +90,14 @@ def read_recording(
         On a file that contradicts its table; the message names file, row and column.
     """
     name = table.text("name", name)
+    role = cast("Role", table.text("role", "fit", choices=ROLES))
     rate = table.number("rate_hz", None, above=0.0)
     windows_s = table.raw("windows_s", [], "list of [start, stop]")
     rollouts = table.text("rollouts", None)
     if rollouts is not None and windows_s:
         table.fail("give rollouts or windows_s, not both: each rollout is a window")
-    use = _use(table)
+    payload = table.text("payload", "none")
+    own = [key for key in OWN if table.text(key, "shared", choices=["shared", "own"]) == "own"]
     signals = _signals(table, robot, reduction, folder, rate, rollouts)
     values, t, base = signals.values, signals.t, signals.base
     _check_counts(name, values if t is None else {**values, "time": t}, signals.sources, base)
@@ -139,15 +141,10 @@ def read_recording(
         origin=signals.origin,
         notes=notes,
         drives=signals.drives,
-        **use,
+        role=role,
+        payload=payload,
+        own=tuple(own),
     )
-
-
-def _use(table: Table) -> dict[str, Any]:
-    """Return the role of a recording, its payload, and the parameters of its own."""
-    own = [key for key in OWN if table.text(key, "shared", choices=["shared", "own"]) == "own"]
-    role = table.text("role", "fit", choices=ROLES)
-    return {"role": role, "payload": table.text("payload", "none"), "own": tuple(own)}
 
 
 @dataclass(frozen=True)

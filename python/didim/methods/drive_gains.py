@@ -40,8 +40,8 @@ def run_with_gains(
     reduction = job.reduction
     expected = expected_sentence(expected_percent(system, reduction))
     reporter.say(expected)
-    found = drive_gains(system, reduction, job.settings)
-    fit, solved, remarks = found.fit, found.system, [expected]
+    estimate = drive_gains(system, reduction, job.settings)
+    fit, solved, remarks = estimate.fit, estimate.system, [expected]
     if kind != "maximum-likelihood":
         gains, theta = classical_gains(system, reduction, kind)
         currents = Currents.of(system, reduction)
@@ -61,7 +61,7 @@ def run_with_gains(
             f"drive gains by {kind.upper()} are biased, because the noisy currents are in the regressor: for comparison only"
         )
     entry = Iteration(
-        iteration=found.iterations,
+        iteration=estimate.iterations,
         relative_error=ratio(np.linalg.norm(fit.residual), np.linalg.norm(solved.y)),
         step=0.0,
     )

@@ -5,7 +5,7 @@
     C = sigma^2 (W^T W)^-1 = sigma^2 R^-1 R^-T       with W = Q R                     (10)
 
 The torques of a shoulder and of a wrist have errors of different sizes. With ``weights="per-joint"`` the rows
-of joint j are divided by the root mean square of its residuals, found by a first solution without weights,
+of joint j are divided by the root mean square of its residuals, computed from a first solution without weights,
 and (7) to (10) are written for the divided rows. A factor common to all weights changes neither beta nor C.
 
 Decimated noise is correlated, because the filter passes only a part of the remaining band: r rows contain less information than
@@ -148,7 +148,7 @@ def factored(system: LinearSystem, scale: Array) -> Factored:
         When there are not more rows than columns, or numbers that are too large.
     """
     b = len(system.names)
-    found = Factored(np.zeros(b), np.zeros((b, b)), np.zeros(0), [])
+    combined = Factored(np.zeros(b), np.zeros((b, b)), np.zeros(0), [])
     singular_values = []
     for rows, columns in system.parts:
         if not columns.size and b:
@@ -159,22 +159,22 @@ def factored(system: LinearSystem, scale: Array) -> Factored:
         part = _core.least_squares(
             np.ascontiguousarray(w * weight[:, None]), np.ascontiguousarray(system.y[rows] * weight)
         )
-        found.dependent.extend(
+        combined.dependent.extend(
             (int(columns[index]), [(int(columns[other]), value) for other, value in coefficients])
             for index, coefficients in part.dependent
         )
         singular_values.append(np.asarray(part.singular_values))
         if not part.dependent:
-            found.solution[columns] = part.solution
-            found.inverse_r[np.ix_(columns, columns)] = part.inverse_r
-    return replace(found, singular_values=np.concatenate(singular_values))
+            combined.solution[columns] = part.solution
+            combined.inverse_r[np.ix_(columns, columns)] = part.inverse_r
+    return replace(combined, singular_values=np.concatenate(singular_values))
 
 
 def solve_partly(
     system: LinearSystem,
     solver: Callable[[LinearSystem], Fit],
     values: Array,
-    kept: Sequence[int],
+    dependent: Sequence[int],
 ) -> tuple[Fit, tuple[int, ...]]:
     """Solve (7) for the identifiable columns; the others keep their values.
 
@@ -186,7 +186,7 @@ def solve_partly(
         Solver of the smaller system.
     values : ndarray, shape (b,)
         Values of the parameters that are not estimated.
-    kept : sequence of int
+    dependent : sequence of int
         Columns that depend on others, from `RankError.columns`.
 
     Returns
@@ -206,7 +206,7 @@ def solve_partly(
     ``test_didim_endings.py`` has a start whose motion does not separate an offset from friction.
     """
     columns = len(system.names)
-    free, held = [column for column in range(columns) if column not in set(kept)], sorted(kept)
+    free, held = [column for column in range(columns) if column not in set(dependent)], sorted(dependent)
     smaller = replace(
         system,
         w=np.ascontiguousarray(system.w[:, free]),

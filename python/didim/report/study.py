@@ -40,17 +40,17 @@ def study_page(study: StudyResults) -> str:
 
 
 def _pictures(study: StudyResults) -> list[Html]:
-    found = []
+    sections = []
     for title, draw, text in (
         ("Error over the scenarios", errors, "Median torque error on another motion, with 95 % intervals"),
         ("Calibration", coverage, "Share of the parameters within their 95 % intervals"),
         ("Accuracy over time", cost, "Median torque error on another motion over the time of a run"),
     ):
         try:
-            found.append(section(title, picture(draw(study), text)))
+            sections.append(section(title, picture(draw(study), text)))
         except PlotError as reason:  # nothing varies, or no times
-            found.append(section(title, paragraph(f"Not drawn: {reason}.")))
-    return found
+            sections.append(section(title, paragraph(f"Not drawn: {reason}.")))
+    return sections
 
 
 def _tables(study: StudyResults) -> Html:

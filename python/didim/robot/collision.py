@@ -46,13 +46,13 @@ class Capsule:
 
 def read_capsules(tables: Sequence[Table], n_dof: int) -> tuple[Capsule, ...]:
     """Read the tables ``[[collision]]`` of a file."""
-    found = []
+    capsules = []
     for table in tables:
         link = table.integer("link", minimum=0, maximum=n_dof)
         start, end = (_point(table, key) for key in ("from_m", "to_m"))
-        found.append(Capsule(link=link, start=start, end=end, radius=table.number("radius_m", above=0.0)))
+        capsules.append(Capsule(link=link, start=start, end=end, radius=table.number("radius_m", above=0.0)))
         table.done()
-    return tuple(found)
+    return tuple(capsules)
 
 
 def _point(table: Table, key: str) -> tuple[float, float, float]:
@@ -77,9 +77,9 @@ def checked_pairs(capsules: Sequence[Capsule], parents: Sequence[int | None]) ->
 
 def _carriers(parents: Sequence[int | None], link: int) -> set[int]:
     """Return the links from the base to a link, which is included, numbered from 1; 0, the base, is left out."""
-    found: set[int] = set()
+    links: set[int] = set()
     while link:
-        found.add(link)
+        links.add(link)
         parent = parents[link - 1]
         link = 0 if parent is None else parent + 1
-    return found
+    return links

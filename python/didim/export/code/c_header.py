@@ -265,8 +265,8 @@ def _function(
     texts: dict[int, str] = {}
     lines = []
     for index in needed:
-        name, taken = graph.nodes[index]
-        text = _text(name, taken, texts, prefix)
+        name, operands = graph.nodes[index]
+        text = _text(name, operands, texts, prefix)
         if name not in ("leaf", "number") and (uses[index] > 1 or len(text) > _LONGEST):
             lines.append(f"    const double t{index} = {_bare(text)};")
             text = f"t{index}"
@@ -287,22 +287,22 @@ def _needed(graph: Graph, ends: Sequence[int]) -> tuple[list[int], dict[int, int
     for index in open_:
         uses[index] = uses.get(index, 0) + 1
         if uses[index] == 1:
-            open_.extend(_taken(graph, index))
+            open_.extend(_operands(graph, index))
     return sorted(uses), uses
 
 
-def _taken(graph: Graph, index: int) -> list[int]:
-    name, taken = graph.nodes[index]
-    return [] if name in ("leaf", "number") else [one for one in taken if isinstance(one, int)]
+def _operands(graph: Graph, index: int) -> list[int]:
+    name, operands = graph.nodes[index]
+    return [] if name in ("leaf", "number") else [one for one in operands if isinstance(one, int)]
 
 
-def _text(name: str, taken: Sequence[object], texts: dict[int, str], prefix: str) -> str:
+def _text(name: str, operands: Sequence[object], texts: dict[int, str], prefix: str) -> str:
     if name == "leaf":
-        return str(taken[0])
+        return str(operands[0])
     if name == "number":
-        text = repr(taken[0])
+        text = repr(operands[0])
         return f"({text})" if text.startswith("-") else text
-    parts = [texts[one] for one in taken if isinstance(one, int)]
+    parts = [texts[one] for one in operands if isinstance(one, int)]
     if name in ("+", "-", "*"):
         if name != "*":  # products bind first, and sums go from left to right
             parts = [_bare(part) if _joined(part, ("*",)) else part for part in parts]
@@ -313,7 +313,7 @@ def _text(name: str, taken: Sequence[object], texts: dict[int, str], prefix: str
     if name in _CALLS:
         return f"{_CALLS[name]}({_bare(parts[0])})"
     if name == "table":
-        return f"{prefix}_{taken[-1]}({_bare(parts[0])})"
+        return f"{prefix}_{operands[-1]}({_bare(parts[0])})"
     return f"{prefix}_{name}({', '.join(_bare(part) for part in parts)})"
 
 
@@ -322,12 +322,12 @@ def _joined(text: str, signs: Sequence[str]) -> bool:
     inside = _bare(text)
     if inside == text:
         return False
-    depth, found = 0, set()
+    depth, operators = 0, set()
     for word in inside.split(" "):
         if depth == 0 and word in ("+", "-", "*"):
-            found.add(word)
+            operators.add(word)
         depth += word.count("(") - word.count(")")
-    return bool(found) and found.issubset({"*"} if tuple(signs) == ("*",) else {"+", "-", "*"})
+    return bool(operators) and operators.issubset({"*"} if tuple(signs) == ("*",) else {"+", "-", "*"})
 
 
 def _bare(text: str) -> str:

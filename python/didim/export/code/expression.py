@@ -49,20 +49,20 @@ class Graph:
         """Return a constant."""
         return self._node("number", value + 0.0)  # zero has no sign
 
-    def apply(self, name: str, *taken: Expression, extra: tuple[object, ...] = ()) -> Expression:
+    def apply(self, name: str, *operands: Expression, extra: tuple[object, ...] = ()) -> Expression:
         """Return a function of expressions; one of constants alone is a constant."""
-        values = [self.value(one) for one in taken]
+        values = [self.value(one) for one in operands]
         if name in _FOLD and all(value is not None for value in values):
             return self.number(_FOLD[name](*values))
-        return self._node(name, *(one.index for one in taken), *extra)
+        return self._node(name, *(one.index for one in operands), *extra)
 
     def value(self, one: Expression) -> float | None:
         """Return the value of a constant, None for any other node."""
-        name, taken = self.nodes[one.index]
-        return taken[0] if name == "number" else None  # type: ignore[return-value]
+        name, operands = self.nodes[one.index]
+        return operands[0] if name == "number" else None  # type: ignore[return-value]
 
-    def _node(self, name: str, *taken: object) -> Expression:
-        node = (name, taken)
+    def _node(self, name: str, *operands: object) -> Expression:
+        node = (name, operands)
         if node not in self._known:
             self._known[node] = len(self.nodes)
             self.nodes.append(node)
@@ -103,15 +103,15 @@ class Expression:
 
     def __mul__(self, other: Expression | float) -> Expression:
         other = self._expression(other)
-        for one, rest in ((self, other), (other, self)):
-            if one._is(0.0):
-                return one
-            if one._is(1.0):
-                return rest
-            if one._is(-1.0):
-                return -rest
-            if one._negated is not None:
-                return -(one._negated * rest)
+        for factor, cofactor in ((self, other), (other, self)):
+            if factor._is(0.0):
+                return factor
+            if factor._is(1.0):
+                return cofactor
+            if factor._is(-1.0):
+                return -cofactor
+            if factor._negated is not None:
+                return -(factor._negated * cofactor)
         first, second = sorted((self, other), key=lambda one: one.index)
         return self.graph.apply("*", first, second)
 
@@ -130,8 +130,8 @@ class Expression:
     @property
     def _negated(self) -> Expression | None:
         """Return the operand of a negation, or None."""
-        name, taken = self.graph.nodes[self.index]
-        return Expression(self.graph, taken[0]) if name == "neg" else None  # type: ignore[arg-type]
+        name, operands = self.graph.nodes[self.index]
+        return Expression(self.graph, operands[0]) if name == "neg" else None  # type: ignore[arg-type]
 
     def _is(self, value: float) -> bool:
         return self.graph.value(self) == value

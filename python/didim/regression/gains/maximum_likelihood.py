@@ -148,10 +148,10 @@ def expected_percent(system: LinearSystem, reduction: Array) -> Array:
     jacobian, size = _jacobian(currents, gains, theta, weights)
     _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
     share = singular / singular[0]
-    told = share > SINGULAR
+    identified = share > SINGULAR
     n = currents.n_motors
-    variances = np.sum((right[told][:, -n:] / singular[told, None]) ** 2, axis=0)
-    lost = np.sum(right[np.logical_not(told)][:, -n:] ** 2, axis=0) > 1e-6
+    variances = np.sum((right[identified][:, -n:] / singular[identified, None]) ** 2, axis=0)
+    lost = np.sum(right[np.logical_not(identified)][:, -n:] ** 2, axis=0) > 1e-6
     return np.where(lost, np.inf, 100.0 * np.sqrt(variances) / size[-n:])
 
 

@@ -93,12 +93,12 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
         return []
     factors = Factors.of(system.w * fit.weights[:, None], fit.residual * fit.weights)
     weighted = columns * fit.weights[:, None]
-    beside = weighted - factors.left @ (factors.left.T @ weighted)
-    gram = beside.T @ beside
+    projected = weighted - factors.left @ (factors.left.T @ weighted)
+    gram = projected.T @ projected
     inverse = np.linalg.pinv(gram, rcond=DEPENDENT_EIGENVALUE, hermitian=True)
-    found = inverse @ (beside.T @ factors.residual)
-    rest = factors.residual - beside @ found
-    scores = np.array([beside[rows].T @ rest[rows] for rows in parts])
+    estimates = inverse @ (projected.T @ factors.residual)
+    residual = factors.residual - projected @ estimates
+    scores = np.array([projected[rows].T @ residual[rows] for rows in parts])
     m = len(parts)
     covariance = m / (m - 1) * inverse @ (scores.T @ scores) @ inverse
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -108,16 +108,16 @@ def differences(system: LinearSystem, fit: Fit, kind: Kind, blocks: int = 20) ->
     # A difference only has the blocks of its two logs.
     limits = [float(stdtrit(counts[number] + counts[numbers[0]] - 2, tail)) for _, _, number in places]
     sizes = system.norms(fit.residual) / np.sqrt([rows.stop - rows.start for rows in system.joints])
-    told = []
+    compared = []
     for index, (name, joint, number) in enumerate(places):
         rows = np.flatnonzero(columns[:, index])
-        value = float(found[index])
+        value = float(estimates[index])
         torque = abs(value) * float(np.sqrt(np.mean(columns[rows, index] ** 2)))
         clear = bool(
             abs(value) > limits[index] * std[index] > 0.0 and torque > NEGLIGIBLE_DRIFT * sizes[joint]
         )
-        told.append(Difference(kind, name, joint, number, value, float(std[index]), torque, clear))
-    return told
+        compared.append(Difference(kind, name, joint, number, value, float(std[index]), torque, clear))
+    return compared
 
 
 def _columns(
@@ -166,25 +166,25 @@ class Drift:
     value: float
 
 
-def drifts(found: Sequence[Difference], names: Sequence[str]) -> list[Drift]:
+def drifts(compared: Sequence[Difference], names: Sequence[str]) -> list[Drift]:
     """Return the kinds of parameters that differ between logs.
 
     Parameters
     ----------
-    found : sequence of Difference
+    compared : sequence of Difference
         From `differences`.
     names : sequence of str
         Names of the recordings of the experiment.
     """
-    told = []
+    significant = []
     for kind, key in (("offset", "offsets"), ("friction", "friction")):
-        clear = [item for item in found if item.kind == kind and item.clear]
+        clear = [item for item in compared if item.kind == kind and item.clear]
         if not clear:
             continue
         worst = max(clear, key=lambda item: item.torque)
         joints = sorted({item.joint for item in clear})
         what = "the offsets" if kind == "offset" else "the friction coefficients"
-        told.append(
+        significant.append(
             Drift(
                 f"{what} of {joints_text(joints)} differ between recordings, most by {worst.value:.3g} +- "
                 f"{worst.std:.2g} in {worst.parameter} of '{names[worst.recording]}'",
@@ -193,4 +193,4 @@ def drifts(found: Sequence[Difference], names: Sequence[str]) -> list[Drift]:
                 worst.value,
             )
         )
-    return told
+    return significant

@@ -53,5 +53,5 @@ class PositionRecord:
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> PositionRecord | None:
         """Return the record of a result's settings, or None for a result of another kind."""
-        found = settings.get(KEY)
-        return None if found is None else cls(**found)
+        record = settings.get(KEY)
+        return None if record is None else cls(**record)

@@ -64,12 +64,12 @@ def _side_by_side(record: PositionRecord, group: Sequence[Mapping[str, Any]]) ->
     kinds = list(dict.fromkeys(kind for _, kind in single))
     for place, role in enumerate(group[0]["roles"]):
         for kind in kinds:
-            found = [single.get((limb["joints"][place], kind)) for limb in group]
-            if not any(found):
+            of_limbs = [single.get((limb["joints"][place], kind)) for limb in group]
+            if not any(of_limbs):
                 continue
-            one = next(row for row in found if row is not None)
-            before = list(dict.fromkeys(_number(row["before"]) for row in found if row is not None))
-            cells = [_cell(row) if row is not None else "-" for row in found]
+            one = next(row for row in of_limbs if row is not None)
+            before = list(dict.fromkeys(_number(row["before"]) for row in of_limbs if row is not None))
+            cells = [_cell(row) if row is not None else "-" for row in of_limbs]
             rows.append((f"{role} {kind}", *cells, " ".join(before), one["unit"]))
     return rows
 
