@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from .._tools.words import counted
 from ..errors import RecordingError
 from ..robot.transmission import reduction_matrix
 from .data_folder import SOURCES, DataFolder, Source
-from .recording import OWN, ROLES, Recording, clock
+from .recording import OWN, ROLES, Recording, Role, clock
 from .resampling import Resampling, resampling, step_range
 from .sampling import MINIMUM_SAMPLES, TimeFault, check_time, rollout_windows, slices, stretches, time_faults
 from .units import ESTIMATE, TIME, current_factors, effort_factors, position_factors, velocity_factors
@@ -105,13 +105,7 @@ def read_recording(
     clock_of = _Clock(t, rate)
     notes: tuple[str, ...] = ()
     if rollouts is not None:
-        if signals.resample:
-            table.fail("rollouts of uneven samples are not read: resample = true is for one run")
-        if t is None and rollouts == GAPS:
-            table.fail("rollouts = 'gaps' needs the table [recording.time]")
-        file = signals.sources[base].file
-        number = None if rollouts == GAPS else file.get([rollouts], None, 1)[:, 0]
-        clock_of = clock_of.of_rollouts(rollout_windows(len(values[base]), number, t), place)
+        clock_of = clock_of.of_rollouts(_rollouts(table, signals, rollouts), place)
     elif t is not None and signals.resample:
         plan = resampling(t, rate, place)
         notes = (f"recording '{name}': {plan.sentence(step_range(t))}",)
@@ -188,6 +182,17 @@ def _signals(
     t = sources["time"].values()[:, 0] * period if "time" in sources else None
     drives = channels["torque"].drives if "torque" in channels else None
     return _Signals(sources, values, t, base, resample, drives, _origin(sources, channels))
+
+
+def _rollouts(table: Table, signals: _Signals, rollouts: str) -> tuple[tuple[int, int], ...]:
+    """Return the windows of the rollouts, by a column or by gaps of the time stamps."""
+    if signals.resample:
+        table.fail("rollouts of uneven samples are not read: resample = true is for one run")
+    if signals.t is None and rollouts == GAPS:
+        table.fail("rollouts = 'gaps' needs the table [recording.time]")
+    file, count = signals.sources[signals.base].file, len(signals.values[signals.base])
+    number = None if rollouts == GAPS else file.get([rollouts], None, 1)[:, 0]
+    return rollout_windows(count, number, signals.t)
 
 
 def _sources(table: Table, robot: _Robot, folder: DataFolder) -> dict[str, Source]:
