@@ -3,6 +3,7 @@
     python benches/missing_friction.py                          40 logs a row
     python benches/missing_friction.py --motions 50 --seeds 4   200 logs a row, as in docs/uncertainty.md
     python benches/missing_friction.py --choice                 the terms that ``auto`` chooses on three arms, and their intervals
+    python benches/missing_friction.py --told [--motions 10]    what the result of IDIM-LS and DIDIM says of closed-loop logs
 
 Logs of 10 s of a planar arm with 13 base parameters, IDIM-LS; each row has a friction law in the log that the model lacks, or none.
 """
@@ -20,7 +21,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
+from dataclasses import replace
+
 import didim
+from didim.experiment.specs import SimulationSettings
+from didim.loop.reference import Reference
+from didim.methods.method import Method
+from didim.robot.friction import FrictionTerm
+from didim.studies.simulated_log import measured, packaged_experiment, simulated_log
 from friction_logs import (
     Law,
     atan,
@@ -77,7 +85,11 @@ def main() -> None:
     parser.add_argument(
         "--arms", nargs="+", default=["planar2", "tx40", "ur5e-like"], help="arms of --choice"
     )
+    parser.add_argument("--told", action="store_true", help="logs of the closed loop, by IDIM-LS and DIDIM")
     given = parser.parse_args()
+    if given.told:
+        told(given.motions)
+        return
     if given.choice:
         choose(given)
         return
@@ -104,6 +116,69 @@ def main() -> None:
         print(
             f"{name:24}{len(alarms):5d}{100 * np.mean(alarms):7.1f} %{100 * np.mean(before):11.1f} %"
             f"{100 * np.mean(after):6.1f} %{np.median(width):7.2f}  {found}",
+            flush=True,
+        )
+
+
+def closed_loop_log(arm: str, share: float, seed: int) -> tuple[didim.Experiment, Any]:
+    """Return a log whose joints have Stribeck friction, a share of Fc, which its model lacks, and the true base parameters.
+
+    The planar arm moves otherwise for every seed; the packaged TX40 has one motion.
+    """
+    packaged = packaged_experiment("tx40") if arm == "tx40" else planar_loop(seed)
+    plain = packaged.robot
+    x = plain.parameter_set({"planar2": "reference", "tx40": "didim_physical"}[arm])
+    values = dict(zip(plain.parameter_names, x, strict=True))
+    joints = range(plain.n_dof) if share else ()
+    made = plain.with_terms([FrictionTerm(law="stribeck", joint=joint, velocity=0.15) for joint in joints])
+    all_x = [values.get(name, share * values.get(f"Fc{name[2:]}", 0.0)) for name in made.parameter_names]
+    clean = simulated_log(replace(packaged, robot=made), np.array(all_x), noise=False)
+    if arm == "tx40":
+        log = measured(clean, FIRST + seed)
+    else:
+        (recording,) = clean.recordings
+        assert recording.tau is not None
+        noise = np.random.default_rng([seed, 7]).standard_normal(recording.tau.shape)
+        tau = recording.tau + 0.1 * noise * [values["Fc1"], values["Fc2"]]
+        log = replace(clean, recordings=(replace(recording, tau=tau),))
+    return replace(log, robot=packaged.simulated_robot), plain.base_parameters.project(x)
+
+
+def planar_loop(seed: int) -> didim.Experiment:
+    """Return the closed loop of a planar arm along a motion of 10 s."""
+    reference = Reference.random_fourier(
+        harmonics=15, period_s=10.0, seed=FIRST + seed, **subject("planar2").motion
+    )
+    return didim.Experiment(
+        name="arm",
+        robot=didim.load_robot("planar2"),
+        recordings=(),
+        reference=reference,
+        controller=didim.Controller.tuned([10.0] * 2, [0.7] * 2, [1.0, 0.2]),
+        signal=didim.SignalProcessing(cutoff_hz=50.0, trim_start=25, trim_end=25, decimation=(10,)),
+        simulation=SimulationSettings(
+            rate_hz=500.0, smoothing=(0.02, 0.02), step_s=1e-3, fine_step_s=5e-4, start="reference"
+        ),
+    )
+
+
+def told(motions: int) -> None:
+    """Print how many results name missing friction, and whether their intervals hold with its shift and without."""
+    print(f"{'':32}{'logs':>5}{'told':>6}{'95 % before':>13}{'after':>8}")
+    methods: tuple[Method, ...] = (didim.IDIMLS(), didim.DIDIM())
+    for arm, share, method in itertools.product(("planar2", "tx40"), (0.0, 0.1, 0.2), methods):
+        count, before, after = 0, [], []
+        for seed in range(motions):
+            log, truth_ = closed_loop_log(arm, share, seed)
+            fit = didim.identify(log, method)
+            assert fit.uncertainty is not None
+            count += any(item.code == "friction" for item in fit.evidence)
+            error, factor = np.abs(fit.beta - truth_), fit.uncertainty.factor(0.95)
+            before.append(error <= factor * fit.uncertainty.without_shift(fit.std))
+            after.append(error <= factor * fit.std)
+        name = f"{arm}, Stribeck {share:g} Fc, {method.name}"
+        print(
+            f"{name:32}{motions:5d}{count:6d}{100.0 * np.mean(before):11.1f} %{100.0 * np.mean(after):6.1f} %",
             flush=True,
         )
 

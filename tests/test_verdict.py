@@ -15,13 +15,17 @@ import didim
 import simulated
 from didim import IDIMLS, Identification, Status, identify
 from didim.cli.main import main
-from didim.evidence.hypotheses.geometry import row_of
+from didim.evidence.causes import Tried
+from didim.evidence.hypotheses.geometry import place_of
+from didim.evidence.hypotheses.hypothesis import Hypothesis
+from didim.evidence.naming import remedy_of
 from didim.evidence.physics import physical_findings
 from didim.evidence.whiteness import whiteness
 from didim.model.physics import Flag, physical_flags
 from didim.regression.block import stacked
 from didim.result.finding import Finding
 from didim.result.verdict import State, Verdict
+from didim.result.words.causes import edit
 from didim.signal.noise import noise_correlation
 
 Array = NDArray[np.float64]
@@ -225,5 +229,19 @@ def test_a_sign_that_noise_hardly_explains_has_advice(fit: Identification) -> No
 def test_rows_are_counted_as_the_file_has_them() -> None:
     """In a standard table the twist and length before joint 3 are of row 2, in a modified one of row 3."""
     standard, modified = didim.load_robot("ur5e"), didim.load_robot("tx40")
-    assert [row_of(standard, key, 2) for key in ("alpha", "d", "r")] == [2, 2, 3]
-    assert [row_of(modified, key, 2) for key in ("alpha", "d", "r")] == [3, 3, 3]
+    assert [place_of(standard, key, 2)["row"] for key in ("alpha", "d", "r")] == [2, 2, 3]
+    assert [place_of(modified, key, 2)["row"] for key in ("alpha", "d", "r")] == [3, 3, 3]
+    for robot, row in ((standard, 2), (modified, 3)):
+        found = Hypothesis(code="twist-sign", joints=(3,), facts=place_of(robot, "alpha", 2))
+        remedy = remedy_of(Tried(found, -5.0))
+        assert remedy is not None
+        assert (remedy.file, remedy.table, remedy.key, remedy.joints) == (
+            "robot",
+            "[[joint]]",
+            "alpha_deg",
+            (row,),
+        )
+        assert f"alpha_deg in row {row}" in edit(found.code, found.joints, None, found.facts)
+    in_urdf = Hypothesis(code="twist-sign", joints=(3,), facts={"row": 3, "urdf": True})
+    assert remedy_of(Tried(in_urdf, -5.0)) is None
+    assert "URDF" in edit(in_urdf.code, in_urdf.joints, None, in_urdf.facts)

@@ -452,7 +452,7 @@ def obeyed(
     tau, q = recording.tau.copy(), recording.q.copy()
     value: Any = remedy.value
     geometry = robot.geometry
-    if (remedy.table, remedy.key) == ("[recording.torque]", "gain"):
+    if remedy.table == "[recording.torque]" and remedy.key in ("sign", "gain"):
         tau[:, at] /= -1.0 if remedy.action == "turn" else value
     elif (remedy.table, remedy.key) == ("[recording.torque]", "columns"):
         tau[:, at] = tau[:, at[::-1]]
@@ -463,12 +463,14 @@ def obeyed(
     elif remedy.key == "convention":
         robot = of_other_convention(robot)
     elif remedy.key == "alpha_deg":
-        alpha = [-a if joint in at else a for joint, a in enumerate(geometry.alpha)]
+        before = robot.standard is not None  # a standard row has the twist of the next one
+        alpha = [-a if joint - before in at else a for joint, a in enumerate(geometry.alpha)]
         robot = with_geometry(robot, alpha=tuple(alpha))
     elif remedy.table == "[[joint]]" and remedy.action == "set":
         # a (d) of a standard (modified) row are d of the geometry, along the other axis r
         key = "d" if remedy.key == ("a_m" if robot.standard is not None else "d_m") else "r"
-        values = [value if joint in at else own for joint, own in enumerate(getattr(geometry, key))]
+        before = robot.standard is not None and key == "d"
+        values = [value if joint - before in at else own for joint, own in enumerate(getattr(geometry, key))]
         robot = with_geometry(robot, **{key: tuple(values)})
     elif (remedy.table, remedy.key) == ("[friction]", "model"):
         robot = robot.with_friction(model=value)

@@ -30,7 +30,7 @@ from ..experiment.experiment import Experiment
 from ..experiment.experiment_file import load_experiment
 from ..log.recording import Recording
 from ..log.sampling import MINIMUM_SAMPLES, TimeFault
-from ..methods.builder import load_finding, load_findings
+from ..methods.builder import drift_findings, drift_of, load_finding, load_findings
 from ..methods.idim_ls import IDIMLS
 from ..methods.job import Job
 from ..methods.positions.prospect import prospect
@@ -50,13 +50,15 @@ from .late import check_delay
 from .limits import check_limits
 from .reference import check_reference
 from .sampled import time_findings
-from .standstill import check_friction, check_standstill
+from .standstill import check_standstill
 
 FEWEST_SPIKES = 3
 """Smallest number of a joint's spikes that is reported; a single sample changes no estimate."""
 KNOWN_LEFT = 0.7
 """Largest remaining error with a cause beside known parameters, as a share (geometric mean of the joints): errors of the
 parameters themselves (load, friction, temperature) are not a wrong declaration."""
+SHOWN = 100.0
+"""Largest gain over the declared one, and error over the torque, that the table of the controller shows."""
 MOST_ROUNDS = 3
 """Largest number of wrong declarations reported in one run; each is sought with its predecessors corrected."""
 
@@ -264,7 +266,8 @@ def _model(
     try:
         rows = LogRows(robot, job.signal, parts, of_fit, logs=job.parameters)
     except (SignalError, FitError) as error:
-        return _unfiltered(error)
+        advice = "Record longer, or decimate less under [signal]"
+        return [said(kind="excitation", sentence=f"the model cannot be tested: {error}", advice=advice)]
     own = [
         *spike_findings(parts, job.signal, FEWEST_SPIKES),
         *check_limits(experiment, parts),
@@ -317,7 +320,11 @@ def _between(job: Job, parts: Sequence[Segment], beta: Array | None) -> list[Fin
     except DidimError:  # reported as parameters that the log does not identify
         return []
     loads = [item for item in load_findings(job, system, fit) if item.grade != "note"]
-    return [*loads, *check_friction(job, (system, fit))]
+    return [*loads, *drift_findings(job, drift_of(job, system, fit))]
+
+
+def _factor(value: float) -> str:
+    return f"{value:.3f}" if abs(value) < SHOWN else "-"
 
 
 def loop_table(shown: Recovered | None) -> tuple[tuple[str, ...], ...]:
@@ -326,7 +333,7 @@ def loop_table(shown: Recovered | None) -> tuple[tuple[str, ...], ...]:
         return ()
     names, factors, _ = shown.keys()
     rows = [
-        (str(joint + 1), *(f"{value:.3f}" for value in column), f"{100.0 * left:.2g}")
+        (str(joint + 1), *map(_factor, column), f"{100.0 * left:.2g}" if left < SHOWN else "-")
         for joint, (column, left) in enumerate(zip(factors.T, shown.relative, strict=True))
     ]
     return (("joint", *names, "left %"), *rows)

@@ -47,13 +47,12 @@ def torque_findings(system: LinearSystem) -> list[Finding]:
 REMEDIES: dict[
     str, tuple[Literal["experiment", "robot"], str, str, Literal["set", "turn", "exchange", "divide"]]
 ] = {
-    "torque-sign": ("experiment", "[recording.torque]", "gain", "turn"),
+    "torque-sign": ("experiment", "[recording.torque]", "sign", "turn"),
     "drive-gain": ("experiment", "[recording.torque]", "gain", "divide"),
     "swapped-torques": ("experiment", "[recording.torque]", "columns", "exchange"),
     "swapped-positions": ("experiment", "[recording.position]", "columns", "exchange"),
     "unit": ("experiment", "[recording.position]", "unit", "set"),
-    "position-sign": ("robot", "[[joint]]", "axis", "turn"),
-    "joint-sign": ("robot", "[[joint]]", "axis", "turn"),
+    "position-sign": ("experiment", "[recording.position]", "sign", "turn"),
     "gravity": ("robot", "", "gravity_m_s2", "set"),
     "twist-sign": ("robot", "[[joint]]", "alpha_deg", "turn"),
     "link-length": ("robot", "[[joint]]", "", "set"),
@@ -65,10 +64,10 @@ REMEDIES: dict[
 def remedy_of(tried: Tried) -> Remedy | None:
     """Return the edit of a file that a cause asks for; None where the file does not say enough."""
     item = tried.hypothesis
-    if item.code not in REMEDIES:
+    facts: Mapping[str, Any] = item.facts
+    if item.code not in REMEDIES or facts.get("urdf"):
         return None
     file, table, key, action = REMEDIES[item.code]
-    facts: Mapping[str, Any] = item.facts
     value: Any = item.value
     if item.code == "gravity":
         value = list(facts["vector"])
@@ -77,7 +76,8 @@ def remedy_of(tried: Tried) -> Remedy | None:
     elif item.code == "unit":
         value = facts["unit"]
     key = key or str(facts["symbol"])
-    return Remedy(file=file, table=table, key=key, action=action, value=value, joints=item.joints)
+    joints = (int(facts["row"]),) if "row" in facts else item.joints
+    return Remedy(file=file, table=table, key=key, action=action, value=value, joints=joints)
 
 
 def _tie(tried: Tried) -> dict[str, Any]:

@@ -114,7 +114,7 @@ def size_findings(found: Residual, growth: float = 1.0, *, chosen: bool = False)
     if not share > SIZE_DOUBTFUL:
         return []
     shares = found.lasting(growth) / np.maximum(found.size, np.finfo(float).tiny)
-    joints = np.flatnonzero(shares > max(SIZE_JOINT, share))
+    joints = np.flatnonzero((shares > max(SIZE_JOINT, share)) & (found.size > 0.0))
     return [
         Finding(
             code="size",

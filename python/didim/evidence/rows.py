@@ -103,9 +103,12 @@ class LogRows:
         self._thin = max(1, y.shape[1] // ROWS)
         self.w, self.y = np.ascontiguousarray(w[:, :: self._thin]), np.ascontiguousarray(y[:, :: self._thin])
         if self.y.shape[1] < FEWEST_ROWS * BLOCKS:
-            raise FitError(f"{self.y.shape[1]} rows are too few for hypotheses on a log")
+            least = FEWEST_ROWS * BLOCKS
+            raise FitError(
+                f"{self.y.shape[1]} rows are left of the log by its decimation, {least} are needed"
+            )
         if not y.any(axis=1).all():
-            raise FitError("a joint without torque says nothing of hypotheses on a log")
+            raise FitError("the torque of a joint is zero in the whole log")
         self.products = Products.of(self.w, self.y, given=known)
         self.declared = self.products.judged()
 

@@ -18,6 +18,12 @@ CONTRADICTIONS = TORQUE_CODES | {"no-robot"}
 """Codes of findings that explain why no robot fits the torques."""
 ASTRAY = 1.0
 """Output error (12) from which a simulated robot is further from the log than zero torque."""
+LAGS = 3
+"""Number of lags (samples) at which white noise has no correlation; a motion that is sampled too slowly has some at one of them."""
+WHITE_SIGMAS = 4.0
+"""Largest correlation of white noise, in its standard deviation ``1 / sqrt(n)``: TX40, EMPS, UR10e and UR10 have 0.97."""
+MOVES = 0.05
+"""Range of positions (rad or m) from which a joint moves."""
 SAME = 1e-12
 """Largest range of a constant torque, as a share of its size: rounding of units and reductions."""
 
@@ -28,7 +34,7 @@ def is_constant(values: Array) -> bool:
 
 
 def constant_torque_findings(experiment: Experiment) -> list[Finding]:
-    """Return a finding for each recording with torques that never change: a dead sensor, or an empty column."""
+    """Return a finding for each recording with torques that never change, or by noise alone though their joints move."""
     found = []
     for recording in experiment.recordings:
         if recording.tau is None:
@@ -45,7 +51,33 @@ def constant_torque_findings(experiment: Experiment) -> list[Finding]:
                     facts={"side": side, "numbers": dead, "samples": len(tau), **_columns(recording, dead)},
                 )
             )
+        flat = [joint for joint in _flat(recording, recording.tau) if not dead]
+        if flat:
+            means = recording.tau.mean(axis=0)[flat].tolist()
+            joints = tuple(joint + 1 for joint in flat)
+            found.append(
+                Finding(
+                    code="constant-torque",
+                    grade="doubtful",
+                    joints=joints,
+                    recordings=(recording.name,),
+                    facts={"means": means},
+                )
+            )
     return found
+
+
+def _flat(recording: Recording, tau: Array) -> list[int]:
+    """Return the joints, from 0, that move while their torque is white noise about a constant."""
+    windows = [tau[slice(*window)] for window in recording.windows]
+    errors = [values - values.mean(axis=0) for values in windows if len(values) > LAGS]
+    squares = np.sum([np.sum(values**2, axis=0) for values in errors], axis=0)
+    moves = np.ptp(recording.measured_positions(), axis=0) > MOVES
+    flat = moves & (squares > 0.0)
+    for lag in range(1, LAGS + 1):
+        products = np.sum([np.sum(values[lag:] * values[:-lag], axis=0) for values in errors], axis=0)
+        flat &= np.abs(products) < WHITE_SIGMAS * squares / np.sqrt(max(1, sum(map(len, errors))))
+    return [int(joint) for joint in np.flatnonzero(flat)]
 
 
 def _columns(recording: Recording, numbers: Sequence[int]) -> dict[str, str]:

@@ -247,14 +247,14 @@ def fitted(
         spread.uncertainty,
         np.sqrt(np.diag(job.selection.expand_covariance(spread.covariance))),
     )
-    moved = _drift(job, system, fit) if converged else []
+    moved = drift_of(job, system, fit) if converged else []
     loads = load_findings(job, system, fit) if converged else []
     drift = {"drift": [asdict(item) for item in moved]} if moved else {}
     run = replace(
         run,
         settings={"solver": solver_record(job.solver_choice, fit), **drift, **run.settings},
         remarks=(*fit.remarks, *run.remarks, *spread.remarks),
-        evidence=(*run.evidence, *lasting, *_drift_findings(job, moved), *loads),
+        evidence=(*run.evidence, *lasting, *drift_findings(job, moved), *loads),
     )
     return identification(
         run,
@@ -283,7 +283,7 @@ def _friction(run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Segment]
     return friction_alarm(system, fit, job.robot, parts, job.signal, load, step)
 
 
-def _drift(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
+def drift_of(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
     """Return the differences of recordings that share offsets or friction."""
     own = {key for item in job.experiment.recordings if item.role == "fit" for key in item.own}
     kinds: tuple[tuple[Literal["offset", "friction"], str], ...] = (
@@ -298,13 +298,14 @@ def _drift(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:
     ]
 
 
-def _drift_findings(job: Job, moved: Sequence[Difference]) -> list[Finding]:
+def drift_findings(job: Job, moved: Sequence[Difference]) -> list[Finding]:
     """Return findings on recordings that differ in declared common parameters."""
     return [
         Finding(
             code="drift",
             grade="doubtful",
             joints=item.joints,
+            recordings=item.recordings,
             value=item.value,
             facts={"text": item.sentence, "advice": item.advice},
         )

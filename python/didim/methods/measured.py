@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .._tools.arrays import Array
@@ -45,11 +47,15 @@ def measured_along(fit: Identification, experiment: Experiment, method: Method) 
 
 
 def law_along(fit: Identification, experiment: Experiment, method: Method) -> Measured | None:
-    """Return the measured motion with the torques of the declared controller; None where none follows a reference."""
+    """Return the measured motion with the torques of the declared controller; None where none follows a reference.
+
+    The friction is that of the simulation, which the method fits: smooth friction at reversals is no Stribeck friction.
+    """
     try:
         if not declared_loop(experiment):
             return None
-        return measured_along(fit, with_law_torques(experiment), method)
+        made = replace(with_law_torques(experiment), robot=experiment.simulated_robot)
+        return measured_along(fit, made, method)
     except (DidimError, IndexError):  # no recording of a fit
         return None
 

@@ -34,7 +34,7 @@ class Remedy:
     value : float, str, list or None
         Value to be set, or divisor.
     joints : tuple of int
-        Entries concerned, by joints from 1; empty for all.
+        Entries concerned, by joints, or tables of ``[[joint]]``, from 1; empty for all.
     """
 
     file: Literal["experiment", "robot"]

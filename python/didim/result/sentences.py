@@ -230,6 +230,9 @@ def _untold(f: Told) -> str:
 
 
 def _constant_torque(f: Told) -> str:
+    if "means" in f.facts:
+        means = ", ".join(f"{value:.3g}" for value in f.facts["means"])
+        return f"the torque of {_joints(f)} is noise about a constant ({means}) though the joint moves"
     numbers = f.facts["numbers"]
     which = joints_text(number - 1 for number in numbers).replace("joint", f.facts["side"])
     torques = f"torque of {which} is" if len(numbers) == 1 else f"torques of {which} are"

@@ -78,7 +78,7 @@ def twists(rows: LogRows) -> Iterator[Hypothesis]:
                 code="twist-sign",
                 joints=(joint + 1,),
                 robot=with_geometry(rows.robot, alpha=changed),
-                facts={"row": row_of(rows.robot, "alpha", joint)},
+                facts=place_of(rows.robot, "alpha", joint),
             )
 
 
@@ -109,7 +109,7 @@ def lengths(rows: LogRows) -> Iterator[Hypothesis]:
                     facts={
                         "symbol": f"{symbol}_m",
                         "declared": values[j],
-                        "row": row_of(rows.robot, key, j),
+                        **place_of(rows.robot, key, j),
                     },
                 )
 
@@ -121,9 +121,13 @@ def lengths(rows: LogRows) -> Iterator[Hypothesis]:
                 yield replace(made(best), at_end=at_end)
 
 
-def row_of(robot: Robot, key: str, joint: int) -> int:
-    """Return the row of the file that a twist or length is in: a standard table has those before a joint in the row before."""
-    return joint if robot.standard is not None and key != "r" else joint + 1
+def place_of(robot: Robot, key: str, joint: int) -> dict[str, object]:
+    """Return the row of the file that a twist or length is in, from 1, and whether it is a URDF, which has no rows.
+
+    A standard table has the twist and the length before a joint in the row before.
+    """
+    row = joint if robot.standard is not None and key != "r" else joint + 1
+    return {"row": row, "urdf": robot.correspondence is not None}
 
 
 def _changed(values: tuple[float, ...], place: int, value: float) -> tuple[float, ...]:

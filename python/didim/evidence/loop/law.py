@@ -28,6 +28,8 @@ ASTRAY = 0.3
 """Error of the declared law, as a share of the torque, from which the result is wrong if no other law explains it."""
 GAIN = 0.03
 """Smallest relative difference of a gain from the declared one that is reported."""
+ANSWER = (0.01, 100.0)
+"""Range of gains over the declared ones that are an answer, other units included: others are no gains of a controller."""
 GAIN_SIGMAS = 5.0
 """Smallest difference of a gain, in its standard deviations, that is reported."""
 LAGS = (-3.0, -1.5, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0)
@@ -195,7 +197,9 @@ def loop_findings(
 
 def _laws(found: Recovered, experiment: Experiment, off: list[int], x: Array | None) -> Iterator[Law]:
     rows = found.rows
-    yield _gains(found, off)
+    first = found.factors[0, off]
+    if ((first > ANSWER[0]) & (first < ANSWER[1])).all():
+        yield _gains(found, off)
     samples = [lag / rows.rate_hz for lag in LAGS]
     tried = [
         _best(rows, samples, lambda value: rows.law(lag_s=value)),

@@ -156,6 +156,8 @@ class Drift:
         Observation and advice.
     joints : tuple of int
         Joints concerned, from 1.
+    recordings : tuple of str
+        Names of the recordings that differ from the first.
     value : float
         Largest difference, by the corresponding torque (SI units).
     """
@@ -163,6 +165,7 @@ class Drift:
     sentence: str
     advice: str
     joints: tuple[int, ...]
+    recordings: tuple[str, ...]
     value: float
 
 
@@ -190,6 +193,7 @@ def drifts(compared: Sequence[Difference], names: Sequence[str]) -> list[Drift]:
                 f"{worst.std:.2g} in {worst.parameter} of '{names[worst.recording]}'",
                 f'Give the recordings {key} = "own"',
                 tuple(joint + 1 for joint in joints),
+                tuple(names[number] for number in sorted({item.recording for item in clear})),
                 worst.value,
             )
         )

@@ -59,22 +59,40 @@ def _convention_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
     return f'Write convention = "{"mdh" if f.get("standard") else "dh"}" in the robot file'
 
 
+def _twist_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
+    return _in_urdf(j) if f.get("urdf") else f"Turn the sign of alpha_deg in row {f['row']}, {_row(f)}"
+
+
+def _length_edit(j: tuple[int, ...], v: Any, f: Any) -> str:
+    if f.get("urdf"):
+        return _in_urdf(j)
+    return f"Measure it, and write {f['symbol']} = {v:.4g} in row {f['row']}, {_row(f)}"
+
+
+def _row(f: Any) -> str:
+    return f"table {f['row']} of [[joint]] in the robot file"
+
+
+def _in_urdf(j: tuple[int, ...]) -> str:
+    return f"Compare origin and axis of joint {j[0]} in the URDF with the arm"
+
+
 Words = str | Callable[[tuple[int, ...], Any, Any], str]
 """A sentence with places for joints ``j``, value ``v`` and facts ``f``, or what makes one of them."""
 CAUSES: dict[str, tuple[Words, Words, str]] = {
     "torque-sign": (
         _signs,
-        "Turn the sign of the gain or of the column under [recording.torque]",
+        "Turn its sign under [recording.torque]: sign = -1, or 1 if it is -1",
         "push the joint by hand: torque and motion must have the same sign",
     ),
     "position-sign": (
         "the position of joint {j[0]} looks as if its sign were wrong",
-        "Turn the sign of its column, or of its axis in the robot file",
+        "Turn its sign under [recording.position]: sign = -1, or 1 if it is -1; or turn its axis in the URDF",
         "move that joint alone and compare its axis with the robot file",
     ),
     "joint-sign": (
         "joint {j[0]} looks as if it turned the other way",
-        "Turn the sign of its row under [transmission], or of its axis in the robot file",
+        "Turn its sign under [recording.position] and [recording.torque], or in its row under [transmission]",
         "move that joint alone and compare its axis with the robot file",
     ),
     "swapped-torques": (
@@ -131,13 +149,13 @@ CAUSES: dict[str, tuple[Words, Words, str]] = {
     ),
     "twist-sign": (
         "the twist alpha of row {f[row]} looks as if its sign were wrong",
-        "Turn its sign in the robot file",
+        _twist_edit,
         "move the joint and compare its axis with the robot file",
     ),
     "link-length": (
         "the length {f[symbol]} of row {f[row]} looks as if it were {v:.4g} m, not {f[declared]:.4g} m",
-        "Measure it, or look at the data sheet",
-        "measure it",
+        _length_edit,
+        "the data sheet, or a ruler",
     ),
 }
 """Symptom, remedy, and the experiment that would decide, of each hypothesis that names a cause."""
