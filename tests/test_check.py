@@ -495,7 +495,7 @@ def test_every_kind_is_documented(project: Path) -> None:
     sources = sorted((project / "python" / "didim" / "diagnosis").glob("*.py"))
     own = {kind for path in sources for kind in re.findall(r'kind="([a-z-]+)"', path.read_text("utf-8"))}
     assert {*CAUSES, *own} <= named
-    assert named <= {*CAUSES, *own, *WORDS, "payload", "gap", "uneven-time"}
+    assert named <= {*CAUSES, *own, *WORDS, "payload", "drift", "gap", "uneven-time"}
 
 
 def test_the_files_of_these_tests_say_what_they_should(tx40: Log, tmp_path: Path) -> None:
