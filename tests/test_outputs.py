@@ -80,7 +80,8 @@ def limited(arguments: list[str], folder: Path, size: int) -> subprocess.Complet
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
-    command = [sys.executable, "-m", "didim", *arguments]
+    # Without -B the limit cuts the compiled modules short that this process writes, and every later one fails.
+    command = [sys.executable, "-B", "-m", "didim", *arguments]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, preexec_fn=limit, check=False)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .._tools.files import check_output, write_atomically
+from .._tools.files import check_output, keep_sources, write_atomically
 from ..errors import PlotError
 from ..excitation.design import Excitation
 from ..experiment.experiment import Experiment
@@ -94,6 +94,7 @@ def write(
     """
     own = result.experiment if isinstance(result, Comparison) else result
     sources = {**getattr(own, "digests", {}), **({} if experiment is None else experiment.digests)}
+    keep_sources(Path(path), sources.values())  # before seconds of drawing
     write_atomically(Path(path), render(result, experiment), sources.values())
 
 
