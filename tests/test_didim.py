@@ -23,7 +23,7 @@ from didim.loop.reference import Reference
 from didim.loop.tuning import mean_inertia
 from didim.methods.didim.settings import GainUpdating
 from didim.methods.start import Start, standard_start, unit_rotors
-from didim.result.iteration import Iteration
+from didim.result.iteration import Iteration, Reporter
 from didim.studies.simulated_log import LOG_REFINEMENT, measured, packaged_experiment, simulated_log
 from plain import plain_didim
 from scripts import script
@@ -116,7 +116,7 @@ def test_errors_are_as_large_as_sigma_says(exact: Experiment, truth: Array) -> N
     """Five seeds; benches/calibration.py does a hundred."""
     off = []
     for seed in range(1, 6):
-        found = identify(measured(exact, seed), plain_didim())
+        found = plain_didim().run(measured(exact, seed), Reporter())
         assert found.converged
         off.append((found.beta - truth) / found.std)
     assert 0.85 < np.sqrt(np.mean(np.square(off))) < 1.15

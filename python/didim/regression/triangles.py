@@ -50,45 +50,38 @@ class Triangles:
         n = len(y)
         if n == 0:
             return
-        factors = None
+        factors: Array | None = None
         if self.forgetting < 1.0:
             factors = self.forgetting ** (0.5 * np.arange(n - 1, -1, -1))
-        for joint, (columns, triangle) in enumerate(zip(self._columns, self._triangles, strict=True)):
-            seen = np.asarray(w[:, joint].any(axis=0))
-            seen[columns] = True
-            now = np.flatnonzero(seen)
-            old = len(triangle)
-            stacked = np.zeros((old + n, now.size + 1))
-            if now.size == columns.size:
-                stacked[:old] = triangle
-            else:
-                stacked[:old, np.searchsorted(now, columns)] = triangle[:, :-1]
-                stacked[:old, -1] = triangle[:, -1]
-            stacked[old:, :-1] = w[:, joint, now]
-            stacked[old:, -1] = y[:, joint]
-            if factors is not None:
-                stacked[:old] *= self.forgetting ** (0.5 * n)
-                stacked[old:] *= factors[:, None]
-            few = len(stacked) <= now.size + 1
-            self._columns[joint] = now
-            self._triangles[joint] = stacked if few else np.asarray(np.linalg.qr(stacked, mode="r"))
+        for joint in range(len(self._columns)):
+            self._fold_one(joint, w[:, joint], y[:, joint], factors)
         kept = self.forgetting**n
         self.rows = kept * self.rows + (n if factors is None else float(np.sum(factors**2)))
 
     def merge(self, other: Triangles) -> None:
         """Fold the rows of another object, like new rows."""
-        for joint, (columns, triangle) in enumerate(zip(other._columns, other._triangles, strict=True)):
-            w = np.zeros((len(triangle), self.n_columns))
-            w[:, columns] = triangle[:, :-1]
-            self._fold_one(joint, w, triangle[:, -1])
+        for joint, (rows, target) in enumerate(other.system()):
+            self._fold_one(joint, rows, target, None)
         self.rows += other.rows
 
-    def _fold_one(self, joint: int, w: Array, y: Array) -> None:
-        rows, target = self.system()[joint]
-        stacked = np.column_stack([np.vstack([rows, w]), np.concatenate([target, y])])
-        seen = np.flatnonzero(stacked[:, :-1].any(axis=0))
-        self._columns[joint] = seen
-        self._triangles[joint] = np.asarray(np.linalg.qr(stacked[:, [*seen, -1]], mode="r"))
+    def _fold_one(self, joint: int, w: Array, y: Array, factors: Array | None) -> None:
+        """Fold rows (n, n_columns) and torques (n,) of a joint; forgetting multiplies each new row by its factor."""
+        columns, triangle = self._columns[joint], self._triangles[joint]
+        seen = np.asarray(w.any(axis=0))
+        seen[columns] = True
+        now = np.flatnonzero(seen)
+        old = len(triangle)
+        stacked = np.zeros((old + len(y), now.size + 1))
+        stacked[:old, np.searchsorted(now, columns)] = triangle[:, :-1]
+        stacked[:old, -1] = triangle[:, -1]
+        stacked[old:, :-1] = w[:, now]
+        stacked[old:, -1] = y
+        if factors is not None:
+            stacked[:old] *= self.forgetting ** (0.5 * len(y))
+            stacked[old:] *= factors[:, None]
+        few = len(stacked) <= now.size + 1
+        self._columns[joint] = now
+        self._triangles[joint] = stacked if few else np.asarray(np.linalg.qr(stacked, mode="r"))
 
     def system(self) -> list[tuple[Array, Array]]:
         """Return ``R_j`` over all columns, (k_j, n_columns), and ``z_j``, (k_j,), of each joint."""
