@@ -105,6 +105,7 @@ def test_a_wrong_row_is_named_from_the_first_of_its_piece(folder: Path, tmp_path
         ("[signal]", '[delay]\ncompensate_samples = "estimate"\n[signal]', "give compensate_samples"),
         ("[signal]", '[friction]\nterms = "auto"\n[signal]', "need the whole log"),
         ("log.csv", "log.npz", "only text files are read in pieces"),
+        ('"log.csv", columns = ["q1", "q2"]', '["a.csv", "b.csv"]', "a file for each column"),
     ],
 )
 def test_what_needs_the_whole_log_is_refused(folder: Path, old: str, new: str, sentence: str) -> None:

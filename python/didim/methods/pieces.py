@@ -92,9 +92,13 @@ class _Log:
         ]
         self._tables = [{"name": title, **table.content_unread} for table, title in found]
         for table in self._tables:
-            if "rollouts" in table or table.get("time", {}).get("resample"):
+            sources = [table[key] for key in SOURCES if key in table]
+            plain = all(
+                isinstance(part.get("file"), str) and "values_per_sample" not in part for part in sources
+            )
+            if not plain or "rollouts" in table or table.get("time", {}).get("resample"):
                 raise ExperimentError(
-                    f"{path.name}: rollouts and resample = true need the whole log: not in pieces"
+                    f"{path.name}: rollouts, resample = true, values_per_sample and a file for each column need the whole log"
                 )
         # The first rows are enough for the settings.
         first = {**content, "recording": [_without_windows(table) for table in self._tables]}
@@ -103,8 +107,8 @@ class _Log:
         _check_job(self.job)
         matrix = (
             None
-            if (table := content.get("transmission")) is None
-            else Table(table, path.name, ExperimentError)
+            if (drives := content.get("transmission")) is None
+            else Table(drives, path.name, ExperimentError)
         )
         self._reduction = read_reduction(matrix, self.job.robot.reduction, self.job.robot.n_dof)
 
