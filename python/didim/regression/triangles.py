@@ -52,7 +52,7 @@ class Triangles:
             return
         factors: Array | None = None
         if self.forgetting < 1.0:
-            factors = self.forgetting ** (0.5 * np.arange(n - 1, -1, -1))
+            factors = np.asarray(self.forgetting ** (0.5 * np.arange(n - 1, -1, -1)), dtype=np.float64)
         for joint in range(len(self._columns)):
             self._fold_one(joint, w[:, joint], y[:, joint], factors)
         kept = self.forgetting**n
