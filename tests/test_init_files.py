@@ -288,8 +288,8 @@ def test_bags_with_other_names(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert main(["init", "panda", bag, "--topic", "/joint_states", "-o", out]) == 1
     said = capsys.readouterr().err
     assert "are the 7 joints of the robot? Answer with their names in order" in said
-    assert set("abcdefg") < set(said.split("joints ")[1].split(" of the log")[0].split(", "))
-    assert said.count("which of the joints") == 1
+    assert set("abcdefg") < set(said.split("joints ")[1].split(" are")[0].split(", "))
+    assert said.count("which of the log's joints") == 1
     order = ["--columns", "position=b,a,c,d,e,f,g"]
     assert main(["init", "panda", bag, "--topic", "/joint_states", "-o", out, *order]) == 0
     recording = load_experiment(Path(out)).recordings[0]
