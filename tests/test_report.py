@@ -501,3 +501,22 @@ def test_a_phone_gets_the_columns_of_a_picture_one_below_the_other() -> None:
     assert axes[0, 0].get_position().x1 < cut < axes[0, 1].get_position().x0
     widths = [float(width) for width in re.findall(r"<span style=\"width:([\d.]+)%", html)]
     assert widths == pytest.approx([100.0 * cut, 100.0 * (1.0 - cut)], abs=1e-3)
+
+
+def test_a_phone_gets_the_legend_of_a_picture_whole() -> None:
+    """A legend above two columns of panels is a part of its own, and the columns begin below it."""
+    figure = style.new_figure(4.0)
+    for axes in figure.subplots(2, 2).flat:
+        axes.plot([0.0, 1.0], label="measured and filtered")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper center")
+    html = picture(figure, "four panels").text
+    box, size = figure.legends[0].get_window_extent(), figure.bbox
+    _, cut, _ = column_edges(figure)
+    assert box.x0 < cut * size.width < box.x1
+    legend, *columns = re.findall(r"<span[^>]*[\";]width:([\d.]+)%;aspect-ratio:([\d.]+)/([\d.]+)", html)
+    assert float(legend[0]) == pytest.approx(100.0 * box.width / size.width, abs=1e-3)
+    assert len(columns) == 2
+    panels = [panel for axes in figure.axes if (panel := axes.get_tightbbox()) is not None]
+    edge = max(box.y0, *(panel.y1 for panel in panels))
+    below = edge / size.height * round(96.0 * figure.get_figheight())
+    assert [float(height) for _, _, height in columns] == pytest.approx([below, below], abs=0.01)

@@ -67,9 +67,10 @@ section > p { max-width: 84ch; margin: 6px 0; }
 .tiles span { color: var(--soft); font-size: 13px; }
 ul.findings { margin: 6px 0 4px; padding-left: 22px; }
 figure { margin: 12px 0 0; overflow-x: auto; }
-/* A picture is its columns of panels side by side, all cut from one image, so that a phone can stack them. */
-.picture { display: flex; max-width: 100%; print-color-adjust: exact; }
-.picture > * { flex: none; background: var(--image) no-repeat; }
+/* A picture is its legend and its columns of panels, all cut from one image, so that a phone can stack them. */
+.picture { max-width: 100%; print-color-adjust: exact; }
+.columns { display: flex; }
+.picture span { display: block; flex: none; background: var(--image) no-repeat; }
 .scroll { overflow-x: auto; margin-top: 10px; }
 table { border-collapse: collapse; font-size: 13.5px; }
 .beside { display: flex; flex-wrap: wrap; column-gap: 36px; }
@@ -102,8 +103,9 @@ h2 { scroll-margin-top: 12px; }
   .verdict > p { font-size: 15.5px; }
   .tiles { grid-template-columns: repeat(auto-fill, minmax(100px, 1fr)); }
   .tiles b { font-size: 17px; }
-  .picture { flex-direction: column; }
-  .picture > * { width: 100% !important; }
+  .columns { flex-direction: column; }
+  .columns > span { width: 100% !important; }
+  .picture > .legend { width: min(100%, var(--own)) !important; margin: 0 auto 6px !important; }
   /* One panel of eleven inches has labels that nobody reads on a phone: it keeps two thirds of its size and is pushed aside. */
   .picture.wide { width: 700px !important; max-width: none; }
 }
@@ -209,18 +211,54 @@ def picture(figure: Figure, description: str) -> Html:
     width, height = (round(96.0 * inches) for inches in figure.get_size_inches())
     edges = column_edges(figure)
     kind = " wide" if width > WIDE_PX and len(edges) == 2 else ""
+    legend = _legend_box(figure) if len(edges) > 2 else None
+    top = 0.0 if legend is None else legend[3]
     parts = []
-    for left, right in itertools.pairwise(edges):
-        share = right - left
-        shift = left / (1.0 - share) if share < 1.0 else 0.0
-        parts.append(
-            f'<span style="width:{100 * share:.3f}%;aspect-ratio:{share * width:.2f}/{height};'
-            f'background-size:{100 / share:.3f}% 100%;background-position:{100 * shift:.3f}% 0"></span>'
-        )
+    if legend is not None:
+        left, right = legend[0], legend[2]
+        room = f"margin:0 {100 * (1 - right):.3f}% 0 {100 * left:.3f}%;--own:{(right - left) * width:.0f}px;"
+        parts.append(f'<span class="legend" style="{room}{_cut(legend, width, height)}"></span>')
+    columns = (
+        f'<span style="{_cut((left, top, right, 1.0), width, height)}"></span>'
+        for left, right in itertools.pairwise(edges)
+    )
+    parts.append(f'<div class="columns">{"".join(columns)}</div>')
     return Html(
         f'<figure><div class="picture{kind}" role="img" aria-label="{escape(description)}" style="width:{width}px;'
         f'--image:url(data:image/svg+xml;base64,{data})">{"".join(parts)}</div></figure>'
     )
+
+
+Box = tuple[float, float, float, float]
+"""Left, top, right and bottom as shares of a figure's size, from its upper left corner."""
+
+
+def _cut(box: Box, width: int, height: int) -> str:
+    """Return the style of an element that shows this part of an image of width by height pixels."""
+    left, top, right, bottom = box
+    across, down = right - left, bottom - top
+    x, y = (start / (1.0 - share) if share < 1.0 else 0.0 for start, share in ((left, across), (top, down)))
+    return (
+        f"width:{100 * across:.3f}%;aspect-ratio:{across * width:.2f}/{down * height:.2f};"
+        f"background-size:{100 / across:.3f}% {100 / down:.3f}%;background-position:{100 * x:.3f}% {100 * y:.3f}%"
+    )
+
+
+def _legend_box(figure: Figure) -> Box | None:
+    """Return where a drawn figure has its legend; None where it does not stand alone above all panels."""
+    boxes = [box for axes in figure.axes if (box := axes.get_tightbbox()) is not None]
+    if len(figure.legends) != 1 or figure.get_suptitle() or not boxes:
+        return None
+    legend, whole = figure.legends[0].get_window_extent(), figure.bbox
+    panels = max(box.y1 for box in boxes)
+    # The layout lets titles reach into the empty border of the legend.
+    if panels > legend.y0 + 0.25 * legend.height:
+        return None
+    left, right = (float(np.clip(x / whole.width, 0.0, 1.0)) for x in (legend.x0, legend.x1))
+    top, bottom = (
+        float(np.clip(1.0 - y / whole.height, 0.0, 1.0)) for y in (legend.y1, max(panels, legend.y0))
+    )
+    return left, top, right, bottom
 
 
 def column_edges(figure: Figure) -> list[float]:
