@@ -1,4 +1,4 @@
-"""What a check says: the findings of a log, as a table, a text or JSON."""
+"""Findings of a check on a log, as a table, a text or JSON."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ class Tried:
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """What explains a log, with what explains it as well.
+    """The cause that explains a log, with others that explain it equally well.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Search:
         self._columns: dict[Hypothesis, tuple[Array, tuple[str, ...], Products] | None] = {}
 
     def cause(self) -> Cause | None:
-        """Return what explains the log, or None."""
+        """Return the cause that explains the log, or None."""
         rows = self.rows
         found = [self._tried(item) for item in signs(rows)]
         torn = self._torn_joints()
@@ -248,7 +248,7 @@ class OfSystem:
 
 
 def cause_of_torques(system: LinearSystem) -> tuple[OfSystem, Cause | None] | None:
-    """Return the turned sign or the exchange of torques that a system (7) shows by itself, on blocks that were left out.
+    """Return the wrong sign or the exchange of torques that a system (7) shows by itself, on held-out blocks.
 
     The quick look of every method, before any other: a log like that spoils starts and steps too.
     """
@@ -268,7 +268,7 @@ def cause_of_torques(system: LinearSystem) -> tuple[OfSystem, Cause | None] | No
 
 
 def torn(held: Array, plain: Array, size: Array) -> float:
-    """Return how much worse parameters of a robot explain the channels than any do.
+    """Return the error of physical parameters relative to that of unconstrained ones.
 
     The sum of log(squared error held / plain), where an error below a share of the squared torques `size` counts as that.
     """

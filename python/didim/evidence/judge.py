@@ -176,7 +176,7 @@ def _rows(measured: Measured, fitted: Sequence[Recording] = ()) -> LogRows | Non
 
 
 def _residual(measured: Measured, fit: Identification) -> Residual | None:
-    """Return what a result leaves of the torques along a measured motion; None where that is no number."""
+    """Return the relative torque error of a result along a measured motion; None where it is not finite."""
     # Drive gains, the last of the further parameters, are in the torques already.
     beta = fit.beta if fit.further is None else np.append(fit.beta, fit.further.values)
     beta = beta[: measured.logs.n_base + measured.logs.n_further]

@@ -1,4 +1,4 @@
-"""What the model lacks and no file has wrong: friction laws, and torques that come late. Graded by what they do to the parameters.
+"""Findings on model errors: missing friction laws and late torques, graded by the shift of the parameters.
 
 The columns of a law, or of the change of each torque in a sample, stand beside those of the model. With them the parameters move by
 

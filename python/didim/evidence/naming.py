@@ -39,7 +39,7 @@ def cause_findings(rows: Declared, cause: Cause | None) -> list[Finding]:
 
 
 def torque_findings(system: LinearSystem) -> list[Finding]:
-    """Return the turned sign or the exchange of torques that a linear system (7) shows by itself; empty for a sound log."""
+    """Return the wrong sign or the exchange of torques that a linear system (7) shows by itself; empty for a correct log."""
     found = cause_of_torques(system)
     return [] if found is None else cause_findings(*found)
 

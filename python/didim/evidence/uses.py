@@ -1,4 +1,4 @@
-"""What a result is good for: the error to expect in each use, from blocks and recordings left out and from the covariance.
+"""Expected error of a result in each use, from held-out blocks and recordings and from the covariance.
 
 Along random motions of the log's size (positions within its range, speeds and accelerations of its root mean squares) the torques
 ``W beta`` have the standard deviations ``sqrt(diag(W C W'))``; beside them stands what the model misses of torques that it was

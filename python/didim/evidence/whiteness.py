@@ -47,7 +47,7 @@ class Whiteness:
 
     @property
     def coloured(self) -> Array:
-        """Which joints' residuals clearly are not white, (n_dof,) of bool."""
+        """Joints whose residuals are significantly correlated, (n_dof,) of bool."""
         return np.asarray((self.sigmas > SIGNIFICANT) & (self.growth > GROWTH))
 
 

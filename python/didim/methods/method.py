@@ -36,7 +36,7 @@ class Described(Protocol):
 
     @property
     def raw(self) -> bool:
-        """Whether it compares simulated torques sample by sample, without the filters of (6)."""
+        """Whether the method compares simulated torques sample by sample, without the filters of (6)."""
 
 
 class Method(Described, Protocol):

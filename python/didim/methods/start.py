@@ -24,7 +24,7 @@ FROM_LOG = ("consistent", "prior")
 
 
 def unit_rotors(robot: Robot) -> Array:
-    """Return the regular initial point (17): unit rotor inertias and nothing else, (n_parameters,).
+    """Return the regular initial point (17), (n_parameters,): rotor inertias of 1, all other parameters zero.
 
     Rotors turn with ``C dq`` and add ``C^T diag(Ja) C`` to M(q). By (24) the ``Ia`` of a joint contains the diagonal
     contributions of coupled rotors. Unit rotors therefore give ``Ia5 = 2`` and ``Ia6 = 1`` for the TX40; all ones would be

@@ -47,7 +47,7 @@ class Iteration:
 
 @dataclass(frozen=True, kw_only=True)
 class Reporter:
-    """What a run tells while it goes on; by default nobody listens.
+    """Reports of a run in progress; by default they go nowhere.
 
     Attributes
     ----------

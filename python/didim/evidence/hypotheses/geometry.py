@@ -19,7 +19,7 @@ GRAVITY = 9.81
 
 
 def with_geometry(robot: Robot, **changes: object) -> Robot:
-    """Return a robot with other rows or gravity, and without what its file says of frames."""
+    """Return a robot with other rows or gravity, without the frames of its file."""
     return replace(robot, geometry=replace(robot.geometry, **changes), correspondence=None, _named={})  # type: ignore[arg-type]
 
 
@@ -69,7 +69,7 @@ def conventions(rows: LogRows) -> Iterator[Hypothesis]:
 
 
 def twists(rows: LogRows) -> Iterator[Hypothesis]:
-    """Return each twist turned."""
+    """Return a hypothesis for each twist with the other sign."""
     g = rows.robot.geometry
     for joint, alpha in enumerate(g.alpha):
         if abs(np.sin(alpha)) > 1e-6 and not g.mounts:
@@ -83,7 +83,7 @@ def twists(rows: LogRows) -> Iterator[Hypothesis]:
 
 
 def lengths(rows: LogRows) -> Iterator[Hypothesis]:
-    """Return the best factor of each length, and each length turned."""
+    """Return hypotheses for each length: its best factor, and the other sign."""
     g = rows.robot.geometry
     for key, symbol in (
         (("d", "a"), ("r", "d")) if rows.robot.standard is not None else (("d", "d"), ("r", "r"))

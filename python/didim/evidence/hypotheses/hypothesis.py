@@ -19,7 +19,7 @@ PROMISING = 0.98
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypothesis:
-    """What may be wrong; the fields that are left out are as declared.
+    """A possible error of robot file or log; fields left out are as declared.
 
     Attributes
     ----------
@@ -61,12 +61,12 @@ class Hypothesis:
 
     @property
     def needs_columns(self) -> bool:
-        """Whether it changes the columns, and not only how torques are read."""
+        """Whether the hypothesis changes the columns; otherwise only the reading of torques."""
         return any(item is not None for item in (self.robot, self.position, self.torque)) or self.rate != 1.0
 
     @property
     def turns(self) -> bool:
-        """Whether it turns the sign of one joint's torque or position, which friction knows."""
+        """Whether it turns the sign of one joint's torque or position, which the sign of friction reveals."""
         return self.code in ("torque-sign", "position-sign", "joint-sign")
 
     def mixing(self, n: int) -> Array:

@@ -14,7 +14,7 @@ from .torques import SMALLEST
 
 
 def positions(rows: LogRows) -> Iterator[Hypothesis]:
-    """Return each position turned, with and without its torque."""
+    """Return hypotheses of a wrong sign of each position, with and without its torque."""
     n = rows.n
     for joint in range(n if n > 1 else 0):
         turn = diagonal(n, joint, -1.0)
@@ -23,7 +23,7 @@ def positions(rows: LogRows) -> Iterator[Hypothesis]:
 
 
 def exchanged(rows: LogRows) -> Iterator[Hypothesis]:
-    """Return each two positions exchanged, with and without their torques."""
+    """Return hypotheses of two exchanged positions, with and without their torques."""
     for i, j in combinations(range(rows.n), 2):
         order = list(range(rows.n))
         order[i], order[j] = j, i

@@ -108,7 +108,7 @@ class Step:
     wanted: float = 1.0
     """Share that was asked for before anything shortened it: a secant step is shorter by design."""
     repeated: bool = False
-    """Whether it leads nowhere but to the same parameters, simulated with smaller steps in time."""
+    """Whether the step keeps the parameters and only simulates them with smaller steps in time."""
 
 
 def windows_of(job: Job, delay: Delay, *, held: bool = False) -> list[Window]:

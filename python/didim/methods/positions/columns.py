@@ -58,13 +58,13 @@ class Column:
 
     @property
     def of_drive(self) -> bool:
-        """Whether it is an unknown of a servo, and not a standard parameter."""
+        """Whether the unknown belongs to a servo; otherwise it is a standard parameter."""
         return self.kind in DRIVE
 
 
 @dataclass(frozen=True)
 class Values:
-    """What holds where nothing is estimated: standard parameters (p,), and numbers of the servos by kind, (n_dof,) each."""
+    """Values before the fit: standard parameters (p,), and numbers of the servos by kind, (n_dof,) each."""
 
     x: Array
     drive: dict[str, Array]

@@ -38,7 +38,7 @@ LEAST_NOISE = 1e-4
 
 @dataclass(frozen=True)
 class Intervals:
-    """What is known of the spread of the unknowns.
+    """Standard deviations and intervals of the unknowns.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ def errors_over_noise(problem: Problem, now: Search) -> Array:
 
 
 def widened(spread: Intervals, shift: Array) -> Intervals:
-    """Return intervals to whose squared halves the squares of shifts are added, (n_columns,)."""
+    """Return intervals widened by shifts, (n_columns,): half widths and shifts are added in squares."""
     known = np.isfinite(spread.half) & (spread.half > 0.0)
     factor = np.ones(len(shift))
     factor[known] = np.hypot(spread.half, shift)[known] / spread.half[known]

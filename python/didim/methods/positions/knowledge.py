@@ -1,4 +1,4 @@
-"""What a log of positions can tell of the unknowns, from the derivatives of the simulated positions.
+"""Unknowns that a log of positions identifies, from the derivatives of the simulated positions.
 
 The loop ``M ddq + n + Ia ddq + Fv dq + Fc s(dq) = sat(kp (r(t - d) - q - b) - kv dq)`` stays the same when every torque takes
 a factor, when kv and Fv exchange a part, and when slow commands exchange ``d`` and ``(Fv + kv) / kp``. With ``A = J^T J`` of unit
@@ -46,7 +46,7 @@ SMALLEST = 1e-13
 
 @dataclass(frozen=True)
 class Held:
-    """An unknown that the log does not tell, held at a value.
+    """An unknown that the log does not identify, fixed at a value.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ def widening(a: Array, use: NDArray[np.intp]) -> tuple[Array, Array]:
 
 
 def untold(problem: Problem, now: Search, *, strict: bool = False, error: float | None = None) -> list[Held]:
-    """Return unknowns that the log does not tell, worst first.
+    """Return unknowns that the log does not identify, worst first.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def partners_of(inverse: Array, place: int, use: NDArray[np.intp]) -> tuple[int,
 
 
 def weak_pairs(problem: Problem, a: Array, free: NDArray[np.bool_]) -> list[str]:
-    """Return sentences on unknowns that are told well only together with another."""
+    """Return sentences on unknowns that are identified well only in combination with another."""
     use = np.flatnonzero(free & (np.diag(a) > 0.0))
     if use.size < 2:
         return []
@@ -194,7 +194,7 @@ def _advice(one: Column, two: Column) -> str:
 
 
 def where_of(robot: Robot, column: Column) -> str:
-    """Return how a sentence calls the joints of a column."""
+    """Return the joints of a column as text."""
     if len(column.joints) == 1:
         joint = column.joints[0]
         return robot.joint_names[joint] if robot.joint_names else f"joint {joint + 1}"
@@ -225,7 +225,7 @@ def _exchangeable(column: Column, partners: Sequence[Column]) -> str:
 
 
 def told_together(problem: Problem, held: Sequence[Held]) -> dict[str, list[Held]]:
-    """Return what is held by sentence, joints of which the same is to be said together."""
+    """Return the fixed unknowns by sentence, with joints of equal sentences together."""
     groups: dict[str, list[Held]] = {}
     for item in sorted(held, key=lambda item: item.column):
         groups.setdefault(item.known, []).append(item)

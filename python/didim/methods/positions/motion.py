@@ -106,7 +106,7 @@ class PositionMotion:
 
 
 def excite_positions(experiment: Experiment, *, duration_s: float = 20.0) -> PositionMotion:
-    """Return commanded positions that tell the unknowns of an experiment apart.
+    """Return commanded positions that separate the unknowns of an experiment.
 
     Parameters
     ----------

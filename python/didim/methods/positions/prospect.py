@@ -1,4 +1,4 @@
-"""What a log of positions can tell of drives and friction, before the fit. Tested in ``tests/test_positions.py``.
+"""Drives and friction that a log of positions identifies, before the fit. Tested in ``tests/test_positions.py``.
 
 The derivatives of the simulated positions at the values of the robot file give the intervals that noise, and a model error of a
 usual size, would leave; unknowns that others widen beyond measure would be held by a fit, and are reported first.
@@ -27,7 +27,7 @@ POOR = 0.5
 
 @dataclass(frozen=True)
 class Lack:
-    """Something that a log does not tell.
+    """A parameter that a log does not identify.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Lack:
 
 
 def prospect(experiment: Experiment) -> tuple[list[Lack], list[str]]:
-    """Return what a log cannot tell of the unknowns, and sentences on what it can.
+    """Return the unknowns that a log does not identify, and sentences on the others.
 
     Raises
     ------

@@ -73,7 +73,7 @@ ROUNDING = 1e-8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrictionAlarm:
-    """What the score test says about friction laws that the model lacks.
+    """Result of the score test for friction laws that the model lacks.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Which friction terms a log supports: ``friction = "auto"``.
+"""Choice of the friction terms that a log supports: ``terms = "auto"`` under ``[friction]``.
 
 Candidates at every joint are a sign that is kept through rest (``hold``), torque at standstill, atan or Stribeck at several
 velocities, load and forward viscous friction, Dahl's memory of several displacements, and a spring. Terms are added one by one,
@@ -32,7 +32,7 @@ LARGEST_MISFIT = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class TermGain:
-    """What a chosen term contributed.
+    """Contribution of a chosen term.
 
     Attributes
     ----------

@@ -80,7 +80,7 @@ class VelocityEstimate:
 
 @dataclass(frozen=True, kw_only=True)
 class SettledFriction:
-    """What stands still once velocities and loads are found.
+    """Quantities that stay constant while velocities and loads are searched.
 
     Attributes
     ----------
