@@ -244,6 +244,26 @@ def test_the_page_is_served_and_moves(log: Path) -> None:
         page.close()
 
 
+def test_the_address_is_printed_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Shown:
+        """A page that is shown and closed at once."""
+
+        url = "http://127.0.0.1:8080"
+
+        def __init__(self, *parts: object) -> None: ...
+
+        def play(self) -> None: ...
+
+    monkeypatch.setattr("didim.view.page.Page", Shown)
+    assert main(["view", "planar2"]) == 0
+    assert (
+        capsys.readouterr().err
+        == "didim: note: planar2: open http://127.0.0.1:8080 in a browser; Ctrl-C ends\n"
+    )
+
+
 def test_what_cannot_be_shown_is_one_sentence(
     urdf: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

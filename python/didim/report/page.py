@@ -105,7 +105,7 @@ h2 { scroll-margin-top: 12px; }
   .tiles b { font-size: 17px; }
   .columns { flex-direction: column; }
   .columns > span { width: 100% !important; }
-  .picture > .legend { width: min(100%, var(--own)) !important; margin: 0 auto 6px !important; }
+  .picture > .legend { width: min(100%, calc(var(--own) * 1px)) !important; margin: 0 auto 6px !important; }
   /* One panel of eleven inches has labels that nobody reads on a phone: it keeps two thirds of its size and is pushed aside. */
   .picture.wide { width: 700px !important; max-width: none; }
 }
@@ -216,7 +216,7 @@ def picture(figure: Figure, description: str) -> Html:
     parts = []
     if legend is not None:
         left, right = legend[0], legend[2]
-        room = f"margin:0 {100 * (1 - right):.3f}% 0 {100 * left:.3f}%;--own:{(right - left) * width:.0f}px;"
+        room = f"margin:0 {100 * (1 - right):.3f}% 0 {100 * left:.3f}%;--own:{(right - left) * width:.0f};"
         parts.append(f'<span class="legend" style="{room}{_cut(legend, width, height)}"></span>')
     columns = (
         f'<span style="{_cut((left, top, right, 1.0), width, height)}"></span>'

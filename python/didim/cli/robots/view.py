@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     page = Page(robot, shapes, playbacks, options.host, options.port)
     for note in notes:
         message(note, "warning")
-    tell(f"{robot.name}: open {page.url} in a browser; Ctrl-C ends")
+    tell([f"{robot.name}: open {page.url} in a browser; Ctrl-C ends"])
     page.play()
     return CONVERGED
 
