@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from classical_gains import classical_gains
 from numpy.typing import NDArray
 
 import didim
 from didim.log.recording import Recording
-from didim.regression.gains.classical import classical_gains
 from didim.regression.gains.maximum_likelihood import drive_gains, expected_percent, expected_sentence
 from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem, linear_system
@@ -337,10 +337,6 @@ def ur10e(options: argparse.Namespace) -> None:
     fit = didim.identify(experiment, didim.IDIMLS())
     assert fit.further is not None
     print("\n".join(fit.further.lines(fit.interval_factor())))
-    for kind in ("ols", "tls"):
-        rough = didim.identify(experiment, didim.IDIMLS(gains=kind))
-        assert rough.further is not None
-        print(f"{kind}: {rough.further.gains}")
     prototype = np.array([10.56, 12.38, 9.95, 10.38, 10.27, 10.31])
     torques = replace(
         experiment,

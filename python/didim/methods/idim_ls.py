@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, get_args
+from typing import Any, ClassVar
 
 import numpy as np
 
 from .._tools.arrays import Array
-from .._tools.settings import one_of
 from .._tools.words import counted
-from ..errors import FitError
 from ..experiment.experiment import Experiment
 from ..result.identification import Identification
 from ..result.iteration import Iteration, Reporter
 from .builder import Run, fitted, solved_status
-from .drive_gains import GainEstimate, run_with_gains
+from .drive_gains import run_with_gains
 from .job import Delay, ratio
 from .method import FitSettings, MethodSettings
 
@@ -23,11 +21,6 @@ from .method import FitSettings, MethodSettings
 @dataclass(frozen=True, kw_only=True)
 class IDIMLS(FitSettings):
     """Settings of IDIM-LS: those of `FitSettings`.
-
-    Parameters
-    ----------
-    gains : {"maximum-likelihood", "ols", "tls"}
-        Estimator of drive gains if currents were logged instead of torques (docs/currents.md); the last two are biased.
 
     Notes
     -----
@@ -37,17 +30,11 @@ class IDIMLS(FitSettings):
     name: ClassVar[str] = "idim-ls"
     estimates_gains: ClassVar[bool] = True
 
-    gains: GainEstimate = "maximum-likelihood"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        one_of("gains", self.gains, get_args(GainEstimate), FitError)
-
     def run(self, experiment: Experiment, reporter: Reporter) -> Identification:
         """Identify the parameters of an experiment's robot, as `Method.run`."""
         job = self.job(experiment)
         if job.parameters.n_gains:
-            return run_with_gains(job, self, self.gains, reporter)
+            return run_with_gains(job, self, reporter)
         delay = job.delay()
         if delay.estimate is not None:
             reporter.say(str(delay.estimate))

@@ -13,10 +13,12 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..._tools.arrays import Array
-from ..linear_system import LinearSystem
-from .currents import Currents
+from didim.regression.gains.currents import Currents
+from didim.regression.linear_system import LinearSystem
+
+Array = NDArray[np.float64]
 
 Classical = Literal["ols", "tls"]
 
