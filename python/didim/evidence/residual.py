@@ -107,7 +107,7 @@ def size_findings(found: Residual, growth: float = 1.0, *, chosen: bool = False)
     """
     share, size = found.share(growth), max(float(np.linalg.norm(found.size)), np.finfo(float).tiny)
     error = float(np.linalg.norm(found.error) / np.sqrt(found.error.shape[1]) / size)
-    # Torques that are predicted no better than by zero are those of no robot, whether they are noise or not.
+    # Torques predicted no better than by zero do not belong to this robot, whether they are noise or not.
     useless = error > SIZE_WRONG and growth * error > USELESS
     if useless:
         share = growth * error
