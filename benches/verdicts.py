@@ -53,13 +53,13 @@ def named(fault: Fault, verdict: Verdict) -> bool:
     return any(code in fault.codes and (not fault.joints or joints == fault.joints) for code, joints in told)
 
 
-def try_fault(arm: Arm, fault: Fault, seeds: int) -> tuple[dict[str, int], dict[str, int]]:
+def try_fault(arm: Arm, fault: Fault, seeds: int, first: int = 0) -> tuple[dict[str, int], dict[str, int]]:
     """Return counts of verdicts: not sound, right, another cause, remedies obeyed, and better so; and the codes of the rest."""
     counts = dict.fromkeys(("alarmed", "named", "misnamed", "obeyed", "better"), 0)
     others: dict[str, int] = {}
-    logs = [built(arm, fault, motion=motion) for motion in range(min(2, seeds))]
+    logs = [built(arm, fault, motion=first + motion) for motion in range(min(2, seeds))]
     for seed in range(seeds):
-        experiment = planted(logs[seed % len(logs)], fault, seed)
+        experiment = planted(logs[seed % len(logs)], fault, first + seed)
         method = METHODS[fault.method]()
         try:
             fit = didim.identify(experiment, method)
@@ -87,8 +87,8 @@ def try_fault(arm: Arm, fault: Fault, seeds: int) -> tuple[dict[str, int], dict[
                     break
         else:
             counts["misnamed"] += bool(causes)
-            first = verdict.grave[0].code if verdict.grave else "sound"
-            others[first] = others.get(first, 0) + 1
+            code = verdict.grave[0].code if verdict.grave else "sound"
+            others[code] = others.get(code, 0) + 1
     return counts, others
 
 
@@ -129,10 +129,10 @@ def noisy(log: Log | didim.Experiment, seed: int, level: float) -> didim.Experim
     return replace(log, recordings=(replace(recording, q=q, tau=tau),))
 
 
-def one_fault(task: tuple[str, int, int]) -> tuple[dict[str, int], dict[str, int]]:
-    """Try a fault by the name of its arm, its place among the faults of the arm, and the number of seeds."""
-    name, place, seeds = task
-    return try_fault(ARMS[name], list(faults(ARMS[name]))[place], seeds)
+def one_fault(task: tuple[str, int, int, int]) -> tuple[dict[str, int], dict[str, int]]:
+    """Try a fault by the name of its arm, its place among the faults of the arm, the number of seeds and the first one."""
+    name, place, seeds, first = task
+    return try_fault(ARMS[name], list(faults(ARMS[name]))[place], seeds, first)
 
 
 def main() -> None:
@@ -140,6 +140,7 @@ def main() -> None:
         description="Faults that the verdict names, and correct logs that it calls sound."
     )
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0, help="first seed of motions and noise")
     parser.add_argument("--arms", nargs="+", choices=(*ARMS, *CORRECT), default=list(CHOSEN))
     parser.add_argument("--faults", nargs="+", help="words of the names of faults")
     parser.add_argument("--method", choices=METHODS, help="faults that this method meets alone")
@@ -174,14 +175,14 @@ def main() -> None:
                     )
     else:
         tasks = [
-            (name, place, arguments.seeds)
+            (name, place, arguments.seeds, arguments.first)
             for name in arguments.arms
             for place, fault in enumerate(faults(ARMS[name]))
             if (not arguments.faults or any(word in fault.name for word in arguments.faults))
             and arguments.method in (None, fault.method)
         ]
         with pool("serial" if arguments.workers == 1 else "process", arguments.workers) as some:
-            for (name, place, _), found, lost in run_all(one_fault, tasks, some):
+            for (name, place, *_), found, lost in run_all(one_fault, tasks, some):
                 fault = list(faults(ARMS[name]))[place]
                 if lost is not None:
                     raise SystemExit(f"{name}, {fault.name}: {lost}")

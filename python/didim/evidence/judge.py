@@ -33,10 +33,10 @@ from .loop.simulated import Beside, simulated_findings
 from .naming import cause_findings
 from .residual import Residual, held_out_findings, residual_of, size_findings, spike_findings
 from .rows import LogRows
-from .thresholds import READ_OTHERWISE
+from .thresholds import NEGLIGIBLE, READ_OTHERWISE
 from .torques import TORQUE_CODES, constant_torque_findings
 from .uses import uses_of
-from .whiteness import NEGLIGIBLE, whiteness, whiteness_findings
+from .whiteness import whiteness, whiteness_findings
 
 SUSPICIOUS = frozenset({"not-white", "not-physical", "no-robot", "size", *TORQUE_CODES})
 """Codes of findings that show a contradiction of log and model without its cause."""

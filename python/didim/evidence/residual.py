@@ -25,12 +25,18 @@ from ..signal.noise import noise_correlation, row_noise, white_noise
 from ..signal.processing import SignalProcessing
 from ..signal.segments import Segment
 from ..signal.spikes import alone, without_lone
-from .thresholds import FEWEST_SPIKES, SIZE_DOUBTFUL, SIZE_JOINT, SIZE_WRONG, SPIKES_SHARE, USELESS
+from .thresholds import (
+    FEWEST_SPIKES,
+    NEGLIGIBLE,
+    SIZE_DOUBTFUL,
+    SIZE_JOINT,
+    SIZE_WRONG,
+    SPIKES_SHARE,
+    USELESS,
+)
 
 LARGER = 1.5
 """Ratio of the error on a held-out recording to that of the fit from which it is reported: correct logs have 0.9 to 1.1."""
-SMALLEST_SHARE = 0.003
-"""Error, as a share of the joint's torque, below which filter and simulation explain it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +185,7 @@ def held_out_findings(fit: Identification) -> list[Finding]:
         if error.shape != own.shape:
             continue
         ratio = error / np.maximum(own, np.finfo(float).tiny)
-        joints = np.flatnonzero((ratio > LARGER) & (share > SMALLEST_SHARE))
+        joints = np.flatnonzero((ratio > LARGER) & (share > NEGLIGIBLE))
         if not len(joints):
             continue
         found.append(

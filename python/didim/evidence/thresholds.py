@@ -62,6 +62,9 @@ samples have 0.6 to 1.1."""
 DELAY_WRONG = 2.0
 """Root mean square of the shifts by a delay, in standard deviations, from which the parameters are not those of the robot."""
 
+NEGLIGIBLE = 0.003
+"""Error, as a share of the joint's torque, that filter and simulation explain: nothing is decided by less."""
+
 # Size (`didim.evidence.residual`).
 SIZE_DOUBTFUL = 0.05
 """Largest model error of a sound result, as a share of the torques beside white noise: EMPS has 4.1 %, UR10e 3.9 %."""

@@ -17,6 +17,7 @@ from .._tools.arrays import Array
 from ..regression.block import Block
 from ..result.finding import Finding, Grade
 from ..result.uncertainty import Uncertainty
+from .thresholds import NEGLIGIBLE
 
 LAGS = 20
 """Largest number of lags K (rows); at most a tenth of a joint's rows."""
@@ -26,8 +27,6 @@ SIGNIFICANT = 4.5
 """Standard deviations of the sum beyond which a residual is not white."""
 GROWTH = 1.2
 """Smallest growth of the standard deviations by correlation that is reported, if it is significant."""
-NEGLIGIBLE = 0.003
-"""Correlated error, as a share of the joint's torque, below which simulation or filter explain it and no decision changes."""
 
 
 @dataclass(frozen=True, eq=False)

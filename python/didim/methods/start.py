@@ -92,7 +92,12 @@ def standard_start(robot: Robot, start: Start) -> Array:
     if isinstance(start, str):
         if start == "unit":
             return unit_rotors(robot)
-        return load_parameters(robot, start) if is_file(start) else robot.parameter_set(start)
+        if is_file(start):
+            return load_parameters(robot, start)
+        try:
+            return robot.parameter_set(start)
+        except RobotError as reason:
+            raise RobotError(f"{reason}; a start may also be 'unit', 'idim-ls' or a result") from None
     if isinstance(start, Identification):
         if start.parameter_names != robot.parameter_names:
             raise FitError(

@@ -23,6 +23,7 @@ from ...signal.decimation import row_values
 from ...signal.noise import white_noise
 from ...signal.processing import SignalProcessing
 from ..gain_check import INTERVALS
+from ..thresholds import NEGLIGIBLE
 from .law import declared_loop, made_up
 
 POSITION = 0.005
@@ -37,8 +38,6 @@ SLOPE_SIGMAS = 6.0
 """Smallest deviation of the slope that is reported, in standard deviations over intervals of time."""
 WORSE = 1.5
 """Ratio of the error to that of IDIM-LS from which it is reported: correct results reach 1.06, and a gain 10 % off 1.9."""
-NEGLIGIBLE = 0.003
-"""Excess of the error over that of IDIM-LS, as a share of the joint's torque, that simulation and filter explain."""
 
 
 @dataclass(frozen=True, eq=False)
