@@ -156,7 +156,7 @@ def test_springs_are_read_and_written_as_mujoco_has_them(tmp_path: Path, angle: 
     assert robot.parameter_names[-2:] == ("Ks1", "Ks2")
     motion = random_motion(np.random.default_rng(0), 10, 3)
     states = [motion.q, motion.dq, motion.ddq]
-    tau = didim.inverse_dynamics(robot, *states, x)
+    tau = didim.inverse_dynamics(robot, motion.q, motion.dq, motion.ddq, x)
     np.testing.assert_allclose(tau, by_mujoco(model, states), rtol=1e-9, atol=1e-9)
     # Out, and in again.
     path.write_text(didim.export.to_mjcf(robot, x))

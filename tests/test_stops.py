@@ -45,7 +45,9 @@ def commands(shift: list[float], scale: float = 0.35, seconds: float = 20.0) -> 
     t = np.arange(round(seconds * ARM_RATE)) / ARM_RATE
     waves = np.sin(2.0 * np.pi * np.outer(t, rng.uniform(0.2, 0.8, 4)) + rng.uniform(0.0, 6.0, 4))
     steps = np.repeat(rng.uniform(-1.0, 1.0, (round(seconds), 4)), round(ARM_RATE), axis=0)
-    return np.where((t % 4.0 > 2.0)[:, None], steps, waves) * scale + np.array([0.0, 0.2, 0.4, 0.7]) + shift
+    return np.asarray(
+        np.where((t % 4.0 > 2.0)[:, None], steps, waves) * scale + np.array([0.0, 0.2, 0.4, 0.7]) + shift
+    )
 
 
 def logged(folder: Path, r: np.ndarray, file: str, *, push: Push | None = None) -> didim.Experiment:
