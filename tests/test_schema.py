@@ -47,8 +47,8 @@ def test_declared_keys_are_read_and_described_by_their_rows() -> None:
         assert found.given(KEYS) == content
         found.done()
         assert table(n=3).given(KEYS) == {"n": 3}
-    assert next(item.meaning for item in asked if item.key == "x_hz") == "A rate."
-    assert {item.key for item in asked if item.path == "signal"} == {key.name for key in KEYS}
+    assert next(item.meaning for item in asked if item.name == "x_hz") == "A rate."
+    assert {item.name for item in asked if item.path == "signal"} == {key.name for key in KEYS}
 
 
 @pytest.mark.parametrize(

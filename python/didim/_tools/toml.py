@@ -36,37 +36,6 @@ _Default = TypeVar("_Default")
 
 
 @dataclass(frozen=True)
-class Asked:
-    """A key requested by a reader: an entry of the schema of a file.
-
-    Attributes
-    ----------
-    where, path, key : str
-        File, table and key.
-    kind : str
-        Type of the value.
-    default
-        Value without the key, or `MISSING`.
-    choices : tuple of str
-        Allowed texts.
-    minimum, maximum, above : float or None
-        Bounds of a number.
-    """
-
-    where: str
-    path: str
-    key: str
-    kind: str
-    default: Any = MISSING
-    choices: tuple[str, ...] = ()
-    minimum: float | None = None
-    maximum: float | None = None
-    above: float | None = None
-    meaning: str = ""
-    example: Any = None
-
-
-@dataclass(frozen=True)
 class Key:
     """Declaration of a key, for `Table.given`, the reference pages and the JSON schema.
 
@@ -88,12 +57,29 @@ class Key:
 
     name: str
     kind: str
-    meaning: str
-    example: Any
+    meaning: str = ""
+    example: Any = None
     choices: tuple[str, ...] = ()
     minimum: Any = None
     maximum: Any = None
     above: Any = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked(Key):
+    """A key requested by a reader: an entry of the schema of a file.
+
+    Attributes
+    ----------
+    where, path : str
+        File and table.
+    default
+        Value without the key, or `MISSING`.
+    """
+
+    where: str
+    path: str
+    default: Any = MISSING
 
 
 _LISTENER: ContextVar[list[Asked] | None] = ContextVar("listener", default=None)
@@ -195,7 +181,9 @@ class Table:
         """Tell who listens that a key is asked for."""
         listener = _LISTENER.get()
         if listener is not None:
-            listener.append(Asked(self._where, self._path, key, kind, default, **bounds))
+            listener.append(
+                Asked(name=key, kind=kind, where=self._where, path=self._path, default=default, **bounds)
+            )
 
     @property
     def prefix(self) -> str:
@@ -220,6 +208,12 @@ class Table:
             near = nearest(key, self._unknown())
             self.fail(f"key {key!r} is missing" + (f"; is {near!r} meant to be it?" if near else ""))
         return default
+
+    def _read(self, key: str, kind: str, default: object, **bounds: Any) -> Any:
+        """Return the value of a key as `tomllib` gives it, `MISSING` in the place of its default."""
+        self._note(key, kind, default, **bounds)
+        self.raw(key, default)
+        return self._mapping.get(key, MISSING)
 
     def given(self, keys: Sequence[Key]) -> dict[str, Any]:
         """Return the values of declared keys that the table holds: settings keep the one place of their defaults."""
@@ -253,9 +247,8 @@ class Table:
         above: float | None = None,
     ) -> float | _Default:
         """Finite number within `minimum` <= value <= `maximum`, and value > `above`."""
-        self._note(key, "number", default, minimum=minimum, maximum=maximum, above=above)
-        value = self.raw(key, default)
-        if key not in self._mapping:
+        value = self._read(key, "number", default, minimum=minimum, maximum=maximum, above=above)
+        if value is MISSING:
             return default
         number = self._finite(key, value)
         self._check_range(key, number, minimum, maximum, above)
@@ -269,9 +262,8 @@ class Table:
         maximum: int | None = None,
     ) -> int | _Default:
         """Integer within `minimum` <= value <= `maximum`; 3.0 is not one."""
-        self._note(key, "integer", default, minimum=minimum, maximum=maximum)
-        value = self.raw(key, default)
-        if key not in self._mapping:
+        value = self._read(key, "integer", default, minimum=minimum, maximum=maximum)
+        if value is MISSING:
             return default
         if isinstance(value, bool) or not isinstance(value, int):
             self.fail(f"{key} must be an integer, got {brief(repr(value))}")
@@ -284,9 +276,8 @@ class Table:
         self, key: str, default: _Default = MISSING, choices: Sequence[str] | None = None
     ) -> str | _Default:
         """Text, one of `choices` when they are given."""
-        self._note(key, "text", default, choices=tuple(choices or ()))
-        value = self.raw(key, default)
-        if key not in self._mapping:
+        value = self._read(key, "text", default, choices=tuple(choices or ()))
+        if value is MISSING:
             return default
         if not isinstance(value, str):
             self.fail(f"{key} must be a text, got {brief(repr(value))}")
@@ -298,9 +289,8 @@ class Table:
 
     def boolean(self, key: str, default: _Default = MISSING) -> bool | _Default:
         """Truth value, ``true`` or ``false``."""
-        self._note(key, "true or false", default)
-        value = self.raw(key, default)
-        if key not in self._mapping:
+        value = self._read(key, "true or false", default)
+        if value is MISSING:
             return default
         if not isinstance(value, bool):
             self.fail(f"{key} must be true or false, got {brief(repr(value))}")
@@ -310,17 +300,15 @@ class Table:
         self, key: str, length: int | None = None, default: _Default = MISSING
     ) -> list[float] | _Default:
         """List of finite numbers, of the given length when there is one."""
-        self._note(key, "list of numbers", default)
-        value = self.raw(key, default)
-        if key not in self._mapping:
+        value = self._read(key, "list of numbers", default)
+        if value is MISSING:
             return default
         return self._number_list(key, value, length)
 
     def spread(self, key: str, length: int, default: _Default = MISSING) -> list[float] | _Default:
         """List of `length` numbers, or one number that stands for all of them."""
-        self._note(key, "number, or list of numbers", default)
-        value = self.raw(key, default)
-        if key not in self._mapping:
+        value = self._read(key, "number, or list of numbers", default)
+        if value is MISSING:
             return default
         if isinstance(value, list):
             return self._number_list(key, value, length)
@@ -328,9 +316,8 @@ class Table:
 
     def texts(self, key: str, default: _Default = MISSING) -> list[str] | _Default:
         """List of texts."""
-        self._note(key, "list of texts", default)
-        value = self.raw(key, default)
-        if key not in self._mapping:
+        value = self._read(key, "list of texts", default)
+        if value is MISSING:
             return default
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
             self.fail(f"{key} must be a list of texts, got {brief(repr(value))}")
@@ -340,9 +327,8 @@ class Table:
         self, key: str, rows: int, columns: int, default: _Default = MISSING
     ) -> list[list[float]] | _Default:
         """Matrix as a list of rows."""
-        self._note(key, "matrix, row by row", default)
-        value = self.raw(key, default)
-        if key not in self._mapping:
+        value = self._read(key, "matrix, row by row", default)
+        if value is MISSING:
             return default
         if not isinstance(value, list) or len(value) != rows:
             got = counted(len(value), "row") if isinstance(value, list) else repr(value)
@@ -352,9 +338,8 @@ class Table:
 
     def table(self, key: str, default: _Default = MISSING) -> Table | _Default:
         """Sub-table ``[key]``."""
-        self._note(key, "table", default)
-        value = self.raw(key, default)
-        if key not in self._mapping:
+        value = self._read(key, "table", default)
+        if value is MISSING:
             return default
         if not isinstance(value, dict):
             self.fail(f"{key} must be a table, got {brief(repr(value))}")
@@ -362,9 +347,8 @@ class Table:
 
     def tables(self, key: str, default: _Default = MISSING) -> list[Table] | _Default:
         """Return an array of tables ``[[key]]``; several are named by their index."""
-        self._note(key, "array of tables", default)
-        value = self.raw(key, default)
-        if key not in self._mapping:
+        value = self._read(key, "array of tables", default)
+        if value is MISSING:
             return default
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             self.fail(f"{key} must be an array of tables, [[{key}]]")

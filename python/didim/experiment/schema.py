@@ -115,7 +115,7 @@ def entries(file: str) -> tuple[Entry, ...]:
                     read_experiment(content, sample, data=folder)
             for item in asked:
                 if item.where == sample.name:
-                    found.setdefault((_general(item.path), item.key), []).append(item)
+                    found.setdefault((_general(item.path), item.name), []).append(item)
     meanings = tomllib.loads((SAMPLES / "keys.toml").read_text(encoding="utf-8"))[file]
     return tuple(
         _entry(
