@@ -48,6 +48,8 @@ MEMORY_GB = 1.0
 ADDRESSES_GB = 6
 """Limit of the address space: memory that is asked for and not used counts here."""
 LONGEST_SENTENCE = 1200
+LARGEST_KEPT = 100_000_000
+"""Largest file (bytes) of a case that is kept."""
 STRANGE = 0.125
 """Share of cases with a hostile file, and share of those whose output is an input."""
 TOLD = 500
@@ -182,7 +184,10 @@ def wrong_result() -> str:
 
 
 def work(seed: int, numbers: list[int], material: Path, folder: Path, kept: Path) -> None:
-    """Run cases in this process, each announced and answered by a line on stdout."""
+    """Run cases in this process, each announced and answered by a line on stdout.
+
+    After one that took too much memory the process ends: what the allocator keeps would count for the next.
+    """
     import resource
 
     # Now, so that no case waits for them.
@@ -212,6 +217,8 @@ def work(seed: int, numbers: list[int], material: Path, folder: Path, kept: Path
             if outcome != "result" and outcome != "refused":
                 keep(folder, kept, number, complaint or "long")
             print("end", number, outcome, flush=True)
+            if peak_gb() > MEMORY_GB:
+                break
 
 
 def keep(folder: Path, kept: Path, number: int, complaint: str) -> None:
@@ -224,17 +231,17 @@ def keep(folder: Path, kept: Path, number: int, complaint: str) -> None:
             folder,
             target,
             symlinks=True,
-            ignore=lambda place, names: [n for n in names if is_pipe(Path(place, n))],
+            ignore=lambda place, names: [n for n in names if cannot_be_copied(Path(place, n))],
         )
     else:  # the worker has not come to its first case
         target.mkdir(parents=True)
     (target / "complaint.txt").write_text(complaint, encoding="utf-8", errors="backslashreplace")
 
 
-def is_pipe(path: Path) -> bool:
-    """Whether a path is a pipe, which cannot be copied."""
+def cannot_be_copied(path: Path) -> bool:
+    """Whether a path is a pipe, or a sparse file that a copy would write out."""
     with contextlib.suppress(OSError):
-        return path.is_fifo()
+        return path.is_fifo() or path.lstat().st_size > LARGEST_KEPT
     return False
 
 
@@ -298,7 +305,7 @@ class Parent(threading.Thread):
         assert process.stdout is not None
         process.stdin.write(" ".join(map(str, numbers)))
         process.stdin.close()
-        done, current = 0, numbers[0]
+        done, current, ended = 0, numbers[0], True
         complaint = ""
         with selectors.DefaultSelector() as selector, process:
             selector.register(process.stdout, selectors.EVENT_READ)
@@ -311,11 +318,11 @@ class Parent(threading.Thread):
                 line = process.stdout.readline().split()
                 if not line:
                     break
-                current = int(line[1])
-                if line[0] == "end":
+                current, ended = int(line[1]), line[0] == "end"
+                if ended:
                     done += 1
                     self._tally.count(current, line[2])
-        if done < len(numbers):
+        if not ended or complaint or done == 0:
             keep(folder, kept, current, complaint or f"the process ended with {process.returncode}")
             self._tally.count(current, "failed")
             done += 1

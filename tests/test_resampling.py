@@ -83,6 +83,11 @@ def test_a_far_rate_and_too_few_samples() -> None:
         resampling(np.arange(300) / 100.0, 10.0, "a.csv")
     with pytest.raises(RecordingError, match="needs 4 time stamps, and there are 3"):
         resampling(np.arange(3) / 100.0, None, "a.csv")
+    late = np.r_[np.arange(300) / 100.0, 1e300]
+    with pytest.raises(
+        RecordingError, match=r"end 1e\+300 s after the first: is that of row 301 \(1e\+300 s\) wrong"
+    ):
+        resampling(late, None, "a.csv")
     with pytest.raises(RecordingError, match="no stretch without a gap"):
         resampling(np.array([0.0, 0.01, 0.02, 0.5, 0.51, 0.52]), None, "a.csv")
 

@@ -17,6 +17,8 @@ from .._tools.words import counted
 from ..errors import RecordingError
 from .sampling import MINIMUM_SAMPLES, RATE_TOLERANCE
 
+LONGEST_STRETCH = 100.0
+"""Largest ratio of the time between the first and the last stamp to that of as many samples without a gap."""
 LONGEST_GAP_STEPS = 3.5
 """Longest time step, in median steps, that interpolation may bridge: from 4 on, three or more samples are missing."""
 STENCIL = 4
@@ -122,6 +124,12 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
         raise RecordingError(
             f"{file}: rate_hz = {rate:.6g} is not a rate to resample at, because the time stamps have {1.0 / period:.6g} Hz; "
             "leave rate_hz out, and lower its rate with decimation under [signal]"
+        )
+    if (stamps[-1] - stamps[0]) * rate > LONGEST_STRETCH * len(stamps):
+        place = int(kept[int(np.argmax(steps)) + 1])
+        raise RecordingError(
+            f"{file}: {len(stamps)} time stamps at {rate:.6g} Hz end {stamps[-1] - stamps[0]:.3g} s after the first: "
+            f"is that of row {place + 1} ({t[place]:.9g} s) wrong, or was the log paused there? Then give windows on both sides"
         )
     even = _even(stamps, rate)
     edges = [0, *(np.flatnonzero(steps > LONGEST_GAP_STEPS * period) + 1).tolist(), len(stamps)]
