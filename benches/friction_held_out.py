@@ -1,11 +1,13 @@
 """Friction chosen on one real log, judged on another: errors of torques that nothing was fitted to.
 
     python benches/friction_held_out.py DATA [--arms tx40 ur10e emps ur10 panda tiago kr300]
+    python benches/friction_held_out.py DATA --between
     python benches/friction_held_out.py DATA --picture docs/img/friction.png
 
 prints, for public logs in DATA, the error (%) without further friction terms and with `friction = "auto"`. Logs of which there is
 one only are cut in parts after their filters, and each part is predicted from the others. The load of the UR10e is unknown:
-friction comes from one log, and rigid parameters are fitted to the other. docs/friction.md has the table. The picture shows the
+friction comes from one log, and rigid parameters are fitted to the other. docs/friction.md has the table. `--between`
+compares estimates from parts of a log, or from two logs, by their standard deviations. The picture shows the
 friction of two joints of the UR10e over speed, and what laws leave of it over the way since a reversal.
 """
 
@@ -16,9 +18,9 @@ import dataclasses
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +35,7 @@ from didim.regression.friction.velocity import settled
 from didim.regression.least_squares import solve
 from didim.regression.linear_system import LinearSystem, linear_system, torque_rows
 from didim.regression.selection import select
+from didim.result.iteration import Reporter
 from didim.signal.noise import encoder_step
 from didim.signal.processing import SignalProcessing
 
@@ -192,6 +195,29 @@ def kr300(data: Path) -> didim.Experiment:
         return initialised(str(path), logs, options)
 
 
+def between(logs: Sequence[didim.Experiment], parts: int, auto: bool) -> float:
+    """Return the differences of estimates over their standard deviations, rms: of logs, or of a log's parts.
+
+    All estimates have the terms of the first log, whose velocities have their columns in each covariance.
+    """
+    logs = [replace(log, signal=Cut.of(log.signal)) for log in logs]
+    Cut.rows = slice(None)
+    robot = fitted(logs[0], auto)[0]
+    estimates = []
+    for log in logs:
+        job = didim.IDIMLS().job(log)
+        total = torque_rows(job.parts("fit"), job.signal).size // robot.n_dof
+        for start, stop in pairwise(np.linspace(0, total, parts + 1).round().astype(int)):
+            Cut.rows = np.arange(start, stop)
+            estimates.append(didim.IDIMLS().run(replace(log, robot=robot), Reporter()))
+        Cut.rows = slice(None)
+    ratios = []
+    for one, two in combinations(estimates, 2):
+        both = (one.std > 0.0) & (two.std > 0.0)
+        ratios.append((one.beta - two.beta)[both] / np.hypot(one.std, two.std)[both])
+    return float(np.sqrt(np.mean(np.square(np.concatenate(ratios)))))
+
+
 JOINTS = (1, 3)
 """Joints of the picture, from 0: one with friction that falls with speed, one without."""
 STAGES = {
@@ -323,6 +349,24 @@ def cases(data: Path, examples: Path, arms: list[str]) -> Iterator[Case]:
         yield "TIAGo in halves", cut(initialised(str(data / "tiago/tiago_48_hey5.urdf"), files, []), 2)
 
 
+def compared(
+    data: Path, examples: Path, arms: list[str]
+) -> Iterator[tuple[str, list[didim.Experiment], int]]:
+    """Yield logs of one robot and the number of parts of each that are compared."""
+    for which in ("ur10", "kr300"):
+        if which in arms:
+            both = unisa(data, which) if which == "ur10" else kr300(data)
+            fit = [replace(both, recordings=(replace(one, role="fit"),)) for one in both.recordings[:2]]
+            yield f"{which}, two logs", fit, 1
+    if "tx40" in arms:
+        yield "TX40, thirds", [didim.load_experiment(examples / "tx40_log_best.toml", data=data / "tx40")], 3
+    if "ur10e" in arms:
+        for name in UR10E_MOVES:
+            yield f"UR10e, halves of the {name} log", [ur10e(data, name)], 2
+    if "panda" in arms:
+        yield "Panda, halves", [unisa(data, "panda")], 2
+
+
 def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(
@@ -332,12 +376,22 @@ def main() -> int:
     every = ["tx40", "ur10e", "emps", "ur10", "panda", "tiago", "kr300"]
     parser.add_argument("--arms", nargs="+", choices=every, default=every)
     parser.add_argument("--picture", type=Path, help="write this PNG in place of the table")
+    parser.add_argument(
+        "--between", action="store_true", help="compare estimates of parts in place of errors"
+    )
     args = parser.parse_args()
     if args.picture:
         picture(args.data, args.picture)
         return 0
-    print(f"{'predicted':45} {'plain':>7} {'auto':>7}   seconds, terms", flush=True)
     examples = Path(__file__).resolve().parents[1] / "examples"
+    if args.between:
+        print("differences of estimates over their standard deviations, rms: plain, auto", flush=True)
+        for name, logs, parts in compared(args.data, examples, args.arms):
+            print(
+                f"{name:45} {between(logs, parts, False):7.2f} {between(logs, parts, True):7.2f}", flush=True
+            )
+        return 0
+    print(f"{'predicted':45} {'plain':>7} {'auto':>7}   seconds, terms", flush=True)
     for name, run in cases(args.data, examples, args.arms):
         plain, _ = run(False)
         start = time.process_time()

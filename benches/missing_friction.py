@@ -211,15 +211,13 @@ def choose(given: argparse.Namespace) -> None:
             right += [not law or (law, joint) in kinds for joint in range(n)]
             others.append(sum(kind not in (law, "hold") for kind, _ in kinds) / n)
             widths += [one["velocity"] / true_width for one in terms if one["law"] == "dahl"]
-            # With an arctangent in the place of Stribeck's law Coulomb friction is another.
-            if (
-                all(right[-n:])
-                and not name.startswith("LuGre")
-                and {f"{key}1" for key in more} <= set(fit.names)
-            ):
+            # With an arctangent in the place of Stribeck's law Fv and Fc of the joint are others: no parameter of it counts.
+            known = {one[2:] for one in fit.names if one[:2] == next(iter(more), "Fc")}
+            if not name.startswith("LuGre"):
                 factor = fit.uncertainty.factor(0.95)  # type: ignore[union-attr]
                 for parameter, value, std in zip(fit.names, fit.beta, fit.std, strict=True):
-                    if parameter in values and std > 0.0:
+                    own = parameter[:2] not in ("Fv", "Fc", *more) or parameter[2:] in known
+                    if own and parameter in values and std > 0.0:
                         inside.append(abs(value - values[parameter]) <= factor * std)
         covered = f"{100 * np.mean(inside):.1f} %" if inside else "-"
         spread = (

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import didim
+import friction_logs
 from didim.errors import FitError
 from didim.methods.friction import FoundFriction
 from didim.regression.friction.candidates import narrowest_memory, untold_memory
@@ -117,6 +118,18 @@ def test_no_term_makes_another_recording_worse() -> None:
 
     assert "Fvp1" in chosen(lopsided)
     assert "Fvp1" not in chosen(lopsided, even)
+
+
+def test_the_law_of_speed_is_the_one_that_fits_better_with_its_own_velocity() -> None:
+    # Beside velocities of the grid an arctangent predicts the held-out blocks of this log better than Stribeck's law.
+    experiment = friction_logs.logged(friction_logs.robot(), friction_logs.stribeck(0.2), 1001)
+    fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
+    assert {"Fs1", "Fs2"} <= set(fit.names)
+    assert fit.uncertainty is not None
+    values = dict(zip(friction_logs.robot().base_parameters.names, friction_logs.truth(), strict=True))
+    for name in ("Fv1", "Fc1", "Fv2", "Fc2"):
+        place = fit.names.index(name)
+        assert abs(fit.beta[place] - values[name]) < fit.uncertainty.factor(0.95) * fit.std[place], name
 
 
 def test_nothing_is_chosen_where_more_than_friction_is_missing() -> None:

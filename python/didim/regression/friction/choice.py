@@ -4,8 +4,9 @@ Candidates at every joint are a sign that is kept through rest (``hold``), torqu
 velocities, load and forward viscous friction, Dahl's memory of several displacements, and a spring. Terms are added one by one,
 ``hold`` alone or with another term of its joint. Each time what lowers the error on held-out blocks most is taken, as long as its
 gain exceeds its own standard error over the blocks. Then terms that no longer gain are taken away, and velocities move along their
-grid while that gains. Residuals are correlated, so the likelihood alone would keep every term. Each block is predicted from
-the others, with a gap between them; of several recordings each is predicted from the others too, and no term may make one worse.
+grid while that gains. Last, both velocities of atan and Stribeck's law are refined, and the law that fits its joint better stays.
+Residuals are correlated, so the likelihood alone would keep every term. Each block is predicted from the others, with a gap
+between them; of several recordings each is predicted from the others too, and no term may make one worse.
 
 All of it needs only products of columns: those of a block, and those of the rows that it is predicted from, ``screen.py``.
 Tested in ``tests/test_friction_choice.py``.
@@ -17,14 +18,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from ..._tools.arrays import Array
-from ...robot.friction import Friction, FrictionTerm
+from ...robot.friction import Friction, FrictionTerm, Law
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from ..linear_system import LinearSystem
 from .candidates import narrowest_memory, pool_of, untold_memory
 from .screen import Folds, Move, Screen
-from .velocity import VelocityEstimate, settled
+from .velocity import SettledFriction, VelocityEstimate, settled
 
 LARGEST_MISFIT = 0.3
 """Relative error of held-out blocks above which no terms are chosen: it is more than friction."""
@@ -115,8 +116,14 @@ def choose_terms(
         return FrictionChoice(
             friction=friction, velocities=start.velocities, held_out_before=before, held_out_after=before
         )
+
+    def settle(terms: Sequence[FrictionTerm]) -> SettledFriction:
+        friction = replace(plain.friction, terms=(*own, *terms))
+        return settled(replace(plain, friction=friction), parts, signal, chosen, solve, search=False)
+
     trial = start
     moves: list[Move] = []
+    terms: list[FrictionTerm] = []
     narrowest = narrowest_memory(parts, resolved)
     # The second choice has the weights and loads of the first.
     for last in (False, True):
@@ -126,17 +133,18 @@ def choose_terms(
         moves = screen.chosen()
         # Those of the grid serve its weights and loads; velocities are refined once.
         terms = [move.term if last else replace(move.term, estimated=False) for move in moves]
-        trial = settled(
-            replace(plain, friction=replace(plain.friction, terms=(*own, *terms))),
-            parts,
-            signal,
-            chosen,
-            solve,
-            search=False,
-        )
-    terms = list(_without_driving(trial.robot, trial.beta))
-    added = {term.parameter for term in terms}
-    friction = replace(robot.friction, terms=tuple(terms), auto=False)
+        trial = settle(terms)
+    swapped = [_other_curve(term) for term in terms]
+    other = settle(swapped) if swapped != terms else trial
+    left = [one.system.norms(one.system.y - one.system.w @ solve(one.system)[0]) for one in (trial, other)]
+    better = left[1] < left[0]
+    terms = [two if better[one.joint] else one for one, two in zip(terms, swapped, strict=True)]
+    moves = [replace(move, term=term) for move, term in zip(moves, terms, strict=True)]
+    if better.any():
+        trial = settle(terms)
+    kept = _without_driving(trial.robot, trial.beta)
+    added = {term.parameter for term in kept}
+    friction = replace(robot.friction, terms=kept, auto=False)
     return FrictionChoice(
         friction=friction,
         velocities=(
@@ -152,6 +160,12 @@ def choose_terms(
         held_out_after=folds.relative_error(trial.system, solve(trial.system)[1]),
         untold=untold_memory(plain, narrowest.tolist()),
     )
+
+
+def _other_curve(term: FrictionTerm) -> FrictionTerm:
+    """Return the other of atan and Stribeck's law, to be compared once both velocities are refined; other terms as they are."""
+    law: Law | None = {"atan": "stribeck", "stribeck": "atan"}.get(term.law)  # type: ignore[assignment]
+    return replace(term, law=law, name="") if law is not None and term.estimated else term
 
 
 def _without_driving(robot: Robot, beta: Array) -> tuple[FrictionTerm, ...]:

@@ -194,7 +194,9 @@ def with_slopes(
     return replace(
         system,
         slopes={
-            term.parameter: _column(robot, term, term.velocity, parts, signal, system, _slope)
+            term.parameter: _columns(robot, term, np.array([term.velocity]), parts, signal, system, _slope)[
+                :, 0
+            ]
             for term in fitted
         },
     )
@@ -297,19 +299,6 @@ def _slope(robot: Robot, term: FrictionTerm, velocities: Array, part: Segment) -
     return np.asarray(_law(robot, term, velocities, part) * 2.0 * dq**2 / velocities**3)
 
 
-def _column(
-    robot: Robot,
-    term: FrictionTerm,
-    velocity: float,
-    parts: Sequence[Segment],
-    signal: SignalProcessing,
-    system: LinearSystem,
-    shape: Callable[[Robot, FrictionTerm, Array, Segment], Array] = _law,
-) -> Array:
-    """Column of W of a law, (r,): decimated as all others, zero in the rows of the other joints."""
-    return _columns(robot, term, np.array([velocity]), parts, signal, system, shape)[:, 0]
-
-
 def _columns(
     robot: Robot,
     term: FrictionTerm,
@@ -319,7 +308,7 @@ def _columns(
     system: LinearSystem,
     shape: Callable[[Robot, FrictionTerm, Array, Segment], Array] = _law,
 ) -> Array:
-    """Return the same at several velocities or widths, (r, k)."""
+    """Return columns of W of a law at velocities or widths (k,), (r, k): decimated, zero in the rows of the other joints."""
     columns = np.zeros((system.y.size, velocities.size))
     columns[system.joints[term.joint]] = decimated(
         [shape(robot, term, velocities, part) for part in parts], parts, signal
@@ -376,8 +365,8 @@ def _refined(
     low, high = np.array([_range(terms[k], robot.joint_kinds[terms[k].joint]) for k in moving]).T
 
     def columns(shape: Callable[[Robot, FrictionTerm, Array, Segment], Array]) -> Array:
-        found = [_column(robot, terms[k], velocities[k], parts, signal, system, shape) for k in moving]
-        return np.stack(found, axis=1)
+        found = [_columns(robot, terms[k], velocities[[k]], parts, signal, system, shape) for k in moving]
+        return np.hstack(found)
 
     for _ in range(VELOCITY_WEIGHTS):
         _, weights = solve(replace(system, w=w))
