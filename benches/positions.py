@@ -16,6 +16,7 @@ import copy
 import re
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 
@@ -25,6 +26,7 @@ from mujoco import minimize, rollout
 
 import didim
 from didim.methods.cloe.cloe import CLOE
+from didim.methods.positions.problem import build
 from didim.result.positions.record import PositionRecord
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -176,8 +178,9 @@ class Rollouts:
         m.actuator_gainprm[:, 0], m.actuator_biasprm[:, 1], m.actuator_biasprm[:, 2] = KP, -KP, -KV
         m.actuator_ctrllimited[:] = m.actuator_forcelimited[:] = 0
 
-    def residual(self, thetas: np.ndarray) -> np.ndarray:
-        """Return errors of candidates, (n_rows, n_candidates)."""
+    def residual(self, thetas: np.ndarray, steps: int = 1) -> np.ndarray:
+        """Return errors of candidates, (n_rows, n_candidates), with so many steps a sample."""
+        self.model.opt.timestep = 1.0 / (RATE * steps)
         models, controls, states = [], [], []
         for theta in thetas.T:
             m = copy.copy(self.model)
@@ -192,26 +195,72 @@ class Rollouts:
             back = int(share)
             late = [self.r[np.clip(np.arange(len(self.r)) - back - k, 0, None)] for k in (0, 1)]
             controls.append((1.0 - (share - back)) * late[0] + (share - back) * late[1] - theta[36:48] / KP)
+            controls[-1] = np.repeat(controls[-1], steps, axis=0)
             states.append(np.concatenate([[0.0], self.q[0], np.zeros(12)]))
         self.runs += len(models)
         out, _ = rollout.rollout(models, [mujoco.MjData(self.model)], np.array(states), np.array(controls))
-        simulated = np.concatenate([np.array(states)[:, None, 1:13], out[:, :-1, 1:13]], axis=1)
+        simulated = np.concatenate(
+            [np.array(states)[:, None, 1:13], out[:, steps - 1 : -1 : steps, 1:13]], axis=1
+        )
         return np.asarray((simulated - self.q)[:, 100:].reshape(len(models), -1).T)
 
 
-def quadruped(folder: Path) -> None:
-    """Print what the fit of the quadruped's log takes, ours and MuJoCo's least squares on the same cost."""
+MODELS = (  # title, dropped, unknowns
+    ("PACE's model", '["Off"]', "bias_rad = { min = -0.1, max = 0.1 }"),
+    ("with Off", "[]", ""),
+    (
+        "with Off, from the centre of PACE's bounds",
+        "[]",
+        "Ia = { start = 0.5, max = 1.0 }\nFv = { start = 3.5, max = 7.0 }\nFc = { start = 0.5, max = 3.0 }",
+    ),
+)
+HALF_S = 11.75
+"""Half of the log: the triangles of the second one are faster."""
+
+
+def quadruped_log(
+    folder: Path, dropped: str = "[]", unknown: str = "", halves: bool = False
+) -> didim.Experiment:
+    """The experiment of the quadruped's log, or of its fast half with the slow one held out."""
+    text = QUADRUPED.replace("go2.xml", str(folder / "go2.xml"))
+    text = text.replace('links = "fixed"', f'links = "fixed"\ndropped = {dropped}')
+    text = text.replace("[[recording]]", f"{unknown}\n[[recording]]")
+    if unknown.startswith("Ia"):
+        text = text.replace("start = 0.005", "start = 0.0125")
+    if halves:
+        head, recording = text.split("[[recording]]")
+        fast = recording.replace("rate_hz", f"windows_s = [[{HALF_S}, 23.4]]\nrate_hz")
+        slow = recording.replace('"log"', '"slow"').replace(
+            "rate_hz", f'role = "held-out"\nwindows_s = [[0.0, {HALF_S}]]\nrate_hz'
+        )
+        text = f"{head}[[recording]]{fast}\n[[recording]]{slow}"
     with tempfile.TemporaryDirectory() as name:
-        (Path(name) / "go2.toml").write_text(QUADRUPED.replace("go2.xml", str(folder / "go2.xml")))
-        experiment = didim.load_experiment(Path(name) / "go2.toml", data=folder)
+        (Path(name) / "go2.toml").write_text(text)
+        return didim.load_experiment(Path(name) / "go2.toml", data=folder)
+
+
+def fit_of(experiment: didim.Experiment) -> tuple[didim.Identification, PositionRecord, float]:
+    """A fit, its record and its processor seconds."""
     clock = process_time()
     fit = didim.identify(experiment, CLOE(threads=1), verbose=False)
     seconds = process_time() - clock
     record = PositionRecord.of(fit.settings)
     assert record is not None
-    rms = np.sqrt(np.mean(np.square(np.array(record.errors["after"], dtype=float))))
-    print(f"didim: {1e3 * rms:.3f} mrad, {fit.n_iterations} iterations, {fit.n_simulations} simulations of a leg, {seconds:.2f} s",
-          flush=True)  # fmt: skip
+    return fit, record, seconds
+
+
+def quadruped(folder: Path) -> None:
+    """Print what fits of the quadruped's log take, ours and MuJoCo's least squares on the same cost."""
+    for title, dropped, unknown in MODELS:
+        experiment = quadruped_log(folder, dropped, unknown)
+        fit, record, seconds = fit_of(experiment)
+        print(f"{title}: {1e3 * rms(record.errors['after']):.3f} mrad, {fit.n_iterations} iterations, "
+              f"{fit.n_simulations} simulations of a leg, {seconds:.2f} s", flush=True)  # fmt: skip
+    _, record, _ = fit_of(quadruped_log(folder, halves=True))
+    told = " ".join(f"{1e3 * value:.1f}" for value in list(record.errors["held_out"] or ())[3:6])
+    print(f"front right leg, fitted on the fast half, tried on the slow one: {told} mrad", flush=True)
+    experiment = quadruped_log(folder)
+    fit, record, seconds = fit_of(experiment)
     (recording,) = experiment.recordings
     peer = Rollouts(folder, np.array(recording.q), np.array(recording.q_ref))
     start = np.concatenate([np.full(12, 0.01), np.full(12, 0.6), np.full(12, 0.2), np.zeros(12), [0.005]])
@@ -220,9 +269,55 @@ def quadruped(folder: Path) -> None:
         start, peer.residual, bounds=list(BOUNDS.T), eps=1e-5, verbose=minimize.Verbosity.SILENT, max_iter=30
     )
     theirs = process_time() - clock
-    rms = np.sqrt(np.mean(peer.residual(np.reshape(found, (-1, 1))) ** 2))
-    print(f"mujoco.minimize.least_squares, steps of 5 ms: {1e3 * rms:.3f} mrad, {peer.runs} simulations, {theirs:.1f} s, "
-          f"{theirs / seconds:.1f} times ours")  # fmt: skip
+    print(f"mujoco.minimize.least_squares, steps of 5 ms: {1e3 * rms(peer.residual(np.reshape(found, (-1, 1)))):.3f} mrad, "
+          f"{peer.runs} simulations, {theirs:.1f} s, {theirs / seconds:.1f} times ours in the same run")  # fmt: skip
+    equal_accuracy(experiment, fit, peer)
+
+
+def equal_accuracy(experiment: didim.Experiment, fit: didim.Identification, peer: Rollouts) -> None:
+    """Print the processor time of a simulation of all legs, MuJoCo's with the longest steps that are as accurate as ours."""
+    theta, count = np.array(fit.beta), 32
+    exact, usual = (
+        build(experiment_at(experiment, step), noise=None, threads=1, start=None) for step in (1e-4, None)
+    )
+    errors = [
+        rms(np.concatenate(a) - np.concatenate(b)) for a, b in [(usual.errors(theta), exact.errors(theta))]
+    ]
+    thetas = np.tile(theta, (count, 1))
+    clock = process_time()
+    for rollout_of in usual.rollouts:
+        usual.positions(rollout_of, thetas)
+    ours = (process_time() - clock) / count
+    print(
+        f"ours: {1e3 * errors[0]:.4f} mrad from steps of 0.1 ms, {1e3 * ours:.2f} ms a simulation of all legs"
+    )
+    by_kind = {
+        kind: [k for k, name in enumerate(fit.names) if name.startswith(kind)]
+        for kind in ("Ia", "Fv", "Fc", "Off")
+    }
+    delay = float(theta[fit.names.index("delay_s")])
+    values = np.concatenate([*(theta[by_kind[kind]] for kind in ("Ia", "Fv", "Fc", "Off")), [delay]])[:, None]
+    exact_there = peer.residual(values, 160)
+    for steps in (1, 2, 5, 10, 20, 40, 80):
+        clock = process_time()
+        found = peer.residual(values, steps)
+        theirs, error = process_time() - clock, rms(found - exact_there)
+        print(f"MuJoCo, steps of {5.0 / steps:.4g} ms: {1e3 * error:.4f} mrad from 0.031 ms, {1e3 * theirs:.0f} ms, "
+              f"{theirs / ours:.0f} times ours", flush=True)  # fmt: skip
+        if error < errors[0]:
+            break
+
+
+def experiment_at(experiment: didim.Experiment, step_s: float | None) -> didim.Experiment:
+    """An experiment with steps of the simulation."""
+    if step_s is None:
+        return experiment
+    return replace(experiment, simulation=replace(experiment.simulation, step_s=step_s, fine_step_s=step_s))
+
+
+def rms(values: object) -> float:
+    """Root mean square of numbers."""
+    return float(np.sqrt(np.mean(np.square(np.array(values, dtype=float)))))
 
 
 def main() -> None:

@@ -14,6 +14,8 @@ from didim.diagnosis.check import check
 from didim.errors import FitError
 from didim.methods.cloe.cloe import CLOE
 from didim.methods.positions.problem import build
+from didim.methods.positions.replay import position_errors, replayed
+from didim.methods.positions.stops import pushed_stretches
 from didim.studies.in_mujoco import validate_in_mujoco
 from quadrupeds import ARM_DELAY_S, ARM_RATE, ARM_TRUTH, ENCODER, arm_text, followed, recorded
 
@@ -68,9 +70,9 @@ def held(fit: didim.Identification) -> list[str]:
     return [item.sentence for item in fit.evidence if item.code == "held"]
 
 
-def drives_are_true(fit: didim.Identification, share: float, joints: int = 4) -> None:
+def drives_are_true(fit: didim.Identification, share: float) -> None:
     for kind, key in (("Ia", "armature"), ("Fv", "damping")):
-        values = [fit.beta[fit.names.index(f"{kind}{joint + 1}")] for joint in range(joints)]
+        values = [fit.beta[fit.names.index(f"{kind}{joint + 1}")] for joint in range(4)]
         np.testing.assert_allclose(values, ARM_TRUTH[key], rtol=share)
 
 
@@ -81,9 +83,9 @@ def test_ends_of_the_range_are_left_out(tmp_path: Path, ranges: bool) -> None:
     file = arm_text() if ranges else without_ranges(arm_text())
     experiment = logged(tmp_path, r, file)
     fit = didim.identify(experiment, CLOE(threads=1), verbose=False)
-    (sentence,) = held(fit)
+    sentence = held(fit)[0]
     assert "(gripper) is held by " + ("the end of its range (1.75)" if ranges else "a contact") in sentence
-    drives_are_true(fit, 0.03, joints=4 if ranges else 3)
+    drives_are_true(fit, 0.03)
     (at_limit,) = np.nonzero(np.any(r[:, 3:] > 1.85, axis=1))
     stops = build(experiment, noise=None, threads=None, start=None).stops
     assert {item.joint for item in stops} == {3}
@@ -113,3 +115,39 @@ def test_a_joint_that_is_always_held_is_refused(tmp_path: Path) -> None:
         FitError, match=r"joint 4 \(gripper\) is held .* for 1\d.\d s, and too little is left"
     ):
         didim.identify(logged(tmp_path, r, arm_text()), CLOE(threads=1), verbose=False)
+
+
+@pytest.mark.parametrize(
+    ("push", "begin", "end"),
+    [
+        (lambda t, q: [0.0, -0.5 if 10.0 < t < 13.0 else 0.0, 0.0, 0.0], 10.0, 13.0),
+        (lambda t, q: [0.0, -5.0 * max(q[1] - 0.3, 0.0) if 8.0 < t < 14.0 else 0.0, 0.0, 0.0], 8.0, 14.0),
+    ],
+    ids=["a push", "a soft wall"],
+)
+def test_pushes_are_left_out(tmp_path: Path, push: Push, begin: float, end: float) -> None:
+    """Errors that are several times those of the rest show what is too weak to hold a joint."""
+    experiment = logged(tmp_path, commands([0.0] * 4, seconds=24.0), arm_text(), push=push)
+    fit = didim.identify(experiment, CLOE(threads=1), verbose=False)
+    (finding,) = [item for item in fit.evidence if item.code == "held"]
+    assert "something pushes joint 2 (shoulder_lift)" in finding.sentence
+    times = np.array(finding.facts["times"])
+    assert begin - 1.5 < times[np.argmax(np.diff(times, axis=1))][0] < end
+    assert np.sum(np.clip(times[:, 1], begin, end) - np.clip(times[:, 0], begin, end)) > 0.6 * (end - begin)
+    drives_are_true(fit, 0.03)
+    assert np.max(fit.settings["positions"]["errors"]["after"]) < 1.2e-3
+    path = tmp_path / "fit.json"
+    fit.save(path)
+    errors = position_errors(replayed(didim.Identification.load(path), experiment))["log"]
+    np.testing.assert_allclose(errors, fit.settings["positions"]["errors"]["after"], rtol=1e-6)
+
+
+def test_larger_errors_of_faster_motions_are_no_pushes() -> None:
+    """A fast third of a log, with errors of both model and tracking ten times those of the rest."""
+    rng = np.random.default_rng(0)
+    size = np.where(np.arange(2000) % 1000 < 300, 10.0, 1.0)
+    errors, ahead = size * rng.standard_normal((2, 2000))
+    assert pushed_stretches([errors], [30.0 * ahead], [50.0]) == [[]]
+    errors[1200:1300] *= 10.0
+    ((found,),) = pushed_stretches([errors], [30.0 * ahead], [50.0])
+    assert 1175 <= found[0] < found[1] <= 1325  # the strongest block and those beside it

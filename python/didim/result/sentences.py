@@ -196,7 +196,7 @@ def _model_error(f: Told) -> str:
 
 
 def _held(f: Told) -> str:
-    limits, times = f.facts["limits"], f.facts["times"]
+    limits, times, pushed = f.facts["limits"], f.facts["times"], f.facts["pushed"]
     ends = " or ".join(f"{limit:.3g}" for limit in limits)
     by = [
         *([f"the end of its range ({ends})"] if limits else []),
@@ -204,10 +204,10 @@ def _held(f: Told) -> str:
     ]
     begin, end = max(times, key=lambda pair: pair[1] - pair[0])
     others = f" and {len(times) - 1} more times" if len(times) > 1 else ""
-    return (
-        f"{f.facts['name']} is held by {' or '.join(by)} from {begin:.2f} to {end:.2f} s{others}, {_value(f):.3g} s in all: "
-        "left out, with its limb"
-    )
+    when = f"from {begin:.2f} to {end:.2f} s{others}, {_value(f):.3g} s in all"
+    if pushed:
+        return f"something pushes {f.facts['name']} or its errors have another cause {when}: left out, with its limb"
+    return f"{f.facts['name']} is held by {' or '.join(by)} {when}: left out, with its limb"
 
 
 def _size(f: Told) -> str:

@@ -25,7 +25,8 @@ from ..log.recording import Recording
 from ..loop.servos import Held
 from ..methods.positions.columns import file_values
 from ..methods.positions.problem import left_out, start_state
-from ..methods.positions.stops import free_stretches, stops_of
+from ..methods.positions.replay import pushed_of
+from ..methods.positions.stops import Stop, free_stretches, stops_of
 from ..model.limbs import limbs_of
 from ..result.identification import Identification
 
@@ -135,8 +136,9 @@ def validate_in_mujoco(
         Without the package mujoco, for a file that it cannot load, and for a joint or commands that are missing.
     """
     drives = drives_of(fit, fit.name)
+    pushed = pushed_of(fit, experiment)
     used = [
-        (item, _stretches(experiment, number))
+        (item, _stretches(experiment, number, pushed))
         for number, item in enumerate(experiment.recordings)
         if item.q_ref is not None and item.has_positions
     ]
@@ -164,14 +166,14 @@ def validate_in_mujoco(
     )
 
 
-def _stretches(experiment: Experiment, number: int) -> Stretches:
+def _stretches(experiment: Experiment, number: int, pushed: Sequence[Stop]) -> Stretches:
     """Return the stretches of a recording by begin and end, and the joints of the limbs that nothing holds there."""
     recording, n = experiment.recordings[number], experiment.robot.n_dof
     if experiment.links != "fixed":
         return {window: list(range(n)) for window in recording.windows}
     limbs = limbs_of(experiment.robot)
     found: Stretches = {}
-    stops = stops_of(experiment, limbs, file_values(experiment))
+    stops = [*stops_of(experiment, limbs, file_values(experiment)), *pushed]
     for window, limb in itertools.product(recording.windows, limbs):
         for stretch in free_stretches(stops, limb, number, window, recording.rate_hz):
             found.setdefault(stretch, []).extend(limb.joints)

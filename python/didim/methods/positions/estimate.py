@@ -29,7 +29,7 @@ from ...result.uncertainty import Uncertainty
 from ..builder import digests, experiment_record
 from .intervals import LASTING, Intervals, errors_over_noise, intervals, model_errors, per_step, widened
 from .knowledge import Held, told_together, untold, weak_pairs
-from .laws import search_of_either_friction, searched
+from .laws import search_of_either_friction, searched, without_pushes
 from .problem import Problem, build, may_be_soft
 from .search import Search, at_bound, begun, normal_of, search
 from .stops import findings_of
@@ -94,6 +94,14 @@ def identify_positions(
             problem.weights[number] = problem.weights[number] * bad[number]
         reporter.say(f"{len(bad)} rollouts of a limb count less; the search goes on")
         now = search(problem, begun(problem, now.theta, now.free, now), **options)
+    elif not bad:
+        rest, now = without_pushes(experiment, method, problem, now, options)
+        again = rest is not problem and may_be_soft(experiment) and not rest.inertia
+        problem = rest
+        if again:  # pushes hide the law of friction
+            problem, now, held, shift = search_of_either_friction(
+                experiment, method, problem, now, held, options
+            )
     over = errors_over_noise(problem, now)
     at = [bool(over[list(column.joints)].max() > LASTING) for column in problem.columns]
     spread = widened(intervals(problem, now), np.where(at, shift, 0.0))
@@ -219,6 +227,7 @@ def _record(end: End, after: Array) -> dict[str, Any]:
         "limbs": _limbs(problem),
         "smoothing": list(problem.robot.friction.smoothing),
         "soft": bool(problem.inertia),
+        "pushed": [[s.joint, s.recording, s.begin, s.end] for s in problem.stops if s.pushed],
         "blocks": end.spread.blocks,
         "kind": end.spread.kind,
     }

@@ -16,12 +16,15 @@ from ...result.status import Status
 from .knowledge import Held, untold
 from .problem import Problem, build
 from .search import Search, begun, bounded_step, normal_of, search
+from .stops import Stop, pushed_stretches
 
 if TYPE_CHECKING:
     from ..cloe.settings import CLOESettings
 
 SOFTER = 0.98
 """Squared errors over those of a smooth sign, below which MuJoCo's friction is tried: less is no reason for another simulation."""
+MOST_ROUNDS = 6
+"""Largest number of searches without pushes: each shows weaker ones."""
 ROUGH = 1e-2
 """Fall of the cost, as a share, at which the laws of friction are compared: an estimate is then within a deviation or so."""
 
@@ -62,7 +65,10 @@ def search_of_either_friction(
     shift = np.zeros(len(now.theta))
     if now.status is Status.STOPPED:
         return problem, now, held, shift
-    rival = build(experiment, noise=method.noise, threads=method.threads, start=method.start, soft=True)
+    pushed = [item for item in problem.stops if item.pushed]
+    rival = build(
+        experiment, noise=method.noise, threads=method.threads, start=method.start, soft=True, pushed=pushed
+    )
     rival.n_simulations = problem.n_simulations
     try:
         start = begun(rival, now.theta, now.free.copy(), now)
@@ -82,3 +88,40 @@ def search_of_either_friction(
         if found.cost < now.cost:
             return rival, found, held_there, shift
     return problem, *searched(problem, now, held, options), shift
+
+
+def without_pushes(
+    experiment: Experiment, method: CLOESettings, problem: Problem, now: Search, options: dict[str, Any]
+) -> tuple[Problem, Search]:
+    """Search again without the stretches in which errors show that something pushes a joint, until there are no more."""
+    for _ in range(MOST_ROUNDS):
+        pushed = [item for item in problem.stops if item.pushed]
+        more = _pushed(problem, now) if now.status.converged else []
+        if not more:
+            break
+        try:
+            rest = build(
+                experiment, noise=method.noise, threads=method.threads, start=method.start,
+                soft=bool(problem.inertia), pushed=[*pushed, *more],
+            )  # fmt: skip
+        except FitError:  # too little would be left
+            break
+        rest.n_simulations = problem.n_simulations
+        options["reporter"].say(f"{len(more)} stretches in which something pushes a joint are left out")
+        problem, now = rest, search(rest, begun(rest, now.theta, now.free, now), **options)
+    return problem, now
+
+
+def _pushed(problem: Problem, now: Search) -> list[Stop]:
+    found = []
+    for limb, part in enumerate(problem.limbs):
+        at = [k for k, item in enumerate(problem.rollouts) if item.limb == limb and item.role == "fit"]
+        items = [problem.rollouts[k] for k in at]
+        for place, joint in enumerate(part.joints):
+            errors = [now.errors[k].reshape(-1, len(part.joints))[:, place] for k in at]
+            ahead = [(item.loop.held.values - item.q)[item.first :, place] for item in items]
+            stretches = pushed_stretches(errors, ahead, [item.rate_hz for item in items])
+            for item, pairs in zip(items, stretches, strict=True):
+                begin = item.begin + item.first
+                found += [Stop(joint, item.recording, begin + a, begin + b, None, True) for a, b in pairs]
+    return found

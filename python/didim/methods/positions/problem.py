@@ -226,8 +226,11 @@ def build(
     threads: int | None,
     start: object,
     soft: bool = False,
+    pushed: Sequence[Stop] = (),
 ) -> Problem:
     """Return the problem of an experiment whose links are known, with friction as a smooth sign or, `soft`, as MuJoCo has it.
+
+    Stretches in which something holds a joint are left out, and those of a fit in which something pushes one.
 
     Raises
     ------
@@ -246,7 +249,7 @@ def build(
         robot = robot.with_smoothing([SMOOTHING] * robot.n_dof)
     values = file_values(experiment, start)
     limbs = limbs_of(robot)
-    stops = stops_of(experiment, limbs, values)
+    stops = [*stops_of(experiment, limbs, values), *pushed]
     rollouts = _rollouts(experiment, limbs, settings, stops)
     steps = _steps(robot, limbs, rollouts, values)
     columns = columns_of(experiment, limbs, values, steps)

@@ -13,7 +13,9 @@ from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...result.identification import Identification
 from ...result.positions.record import PositionRecord
+from ..builder import digests
 from .problem import build
+from .stops import Stop
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,16 @@ def error_lines(errors: dict[str, list[float]]) -> list[str]:
     return found
 
 
+def pushed_of(fit: Identification, experiment: Experiment) -> list[Stop]:
+    """Return the stretches in which the fit found a joint pushed; none for another log."""
+    record = PositionRecord.of(fit.settings)
+    data = [key for key in fit.digests if key.startswith("data ")]
+    same = all(fit.digests[key] == digests(experiment).get(key) for key in data)
+    if record is None or not same:
+        return []
+    return [Stop(joint, number, begin, end, None, True) for joint, number, begin, end in record.pushed]
+
+
 def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
     """Return the rollouts of an experiment, simulated with an estimate.
 
@@ -80,7 +92,8 @@ def replayed(fit: Identification, experiment: Experiment) -> list[Replay]:
     """
     record = PositionRecord.of(fit.settings)
     soft = record is not None and record.soft
-    problem = build(experiment, noise=None, threads=None, start=None, soft=soft)
+    pushed = pushed_of(fit, experiment)
+    problem = build(experiment, noise=None, threads=None, start=None, soft=soft, pushed=pushed)
     values = dict(zip(fit.names, fit.beta, strict=True))
     lacking = [column.name for column in problem.columns if column.name not in values]
     if lacking or fit.parameter_names != problem.robot.parameter_names:

@@ -38,6 +38,12 @@ AT_END = 0.4
 """Time and pull at the end of a joint's range that count, as shares of those elsewhere."""
 NEAR = 0.03
 """Distance from the end of the range, as a share of the range, at which it is the end that holds a joint."""
+PUSH_S, FEWEST_PUSH = 0.5, 16
+"""Duration (s) of the blocks whose errors are compared, and the fewest blocks."""
+PUSHED, MOST_PUSHED, STRONGEST = 3.5, 0.4, 0.7
+"""Errors of a block over the median of a joint's blocks, from which something pushes the joint; the largest share of such blocks;
+and those of a block over the largest, above which it is left out at once. The largest ratio to the median is 2.9 on the Go2 log and
+1.9 on simulated arms without pushes; both chose 3.5."""
 PAD_S, LEAST_S = 0.06, 1.0
 """Time (s) left out on both sides, and the shortest stretch (s) that is used."""
 LEAST_SHARE = 0.2
@@ -56,6 +62,8 @@ class Stop:
         Samples of the recording.
     limit : float or None
         End of the joint's range (rad or m) that holds it; None for a contact elsewhere.
+    pushed : bool
+        Whether the errors of a fit show it.
     """
 
     joint: int
@@ -63,6 +71,7 @@ class Stop:
     begin: int
     end: int
     limit: float | None
+    pushed: bool = False
 
 
 def stops_of(experiment: Experiment, limbs: Sequence[Limb], values: Values) -> list[Stop]:
@@ -153,6 +162,46 @@ def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
+def pushed_stretches(
+    errors: Sequence[Array], ahead: Sequence[Array], rates_hz: Sequence[float]
+) -> list[list[tuple[int, int]]]:
+    """Return stretches of one joint whose errors are far beyond those of the rest, (begin, end) of each rollout.
+
+    Parameters
+    ----------
+    errors, ahead : sequence of (n_samples,) array
+        Errors of simulated positions, and commands less measured positions (rad or m): a fast motion has larger ones of both.
+    rates_hz : sequence of float
+        Samples per second of the rollouts.
+    """
+    sizes = [math.ceil(PUSH_S * rate) for rate in rates_hz]
+    e, a = ([_blocks(x, size) for x, size in zip(rows, sizes, strict=True)] for rows in (errors, ahead))
+    usual = float(np.median(np.concatenate(a)))
+    shares = [one / np.maximum(other, usual) for one, other in zip(e, a, strict=True)]
+    for share in shares:  # the start of a rollout is a guess
+        share[0] = 0.0
+    every = np.concatenate([share[1:] for share in shares])
+    if len(every) < FEWEST_PUSH:
+        return [[] for _ in errors]
+    limit = PUSHED * np.median(every)
+    if not np.mean(every > limit) <= MOST_PUSHED:
+        return [[] for _ in errors]
+    limit = max(limit, STRONGEST * np.max(every))  # the strongest first: they raise the errors of others
+    found = []
+    for share, size, rows in zip(shares, sizes, errors, strict=True):
+        # The blocks beside one have the ends of a push, and what it leaves.
+        wide = np.convolve(share > limit, [1, 1, 1])[1:-1] > 0
+        found.append([(b * size, len(rows) if c == len(share) else c * size) for b, c in _runs(wide)])
+    return found
+
+
+def _blocks(values: Array, size: int) -> Array:
+    """Return root mean squares of blocks of so many samples, the last with the rest."""
+    begins = np.arange(max(1, len(values) // size)) * size
+    counts = np.diff([*begins, len(values)])
+    return np.asarray(np.sqrt(np.add.reduceat(values**2, begins) / counts))
+
+
 def free_stretches(
     stops: Sequence[Stop], limb: Limb, recording: int, window: tuple[int, int], rate_hz: float
 ) -> list[tuple[int, int]]:
@@ -192,8 +241,9 @@ def refuse_little(experiment: Experiment, stops: Sequence[Stop], limb: Limb, use
 def findings_of(experiment: Experiment, stops: Sequence[Stop]) -> list[Finding]:
     """Return a finding for each joint that something holds."""
     found = []
-    for joint in sorted({item.joint for item in stops}):
-        mine = sorted((s for s in stops if s.joint == joint), key=lambda s: (s.recording, s.begin))
+    for joint, pushed in sorted({(item.joint, item.pushed) for item in stops}):
+        mine = [item for item in stops if (item.joint, item.pushed) == (joint, pushed)]
+        mine.sort(key=lambda item: (item.recording, item.begin))
         rates = [experiment.recordings[s.recording].rate_hz for s in mine]
         names = tuple(dict.fromkeys(experiment.recordings[s.recording].name for s in mine))
         found.append(
@@ -206,6 +256,7 @@ def findings_of(experiment: Experiment, stops: Sequence[Stop]) -> list[Finding]:
                 facts={
                     "name": experiment.robot.joint_label(joint),
                     "limits": sorted({s.limit for s in mine if s.limit is not None}),
+                    "pushed": pushed,
                     "contact": any(s.limit is None for s in mine),
                     "times": [[s.begin / rate, s.end / rate] for s, rate in zip(mine, rates, strict=True)],
                 },

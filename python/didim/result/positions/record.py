@@ -35,6 +35,8 @@ class PositionRecord:
         Velocity of the tanh of the friction of each joint (rad/s or m/s).
     soft : bool
         Whether friction is MuJoCo's soft constraint in the place of the tanh.
+    pushed : sequence of sequence of int
+        Joint, recording, first and last sample (from 0) of stretches without which the last search ran.
     blocks, kind : int, str
         Number and kind (rollouts or stretches) of the blocks for the intervals.
     """
@@ -49,6 +51,7 @@ class PositionRecord:
     blocks: int
     kind: str
     soft: bool = False
+    pushed: Sequence[Sequence[int]] = ()
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> PositionRecord | None:
