@@ -186,6 +186,25 @@ def test_the_spring_of_a_coupled_joint_acts_on_its_leader(tmp_path: Path) -> Non
     )
 
 
+@pytest.mark.parametrize(
+    ("attributes", "said"),
+    [
+        ('solreffriction="0.02 1"', ""),
+        ('solimpfriction="0.9 0.95"', ""),
+        ('solreffriction="0.005 1"', "solreffriction of j2"),
+        ('solimpfriction="0.99 0.999 0.001"', "solimpfriction of j2"),
+    ],
+)
+def test_another_softness_of_friction_is_reported(tmp_path: Path, attributes: str, said: str) -> None:
+    path = tmp_path / "soft.xml"
+    text = SPRUNG.format(angle="degree", angles=(20, 30), tied="")
+    path.write_text(text.replace('name="j2"', f'name="j2" {attributes}'))
+    notes = [note for note in didim.load_robot(path).notes if "friction losses" in note]
+    assert notes == (
+        [f"friction losses are as soft as by MuJoCo's defaults; not read: {said}"] if said else []
+    )
+
+
 def test_nonlinear_springs_springs_of_tendons_and_joints_nailed_down_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "sprung.xml"
     tendon = '<tendon><fixed name="rope" stiffness="2"><joint joint="j1" coef="1"/></fixed></tendon>'

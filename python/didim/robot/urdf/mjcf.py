@@ -34,6 +34,8 @@ WORLD = "world"
 KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "spherical", "free": "floating"}
 """URDF name of each MJCF joint type."""
 
+USUAL_FRICTION = {"solreffriction": (0.02, 1.0), "solimpfriction": (0.9, 0.95, 0.001, 0.5, 2.0)}
+"""MuJoCo's defaults, which the closed loop has where it simulates friction as MuJoCo does."""
 UNREAD = ("replicate", "composite", "flexcomp", "attach")
 """Elements that generate bodies and are not supported by this reader."""
 
@@ -50,6 +52,7 @@ class Reader:
     outgoing: dict[str, tuple[UrdfJoint, ...]] = field(default_factory=dict)
     meshes: list[str] = field(default_factory=list)
     curved: list[str] = field(default_factory=list)
+    softer: list[str] = field(default_factory=list)
     own_limits: dict[str, float] = field(default_factory=dict)
     elements: dict[str, Element] = field(default_factory=dict)
 
@@ -175,6 +178,13 @@ class Reader:
             given[key] = first
             if any(word.strip("0.") for word in others):
                 self.curved.append(f"{key} of {name}")
+        for key, usual in USUAL_FRICTION.items():
+            words = given.get(key, "").split()
+            if (
+                tuple(self.numbers(element, given, key, *usual[: len(words) or None]))
+                != usual[: len(words) or None]
+            ):
+                self.softer.append(f"{key} of {name}")
         nailed = _beyond(given["damping"])
         if nailed:
             kind, given["damping"] = f"{kind} with a damping of {given['damping']}", "0"
@@ -271,6 +281,10 @@ def read_mjcf(data: bytes, path: Path) -> Description:
         notes.append(f"inertias of meshes are not computed: {names} (MuJoCo writes them: mj_saveLastXML)")
     if reader.curved:
         notes.append(f"nonlinear parts are left out: {series(reader.curved)}")
+    if reader.softer:
+        notes.append(
+            f"friction losses are as soft as by MuJoCo's defaults; not read: {', '.join(reader.softer)}"
+        )
     if tendons := sprung_tendons(sections, reader.defaults):
         notes.append(f"springs of tendons are left out: {series(tendons)}")
     if unread:
