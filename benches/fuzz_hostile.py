@@ -294,17 +294,17 @@ def losses(before: dict[str, bytes], arguments: list[str], files: tuple[str, ...
     of a study are appended behind those that are whole.
     """
     named = [
-        (word, Path(arguments[number + 1]).resolve())
+        (word, os.path.realpath(arguments[number + 1]))  # of a circle as far as it goes
         for number, word in enumerate(arguments[:-1])
         if word in OUTPUTS
     ]
-    read = {Path(name).resolve() for name in files}
+    read = set(map(os.path.realpath, files))
     own = {path for word, path in named if word == "--checkpoint" or path not in read}
     after = snapshot()
     lost = []
     for name, content in before.items():
         now = after.get(name)
-        if now == content or Path(name).resolve() in own:
+        if now == content or os.path.realpath(name) in own:
             continue
         if arguments[0] == "study" and name.endswith(".jsonl") and now is not None:
             whole = content[: content.rfind(b"\n") + 1]
