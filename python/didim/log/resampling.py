@@ -129,7 +129,7 @@ def resampling(t: Array, rate_hz: float | None, file: str) -> Resampling:
         place = int(kept[int(np.argmax(steps)) + 1])
         raise RecordingError(
             f"{file}: {len(stamps)} time stamps at {rate:.6g} Hz end {stamps[-1] - stamps[0]:.3g} s after the first: "
-            f"is that of row {place + 1} ({t[place]:.9g} s) wrong, or was the log paused there? Then give windows on both sides"
+            f"is that of row {place + 1} ({t[place]:.9g} s) wrong? After a pause, give windows"
         )
     even = _even(stamps, rate)
     edges = [0, *(np.flatnonzero(steps > LONGEST_GAP_STEPS * period) + 1).tolist(), len(stamps)]
