@@ -3,8 +3,8 @@
     python benches/long_logs.py [--rows 100000 1000000] [--whole] [--folder FOLDER]
 
 writes CSV logs of an iiwa14 (7 joints, 1 kHz, 14 columns, 140 bytes a row) into a scratch folder, identifies each in a process
-of its own, and prints the largest resident memory of that process, modules included, and its processor seconds. Rows are multiples of
-100 000, the period of the motion. `--whole` loads each log whole besides.
+of its own, and prints the largest resident memory of that process, modules included, and its processor seconds. Rows are multiples
+of 100 000, the period of the motion. `--whole` loads each log whole besides.
 """
 
 from __future__ import annotations

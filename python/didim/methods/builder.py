@@ -21,6 +21,7 @@ from ..model.dynamics import rigid_torque
 from ..model.physics import Flag, physical_flags
 from ..regression.fit import Fit
 from ..regression.friction.alarm import FrictionAlarm, friction_alarm
+from ..regression.friction.sampling import sampling_errors
 from ..regression.linear_system import LinearSystem
 from ..regression.logs.drift import Difference, differences, drifts
 from ..regression.logs.load import Load, load_between
@@ -271,16 +272,18 @@ def _friction(run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Segment]
     """Test the residual of a fit for friction that the model lacks."""
     job = run.job
     x = job.parameters.lift(job.selection.expand(fit.solution))
+    standard = [job.parameters.standard(x, part.recording) for part in parts]
     load = [
-        rigid_torque(job.robot, part.q, part.dq, part.ddq, job.parameters.standard(x, part.recording))
-        for part in parts
+        rigid_torque(job.robot, part.q, part.dq, part.ddq, values)
+        for part, values in zip(parts, standard, strict=True)
     ]
-    step = None
+    step, errors = None, []
     if run.method.motion == "measured":
+        errors = sampling_errors(job.robot, parts, standard)
         recorded = {part.recording for part in parts}
         steps = [encoder_step(job.experiment.recordings[number].measured_positions()) for number in recorded]
         step = np.max(steps, axis=0)
-    return friction_alarm(system, fit, job.robot, parts, job.signal, load, step)
+    return friction_alarm(system, fit, job.robot, parts, job.signal, load, step, errors)
 
 
 def drift_of(job: Job, system: LinearSystem, fit: Fit) -> list[Difference]:

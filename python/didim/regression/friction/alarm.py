@@ -8,8 +8,9 @@ matrix, ``rho`` the weighted residual and ``c`` the column of a law at one joint
 
 Where the model is right, the sums of the blocks are as likely negative as positive, whatever the correlation within a block.
 Flipping the signs of whole blocks, the same for all columns of a joint, gives the distribution of the largest ``|t|`` of its laws.
-Blocks are taken in two ways, equal stretches of time and stretches between the reversals of the joint; both must alarm. The shift
-of a family of laws is the change of the estimate with the columns of all joints beside A,
+Blocks are taken in two ways, equal stretches of time and stretches between the reversals of the joint; both must alarm. Columns
+of the errors that sampling makes (`sampling`) stand beside those of A for the scores. The shift of a family of laws is the change
+of the estimate with the columns of all joints beside A,
 
     b_h - b = -R^-1 Q^T C (C~^T C~)^-1 C~^T rho,        C~ = C - Q Q^T C,    A = Q R
 
@@ -128,6 +129,14 @@ class _Limb:
             found[place, :, place] = columns[:, joint]
         return found.reshape(-1, len(self.joints)) * self.weights[:, None]
 
+    def freed_of(self, errors: Sequence[Array]) -> Array:
+        """Return Q with one more column for each error of all torques, decimated, (n_rows, n_dof)."""
+        if not errors:
+            return self.q
+        columns = np.stack([self.weighted(error).sum(axis=1) for error in errors], axis=1)
+        free = _freed(self.q, columns)
+        return np.hstack([self.q, np.linalg.qr(free[:, free.any(axis=0)])[0]])
+
     def own(self, blocks: Sequence[Rows]) -> list[Rows]:
         """Return the rows of blocks of the system that are the limb's, as numbers from its first."""
         found = []
@@ -158,6 +167,7 @@ def friction_alarm(
     signal: SignalProcessing,
     load: Sequence[Array],
     encoder_step: Array | None = None,
+    sampling_errors: Sequence[Sequence[Array]] = (),
 ) -> FrictionAlarm:
     """Test a residual for friction laws that the model lacks.
 
@@ -178,6 +188,9 @@ def friction_alarm(
     encoder_step : ndarray, shape (n_dof,), optional
         Step of the position encoder of each joint (rad or m), zero where it is not seen. A joint whose steps are coarser
         than `RESOLVED_STEPS` allows is not tested for memory.
+    sampling_errors : sequence of sequence of ndarray, shape (n_samples, n_dof)
+        Errors of the torques along each of the parts, each of an amount that is not known (N.m or N, joint side): scores are
+        freed of them as of the columns of A.
 
     Returns
     -------
@@ -201,8 +214,10 @@ def friction_alarm(
     visible = {family: np.zeros(n) for family in tested}
     time = [part.rows for part in intervals(system.blocks, TIME_BLOCKS)]
     speeds = decimated([part.dq for part in parts], parts, signal)
+    errors = [decimated(values, parts, signal) for values in sampling_errors]
     for limb in limbs:
-        free = [_freed(limb.q, limb.weighted(item.columns)) for item in candidates]
+        known = limb.freed_of(errors)
+        free = [_freed(known, limb.weighted(item.columns)) for item in candidates]
         stretches = limb.own(time)
         for place, joint in enumerate(limb.joints):
             blocks = (stretches, limb.own(_between_reversals(system, speeds, joint)))
