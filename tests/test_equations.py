@@ -13,7 +13,7 @@ from scripts import script
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (
-    "conventions", "idim_ls", "idim_iv", "didim", "cloe", "robust", "physical", "friction", "uncertainty", "simulation",
+    "conventions", "idim_ls", "idim_iv", "didim", "cloe", "physical", "friction", "uncertainty", "simulation",
     "controllers", "excitation",
 )  # fmt: skip
 

@@ -88,8 +88,8 @@ def test_calibrated_axes_are_warned_about_or_snapped(tmp_path: Path, turn: float
     with pytest.warns(RobotWarning) as warned:
         exact = load(tmp_path, text)
     assert re.fullmatch(
-        rf"ur\.urdf: the axes of j\d and j\d are \d\.\de-0\d rad from parallel \(a calibrated description\?\), which adds base "
-        rf"parameters that no log identifies; for the nominal geometry: --snap {cure:g}",
+        rf"ur\.urdf: the axes of j\d and j\d are \d\.\de-0\d rad from parallel, which adds base "
+        rf"parameters that no log identifies; nominal geometry: --snap {cure:g}",
         str(warned[0].message),
     )
     # Their placements are taken as they are: no length is larger than in the file.

@@ -68,7 +68,12 @@ def constant_torque_findings(experiment: Experiment) -> list[Finding]:
 
 
 def _flat(recording: Recording, tau: Array) -> list[int]:
-    """Return the joints, from 0, that move while their torque is white noise about a constant."""
+    """Return the joints, from 0, that move while their torque is white noise about a constant; none without positions."""
+    if not recording.has_positions:
+        return []
+    # Torques of any size can be squared so.
+    size = np.abs(tau).max(axis=0)
+    tau = tau / np.where(size > 0.0, size, 1.0)
     windows = [tau[slice(*window)] for window in recording.windows]
     errors = [values - values.mean(axis=0) for values in windows if len(values) > LAGS]
     squares = np.sum([np.sum(values**2, axis=0) for values in errors], axis=0)
