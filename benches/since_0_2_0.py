@@ -6,7 +6,7 @@
 
     git worktree add --detach OLD 56b3385
     cd OLD && cargo build --release --manifest-path rust/python/Cargo.toml --features extension-module
-    cp target/release/libdidim_core.so python/didim/_core.abi3.so
+    cp target/release/lib_core.so python/didim/_core.abi3.so
 
 A child process under each version observes each row in an empty folder (`since_rows.py`), and says in a few words what a user
 sees. A row is settled where the present version shows the wanted words. `--page` writes the table into the page. The exit status

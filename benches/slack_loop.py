@@ -24,6 +24,7 @@ from didim.experiment.specs import Measurement, SimulationSettings
 from didim.loop.controller import Controller, Digital
 from didim.loop.reference import Reference
 from didim.loop.tuning import mean_inertia
+from didim.regression.settings import LeastSquaresSettings
 from didim.studies.simulated_log import measured
 
 Array = NDArray[np.float64]
@@ -95,7 +96,7 @@ def slack_log(
         robot=robot,
         recordings=(),
         signal=didim.SignalProcessing(cutoff_hz=100.0, trim_start=20, trim_end=20, decimation=(10,)),
-        least_squares=didim.solvers.LeastSquaresSettings(weights="per-joint", uncertainty="decimated"),
+        least_squares=LeastSquaresSettings(weights="per-joint", uncertainty="decimated"),
         reference=reference,
         controller=controller,
         simulation=SimulationSettings(rate_hz=500.0, duration_s=period_s),
@@ -131,7 +132,7 @@ def digital_log(seed: int) -> didim.Experiment:
         reference=reference,
         controller=replace(controller, digital=Digital(sample_time_s=0.005, delay_samples=1)),
         signal=didim.SignalProcessing(cutoff_hz=10.0, trim_start=25, trim_end=25, decimation=(5,)),
-        least_squares=didim.solvers.LeastSquaresSettings(),
+        least_squares=LeastSquaresSettings(),
         simulation=SimulationSettings(
             rate_hz=200.0,
             smoothing=(0.02,) * n,
