@@ -18,9 +18,13 @@ from ...model.dynamics import rigid_torque
 from ...robot.robot import Robot
 from ...signal.segments import Segment
 
+FELT = 0.002
+"""Error of accelerations, as a share of the torques of links and rotors, below which the sampling is fine enough: it is 0.4 % at
+100 Hz, where right logs (`planar2`, a UR5e-like arm) raised the alarm, and 0.14 % at 250 Hz, where they did not."""
+
 
 def sampling_errors(robot: Robot, parts: Sequence[Segment], parameters: Sequence[Array]) -> list[list[Array]]:
-    """Return the four errors of the torques along each part.
+    """Return the four errors of the torques along each part; none where the sampling is fine enough.
 
     Parameters
     ----------
@@ -37,6 +41,7 @@ def sampling_errors(robot: Robot, parts: Sequence[Segment], parameters: Sequence
         By error and part (N.m or N, joint side): of velocities, of accelerations, of time, and of holding.
     """
     errors: list[list[Array]] = [[], [], [], []]
+    squares = np.zeros(2)
     for part, x in zip(parts, parameters, strict=True):
         q, dq, ddq = part.q, part.dq, part.ddq
         rigid = rigid_torque(robot, q, dq, ddq, x)
@@ -44,7 +49,8 @@ def sampling_errors(robot: Robot, parts: Sequence[Segment], parameters: Sequence
         errors[1].append(rigid_torque(robot, q, dq, ddq - _curvature(ddq) / 3.0, x) - rigid)
         errors[2].append(np.gradient(rigid, axis=0))
         errors[3].append(_curvature(rigid))
-    return errors
+        squares += np.sum(np.square(errors[1][-1])), np.sum(np.square(rigid))
+    return errors if squares[0] > FELT**2 * squares[1] else []
 
 
 def _curvature(values: Array) -> Array:
