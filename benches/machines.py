@@ -92,8 +92,7 @@ def combinations(project: Path) -> tuple[Combination, ...]:
         Combination("SkylakeX, avx512", {"OPENBLAS_CORETYPE": "SkylakeX", "DIDIM_ISA": "avx512"}),
         Combination("oldest NumPy and SciPy", packages=oldest(project)),
         Combination("newest NumPy and SciPy", packages=("numpy", "scipy")),
-        Combination("another hash seed", {"PYTHONHASHSEED": "1"}),
-        Combination("load", busy=BUSY_LOOPS),
+        Combination("load, another hash seed", {"PYTHONHASHSEED": "1"}, busy=BUSY_LOOPS),
     )
 
 
@@ -133,6 +132,12 @@ def busy(loops: int) -> Iterator[None]:
             process.wait()
 
 
+def versions_of(environment: Mapping[str, str]) -> str:
+    """Return the versions of NumPy, SciPy and the core's kernels that a run in this environment has."""
+    command = [sys.executable, "-c", VERSIONS]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.strip()
+
+
 def counted(report: Path) -> tuple[int, int, tuple[str, ...]]:
     """Return how many tests passed and were skipped in pytest's report, and which failed."""
     passed, skipped, failed = 0, 0, []
@@ -160,9 +165,9 @@ def run(combination: Combination, tests: Sequence[str], processes: int, project:
                 return Outcome(reason=f"skipped: {refused}")
         paths = filter(None, [str(folder), os.environ.get("PYTHONPATH")])
         environment = {**os.environ, **combination.environment, "PYTHONPATH": os.pathsep.join(paths)}
-        versions = subprocess.run(
-            [sys.executable, "-c", VERSIONS], env=environment, capture_output=True, text=True, check=True
-        ).stdout.strip()
+        versions = versions_of(environment)
+        if combination.packages and versions == versions_of(os.environ):
+            return Outcome(versions, reason="the same versions are installed: nothing else to run")
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"--junitxml={report}"]
         if processes > 1:
             command += ["-n", str(processes), "--dist", "worksteal"]
@@ -185,7 +190,7 @@ def run(combination: Combination, tests: Sequence[str], processes: int, project:
 def row(combination: Combination, outcome: Outcome) -> str:
     """Return the row of the table."""
     if outcome.reason:
-        return f"| {combination.name} | | {outcome.reason} |"
+        return f"| {combination.name} | {outcome.versions} | {outcome.reason} |"
     counts = f"{outcome.passed} passed, {len(outcome.failed)} failed, {outcome.skipped} skipped"
     return f"| {combination.name} | {outcome.versions} | {counts} |"
 

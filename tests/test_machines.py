@@ -60,7 +60,9 @@ def test_the_table_counts_and_failures_are_named(
 ) -> None:
     tests = tmp_path / "test_it.py"
     tests.write_text(TESTS + more + "\n", encoding="utf-8")
-    assert machines.main(["--only", "another hash seed", "--processes", "1", "--", str(tests)]) == status
+    assert (
+        machines.main(["--only", "load, another hash seed", "--processes", "1", "--", str(tests)]) == status
+    )
     out = capsys.readouterr().out
     assert f"| {counts} |" in out
-    assert ("another hash seed: test_it::test_b" in out) == bool(status)
+    assert ("load, another hash seed: test_it::test_b" in out) == bool(status)
