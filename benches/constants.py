@@ -1,16 +1,14 @@
-"""Module constants of heuristics, doubled and halved, and the tests that reach their module.
+"""Module constants of heuristics, doubled and halved, and the lines that use them.
 
 `benches/mutations.py --constants` plants these errors. Constants come from the syntax tree, so that a new one is drawn as soon as
-it exists. How far a test is from a module is the number of imports between them; tests that a module's own docstring names, or
-that name the constant, are nearest.
+it exists; so do the lines that use one, in other modules too, and through constants made of it. `benches/reach.py` knows which
+tests run a line.
 """
 
 from __future__ import annotations
 
 import ast
 import random
-import re
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -18,8 +16,6 @@ from pathlib import Path
 
 FOLDERS = ("methods", "diagnosis", "evidence", "excitation", "regression")
 """Folders of the package whose numbers are judgements; one that is not there is left out."""
-FAR = 3
-"""Imports between a test and a module at most: beyond them everything reaches everything."""
 
 
 @dataclass(frozen=True, order=True)
@@ -99,60 +95,66 @@ def drawn(project: Path, count: int, seed: int) -> list[Planted]:
     return random.Random(seed).sample(every, min(count, len(every)))
 
 
-def module_of(path: Path, root: Path) -> str:
-    """Return the dotted name of a file below a folder of imports."""
-    parts = path.relative_to(root).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+def lines_using(planted: Planted, project: Path) -> dict[Path, set[int]]:
+    """Return the lines that run with a constant, by file: those that name it or, for a default, the first of their function.
+
+    Where nothing that runs names it, such as the default of a field, all lines of its file are returned.
+    """
+    home = project / planted.file
+    found: dict[Path, set[int]] = {}
+    for path, tree in _trees(project).items():
+        lines = (
+            _lines(tree, {planted.name}) if path == home or _imports(tree, home.stem, planted.name) else set()
+        )
+        if lines:
+            found[path] = lines
+    return found or {home: set(range(1, len(home.read_text(encoding="utf-8").splitlines()) + 1))}
 
 
 @cache
-def imports(project: Path) -> dict[str, frozenset[str]]:
-    """Return which modules each module imports, the package's and those of tests/, those inside functions too."""
-    found: dict[str, frozenset[str]] = {}
-    files = {}
-    for root in (project / "python", project / "tests"):
-        for path in root.rglob("*.py"):
-            files[module_of(path, root)] = path
-    for module, path in files.items():
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-        names: set[str] = set()
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Import):
-                names.update(alias.name for alias in node.names)
-            elif isinstance(node, ast.ImportFrom):
-                base = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
-                source = ".".join([*base, *([node.module] if node.module else [])])
-                names.update([source, *(f"{source}.{alias.name}" for alias in node.names)])
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                # Tables of names that are loaded late: "didim.methods.cloe.cloe:CLOE", or without the package.
-                text = node.value.partition(":")[0].lstrip(".")
-                names.update(name for name in (text, f"didim.{text}") if re.fullmatch(r"[\w.]+", name))
-        # A package's own page loads all of it late: it is no way from a test to a module.
-        found[module] = frozenset(name for name in names if name in files and name not in (module, "didim"))
-    return found
+def _trees(project: Path) -> dict[Path, ast.Module]:
+    files = (project / "python" / "didim").rglob("*.py")
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(files)}
 
 
-def tests_of(planted: Planted, project: Path) -> list[str]:
-    """Return the files of tests that reach a constant, the nearest first."""
-    module = module_of(project / planted.file, project / "python")
-    users: dict[str, set[str]] = {}
-    for user, used in imports(project).items():
-        for name in used:
-            users.setdefault(name, set()).add(user)
-    distance, waiting = {module: 0}, deque([module])
-    while waiting:
-        here = waiting.popleft()
-        for user in users.get(here, ()) if distance[here] < FAR else ():
-            if user not in distance:
-                distance[user] = distance[here] + 1
-                waiting.append(user)
-    text = (project / planted.file).read_text(encoding="utf-8")
-    for name in re.findall(r"\b(test_\w+)\.py", ast.get_docstring(ast.parse(text)) or ""):
-        distance[name] = 0
-    ordered = []
-    for path in sorted((project / "tests").glob("test_*.py")):
-        if path.stem in distance:
-            named = re.search(rf"\b{planted.name}\b", path.read_text(encoding="utf-8")) is not None
-            ordered.append((-1 if named else distance[path.stem], path.stat().st_size, f"tests/{path.name}"))
-    return [name for _, _, name in sorted(ordered)]
+def _imports(tree: ast.Module, module: str, name: str) -> bool:
+    """Whether a module imports a name, or the module that has it, from one of that name."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            names = {alias.name for alias in node.names}
+            if module in names or (name in names and (node.module or "").rpartition(".")[2] == module):
+                return True
+    return False
+
+
+def _lines(tree: ast.Module, names: set[str]) -> set[int]:
+    lines: set[int] = set()
+    for statement in tree.body:
+        match statement:
+            case ast.Assign(targets=[ast.Name(id=other)], value=value) if other not in names:
+                if _mentions(value, names):
+                    lines |= _lines(tree, {other})
+            case ast.FunctionDef() | ast.ClassDef():
+                for function in ast.walk(statement):
+                    if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
+                        lines.update(*(_mentions(part, names) for part in function.body))
+                        if _mentions(function.args, names):
+                            lines.add(function.body[-1].lineno)
+    return lines
+
+
+def _mentions(tree: ast.AST, names: set[str]) -> set[int]:
+    """Return the lines that name one of some constants, and those on which their statements begin."""
+    lines: set[int] = set()
+    for statement in ast.walk(tree):
+        named = [
+            node.lineno
+            for child in ast.iter_child_nodes(statement)
+            if not isinstance(child, ast.stmt)
+            for node in ast.walk(child)
+            if (isinstance(node, ast.Name) and node.id in names)
+            or (isinstance(node, ast.Attribute) and node.attr in names)
+        ]
+        if named:
+            lines.update(named, [statement.lineno] if isinstance(statement, ast.stmt) else [])
+    return lines

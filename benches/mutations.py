@@ -1,16 +1,16 @@
 """Errors made on purpose: each must be caught by a test.
 
     python benches/mutations.py [--rust] [--only NAME]
-    python benches/mutations.py --constants 150 [--seed 0] [--seconds 120]
+    python benches/mutations.py --constants 150 [--seed 0] [--seconds 60]
 
 A mutation changes one place of the package in a scratch copy of the project: a sign, an index, a unit, a weight. The tests named
 beside it are run there, first as it is, which must pass, then changed, which must not. ``--rust`` takes those of the core
 instead, by ``cargo test --release`` in the copy (minutes each; the first build apart, which all share).
 
-``--constants`` draws module constants of heuristics, doubled or halved (``benches/constants.py``), and runs the tests that reach
-each, the nearest first, for so many seconds of the processor at most. Where one fails, it is run once more without the change, and
-must pass. What is not caught needs a test, is not needed, or has a reason, such as a bound that only saves time. What became of
-each stands in ``out/mutations/``: ``--resume`` leaves out those that are there.
+``--constants`` draws module constants of heuristics, doubled or halved (``benches/constants.py``), and runs the tests that run a
+line with each (``benches/reach.py``), the shortest first, for so many seconds of the processor at most. Where one fails, it is
+run once more without the change, and must pass. What is not caught needs a test, is not needed, or has a reason, such as a bound
+that only saves time. What became of each stands in ``out/mutations/``: ``--resume`` leaves out those that are there.
 """
 
 from __future__ import annotations
@@ -25,14 +25,16 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from constants import Planted, drawn, tests_of
+from constants import Planted, drawn, lines_using
+from reach import tests_of
 
 PROJECT = Path(__file__).resolve().parent.parent
-FIRST_FILES = 3
-"""Files of tests that a changed constant meets first; three times as many each time after."""
+FIRST_TESTS = 40
+"""Tests that a changed constant meets first; five times as many each time after."""
 ESCAPED = "NOT CAUGHT"
 
 
@@ -293,14 +295,14 @@ def copy(target: Path) -> None:
         (target.parent / "shared").symlink_to(shared.resolve())
 
 
-def run(folder: Path, tests: str, rust: bool, seconds: float | None = None) -> tuple[bool, str]:
+def run(folder: Path, tests: Sequence[str], rust: bool, seconds: float | None = None) -> tuple[bool, str]:
     """Run tests in a copy; return whether they pass, and the first that does not. Out of processor time counts as passed."""
     environment = {**os.environ, "PYTHONPATH": str(folder / "python")}
     if rust:
-        command = ["cargo", "test", "--release", *tests.split()]
+        command = ["cargo", "test", "--release", *tests]
         pattern = r"^test (\S+) \.\.\. FAILED|^(error.*)"
     else:
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests.split()]
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
         pattern = r"^FAILED (\S+?::\S+)|^ERROR (.*)"
     if seconds is not None:
         # Of the processor: other programs may share it.
@@ -315,16 +317,16 @@ def run(folder: Path, tests: str, rust: bool, seconds: float | None = None) -> t
 
 
 def run_in_turn(folder: Path, tests: list[str], seconds: float) -> tuple[bool, str]:
-    """Run files of tests, the first ones by themselves: most errors are caught there, and files take time to be read."""
+    """Run tests, the first ones by themselves: most errors are caught there."""
     if not tests:
         return True, "no test reaches it"
-    start, size, end = 0, FIRST_FILES, _spent() + seconds
+    start, size, end = 0, FIRST_TESTS, _spent() + seconds
     while start < len(tests):
-        passed, first = run(folder, " ".join(tests[start : start + size]), False, end - _spent())
+        passed, first = run(folder, tests[start : start + size], False, end - _spent())
         if not passed or first == "out of time" or _spent() >= end:
             return passed, first if not passed else "out of time"
-        start, size = start + size, 3 * size
-    return True, f"{len(tests)} files"
+        start, size = start + size, 5 * size
+    return True, f"{len(tests)} tests"
 
 
 def _spent() -> float:
@@ -351,14 +353,14 @@ def named(folder: Path, chosen: list[Mutation], rust: bool) -> int:
     sound: set[str] = set()
     for mutation in chosen:
         if mutation.tests not in sound:
-            passed, first = run(folder, mutation.tests, rust)
+            passed, first = run(folder, mutation.tests.split(), rust)
             if not passed:
                 raise SystemExit(f"without any mutation {mutation.tests or 'the tests'} fail: {first}")
             sound.add(mutation.tests)
         path = folder / mutation.file
         text = path.read_text(encoding="utf-8")
         path.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
-        passed, first = run(folder, mutation.tests, rust)
+        passed, first = run(folder, mutation.tests.split(), rust)
         path.write_text(text, encoding="utf-8")
         escaped += passed
         print(f"{mutation.name} ({mutation.file}): {ESCAPED if passed else first}", flush=True)
@@ -383,10 +385,10 @@ def _changed(folder: Path, planted: Planted, seconds: float, sound: set[str]) ->
     path = folder / planted.file
     text = path.read_text(encoding="utf-8")
     path.write_text(planted.apply(text), encoding="utf-8")
-    passed, first = run_in_turn(folder, tests_of(planted, PROJECT), seconds)
+    passed, first = run_in_turn(folder, tests_of(lines_using(planted, PROJECT)), seconds)
     path.write_text(text, encoding="utf-8")
     if not passed and "::" in first and first not in sound:
-        if not run(folder, first, False)[0]:
+        if not run(folder, [first], False)[0]:
             return f"{ESCAPED} ({first} fails without it too)"
         sound.add(first)
     return f"{ESCAPED} ({first})" if passed else first
@@ -402,7 +404,7 @@ def main() -> int:
     )
     parser.add_argument("--seed", type=int, default=0, help="which constants are drawn")
     parser.add_argument(
-        "--seconds", type=float, default=120.0, help="of the processor for each constant at most"
+        "--seconds", type=float, default=60.0, help="of the processor for each constant at most"
     )
     parser.add_argument(
         "--resume", action="store_true", help="leave out constants that an earlier run has changed"

@@ -43,7 +43,7 @@ def test_constants_come_by_their_seed_and_whole_ones_stay_whole(
     folder = tmp_path / "python" / "didim" / "methods"
     folder.mkdir(parents=True)
     (folder / "a.py").write_text(
-        '"""Tested in ``tests/test_b.py``."""\nMOST = 3\n"""é"""; SHARE: float = -0.5\nONE = 1\nOFF = 0.0\nYES = True\nlow = 2\n',
+        'MOST = 3\n"""é"""; SHARE: float = -0.5\nONE = 1\nOFF = 0.0\nYES = True\nlow = 2\n',
         encoding="utf-8",
     )
     found = [(planted.name, planted.new) for planted in constants.constants(tmp_path)]
@@ -57,12 +57,28 @@ def test_constants_come_by_their_seed_and_whole_ones_stay_whole(
     two = constants.drawn(tmp_path, 2, 5)
     assert two == constants.drawn(tmp_path, 2, 5)
     assert len(constants.drawn(tmp_path, 99, 5)) == 5
-    (tmp_path / "tests").mkdir()
-    for name, text in (("b", ""), ("c", "from didim.methods.a import ONE"), ("d", "import other")):
-        (tmp_path / "tests" / f"test_{name}.py").write_text(text, encoding="utf-8")
-    by_name = {planted.name: planted for planted in constants.constants(tmp_path)}
-    assert constants.tests_of(by_name["ONE"], tmp_path) == ["tests/test_c.py", "tests/test_b.py"]
-    assert constants.tests_of(by_name["MOST"], tmp_path) == ["tests/test_b.py", "tests/test_c.py"]
+
+
+def test_lines_that_use_a_constant(constants: ModuleType, tmp_path: Path) -> None:
+    folder = tmp_path / "python" / "didim" / "methods"
+    folder.mkdir(parents=True)
+    (folder / "a.py").write_text(
+        "MOST = 3\nTWICE = 2 * MOST\n\ndef f(x, most=MOST):\n    x += 1\n    return x\n"
+        "\ndef g(x):\n    return (\n        TWICE\n    )\n",
+        encoding="utf-8",
+    )
+    (folder / "b.py").write_text(
+        "from .a import MOST\n\ndef h():\n    if MOST:\n        return 1\n    return 2\n", encoding="utf-8"
+    )
+    (folder / "c.py").write_text("MOST = 4\n\ndef h():\n    return MOST\n", encoding="utf-8")
+    (folder / "d.py").write_text("class D:\n    FAR = 3\n\nNEAR = 1\n", encoding="utf-8")
+    by_name = {
+        planted.name: planted for planted in constants.constants(tmp_path) if "c.py" not in planted.file
+    }
+    lines = {path.name: found for path, found in constants.lines_using(by_name["MOST"], tmp_path).items()}
+    assert lines == {"a.py": {6, 9, 10}, "b.py": {4}}
+    nowhere = constants.lines_using(by_name["NEAR"], tmp_path)
+    assert {path.name: found for path, found in nowhere.items()} == {"d.py": {1, 2, 3, 4}}
 
 
 @pytest.mark.tools
@@ -74,7 +90,7 @@ def test_a_changed_constant_is_noticed_or_not(
     (tmp_path / "test_a.py").write_text("def test_a(): assert True\n", encoding="utf-8")
     (tmp_path / "test_b.py").write_text("def test_b(): assert False\n", encoding="utf-8")
     (tmp_path / "test_c.py").write_text("def test_c():\n    while True: pass\n", encoding="utf-8")
-    assert mutations.run_in_turn(tmp_path, ["test_a.py"], 60.0) == (True, "1 files")
+    assert mutations.run_in_turn(tmp_path, ["test_a.py"], 60.0) == (True, "1 tests")
     assert mutations.run_in_turn(tmp_path, ["test_a.py", "test_b.py"], 60.0) == (False, "test_b.py::test_b")
     assert mutations.run_in_turn(tmp_path, ["test_c.py", "test_b.py"], 2.0) == (True, "out of time")
     assert mutations.run_in_turn(tmp_path, [], 60.0) == (True, "no test reaches it")
