@@ -87,7 +87,8 @@ def test_random_trees_have_the_models_of_pinocchio(tmp_path: Path, seed: int) ->
         assert relative(ddq[k] - found, found) < 1e-9
 
 
-@pytest.mark.parametrize("seed", range(40))
+# Trees 42 and 386 have coefficients of 6e-8; at 386 two symbols that cancel lie as near.
+@pytest.mark.parametrize("seed", [*range(40), 42, 386])
 def test_base_parameters_are_as_many_as_the_numerical_rank_says(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(1000 + seed)
     robot = made(tmp_path, random_tree(rng, 2 + seed % 13), gravity=(rng.normal(size=3) * 5.0).tolist())

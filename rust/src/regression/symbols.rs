@@ -6,8 +6,8 @@
 use crate::robot::parameters::Layout;
 use crate::robot::{Joint, JointKind, Mount, Robot, Twist};
 
-/// A coefficient below this is zero; a symbol within this of a coefficient is it.
-pub(super) const SNAP: f64 = 1e-7;
+/// A coefficient below this is rounding; a symbol within this of a coefficient is it. Products of small sines reach 1e-9.
+pub(super) const SNAP: f64 = 1e-10;
 /// Largest number of monomials, before their factors, of the joints between two links.
 const LARGEST_SPAN: usize = 100;
 /// A robot with the same zeros and right angles, and generic values elsewhere.
