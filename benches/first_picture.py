@@ -34,6 +34,8 @@ IMAGES = Path(__file__).resolve().parents[1] / "docs" / "img"
 LINK = "#3a424d"
 POSE = (-0.6, -1.2, 1.4, -0.8, -1.2, 0.0)
 """Pose of the drawn UR10e (rad): elbow up, so that no link hides another."""
+AXIS_SHARE = 0.15
+"""Half the length of a drawn joint axis, as a share of half the drawn cube."""
 FRAMES_PER_S = 12
 """Frames of the animation in a second: a browser's GIFs are smooth enough, and the file stays below 400 kB."""
 SECONDS = 4.0
@@ -70,7 +72,9 @@ def draw_arm(axes: Axes3D, robot: didim.Robot, q: Array, half_m: float, middle_m
     origins = frames(robot, q[None])[0, 1:, :3, 3]
     axes.plot(*points.T, color=LINK, linewidth=7.0, solid_capstyle="round", solid_joinstyle="round")
     for origin, z in zip(origins, directions, strict=True):
-        axes.plot(*np.stack([origin - 0.09 * z, origin + 0.09 * z]).T, color=MODEL, linewidth=2.0)
+        ends = np.stack([origin - AXIS_SHARE * half_m * z, origin + AXIS_SHARE * half_m * z])
+        axes.plot(*ends.T, color=MODEL, linewidth=2.0)
+    axes.plot(*points[:1].T, marker="s", markersize=13, color=LINK, linestyle="none")
     axes.plot(*origins.T, marker="o", markersize=4, color="white", markeredgecolor=LINK, linestyle="none")
     for limit, middle in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle_m, strict=True):
         limit(middle - half_m, middle + half_m)
@@ -110,7 +114,6 @@ def picture(folder: Path) -> Figure:
     arm: Any = figure.add_subplot(grid[:, 1], projection="3d")
     corners, _ = skeleton(old, np.array(POSE))
     low, high = corners.min(axis=0), corners.max(axis=0)
-    arm.plot(*corners[:1].T, marker="s", markersize=13, color=LINK, linestyle="none")
     draw_arm(arm, old, np.array(POSE), 0.62 * float((high - low).max()), 0.5 * (low + high))
     arm.view_init(elev=15, azim=-100)
     bars = figure.add_subplot(grid[:, 2])
@@ -162,7 +165,7 @@ def animation(folder: Path) -> FuncAnimation:
         index = int(every[frame])
         axes.clear()
         axes.plot(*way[: index + 1 : 4].T, color=RESIDUAL, linewidth=0.8, alpha=0.8)
-        draw_arm(axes, robot, q[index], 0.5, np.array([0.0, 0.0, 0.1]))
+        draw_arm(axes, robot, q[index], 0.33, np.array([0.0, 0.0, 0.1]))
         return []
 
     return FuncAnimation(figure, draw, frames=len(every))

@@ -218,7 +218,7 @@ def _draw(upper: Any, lower: Any, pieces: Pieces, joint: int, labels: tuple[str,
         upper,
         [(t, measured) for t, measured, _ in columns],
         color=MEASURED,
-        linewidth=2.6,
+        linewidth=4.0,  # wide enough to show on both sides of the model's line where the two agree
         label=labels[0],
         solid_joinstyle="round",
     )

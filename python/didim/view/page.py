@@ -24,6 +24,10 @@ GHOST_OPACITY = 0.3
 """Opacity of the second motion: the first one shows through it."""
 HIDDEN_AT_FIRST = ("capsules", "prior", "prior: centres of mass")
 """Layers that are hidden at first beside an estimate, since they would cover it; the first one is always hidden at first."""
+VIEWED_FROM = (0.9, -1.1, 0.7)
+"""Direction from the robot to the camera: from the front and above, so that no axis of the base points at it."""
+CAMERA_DISTANCE = 2.5
+"""Distance of the camera over half the diagonal of the box around the robot: it fits into viser's 75 degrees."""
 FULL_COLOUR_SHARE = 0.1
 """Residual, as a share of the largest torque, that is drawn in full colour."""
 
@@ -61,6 +65,7 @@ class Page:
         self._nodes: list[list[Any]] = []
         self._layers: dict[str, list[Any]] = {}
         self._coloured: dict[int, list[Any]] = {}
+        self._points: list[tuple[int, Array]] = []
         gravity = np.array(robot.geometry.gravity)
         size = reach(robot)
         scene = self._server.scene
@@ -87,10 +92,7 @@ class Page:
             )
         self._controls()
         self.show(0.0)
-        origins = frames(robot, np.zeros((1, robot.n_dof)))[0, :, :3, 3]
-        middle = 0.5 * (origins.min(axis=0) + origins.max(axis=0))
-        self._server.initial_camera.position = tuple(middle + np.array([0.9, -1.1, 0.7]) * size)
-        self._server.initial_camera.look_at = tuple(middle)
+        self._look_at_robot()
 
     @property
     def url(self) -> str:
@@ -135,6 +137,18 @@ class Page:
         """End the server."""
         self._server.stop()
 
+    def _look_at_robot(self) -> None:
+        """Place the camera so that all shapes of the first pose are in the picture."""
+        q = self.playbacks[0].at(self.playbacks[0].t[0]) if self.playbacks else np.zeros(self.robot.n_dof)
+        at = frames(self.robot, q[None])[0]
+        points = np.concatenate([at[:, :3, 3], *(_moved(at[link], points) for link, points in self._points)])
+        low, high = points.min(axis=0), points.max(axis=0)
+        middle = 0.5 * (low + high)
+        away = np.array(VIEWED_FROM) / np.linalg.norm(VIEWED_FROM)
+        camera = self._server.initial_camera
+        camera.position = tuple(middle + CAMERA_DISTANCE * 0.5 * float(np.linalg.norm(high - low)) * away)
+        camera.look_at = tuple(middle)
+
     def _add_robot(self, root: str, shapes: Sequence[Shape], *, ghost: bool) -> None:
         scene = self._server.scene
         nodes = [
@@ -147,6 +161,9 @@ class Page:
             )
             if handle is None:
                 continue
+            if shape.kind == "ellipsoid":
+                axes = np.diag(shape.size)
+                self._points.append((shape.link, _moved(shape.pose, np.concatenate([axes, -axes]))))
             self._layers.setdefault("simulated" if ghost else shape.layer, []).append(handle)
             if not ghost and shape.layer == "skeleton" and shape.kind in ("sphere", "box") and shape.link > 0:
                 self._coloured.setdefault(shape.link, []).append(handle)
@@ -175,6 +192,7 @@ class Page:
             self._server.gui.add_markdown(f"Mesh {shape.file} cannot be read: {reason}")
             return None
         vertices = np.asarray(mesh.vertices) * np.array(shape.size)
+        self._points.append((shape.link, _moved(shape.pose, vertices)))
         return self._server.scene.add_mesh_simple(
             name, vertices, np.asarray(mesh.faces), **{**look, "color": (188, 194, 203)}
         )
@@ -201,6 +219,12 @@ def _show_all(handles: Sequence[Any], *, visible: bool) -> None:
 def _place(matrix: Array) -> tuple[Array, Array]:
     """Return position and quaternion (w first) of a homogeneous matrix."""
     return matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]).as_quat()[[3, 0, 1, 2]]
+
+
+def _moved(matrix: Array, points: Array) -> Array:
+    """Return points (k, 3) of a frame in the frame that its homogeneous matrix refers to (m)."""
+    moved: Array = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved
 
 
 def _up(gravity: Array) -> Array:
