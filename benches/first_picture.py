@@ -24,7 +24,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 import didim
 from didim._tools.arrays import Array
-from didim._tools.examples import example_commands
+from didim.cli.examples import example_commands
 from didim.cli.main import main as didim_command
 from didim.model.kinematics import frames
 from didim.plot.skeleton import skeleton

@@ -1,11 +1,11 @@
-"""Write docs/robot_keys.md and docs/experiment_keys.md: every key, from the readers. Run it when a reader learned a key."""
+"""Write docs/robot_keys.md and docs/experiment_keys.md: every declared key. Run it after a change of packaged/schema."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 
-from didim.experiment.schema import FILES, page
+from didim.cli.schema import FILES, page
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGES = {file: DOCS / f"{file}_keys.md" for file in FILES}

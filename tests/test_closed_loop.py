@@ -503,7 +503,7 @@ GAINS = 'kind = "pd"\nkp = [1, 1]\nkv = 1\n'
         (
             "controller",
             TUNED.replace("10", "-10") + "inertia_of = 'reference'",
-            "natural_frequency_hz must be positive",
+            "natural_frequency_hz must be above 0.0, got -10.0",
         ),
         (
             "controller",
@@ -563,7 +563,7 @@ GAINS = 'kind = "pd"\nkp = [1, 1]\nkv = 1\n'
         (
             "simulation",
             "smoothing_rad_s = [0.1, 0]",
-            "smoothing must be above 0 for every joint, got [0.1, 0.0]",
+            "smoothing_rad_s number 2 must be above 0.0, got 0.0",
         ),
         (
             "simulation",
@@ -571,8 +571,12 @@ GAINS = 'kind = "pd"\nkp = [1, 1]\nkv = 1\n'
             "smoothing_m_s is for prismatic joints, and robot 'planar2' has none",
         ),
         ("measurement", "noise = 1", "unknown key 'noise'"),
-        ("measurement", "position_noise_rad = -1", "position_noise must not be negative, got [-1.0, -1.0]"),
-        ("measurement", "torque_noise_n_m = [1, -1]", "torque_noise must not be negative, got [1.0, -1.0]"),
+        ("measurement", "position_noise_rad = -1", "position_noise_rad must be at least 0.0, got -1.0"),
+        (
+            "measurement",
+            "torque_noise_n_m = [1, -1]",
+            "torque_noise_n_m number 2 must be at least 0.0, got -1.0",
+        ),
         (
             "measurement",
             "torque_noise_n_m = 1\ntorque_noise_n = 1",

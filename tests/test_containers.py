@@ -11,6 +11,7 @@ import scipy.io
 from numpy.typing import NDArray
 
 import didim
+from didim._tools.keys import declared
 from didim._tools.toml import Table
 from didim.errors import ExperimentError, RecordingError
 from didim.log.data_folder import DataFolder, expanded
@@ -135,7 +136,9 @@ def sources(
 
 
 def read(folder: Path, content: dict[str, Any], robot: FakeRobot = ROBOT) -> Recording:
-    part = Table({"recording": [content]}, "log.toml", ExperimentError).tables("recording")[0]
+    part = Table({"recording": [content]}, "log.toml", ExperimentError, keys=declared("experiment")).tables(
+        "recording"
+    )[0]
     return read_recording(part, "run", robot, None, DataFolder(folder))
 
 
@@ -196,7 +199,9 @@ def test_a_star_stands_for_several_recordings(tmp_path: Path) -> None:
     assert didim.load_experiment(tmp_path / "log.toml").recordings[1].name == "session 10"
 
     def refused(**content: Any) -> str:
-        part = Table({"recording": [content]}, "log.toml", ExperimentError).tables("recording")[0]
+        part = Table(
+            {"recording": [content]}, "log.toml", ExperimentError, keys=declared("experiment")
+        ).tables("recording")[0]
         with pytest.raises(ExperimentError) as caught:
             expanded(part, "recording 1", tmp_path)
         return str(caught.value)

@@ -80,7 +80,7 @@ def test_the_file_says_what_is_asked_for(folder: Path) -> None:
         ),
         (
             ("iterations = 10", "iterations = 0"),
-            r"excite\.toml: iterations must be a whole number of at least 1",
+            r"excite\.toml: \[excitation\] iterations must be at least 1, got 0",
         ),
         (("[[-90, 90], [-100, 100]]", "[[-90, 90]]"), r"\[limits\] position_deg must be a matrix of 2 rows"),
         (("link = 2", "link = 4"), r"\[collision\] link must be at most 2"),

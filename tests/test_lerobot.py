@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from didim._tools.keys import declared
 from didim._tools.toml import Table
 from didim.errors import ExperimentError, RecordingError
 from didim.log.data_file import open_data_file
@@ -95,7 +96,7 @@ def sources(**more: Any) -> dict[str, Any]:
 
 
 def read(folder: Path, content: dict[str, Any]) -> Recording:
-    table = Table(content, "arm.toml", ExperimentError, "recording")
+    table = Table(content, "arm.toml", ExperimentError, "recording", declared("experiment", "recording"))
     return read_recording(table, "recording 1", Arm(), None, DataFolder(folder))
 
 
@@ -153,7 +154,7 @@ def test_wrong_rollouts_are_refused(tmp_path: Path, change: dict[str, Any], mess
 
 def test_percent_needs_limits(tmp_path: Path) -> None:
     dataset(tmp_path / "arm", "v2.1")
-    table = Table(sources(), "arm.toml", ExperimentError, "recording")
+    table = Table(sources(), "arm.toml", ExperimentError, "recording", declared("experiment", "recording"))
     robot = FakeRobot(joint_names=("shoulder_pan", "gripper"))
     with pytest.raises(ExperimentError, match="unit 'percent' needs the limits of joint 2"):
         read_recording(table, "recording 1", robot, None, DataFolder(tmp_path))

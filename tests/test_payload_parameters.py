@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import didim
+from didim._tools.keys import declared
 from didim._tools.toml import Table
 from didim.errors import ExperimentError
 from didim.robot.payload import Payload, last_link, moved, read_flange
@@ -97,6 +98,8 @@ def test_payloads_whose_squares_are_infinite_are_refused(key: str, value: Any) -
 
 
 def test_a_flange_whose_squares_are_infinite_is_refused() -> None:
-    table = Table({"xyz_m": [0.0, -1e300, 0.0]}, "arm.toml", ExperimentError, "flange")
+    table = Table(
+        {"xyz_m": [0.0, -1e300, 0.0]}, "arm.toml", ExperimentError, "flange", declared("experiment", "flange")
+    )
     with pytest.raises(ExperimentError, match=r"^arm.toml: \[flange\] xyz_m must be at most 1e[+]09"):
         read_flange(table)

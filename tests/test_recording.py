@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from didim._tools.keys import declared
 from didim._tools.toml import Table
 from didim.errors import DidimError, ExperimentError, RecordingError
 from didim.log.data_folder import DataFolder
@@ -57,7 +58,9 @@ def read(
     robot: FakeRobot | None = None,
     reduction: Array | None = None,
 ) -> Recording:
-    table = Table({"recording": [content]}, "log.toml", ExperimentError).tables("recording")[0]
+    table = Table({"recording": [content]}, "log.toml", ExperimentError, keys=declared("experiment")).tables(
+        "recording"
+    )[0]
     return read_recording(table, "run 1", robot or FakeRobot(), reduction, DataFolder(folder))
 
 
@@ -646,7 +649,9 @@ def test_a_recording_needs_positions_and_a_rate(tmp_path: Path, csv_file: Path) 
     ],
 )
 def test_a_singular_reduction(reduction: list[list[float]], expected: str) -> None:
-    table = Table({"transmission": {"reduction": reduction}}, "log.toml", ExperimentError)
+    table = Table(
+        {"transmission": {"reduction": reduction}}, "log.toml", ExperimentError, keys=declared("experiment")
+    )
     with pytest.raises(ExperimentError) as caught:
         read_reduction(table.table("transmission"), None, 2)
     assert str(caught.value) == f"log.toml: [transmission] reduction is singular: {expected}"

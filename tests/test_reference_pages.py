@@ -1,11 +1,11 @@
-"""The reference of robot and experiment files: every key that a reader asks for, with a sentence, and a page that is current."""
+"""Declared keys: every key that a reader asks for has a row, every row is read, and the pages are current."""
 
 from __future__ import annotations
 
 import ast
 import json
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -13,20 +13,40 @@ from typing import Any
 import pytest
 
 import didim
+from didim._tools.keys import declared
+from didim._tools.toml import Table
 from didim.cli.main import main
-from didim.experiment.schema import FILES, SAMPLES, entries, json_schema
-from didim.regression.settings import LeastSquaresSettings
+from didim.cli.schema import FILES, SETTINGS, SHAPES, json_schema
+from didim.excitation.settings_file import read_excitation
+from didim.monte_carlo.spec import load_study
 from didim.robot.robot_file import PACKAGED
-from didim.signal.processing import SignalProcessing
 
 PACKAGE = PACKAGED.parents[1]
+SAMPLES = Path(__file__).parent / "schema"
+DATA = {
+    "log.csv": "t,q1,q2,v1,v2,u1,u2,e1,e2,r1,r2\n"
+    + "".join(f"{0.01 * k:.2f},{k % 7},{k % 5},0,0,{k % 3},{k % 4},0,0,0,0\n" for k in range(300)),
+    "q1.txt": "".join(f"{0.01 * (k % 7)}\n" for k in range(300)),
+    "q2.txt": "".join(f"{0.01 * (k % 5)}\n" for k in range(300)),
+    "flat.txt": "".join(f"{k % 11}\n" for k in range(1200)),
+}
+"""Data files that the sample files refer to."""
+ARM = didim.load_robot("planar2")
+READ: dict[str, Callable[[Path, Path], object]] = {
+    "robot": lambda sample, _: didim.load_robot(sample),
+    "experiment": lambda sample, data: didim.load_experiment(sample, data=data),
+    "study": lambda sample, _: load_study(sample),
+    "excitation": lambda sample, _: ARM.with_friction(**read_excitation(sample, ARM).friction),
+}
 READERS = [
     "robot/robot_file.py", "robot/standard_dh.py", "robot/friction.py", "robot/collision.py", "robot/correspondence.py",
     "robot/transmission.py", "robot/payload.py", "log/recording_file.py", "log/data_folder.py", "log/units.py",
     "experiment/experiment_file.py", "experiment/loop_tables.py", "experiment/unknown.py",
+    "excitation/settings_file.py", "monte_carlo/spec.py",
 ]  # fmt: skip
 METHODS = (
     "number",
+    "integers",
     "integer",
     "text",
     "boolean",
@@ -35,6 +55,7 @@ METHODS = (
     "texts",
     "matrix",
     "table",
+    "part",
     "tables",
     "raw",
     "has",
@@ -55,21 +76,46 @@ def keys_of(path: Path) -> Iterator[str]:
             yield node.args[0].value
 
 
-def known() -> set[str]:
-    return {entry.key for file in FILES for entry in entries(file)}
+def declared_names() -> set[str]:
+    return {key for file in FILES for rows in declared(file).tables.values() for key in rows}
 
 
 @pytest.mark.parametrize("module", READERS)
-def test_every_key_that_a_reader_asks_for_is_in_the_schema(module: str) -> None:
+def test_every_key_that_a_reader_asks_for_is_declared(module: str) -> None:
     asked = set(keys_of(PACKAGE / module))
     assert asked
-    assert asked <= known(), f"{module}: no sample of packaged/schema has {sorted(asked - known())}"
+    assert asked <= declared_names(), f"{module}: packaged/schema lacks {sorted(asked - declared_names())}"
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_readers_ask_for_every_declared_key_and_no_other(
+    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The samples have every table; no key is left over."""
+    for name, text in DATA.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    asked: set[tuple[str, str]] = set()
+    raw, has = Table.raw, Table.has
+
+    def noted(read: Callable[..., Any]) -> Callable[..., Any]:
+        def reading(table: Table, key: str, *rest: object) -> Any:
+            asked.add((table._keys.path, key))
+            return read(table, key, *rest)
+
+        return reading
+
+    monkeypatch.setattr(Table, "raw", noted(raw))
+    monkeypatch.setattr(Table, "has", noted(has))
+    for sample in sorted((SAMPLES / file).glob("*.toml")):
+        READ[file](sample, tmp_path)
+    rows = {(path, key) for path, keys in declared(file).tables.items() for key in keys}
+    assert rows - asked == set()
 
 
 def test_no_reader_of_tables_is_forgotten() -> None:
     """Every module that reads tables of these files is looked at above."""
-    others = {"experiment/draft.py", "experiment/schema.py", "robot/parameter_file.py", "robot/robot.py"}
-    for folder in ("robot", "log", "experiment"):
+    others = {"experiment/draft.py", "robot/parameter_file.py", "robot/robot.py"}
+    for folder in ("robot", "log", "experiment", "excitation", "monte_carlo"):
         for path in (PACKAGE / folder).rglob("*.py"):
             name = path.relative_to(PACKAGE).as_posix()
             if name not in others and "Table" in path.read_text(encoding="utf-8"):
@@ -78,11 +124,11 @@ def test_no_reader_of_tables_is_forgotten() -> None:
 
 
 @pytest.mark.parametrize("file", FILES)
-def test_every_key_has_a_sentence_and_no_sentence_is_left_over(file: str) -> None:
-    found = {(entry.path or "file", entry.key): entry.meaning for entry in entries(file)}
-    assert [place for place, meaning in found.items() if not meaning] == []
-    written = tomllib.loads((SAMPLES / "keys.toml").read_text(encoding="utf-8"))[file]
-    assert {(path, key) for path, keys in written.items() for key in keys} <= found.keys()
+def test_every_key_has_a_type_and_a_sentence(file: str) -> None:
+    for rows in declared(file).tables.values():
+        for key in rows.values():
+            assert key.meaning.endswith("."), key.name
+            assert key.type in SHAPES or key.type in ("table", "array of tables"), key.name
 
 
 @pytest.mark.parametrize("file", FILES)
@@ -103,31 +149,38 @@ def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str], project: Path
     pages = [(project / "docs" / f"{file}_keys.md").read_text(encoding="utf-8") for file in FILES]
     assert main(["schema"]) == 0
     printed = capsys.readouterr().out
-    robot, title, experiment = printed.partition("## The experiment file")
-    assert robot.rstrip("\n") + "\n" in pages[0]
-    assert title + experiment in pages[1]
+    assert printed == "\n".join(f"## The {page.split('## The ', 1)[1]}" for page in pages)
     assert main(["schema", "robot"]) == 0
-    assert capsys.readouterr().out == printed.split("## The experiment file")[0].rstrip("\n") + "\n"
+    assert capsys.readouterr().out in pages[0]
     assert main(["schema", "--json"]) == 0
-    both = json.loads(capsys.readouterr().out)
-    assert (both["then"]["title"], both["else"]["title"]) == ("didim robot file", "didim experiment file")
+    found = json.loads(capsys.readouterr().out)
+    for file in ("robot", "study", "experiment"):
+        assert found["then"] == json_schema(file)
+        found = found["else"]
+    assert found == json_schema("excitation")
     assert main(["schema", "experiment", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == json_schema("experiment")
 
 
-def test_types_bounds_and_defaults_are_those_of_the_readers() -> None:
-    found = {(entry.path, entry.key): entry for entry in entries("experiment")}
-    assert found["recording", "role"].choices == ("fit", "held-out")
-    assert found["recording", "role"].default == '"fit"'
-    assert found["signal", "cutoff_hz"].bounds == "above 0"
-    assert found["signal", "cutoff_hz"].unit == "Hz"
-    assert found["controller", "delay_samples"].bounds == "at least 0, at most 1000"
-    assert found["recording.position", "file"].default == "required"
-    assert found["recording.time", "resample"].default == "false"
-    for table, settings in (("signal", SignalProcessing), ("least_squares", LeastSquaresSettings)):
+def test_keys_of_settings_are_their_fields() -> None:
+    """The defaults of these tables are those of the classes."""
+    for table, settings in SETTINGS.items():
+        file = "excitation" if table == "excitation" else "experiment"
         names = {item.name for item in fields(settings)}
-        keys = {key for path, key in found if path == table}
-        assert keys <= names
+        keys = declared(file, table).rows
+        assert file == "excitation" or keys.keys() <= names
+        assert all(key.default is None for name, key in keys.items() if name in names - {"prior"})
+
+
+def test_rows_of_other_tables_and_of_several_units() -> None:
+    experiment = declared("experiment").tables
+    assert experiment["friction"] == declared("robot").tables["friction"]
+    assert (
+        experiment["recording.position"]["counts_per_rev"]
+        == experiment["recording.reference"]["counts_per_rev"]
+    )
+    speeds = {key: row.unit for key, row in experiment["reference"].items() if key.startswith("max_velocity")}
+    assert speeds == {f"max_velocity_{unit}_s": f"{unit}/s" for unit in ("rad", "deg", "m", "mm")}
 
 
 def fits(value: Any, schema: Mapping[str, Any]) -> bool:
@@ -167,14 +220,12 @@ def fits(value: Any, schema: Mapping[str, Any]) -> bool:
 @pytest.mark.parametrize("file", FILES)
 def test_json_schemas_take_what_the_readers_take(file: str, project: Path) -> None:
     schema = json_schema(file)
-    folder = "robots" if file == "robot" else "experiments"
-    paths = [*(SAMPLES / file).glob("*.toml"), *(PACKAGED.parent / folder).glob("*.toml")]
-    if file == "experiment":
-        paths += [
-            path
-            for path in (project / "examples").glob("*.toml")
-            if "recording" in path.read_text() and "scenario" not in path.read_text()
-        ]
+    paths = [*(SAMPLES / file).glob("*.toml")]
+    if file in ("robot", "experiment"):
+        paths += (PACKAGED.parent / f"{file}s").glob("*.toml")
+    marks = {"experiment": "[[recording]]", "study": "[repeat]"}
+    if file in marks:
+        paths += [path for path in (project / "examples").glob("*.toml") if marks[file] in path.read_text()]
     for path in paths:
         assert fits(tomllib.loads(path.read_text(encoding="utf-8")), schema), path.name
 
@@ -193,13 +244,3 @@ def test_json_schemas_refuse_what_the_readers_refuse() -> None:
     ]
     for change in changes:
         assert not fits({**good, **change}, schema), change
-
-
-def test_samples_are_real_files() -> None:
-    """They load; so do the examples in the page, which are taken from them."""
-    assert didim.load_robot(SAMPLES / "robot" / "standard.toml").standard is not None
-    assert all(
-        entry.example or "table" in " ".join(entry.kinds) or entry.path
-        for file in FILES
-        for entry in entries(file)
-    )

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from didim._tools.keys import declared
 from didim._tools.toml import Table
 from didim.errors import ExperimentError, RecordingError
 from didim.log.data_folder import DataFolder
@@ -101,7 +102,9 @@ def described(folder: Path, time: dict[str, Any], **keys: Any) -> Recording:
         "torque": {**part, "columns": [6, 7], "unit": "N.m", "scale": [2.0, 0.5], "sign": [1, -1]},
         **keys,
     }
-    table = Table({"recording": [content]}, "log.toml", ExperimentError).tables("recording")[0]
+    table = Table({"recording": [content]}, "log.toml", ExperimentError, keys=declared("experiment")).tables(
+        "recording"
+    )[0]
     return read_recording(table, "run", FakeRobot(), None, DataFolder(folder))
 
 

@@ -143,7 +143,7 @@ def test_sets_may_mix_base_and_standard_names(tmp_path: Path) -> None:
         (("[parameters.good]", '[friction]\ncoulomb = "tanh"\n[parameters.good]'), "smoothing_rad_s above 0"),
         (
             ("[parameters.good]", "[friction]\ndead_zone_rad_s = -1\n[parameters.good]"),
-            "must not be negative",
+            "dead_zone_rad_s must be at least 0.0, got -1.0",
         ),
     ],
 )

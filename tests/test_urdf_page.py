@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from didim._tools.keys import declared
 from didim._tools.toml import Table
 from didim.cli.main import main
 from didim.errors import RobotError
@@ -39,7 +40,9 @@ def example(page: str) -> dict[str, object]:
 
 
 def read(content: dict[str, object], joints: int = 1) -> object:
-    return read_correspondence(Table({"urdf": content}, "arm.toml", RobotError).table("urdf"), joints)
+    return read_correspondence(
+        Table({"urdf": content}, "arm.toml", RobotError, keys=declared("robot")).table("urdf"), joints
+    )
 
 
 def test_the_table_is_read(page: str) -> None:

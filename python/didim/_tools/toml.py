@@ -1,4 +1,4 @@
-"""Strict reading of TOML tables: readers request keys with their types, and any other key is an error.
+"""Strict reading of TOML tables: readers request keys, `didim._tools.keys` has their bounds, and any other key is an error.
 
 The messages are one sentence that names the file, the table and the key, as in
 ``emps.toml: [signal] unknown key 'cutof_hz'; did you mean 'cutoff_hz'?`` (``tests/test_schema.py``).
@@ -10,15 +10,13 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from ..errors import DidimError
 from .inputs import read_small_file
+from .keys import NO_KEYS, Keys
 from .words import brief, counted, did_you_mean, listing, nearest
 
 MISSING: Any = object()
@@ -33,67 +31,6 @@ _PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
 DEEP_KEY = re.compile(rf"""(?<![\w'"-]){_PART}(?:[ \t]*\.[ \t]*{_PART}){{{DEEPEST_KEY + 1}}}""")
 
 _Default = TypeVar("_Default")
-
-
-@dataclass(frozen=True)
-class Key:
-    """Declaration of a key, for `Table.given`, the reference pages and the JSON schema.
-
-    Attributes
-    ----------
-    name : str
-        Key; its unit is the end of its name.
-    kind : {"number", "integer", "text", "true or false", "list of numbers", "list of texts"}
-        Type of the value.
-    meaning : str
-        One sentence.
-    example
-        A value, for the reference page.
-    choices : tuple of str
-        Allowed texts.
-    minimum, maximum, above : int, float or None
-        Bounds of a number.
-    """
-
-    name: str
-    kind: str
-    meaning: str = ""
-    example: Any = None
-    choices: tuple[str, ...] = ()
-    minimum: Any = None
-    maximum: Any = None
-    above: Any = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Asked(Key):
-    """A key requested by a reader: an entry of the schema of a file.
-
-    Attributes
-    ----------
-    where, path : str
-        File and table.
-    default
-        Value without the key, or `MISSING`.
-    """
-
-    where: str
-    path: str
-    default: Any = MISSING
-
-
-_LISTENER: ContextVar[list[Asked] | None] = ContextVar("listener", default=None)
-
-
-@contextmanager
-def asked_keys() -> Iterator[list[Asked]]:
-    """Collect all keys requested by readers, in order, for the reference pages."""
-    found: list[Asked] = []
-    token = _LISTENER.set(found)
-    try:
-        yield found
-    finally:
-        _LISTENER.reset(token)
 
 
 def read_toml(path: Path, error: type[DidimError]) -> dict[str, Any]:
@@ -162,28 +99,28 @@ class Table:
         Class of the errors raised.
     path
         Dotted name of the table inside the file; empty for the file itself.
+    keys
+        Declared keys of the table: choices and bounds of values, and defaults that a reader does not give.
     """
 
     def __init__(
-        self, mapping: Mapping[str, Any], where: str, error: type[DidimError], path: str = ""
+        self,
+        mapping: Mapping[str, Any],
+        where: str,
+        error: type[DidimError],
+        path: str = "",
+        keys: Keys = NO_KEYS,
     ) -> None:
         self._mapping = mapping
         self._asked: dict[str, None] = {}
         self._where = where
         self._error = error
         self._path = path
+        self._keys = keys
 
     def fail(self, text: str) -> NoReturn:
         """Raise this table's error, with file and table as prefix."""
         raise self._error(f"{self.prefix} {text}")
-
-    def _note(self, key: str, kind: str, default: Any, **bounds: Any) -> None:
-        """Tell who listens that a key is asked for."""
-        listener = _LISTENER.get()
-        if listener is not None:
-            listener.append(
-                Asked(name=key, kind=kind, where=self._where, path=self._path, default=default, **bounds)
-            )
 
     @property
     def prefix(self) -> str:
@@ -192,104 +129,88 @@ class Table:
 
     def has(self, key: str) -> bool:
         """Whether the table holds `key`; counts as asking for it."""
-        self._note(key, "", None)
         self._asked[key] = None
         return key in self._mapping
 
-    def raw(self, key: str, default: object = MISSING, kind: str | None = None) -> Any:
-        """Value as `tomllib` gives it; `kind` says in words what it may be, where no other method does."""
-        if kind is not None:
-            self._note(key, kind, default)
+    def raw(self, key: str, default: object = MISSING) -> Any:
+        """Return the value as `tomllib` gives it, or else the default, given or declared."""
         self._asked[key] = None
         if key in self._mapping:
             return self._mapping[key]
+        row = self._keys.rows.get(key)
+        if default is MISSING and row is not None and row.default is not None:
+            return row.default
         if default is MISSING:
             # A misspelt key is both missing and unknown: say the second, which is the cure.
             near = nearest(key, self._unknown())
             self.fail(f"key {key!r} is missing" + (f"; is {near!r} meant to be it?" if near else ""))
         return default
 
-    def _read(self, key: str, kind: str, default: object, **bounds: Any) -> Any:
-        """Return the value of a key as `tomllib` gives it, `MISSING` in the place of its default."""
-        self._note(key, kind, default, **bounds)
-        self.raw(key, default)
-        return self._mapping.get(key, MISSING)
+    def _read(self, key: str, default: object) -> Any:
+        """Return the value of a key, its declared default, or `MISSING` in the place of the reader's default."""
+        value = self.raw(key, default)
+        return MISSING if value is default and key not in self._mapping else value
 
-    def given(self, keys: Sequence[Key]) -> dict[str, Any]:
-        """Return the values of declared keys that the table holds: settings keep the one place of their defaults."""
-        for key in keys:
-            said = {name: value for name, value in vars(key).items() if name not in ("name", "kind")}
-            self._note(key.name, key.kind, None, **said)
-            self._asked[key.name] = None
-        return {key.name: self._declared(key) for key in keys if key.name in self._mapping}
-
-    def _declared(self, key: Key) -> Any:
-        match key.kind:
-            case "number":
-                return self.number(key.name, MISSING, key.minimum, key.maximum, key.above)
-            case "integer":
-                return self.integer(key.name, MISSING, key.minimum, key.maximum)
-            case "text":
-                return self.text(key.name, choices=key.choices or None)
-        others: dict[str, Callable[[str], Any]] = {
+    def given(self) -> dict[str, Any]:
+        """Return the values of the declared keys that the table holds: the defaults are those of settings."""
+        readers: dict[str, Callable[[str], Any]] = {
+            "number": self.number,
+            "integer": self.integer,
+            "integer, or list of integers": self.integers,
+            "text": self.text,
             "true or false": self.boolean,
-            "list of numbers": self.numbers,
             "list of texts": self.texts,
         }
-        return others[key.kind](key.name)
+        plain = {key: readers[row.type] for key, row in self._keys.rows.items() if row.type in readers}
+        return {key: read(key) for key, read in plain.items() if self.has(key)}
 
-    def number(
-        self,
-        key: str,
-        default: _Default = MISSING,
-        minimum: float | None = None,
-        maximum: float | None = None,
-        above: float | None = None,
-    ) -> float | _Default:
-        """Finite number within `minimum` <= value <= `maximum`, and value > `above`."""
-        value = self._read(key, "number", default, minimum=minimum, maximum=maximum, above=above)
+    def number(self, key: str, default: _Default = MISSING) -> float | _Default:
+        """Finite number within its declared bounds."""
+        value = self._read(key, default)
         if value is MISSING:
             return default
-        number = self._finite(key, value)
-        self._check_range(key, number, minimum, maximum, above)
-        return number
+        return self._finite(key, value)
 
-    def integer(
-        self,
-        key: str,
-        default: _Default = MISSING,
-        minimum: int | None = None,
-        maximum: int | None = None,
-    ) -> int | _Default:
-        """Integer within `minimum` <= value <= `maximum`; 3.0 is not one."""
-        value = self._read(key, "integer", default, minimum=minimum, maximum=maximum)
+    def integer(self, key: str, default: _Default = MISSING, maximum: int | None = None) -> int | _Default:
+        """Integer within its declared bounds and a `maximum` that depends on other keys; 3.0 is not one."""
+        value = self._read(key, default)
         if value is MISSING:
             return default
         if isinstance(value, bool) or not isinstance(value, int):
             self.fail(f"{key} must be an integer, got {brief(repr(value))}")
         if abs(value) > LARGEST_INTEGER:
             self.fail(f"{key} must be an integer of at most {LARGEST_INTEGER}, got {brief(str(value))}")
-        self._check_range(key, value, minimum, maximum, None)
+        self._check_range(key, value)
+        if maximum is not None and value > maximum:
+            self.fail(f"{key} must be at most {maximum}, got {value}")
         return value
 
-    def text(
-        self, key: str, default: _Default = MISSING, choices: Sequence[str] | None = None
-    ) -> str | _Default:
-        """Text, one of `choices` when they are given."""
-        value = self._read(key, "text", default, choices=tuple(choices or ()))
+    def integers(self, key: str) -> list[int]:
+        """List of integers, or one of them."""
+        value = self.raw(key)
+        if not isinstance(value, list):
+            return [self.integer(key)]
+        if not all(type(item) is int for item in value):
+            self.fail(f"{key} must be a list of integers, got {value!r}")
+        return value
+
+    def text(self, key: str, default: _Default = MISSING) -> str | _Default:
+        """Text, one of the declared choices if there are any."""
+        value = self._read(key, default)
         if value is MISSING:
             return default
         if not isinstance(value, str):
             self.fail(f"{key} must be a text, got {brief(repr(value))}")
-        if choices is not None and value not in choices:
+        row = self._keys.rows.get(key)
+        if row is not None and row.choices and value not in row.choices:
             self.fail(
-                f"{key} must be one of {listing(choices)}, got {brief(repr(value))}{did_you_mean(value, choices)}"
+                f"{key} must be one of {listing(row.choices)}, got {brief(repr(value))}{did_you_mean(value, row.choices)}"
             )
         return value
 
     def boolean(self, key: str, default: _Default = MISSING) -> bool | _Default:
         """Truth value, ``true`` or ``false``."""
-        value = self._read(key, "true or false", default)
+        value = self._read(key, default)
         if value is MISSING:
             return default
         if not isinstance(value, bool):
@@ -300,14 +221,14 @@ class Table:
         self, key: str, length: int | None = None, default: _Default = MISSING
     ) -> list[float] | _Default:
         """List of finite numbers, of the given length when there is one."""
-        value = self._read(key, "list of numbers", default)
+        value = self._read(key, default)
         if value is MISSING:
             return default
         return self._number_list(key, value, length)
 
     def spread(self, key: str, length: int, default: _Default = MISSING) -> list[float] | _Default:
         """List of `length` numbers, or one number that stands for all of them."""
-        value = self._read(key, "number, or list of numbers", default)
+        value = self._read(key, default)
         if value is MISSING:
             return default
         if isinstance(value, list):
@@ -316,7 +237,7 @@ class Table:
 
     def texts(self, key: str, default: _Default = MISSING) -> list[str] | _Default:
         """List of texts."""
-        value = self._read(key, "list of texts", default)
+        value = self._read(key, default)
         if value is MISSING:
             return default
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
@@ -327,38 +248,43 @@ class Table:
         self, key: str, rows: int, columns: int, default: _Default = MISSING
     ) -> list[list[float]] | _Default:
         """Matrix as a list of rows."""
-        value = self._read(key, "matrix, row by row", default)
+        value = self._read(key, default)
         if value is MISSING:
             return default
         if not isinstance(value, list) or len(value) != rows:
             got = counted(len(value), "row") if isinstance(value, list) else repr(value)
             shape = f"{counted(rows, 'row')} and {counted(columns, 'column')}"
             self.fail(f"{key} must be a matrix of {shape}, got {got}")
-        return [self._number_list(f"{key}, row {i + 1},", row, columns) for i, row in enumerate(value)]
+        return [self._number_list(key, row, columns, f", row {i + 1},") for i, row in enumerate(value)]
 
     def table(self, key: str, default: _Default = MISSING) -> Table | _Default:
         """Sub-table ``[key]``."""
-        value = self._read(key, "table", default)
+        value = self._read(key, default)
         if value is MISSING:
             return default
         if not isinstance(value, dict):
             self.fail(f"{key} must be a table, got {brief(repr(value))}")
         return self._child(value, key)
 
+    def part(self, key: str) -> Table:
+        """Sub-table ``[key]``, empty if the file has none."""
+        table = self.table(key, None)
+        return self._child({}, key) if table is None else table
+
     def tables(self, key: str, default: _Default = MISSING) -> list[Table] | _Default:
         """Return an array of tables ``[[key]]``; several are named by their index."""
-        value = self._read(key, "array of tables", default)
+        value = self._read(key, default)
         if value is MISSING:
             return default
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             self.fail(f"{key} must be an array of tables, [[{key}]]")
         return [
-            self._child(item, key if len(value) == 1 else f"{key} {i + 1}") for i, item in enumerate(value)
+            self._child(item, key, "" if len(value) == 1 else f" {i + 1}") for i, item in enumerate(value)
         ]
 
     def changed(self, mapping: Mapping[str, Any]) -> Table:
         """Return a table of other content with the same location."""
-        return Table(mapping, self._where, self._error, self._path)
+        return Table(mapping, self._where, self._error, self._path, self._keys)
 
     @property
     def content(self) -> dict[str, Any]:
@@ -380,34 +306,37 @@ class Table:
     def _unknown(self) -> list[str]:
         return [key for key in self._mapping if key not in self._asked]
 
-    def _child(self, mapping: Mapping[str, Any], name: str) -> Table:
-        path = f"{self._path}.{name}" if self._path else name
-        return Table(mapping, self._where, self._error, path)
+    def _child(self, mapping: Mapping[str, Any], key: str, number: str = "") -> Table:
+        path = f"{self._path}.{key}{number}" if self._path else f"{key}{number}"
+        return Table(mapping, self._where, self._error, path, self._keys.inside(key))
 
-    def _finite(self, key: str, value: object) -> float:
+    def _finite(self, key: str, value: object, place: str = "") -> float:
+        """Return a finite number within the declared bounds of its key; `place` follows the key in messages."""
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.fail(f"{key} must be a finite number, got {brief(repr(value))}")
+            self.fail(f"{key}{place} must be a finite number, got {brief(repr(value))}")
         try:
             number = float(value)
         except OverflowError:
             number = math.inf  # an integer of more than 308 digits
         if not math.isfinite(number):
-            self.fail(f"{key} must be a finite number, got {brief(repr(value))}")
+            self.fail(f"{key}{place} must be a finite number, got {brief(repr(value))}")
+        self._check_range(key, number, place)
         return number
 
-    def _number_list(self, key: str, value: object, length: int | None) -> list[float]:
+    def _number_list(self, key: str, value: object, length: int | None, place: str = "") -> list[float]:
         if not isinstance(value, list):
-            self.fail(f"{key} must be a list of numbers, got {brief(repr(value))}")
+            self.fail(f"{key}{place} must be a list of numbers, got {brief(repr(value))}")
         if length is not None and len(value) != length:
-            self.fail(f"{key} must hold {counted(length, 'number')}, got {len(value)}")
-        return [self._finite(f"{key} number {i + 1}", item) for i, item in enumerate(value)]
+            self.fail(f"{key}{place} must hold {counted(length, 'number')}, got {len(value)}")
+        return [self._finite(key, item, f"{place} number {i + 1}") for i, item in enumerate(value)]
 
-    def _check_range(
-        self, key: str, value: float, minimum: float | None, maximum: float | None, above: float | None
-    ) -> None:
-        if above is not None and not value > above:
-            self.fail(f"{key} must be above {above}, got {value}")
-        if minimum is not None and value < minimum:
-            self.fail(f"{key} must be at least {minimum}, got {value}")
-        if maximum is not None and value > maximum:
-            self.fail(f"{key} must be at most {maximum}, got {value}")
+    def _check_range(self, key: str, value: float, place: str = "") -> None:
+        row = self._keys.rows.get(key)
+        if row is None:
+            return
+        if row.above is not None and not value > row.above:
+            self.fail(f"{key}{place} must be above {row.above}, got {value}")
+        if row.minimum is not None and value < row.minimum:
+            self.fail(f"{key}{place} must be at least {row.minimum}, got {value}")
+        if row.maximum is not None and value > row.maximum:
+            self.fail(f"{key}{place} must be at most {row.maximum}, got {value}")

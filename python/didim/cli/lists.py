@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from .options import CONVERGED, add_command, refuse
 from .outputs import Saved
-from .terminal.color import BOLD, painted
 from .terminal.width import columns
 
 if TYPE_CHECKING:
@@ -24,15 +23,15 @@ def add(commands: Commands) -> None:
         commands,
         "schema",
         schema,
-        "print every key of robot and experiment files",
+        "print every key of the files",
         ("didim schema robot", "didim schema experiment --json > didim.schema.json"),
     )
     parser.add_argument(
         "file",
         metavar="FILE",
-        choices=("robot", "experiment"),
+        choices=("robot", "experiment", "study", "excitation"),
         nargs="?",
-        help="robot or experiment (default: both, one after the other)",
+        help="robot, experiment, study or excitation (default: all, one after the other)",
     )
     parser.add_argument(
         "--json", action="store_true", help="as a JSON schema, for editors that complete and check TOML files"
@@ -84,7 +83,7 @@ def methods(_: argparse.Namespace) -> int:
 
 def schema(options: argparse.Namespace) -> int:
     """Run ``didim schema``."""
-    from ..experiment.schema import FILES, json_schema, page
+    from .schema import FILES, json_schema, listed, page
 
     saved = Saved()
     files = [file for file in FILES if options.file in (None, file)]
@@ -95,31 +94,13 @@ def schema(options: argparse.Namespace) -> int:
             "\n".join(f"## The {file} file\n\n{page(file)}" for file in files).rstrip("\n"), exact=True
         )
     else:
-        saved.show("\n\n".join(_listed(file) for file in files))
+        saved.show("\n\n".join(listed(file) for file in files))
     return saved.code(CONVERGED)
-
-
-def _listed(file: str) -> str:
-    """Return the keys of one kind of file as a list, for a terminal that is too narrow for the tables of the page."""
-    from ..experiment.schema import cells, entries
-
-    lines = [painted(f"The {file} file", BOLD)]
-    path = None
-    for entry in entries(file):
-        if entry.path != path:
-            path = entry.path
-            lines += ["", painted(f"[{path}]" if path else "at the top", BOLD)]
-        key, kind, default, meaning, _ = (cell.replace("`", "") for cell in cells(entry))
-        given = default if default == "required" else f"default {default}"
-        lines += [f"{key}: {kind}{'' if default == '-' else f', {given}'}", f"  {meaning}"]
-        if entry.example:
-            lines.append(f"  {entry.example}")
-    return "\n".join(lines)
 
 
 def example(options: argparse.Namespace) -> int:
     """Run ``didim example``."""
-    from .._tools.examples import copy_example, example_commands, packaged_examples
+    from .examples import copy_example, example_commands, packaged_examples
 
     saved = Saved()
     if options.name is None:

@@ -25,32 +25,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from .._tools.keys import declared
 from .._tools.toml import Table, read_toml
 from ..errors import ExcitationError
-from ..log.units import POSITION, kind_of
+from ..log.units import POSITION, has_joint_values, joint_values, kind_of
 from ..robot.collision import read_capsules
 from ..robot.parameter_file import is_file
 from ..robot.robot import Robot
 from .clearance import Workspace
 from .settings import ExcitationSettings
-
-_PLAIN = {
-    "duration_s": "number",
-    "harmonics": "integer",
-    "points": "integer",
-    "dwell_s": "number",
-    "seed": "integer",
-    "starts": "integer",
-    "iterations": "integer",
-    "threads": "integer",
-    "periods": "integer",
-    "rate_hz": "number",
-    "log_rate_hz": "number",
-    "margin": "number",
-    "kind": "text",
-    "criterion": "text",
-}
-"""Keys of ``[excitation]`` that are fields of the settings."""
 
 
 def read_excitation(path: str | Path, robot: Robot) -> ExcitationSettings:
@@ -69,61 +52,44 @@ def read_excitation(path: str | Path, robot: Robot) -> ExcitationSettings:
         For a file that cannot be read, an unknown key, and a wrong value; one sentence.
     """
     path = Path(path)
-    table = Table(read_toml(path, ExcitationError), path.name, ExcitationError)
-    if table.integer("schema", 1) != 1:
+    table = Table(read_toml(path, ExcitationError), path.name, ExcitationError, keys=declared("excitation"))
+    if table.integer("schema") != 1:
         raise ExcitationError(f"{path.name}: schema must be 1")
-    found: dict[str, Any] = {}
-    main = _sub_table(table, "excitation")
-    for key, kind in _PLAIN.items():
-        value = getattr(main, kind)(key, None)
-        if value is not None:
-            found[key] = value
+    main = table.part("excitation")
+    found: dict[str, Any] = {"wanted": (), **main.given()}
+    for key, name in (("for", "wanted"), ("smoothing_rad_s", "smoothing")):
+        if key in found:
+            found[name] = found.pop(key)
     for key in ("start", "home"):
         found[key] = _per_joint(main, key, robot)
     found["torque_noise"] = _forces(main, "torque_noise", robot)
-    smoothing = main.number("smoothing_rad_s", None, above=0.0)
-    if smoothing is not None:
-        found["smoothing"] = smoothing
-    found["wanted"] = tuple(main.texts("for", []))
-    parameters = main.text("parameters", None)
-    if parameters is not None:
-        found["parameters"] = str(path.parent / parameters) if is_file(parameters) else parameters
-    noise = main.text("noise_of", None)
-    found["noise_of"] = None if noise is None else path.parent / noise
-    found["prior"] = tuple(path.parent / name for name in main.texts("prior", []))
+    if is_file(found.get("parameters", "")):
+        found["parameters"] = str(path.parent / found["parameters"])
+    if "noise_of" in found:
+        found["noise_of"] = path.parent / found["noise_of"]
+    found["prior"] = tuple(path.parent / name for name in found.get("prior", ()))
     main.done()
-    limits = _sub_table(table, "limits")
+    limits = table.part("limits")
     found["position"] = _ranges(limits, robot)
     for key, per in (("velocity", "_s"), ("acceleration", "_s2"), ("jerk", "_s3")):
         found[key] = _per_joint(limits, f"max_{key}", robot, per)
     found["torque"] = _forces(limits, "max_torque", robot)
     limits.done()
-    workspace = _sub_table(table, "workspace")
+    workspace = table.part("workspace")
     found["workspace"] = Workspace(
         lowest=_corner(workspace, "lowest_m"),
         highest=_corner(workspace, "highest_m"),
         floor=workspace.number("floor_m", None),
-        clearance=workspace.number("clearance_m", 0.0, minimum=0.0),
+        clearance=workspace.number("clearance_m"),
     )
     workspace.done()
-    found["capsules"] = read_capsules(
-        table.tables("collision") if table.has("collision") else [], robot.n_dof
-    )
-    found["friction"] = table.table("friction").content if table.has("friction") else {}
+    found["capsules"] = read_capsules(table.tables("collision"), robot.n_dof)
+    found["friction"] = table.part("friction").content
     table.done()
     try:
         return ExcitationSettings(**found)
     except ExcitationError as error:
         raise ExcitationError(f"{path.name}: {error}") from None
-
-
-def _sub_table(table: Table, key: str) -> Table:
-    """Sub-table `key`, empty when the file has none."""
-    return (
-        table.table(key)
-        if table.has(key)
-        else Table({}, table.prefix.removesuffix(":"), ExcitationError, key)
-    )
 
 
 def _corner(table: Table, key: str) -> tuple[float, float, float] | None:
@@ -132,14 +98,8 @@ def _corner(table: Table, key: str) -> tuple[float, float, float] | None:
 
 
 def _per_joint(table: Table, key: str, robot: Robot, per: str = "") -> list[float] | None:
-    """One number per joint of keys such as ``max_velocity_rad_s``, with one key for each kind of joint; None without any."""
-    found: list[float | None] = [None] * robot.n_dof
-    for unit, factor in POSITION.items():
-        numbers = table.spread(f"{key}_{unit}{per}", robot.n_dof, None)
-        for joint, number in enumerate(numbers or ()):
-            if robot.joint_kinds[joint] == kind_of(unit):
-                found[joint] = number * factor
-    return _complete(table, key, found)
+    """Return one number per joint (rad or m), or None without a key."""
+    return joint_values(table, key, robot, per) if has_joint_values(table, key, per) else None
 
 
 def _forces(table: Table, key: str, robot: Robot) -> list[float] | None:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from .._tools.files import check_output, write_atomically
+from .._tools.keys import declared
 from .._tools.toml import Table, quoted
 from .._tools.words import counted, did_you_mean, listing, one_line
 from ..errors import DidimError, ExperimentError, RobotError
@@ -309,7 +310,7 @@ def _recordings(text: str, robot: Robot, path: Path) -> tuple[list[Recording], b
     Drive gains may be open, because the bandwidth of the motion does not depend on them.
     """
     closed = text.replace(f"\n{OPEN_GAIN} ", f"\n{OPEN_GAIN[2:]} ")
-    table = Table(tomllib.loads(closed), path.name, ExperimentError)
+    table = Table(tomllib.loads(closed), path.name, ExperimentError, keys=declared("experiment"))
     found = []
     try:
         reduction = read_reduction(table.table("transmission", None), robot.reduction, robot.n_dof)

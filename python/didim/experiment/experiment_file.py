@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from .._tools.inputs import read_small_file
+from .._tools.keys import declared
 from .._tools.plugins import search_beside
-from .._tools.toml import Key, Table, read_toml
+from .._tools.toml import Table, read_toml
 from ..errors import DidimError, ExperimentError
 from ..log.data_file import is_log
 from ..log.data_folder import DataFolder, expanded
@@ -38,53 +39,6 @@ SINCE_0_1_0 = {"ends": '"first-order"', "edge_rows": "0"}
 """Keys of ``[signal]`` that are newer than 0.1.0, with the values that reproduce its digits; the defaults differ."""
 
 _Settings = TypeVar("_Settings")
-
-
-SIGNAL_KEYS = (
-    Key("order", "integer", "Order of one of its two passes, 1 to 10.", 4, minimum=1),
-    Key("padding", "text", "Extension at the ends.", "scipy", choices=("scipy", "matlab")),
-    Key(
-        "ends",
-        "text",
-        "Differences at the ends of a window.",
-        "second-order",
-        choices=("second-order", "first-order"),
-    ),
-    Key("form", "text", "How the filter is run.", "sections", choices=("sections", "transfer-function")),
-    Key("trim_start", "integer", "Samples left out at the begin of a window.", 20, minimum=0),
-    Key("trim_end", "integer", "Samples left out at its end.", 20, minimum=0),
-    Key("edge_rows", "integer", "Decimated rows left out at each end.", 2, minimum=0),
-    Key(
-        "decimation_convention",
-        "text",
-        "Samples that decimation keeps.",
-        "scipy",
-        choices=("scipy", "matlab"),
-    ),
-    Key("spikes", "text", "Replace spikes of the torques.", "hampel", choices=("hampel",)),
-    Key(
-        "cutoff_hz",
-        "number",
-        "Cut-off of the zero-phase Butterworth filter of the positions; none without it.",
-        40,
-        above=0.0,
-    ),
-)
-"""Keys of ``[signal]`` except ``decimation``, which is a number or a list."""
-LEAST_SQUARES_KEYS = (
-    Key("weights", "text", "One weight per joint, or none.", "per-joint", choices=("none", "per-joint")),
-    Key("reweightings", "integer", "Further solutions with new weights.", 1, minimum=0),
-    Key("variance", "text", "Divisor of the residual variance.", "r-b", choices=("r-b", "r-1")),
-    Key(
-        "uncertainty",
-        "text",
-        "Where standard deviations come from.",
-        "jackknife",
-        choices=("jackknife", "decimated", "white"),
-    ),
-    Key("blocks", "integer", "Blocks of time of the jackknife.", 20, minimum=2),
-)
-"""Keys of ``[least_squares]``."""
 
 
 def load_experiment(
@@ -201,17 +155,17 @@ def read_experiment(
     ExperimentError, RobotError, RecordingError
         As for `load_experiment`.
     """
-    table = Table(content, path.name, ExperimentError)
+    table = Table(content, path.name, ExperimentError, keys=declared("experiment"))
     schema = table.integer("schema")
     if schema != SCHEMA:
         table.fail(f"schema {schema} is unknown; this version reads schema {SCHEMA}")
-    questions = table.texts("open", [])
+    questions = table.texts("open")
     if questions:
         table.fail(f"not finished, open is: {questions[0]} Then delete open")
     name = table.text("name", path.stem)
     robot = _robot(table, path, robot)
     transmission = table.table("transmission", None)
-    recording_tables = table.tables("recording", [])
+    recording_tables = table.tables("recording")
     settings = _tables(table, robot)
     if not recording_tables and settings["reference"] is None:
         table.fail("there is neither a [[recording]] to read nor a [reference] to simulate")
@@ -244,10 +198,10 @@ def read_experiment(
 
 def _tables(table: Table, robot: Robot) -> dict[str, Any]:
     """Return the attributes of an `Experiment` that are tables of the file."""
-    signal = _settings(SignalProcessing, _signal_keys, table.table("signal", None))
-    least_squares = _settings(LeastSquaresSettings, _least_squares_keys, table.table("least_squares", None))
-    delay = _settings(DelaySettings, _delay_keys, table.table("delay", None))
-    fixed, dropped, links = _parameters(table.table("parameters", None))
+    signal = _settings(table.part("signal"), SignalProcessing)
+    least_squares = _settings(table.part("least_squares"), LeastSquaresSettings)
+    delay = _settings(table.part("delay"), DelaySettings, _delay_keys)
+    fixed, dropped, links = _parameters(table.part("parameters"))
     unknown = _optional(table, "unknown", robot, _unknown) or {}
     if unknown and links != "fixed":
         table.fail('[unknown] is for known links: [parameters] links = "fixed"')
@@ -264,7 +218,7 @@ def _tables(table: Table, robot: Robot) -> dict[str, Any]:
         "simulation": _optional(table, "simulation", robot, read_simulation) or SimulationSettings(),
         "measurement": _optional(table, "measurement", robot, read_measurement),
         "flange": None if (part := table.table("flange", None)) is None else read_flange(part),
-        "payloads": _payloads(table.table("payload", None)),
+        "payloads": _payloads(table.part("payload")),
     }
 
 
@@ -288,10 +242,8 @@ def _changed_defaults(content: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _payloads(table: Table | None) -> dict[str, Payload]:
+def _payloads(table: Table) -> dict[str, Payload]:
     """Read the tables ``[payload.NAME]``."""
-    if table is None:
-        return {}
     found = {}
     for name in table.content:
         part = table.table(name)
@@ -324,12 +276,10 @@ def _robot(table: Table, path: Path, given: Robot | None) -> Robot:
 
 
 def _settings(
-    make: Callable[..., _Settings], read: Callable[[Table], dict[str, Any]], table: Table | None
+    table: Table, make: Callable[..., _Settings], read: Callable[[Table], dict[str, Any]] = Table.given
 ) -> _Settings:
-    """Make settings from a table, or the defaults without one; errors are prefixed by the table's name."""
-    options = read(table if table is not None else Table({}, "", ExperimentError))
-    if table is None:
-        return make(**options)
+    """Make settings from a table; errors are prefixed by its name."""
+    options = read(table)
     table.done()
     return _told(table, lambda: make(**options))
 
@@ -341,28 +291,11 @@ def _told(table: Table, make: Callable[[], _Settings]) -> _Settings:
         raise type(error)(f"{table.prefix} {error}") from None
 
 
-def _signal_keys(table: Table) -> dict[str, Any]:
-    if isinstance(table.raw("decimation", [], "integer, or list of integers"), list):
-        factors = table.raw("decimation", [])
-        if not all(type(factor) is int for factor in factors):
-            table.fail(f"decimation must be a list of integers, got {factors!r}")
-    else:
-        factors = [table.integer("decimation")]
-    found = {"cutoff_hz": None, **table.given(SIGNAL_KEYS)}
-    return {**found, "decimation": tuple(factors)} if table.has("decimation") else found
-
-
-def _least_squares_keys(table: Table) -> dict[str, Any]:
-    return table.given(LEAST_SQUARES_KEYS)
-
-
 def _delay_keys(table: Table) -> dict[str, Any]:
-    value = table.raw("compensate_samples", "hold", 'number, list of numbers, "hold" or "estimate"')
+    value = table.raw("compensate_samples")
     if isinstance(value, list):
         return {"compensate_samples": table.numbers("compensate_samples")}
-    return {
-        "compensate_samples": value if isinstance(value, str) else table.number("compensate_samples", 0.0)
-    }
+    return {"compensate_samples": value if isinstance(value, str) else table.number("compensate_samples")}
 
 
 def _unknown(table: Table, robot: Robot) -> dict[str, Unknown]:
@@ -370,13 +303,12 @@ def _unknown(table: Table, robot: Robot) -> dict[str, Unknown]:
 
 
 def _parameters(
-    table: Table | None,
+    table: Table,
 ) -> tuple[dict[str, float], tuple[str, ...], Literal["estimated", "fixed"]]:
-    if table is None:
-        return {}, (), "estimated"
-    values = table.table("fixed", None)
-    fixed = {key: values.number(key) for key in values.content} if values else {}
-    dropped = tuple(table.texts("dropped", []))
-    fixed_links = table.text("links", "estimated", choices=("estimated", "fixed")) == "fixed"
+    """Return the fixed parameters, the dropped ones, and whether the links are fixed."""
+    values = table.part("fixed")
+    fixed = {key: values.number(key) for key in values.content}
+    dropped = tuple(table.texts("dropped"))
+    fixed_links = table.text("links") == "fixed"
     table.done()
     return fixed, dropped, "fixed" if fixed_links else "estimated"

@@ -13,8 +13,7 @@ import numpy as np
 
 from .._tools.toml import Table
 from ..errors import DidimError, ExperimentError
-from ..log.units import POSITION, kind_of
-from ..loop.closed_loop import DIVERGENCE, INTEGRATORS
+from ..log.units import POSITION, has_joint_values, joint_values
 from ..loop.controller import Controller, Digital
 from ..loop.memory import ControllerMemory
 from ..loop.reference import Reference
@@ -32,10 +31,10 @@ FEEDFORWARD_HZ = 1000.0
 
 def read_reference(table: Table, robot: Robot) -> ReferenceSpec:
     """Read ``[reference]``."""
-    kind = table.text("kind", choices=("recorded", "measured", "fourier", "point-to-point"))
+    kind = table.text("kind")
     settings = table.content_unread
     made: Reference | None = None
-    between = table.text("between_samples", "smooth", choices=("smooth", "held"))
+    between = table.text("between_samples")
     if between == "held" and kind != "recorded":
         table.fail("between_samples = 'held' is for kind 'recorded'")
     if kind == "fourier":
@@ -48,11 +47,11 @@ def read_reference(table: Table, robot: Robot) -> ReferenceSpec:
 
 def _fourier(table: Table, robot: Robot) -> Callable[[], Reference]:
     n = robot.n_dof
-    period, duration = table.number("period_s", above=0.0), table.number("duration_s", None, above=0.0)
-    offset = _joint_values(table, "offset", robot, default=0.0)
+    period, duration = table.number("period_s"), table.number("duration_s", None)
+    offset = joint_values(table, "offset", robot, default=0.0)
     if table.has("harmonics"):
-        harmonics, seed = table.integer("harmonics", minimum=4, maximum=1000), table.integer("seed", 0, 0)
-        limits = {key: _joint_values(table, key, robot, per) for key, per in _LIMITS.items()}
+        harmonics, seed = table.integer("harmonics"), table.integer("seed")
+        limits = {key: joint_values(table, key, robot, per) for key, per in _LIMITS.items()}
         return lambda: Reference.random_fourier(
             harmonics=harmonics,
             period_s=period,
@@ -73,9 +72,9 @@ def _point_to_point(table: Table, robot: Robot) -> Callable[[], Reference]:
     rows = table.raw(f"points_{unit}")
     count = len(rows) if isinstance(rows, list) else 2
     points = np.array(table.matrix(f"points_{unit}", count, robot.n_dof)) * factor
-    velocity = _joint_values(table, "max_velocity", robot, "_s")
-    acceleration = _joint_values(table, "max_acceleration", robot, "_s2")
-    dwell = table.number("dwell_s", 0.0, minimum=0.0)
+    velocity = joint_values(table, "max_velocity", robot, "_s")
+    acceleration = joint_values(table, "max_acceleration", robot, "_s2")
+    dwell = table.number("dwell_s")
     return lambda: Reference.point_to_point(
         points, max_velocity=velocity, max_acceleration=acceleration, dwell_s=dwell
     )
@@ -94,39 +93,13 @@ def _one_unit(table: Table, key: str, robot: Robot) -> tuple[float, str]:
     return POSITION.get(given[0], 1.0), given[0]
 
 
-def _joint_values(
-    table: Table, key: str, robot: Robot, per: str = "", default: float | None = None
-) -> list[float]:
-    """Return one number per joint of a key such as ``max_velocity_rad_s``, given once per kind or per joint."""
-    values: list[float | None] = [default] * robot.n_dof
-    for unit, factor in POSITION.items():
-        numbers = table.spread(f"{key}_{unit}{per}", robot.n_dof, None)
-        if numbers is None:
-            continue
-        kind = kind_of(unit)
-        if kind not in robot.joint_kinds:
-            table.fail(f"{key}_{unit}{per} is for {kind} joints, and robot {robot.name!r} has none")
-        other = {"deg": "rad", "mm": "m"}.get(unit)
-        if other and table.has(f"{key}_{other}{per}"):
-            table.fail(f"give {key}_{other}{per} or {key}_{unit}{per}, not both")
-        for joint, number in enumerate(numbers):
-            if robot.joint_kinds[joint] == kind:
-                values[joint] = number * factor
-    found = [value for value in values if value is not None]
-    if len(found) < robot.n_dof:
-        joint = values.index(None)
-        unit = "rad" if robot.joint_kinds[joint] == "revolute" else "m"
-        table.fail(f"key '{key}_{unit}{per}' is missing, for joint {joint + 1}")
-    return found
-
-
 _SATURATION = ("saturation_v", "saturation_a", "saturation_n_m", "saturation_n")
 
 
 def read_controller(table: Table, robot: Robot) -> ControllerSpec:
     """Read ``[controller]``."""
     n = robot.n_dof
-    kind = table.text("kind", choices=("pd", "pid", "cascade", "made-up"))
+    kind = table.text("kind")
     settings = table.content_unread
     if kind == "made-up":
         return _made_up(table, settings)
@@ -136,8 +109,8 @@ def read_controller(table: Table, robot: Robot) -> ControllerSpec:
     )
     options: dict[str, Any] = {
         "reference_velocity": table.spread("reference_velocity", n, [0.0 if damped else 1.0] * n),
-        "acceleration": table.spread("acceleration", n, [0.0] * n),
-        "gain": table.spread("gain", n, [1.0] * n),
+        "acceleration": table.spread("acceleration", n),
+        "gain": table.spread("gain", n),
     }
     given = [key for key in _SATURATION if table.has(key)]
     if len(given) > 1:
@@ -236,8 +209,8 @@ class ControllerRecipe:
 
 def _made_up(table: Table, settings: Mapping[str, Any]) -> ControllerSpec:
     """Read a controller whose gains a method computes from its estimate (``didim.loop.tuning.made_up``)."""
-    table.number("natural_frequency_hz", 10.0, above=0.0)
-    table.number("tracking_error", 1e-3, above=0.0)
+    table.number("natural_frequency_hz", None)
+    table.number("tracking_error")
     table.done()
 
     return ControllerSpec(MadeUpRecipe(), settings)
@@ -263,15 +236,15 @@ class MadeUpRecipe:
 
 def _digital(table: Table, robot: Robot) -> Digital | None:
     keys = ("delay_samples", "velocity_fir")
-    resolution = any(table.has(f"encoder_resolution_{unit}") for unit in POSITION)
+    resolution = has_joint_values(table, "encoder_resolution")
     if not table.has("sample_time_s"):
         given = [key for key in keys if table.has(key)] + (["encoder_resolution"] if resolution else [])
         if given:
             table.fail(f"{given[0]} is for a digital controller: add sample_time_s")
         return None
-    steps = _joint_values(table, "encoder_resolution", robot, default=0.0)
-    fir = table.numbers("velocity_fir", default=[1.0])
-    sample_time, delay = table.number("sample_time_s", above=0.0), table.integer("delay_samples", 0, 0, 1000)
+    steps = joint_values(table, "encoder_resolution", robot, default=0.0)
+    fir = table.numbers("velocity_fir")
+    sample_time, delay = table.number("sample_time_s"), table.integer("delay_samples")
     return _told(
         table,
         lambda: Digital(
@@ -293,20 +266,12 @@ def _set_name(table: Table, key: str, robot: Robot) -> str | None:
 def read_simulation(table: Table, robot: Robot) -> SimulationSettings:
     """Read ``[simulation]``."""
     smoothing = None
-    if any(table.has(f"smoothing_{unit}_s") for unit in POSITION):
-        smoothing = tuple(_joint_values(table, "smoothing", robot, "_s"))
-        if min(smoothing) <= 0.0:
-            table.fail(f"smoothing must be above 0 for every joint, got {list(smoothing)}")
+    if has_joint_values(table, "smoothing", "_s"):
+        smoothing = tuple(joint_values(table, "smoothing", robot, "_s"))
     settings = SimulationSettings(
-        step_s=table.number("step_s", None, above=0.0),
+        **table.given(),
         fine_step_s=_fine_step(table, robot),
-        rate_hz=table.number("rate_hz", None, above=0.0),
-        duration_s=table.number("duration_s", None, above=0.0),
-        divergence=table.number("divergence", DIVERGENCE, above=0.0),
-        start=table.text("start", None, choices=("measured", "reference")),
         smoothing=smoothing,
-        controller_start=table.text("controller_start", None, choices=("log", "balance", "zero")),
-        integrator=table.text("integrator", "rk4", choices=INTEGRATORS),
     )
     if table.has("controller_state"):
         if settings.controller_start is not None:
@@ -326,7 +291,7 @@ def _state(table: Table, robot: Robot) -> ControllerMemory:
             return None
         return table.matrix(key, len(given) if isinstance(given, list) else 1, n)
 
-    integrators = table.spread("integrators", n, [0.0] * n)
+    integrators = table.spread("integrators", n)
     outputs, positions = rows("outputs"), rows("positions")
     table.done()
     return _told(
@@ -339,20 +304,17 @@ def _state(table: Table, robot: Robot) -> ControllerMemory:
 
 def _fine_step(table: Table, robot: Robot) -> float | tuple[float, ...] | None:
     if not isinstance(table.raw("fine_step_s", None), list):
-        return table.number("fine_step_s", None, above=0.0)
-    steps = tuple(table.spread("fine_step_s", robot.n_dof))
-    if min(steps) <= 0.0:
-        table.fail(f"fine_step_s must be above 0 for every joint, got {list(steps)}")
-    return steps
+        return table.number("fine_step_s", None)
+    return tuple(table.spread("fine_step_s", robot.n_dof))
 
 
 def read_measurement(table: Table, robot: Robot) -> Measurement:
     """Read ``[measurement]``."""
 
     def values(key: str) -> tuple[float, ...]:
-        if not any(table.has(f"{key}_{unit}") for unit in POSITION):
+        if not has_joint_values(table, key):
             return ()
-        return _positive(table, key, _joint_values(table, key, robot, default=0.0))
+        return tuple(joint_values(table, key, robot, default=0.0))
 
     noise: Sequence[float] = ()
     units = [unit for unit in ("n_m", "n") if table.has(f"torque_noise_{unit}")]
@@ -361,21 +323,15 @@ def read_measurement(table: Table, robot: Robot) -> Measurement:
             "give torque_noise_n_m or torque_noise_n, not both: one number per joint in the unit of each"
         )
     if units:
-        noise = _positive(table, "torque_noise", table.spread(f"torque_noise_{units[0]}", robot.n_dof))
+        noise = table.spread(f"torque_noise_{units[0]}", robot.n_dof)
     measurement = Measurement(
         encoder_resolution=values("encoder_resolution"),
         position_noise=values("position_noise"),
         torque_noise=tuple(noise),
-        seed=table.integer("seed", 0, 0),
+        seed=table.integer("seed"),
     )
     table.done()
     return measurement
-
-
-def _positive(table: Table, key: str, values: Sequence[float]) -> tuple[float, ...]:
-    if min(values) < 0.0:
-        table.fail(f"{key} must not be negative, got {list(values)}")
-    return tuple(values)
 
 
 def _told(table: Table, make: Callable[[], _Made]) -> _Made:

@@ -78,7 +78,7 @@ def read_unknown(table: Table, others: tuple[str, ...]) -> dict[str, Unknown]:
         part = table.table(kind)
         low, high = RANGES.get(kind, (-math.inf, math.inf))
         low, high = part.number("min", low), part.number("max", high)
-        start, sigma = part.number("start", None), part.number("sigma", math.inf, above=0.0)
+        start, sigma = part.number("start", None), part.number("sigma", math.inf)
         if not low < high or (start is not None and not low <= start <= high):
             part.fail(f"min, start and max must be in order, got {low:g}, {start}, {high:g}")
         found[kind] = Unknown(start=start, low=low, high=high, sigma=sigma, shared=_shared(part, kind))
@@ -90,7 +90,7 @@ def read_unknown(table: Table, others: tuple[str, ...]) -> dict[str, Unknown]:
 def _shared(table: Table, kind: str) -> Shared:
     """Read `shared`: true means the whole robot. Delays and lags are shared by default, as drives on one bus have the same."""
     default = kind in ("delay_s", "lag_s")
-    given = table.raw("shared", default, "true, false, or text")
+    given = table.raw("shared", default)
     choices: dict[object, Shared] = {True: "robot", False: "joint"}
     names: tuple[Shared, ...] = ("joint", "limb", "robot", "log")
     choices |= {name: name for name in names}

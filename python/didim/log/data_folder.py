@@ -69,12 +69,12 @@ class DataFolder:
         """
         names = _names(table)
         options: dict[str, Any] = {
-            "delimiter": table.text("delimiter", None, choices=[",", ";", "\t", " "]),
+            "delimiter": table.text("delimiter", None),
             "header": table.boolean("header", None),
             "topic": table.text("topic", None),
-            "decimal": table.text("decimal", None, choices=[".", ","]),
+            "decimal": table.text("decimal", None),
         }
-        width = table.integer("values_per_sample", None, minimum=1, maximum=MANY_COLUMNS)
+        width = table.integer("values_per_sample", None)
         variable = table.text("variable", None)
         columns = _columns(table, count, joints)
         key = (*names, *options.values(), width)
@@ -157,7 +157,7 @@ def _with_part(value: Any, part: str) -> Any:
 
 def _names(table: Table) -> list[str]:
     """File names of a table: one, or a list with one file for each column."""
-    if not isinstance(table.raw("file", kind="text, or list of texts"), list):
+    if not isinstance(table.raw("file"), list):
         return [table.text("file")]
     names = table.texts("file")
     if not names:
@@ -166,9 +166,7 @@ def _names(table: Table) -> list[str]:
 
 
 def _columns(table: Table, count: int, joints: Sequence[str]) -> list[Column] | None:
-    columns = table.raw(
-        "columns", None, "list of names, list of numbers from 1, or table of columns by joint"
-    )
+    columns = table.raw("columns", None)
     if columns is None:
         return None
     if isinstance(columns, dict):

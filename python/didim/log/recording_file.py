@@ -19,7 +19,7 @@ from .._tools.words import counted
 from ..errors import RecordingError
 from ..robot.transmission import reduction_matrix
 from .data_folder import SOURCES, DataFolder, Source
-from .recording import OWN, ROLES, Recording, Role, clock
+from .recording import OWN, Recording, Role, clock
 from .resampling import Resampling, resampling, step_range
 from .sampling import MINIMUM_SAMPLES, TimeFault, check_time, rollout_windows, slices, stretches, time_faults
 from .units import ESTIMATE, TIME, current_factors, effort_factors, position_factors, velocity_factors
@@ -90,14 +90,14 @@ def read_recording(
         On a file that contradicts its table; the message names file, row and column.
     """
     name = table.text("name", name)
-    role = cast("Role", table.text("role", "fit", choices=ROLES))
-    rate = table.number("rate_hz", None, above=0.0)
-    windows_s = table.raw("windows_s", [], "list of [start, stop]")
+    role = cast("Role", table.text("role"))
+    rate = table.number("rate_hz", None)
+    windows_s = table.raw("windows_s")
     rollouts = table.text("rollouts", None)
     if rollouts is not None and windows_s:
         table.fail("give rollouts or windows_s, not both: each rollout is a window")
-    payload = table.text("payload", "none")
-    own = [key for key in OWN if table.text(key, "shared", choices=["shared", "own"]) == "own"]
+    payload = table.text("payload")
+    own = [key for key in OWN if table.text(key) == "own"]
     signals = _signals(table, robot, reduction, folder, rate, rollouts)
     values, t, base = signals.values, signals.t, signals.base
     _check_counts(name, values if t is None else {**values, "time": t}, signals.sources, base)
@@ -333,7 +333,7 @@ class _Channel:
     @classmethod
     def effort(cls, source: Source, robot: _Robot, reduction: Array | None) -> _Channel:
         side, matrix = _side(source.table, reduction)
-        if source.table.raw("gain", None, f'number, list of numbers, or "{ESTIMATE}"') == ESTIMATE:
+        if source.table.raw("gain", None) == ESTIMATE:
             factors = current_factors(source.table, len(robot.joint_kinds))
             drives = np.eye(len(robot.joint_kinds)) if matrix is None else matrix
             source.table.done()
@@ -366,7 +366,7 @@ def _to_joint(matrix: Array | None) -> Array | None:
 
 
 def _side(table: Table, reduction: Array | None) -> tuple[str, Array | None]:
-    side = table.text("side", choices=["motor", "joint"])
+    side = table.text("side")
     if side == "joint":
         return side, None
     if reduction is None:
@@ -378,7 +378,7 @@ def _side(table: Table, reduction: Array | None) -> tuple[str, Array | None]:
 
 def _time_keys(source: Source) -> tuple[float, bool]:
     """Return the unit of the time stamps in s, and whether to resample them evenly."""
-    unit = source.table.text("unit", "s", choices=list(TIME))
-    resample = source.table.boolean("resample", False)
+    unit = source.table.text("unit")
+    resample = source.table.boolean("resample")
     source.table.done()
     return TIME[unit], resample

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from .._tools.toml import Table
 from .._tools.words import listing
+from ..robot.robot import Robot
 
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 """Seconds per unit of time."""
@@ -29,6 +30,7 @@ EFFORT = ("N.m", "N", "A", "V")
 ESTIMATE = "estimate"
 """Value of `gain` for currents whose drive gains are to be estimated from the log."""
 
+
 _LINEAR = ("m", "mm", "N", "m/s", "mm/s")
 _ANGULAR = ("rad", "deg", "count", "N.m", "rad/s", "deg/s")
 
@@ -38,13 +40,40 @@ def kind_of(unit: str) -> str:
     return "prismatic" if unit in _LINEAR else "revolute"
 
 
+def has_joint_values(table: Table, key: str, per: str = "") -> bool:
+    """Whether a table has a key for `joint_values`, in any unit."""
+    return any(table.has(f"{key}_{unit}{per}") for unit in POSITION)
+
+
+def joint_values(
+    table: Table, key: str, robot: Robot, per: str = "", default: float | None = None
+) -> list[float]:
+    """Return one number per joint of a key such as ``max_velocity_rad_s``, given once per kind or per joint."""
+    values: list[float | None] = [default] * len(robot.joint_kinds)
+    for unit, factor in POSITION.items():
+        numbers = table.spread(f"{key}_{unit}{per}", len(values), None)
+        if numbers is None:
+            continue
+        kind = kind_of(unit)
+        if kind not in robot.joint_kinds:
+            table.fail(f"{key}_{unit}{per} is for {kind} joints, and robot {robot.name!r} has none")
+        other = {"deg": "rad", "mm": "m"}.get(unit)
+        if other and table.has(f"{key}_{other}{per}"):
+            table.fail(f"give {key}_{other}{per} or {key}_{unit}{per}, not both")
+        for joint, number in enumerate(numbers):
+            if robot.joint_kinds[joint] == kind:
+                values[joint] = number * factor
+    found = [value for value in values if value is not None]
+    if len(found) < len(values):
+        joint = values.index(None)
+        unit = "rad" if robot.joint_kinds[joint] == "revolute" else "m"
+        table.fail(f"key '{key}_{unit}{per}' is missing, for joint {joint + 1}")
+    return found
+
+
 def _units(table: Table, allowed: Sequence[str], n: int) -> list[str]:
     """One unit for all columns, or a list with one for each."""
-    units = (
-        table.texts("unit")
-        if isinstance(table.raw("unit", kind="text, or list of texts"), list)
-        else [table.text("unit")] * n
-    )
+    units = table.texts("unit") if isinstance(table.raw("unit"), list) else [table.text("unit")] * n
     if len(units) != n:
         table.fail(f"unit must be one text or a list of {n}, got {len(units)}")
     for unit in units:
@@ -63,7 +92,7 @@ def _check_joints(table: Table, units: Sequence[str], joint_kinds: Sequence[str]
 
 def _scales(table: Table, n: int) -> list[float]:
     """Factors of `scale` and `sign`, in any unit: one number, or one for each column."""
-    scale, sign = table.spread("scale", n, [1.0] * n), table.spread("sign", n, [1.0] * n)
+    scale, sign = table.spread("scale", n), table.spread("sign", n)
     if not all(scale):
         table.fail("scale must not be zero")
     if any(abs(value) != 1.0 for value in sign):

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from .._tools.arrays import Array
+from .._tools.keys import declared
 from .._tools.toml import Table, read_toml
 from ..errors import ExperimentError, FitError, RecordingError
 from ..experiment.experiment_file import read_experiment
@@ -33,6 +34,8 @@ from ..signal.spikes import WINDOW
 from .idim_ls import IDIMLS
 from .job import Job, shift
 
+RECORDING = declared("experiment", "recording")
+"""Keys of a recording."""
 ROWS = 100_000
 """Samples of a piece without its overlap: some 200 MB for seven joints."""
 FADED = 1e-13
@@ -87,7 +90,9 @@ class _Log:
             for number, item in enumerate(content.get("recording", []))
             if item.get("role", "fit") == "fit"
             for pair in expanded(
-                Table(item, path.name, ExperimentError), f"recording {number + 1}", path.parent
+                Table(item, path.name, ExperimentError, keys=RECORDING),
+                f"recording {number + 1}",
+                path.parent,
             )
         ]
         self._tables = [{"name": title, **table.content_unread} for table, title in found]
@@ -108,7 +113,7 @@ class _Log:
         matrix = (
             None
             if (drives := content.get("transmission")) is None
-            else Table(drives, path.name, ExperimentError)
+            else Table(drives, path.name, ExperimentError, keys=declared("experiment", "transmission"))
         )
         self._reduction = read_reduction(matrix, self.job.robot.reduction, self.job.robot.n_dof)
 
@@ -122,7 +127,10 @@ class _Log:
             for window in slices(whole, table.get("windows_s", []), first.rate_hz, count) or ((0, count),):
                 for start, stop, kept in _cuts(window, self.job.signal, overlap, self._rows):
                     part = Table(
-                        {**_without_windows(table), "rate_hz": first.rate_hz}, first.name, ExperimentError
+                        {**_without_windows(table), "rate_hz": first.rate_hz},
+                        first.name,
+                        ExperimentError,
+                        keys=RECORDING,
                     )
                     folder = self._part(start, stop)
                     yield read_recording(part, first.name, self.job.robot, self._reduction, folder), kept

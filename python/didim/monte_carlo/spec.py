@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from .._tools.keys import declared
 from .._tools.plugins import places, search, source_digest
 from .._tools.settings import whole
 from .._tools.toml import Table, read_toml
@@ -181,15 +182,14 @@ def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudyS
         As for `load_study`.
     """
     canonical(content, path.name)
-    table = Table(content, path.name, StudyError)
-    if table.integer("schema", 1) != SCHEMA:
+    table = Table(content, path.name, StudyError, keys=declared("study"))
+    if table.integer("schema") != SCHEMA:
         table.fail(f"schema {table.raw('schema')} is unknown; this version reads schema {SCHEMA}")
     experiment, where = _experiment(table.text("experiment"), path)
     robot, robot_where = _robot(Table(experiment, where.name, ExperimentError).text("robot"), where)
     seeds, root = _repeat(table)
     scenarios = _scenarios(table)
     methods = _methods(table)
-    other = table.table("other_motion", None)
     folders = tuple(dict.fromkeys(str(folder.resolve()) for folder in (path.parent, Path.cwd())))
     search(map(Path, folders))
     made = StudySpec(
@@ -198,9 +198,9 @@ def read_study(content: Mapping[str, Any], path: Path = Path("study")) -> StudyS
         robot=robot,
         files=(where.name, robot_where.name),
         parameters=table.text("parameters"),
-        refinement=table.integer("refinement", LOG_REFINEMENT, minimum=1, maximum=64),
-        noise_in_loop_hz=table.number("noise_in_loop_hz", None, above=0.0),
-        other_motion={} if other is None else other.content,
+        refinement=table.integer("refinement", LOG_REFINEMENT),
+        noise_in_loop_hz=table.number("noise_in_loop_hz", None),
+        other_motion=table.part("other_motion").content,
         scenarios=scenarios,
         methods=methods,
         seeds=seeds,
@@ -243,16 +243,15 @@ def _robot(name: str, experiment: Path) -> tuple[dict[str, Any], Path]:
 
 def _repeat(table: Table) -> tuple[int, int]:
     repeat = table.table("repeat")
-    seeds = repeat.integer("seeds", minimum=1, maximum=MOST_SEEDS)
-    root = repeat.integer("root", 0, minimum=0)
+    seeds = repeat.integer("seeds")
+    root = repeat.integer("root")
     repeat.done()
     return seeds, root
 
 
 def _scenarios(table: Table) -> tuple[Scenario, ...]:
     """Return the named scenarios combined with the grid."""
-    grid = table.table("grid", None)
-    axes = {} if grid is None else grid.content
+    axes = table.part("grid").content
     for key, values in axes.items():
         if not isinstance(values, list) or not values:
             table.fail(f"[grid] {key} must be a list of values, got {values!r}")
@@ -260,7 +259,7 @@ def _scenarios(table: Table) -> tuple[Scenario, ...]:
     for values in axes.values():
         count *= len(values)
     named = []
-    for part in table.tables("scenario", []):
+    for part in table.tables("scenario"):
         keys = part.content
         name = keys.pop("name", None)
         if not isinstance(name, str) or not name:

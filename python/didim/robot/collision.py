@@ -48,9 +48,9 @@ def read_capsules(tables: Sequence[Table], n_dof: int) -> tuple[Capsule, ...]:
     """Read the tables ``[[collision]]`` of a file."""
     capsules = []
     for table in tables:
-        link = table.integer("link", minimum=0, maximum=n_dof)
+        link = table.integer("link", maximum=n_dof)
         start, end = (_point(table, key) for key in ("from_m", "to_m"))
-        capsules.append(Capsule(link=link, start=start, end=end, radius=table.number("radius_m", above=0.0)))
+        capsules.append(Capsule(link=link, start=start, end=end, radius=table.number("radius_m")))
         table.done()
     return tuple(capsules)
 

@@ -112,8 +112,8 @@ def read_correspondence(table: Table, n_dof: int) -> Correspondence:
                 joint=entry.text("joint"),
                 link=entry.text("link"),
                 pose=_read_pose(entry, "pose"),
-                lumped=tuple(entry.texts("lumped", [])),
-                locked=tuple(entry.texts("locked", [])),
+                lumped=tuple(entry.texts("lumped")),
+                locked=tuple(entry.texts("locked")),
             )
         )
         entry.done()
@@ -125,7 +125,7 @@ def read_correspondence(table: Table, n_dof: int) -> Correspondence:
         frame_0=_read_pose(table, "frame_0"),
         links=tuple(links),
         lock=() if lock is None else tuple((name, lock.number(name)) for name in lock.content),
-        snapped_rad=table.number("snapped_rad", 0.0),
+        snapped_rad=table.number("snapped_rad"),
     )
     table.done()
     return found

@@ -276,13 +276,13 @@ def read_friction(table: Table, kinds: Sequence[str], default: Friction | None) 
         model="symmetric", coulomb="sign", coupling="shaft", smoothing=nothing, dead_zone=nothing
     )
     friction = Friction(
-        model=table.text("model", default.model, choices=("symmetric", "asymmetric")),
-        coulomb=table.text("coulomb", default.coulomb, choices=("sign", "tanh")),
-        coupling=table.text("coupling", default.coupling, choices=("shaft", "printed")),
+        model=table.text("model", default.model),
+        coulomb=table.text("coulomb", default.coulomb),
+        coupling=table.text("coupling", default.coupling),
         smoothing=_per_joint(table, "smoothing", kinds, default.smoothing),
         dead_zone=_per_joint(table, "dead_zone", kinds, default.dead_zone),
         terms=_own_laws(table, kinds, _terms(table, kinds, default.terms)),
-        auto=default.auto if table.text("terms", None, choices=("auto",)) is None else True,
+        auto=default.auto if table.text("terms", None) is None else True,
     )
     table.done()
     if friction.coulomb == "tanh" and not all(friction.smoothing):
@@ -303,16 +303,11 @@ def read_springs(table: Table, kinds: Sequence[str], friction: Friction) -> Fric
     if table.has("cylinder"):
         terms = [term for term in terms if term.law not in CYLINDER]
         for part in table.tables("cylinder"):
-            joint = part.integer("joint", minimum=1, maximum=len(kinds)) - 1
-            a, b = (part.number(key, above=0.0) for key in ("a_m", "b_m"))
+            joint = part.integer("joint", maximum=len(kinds)) - 1
+            a, b = (part.number(key) for key in ("a_m", "b_m"))
             if a == b:
                 part.fail("a_m and b_m must differ: at length zero a cylinder has no direction")
-            geometry = (
-                a,
-                b,
-                math.radians(part.number("phi_deg", 0.0)),
-                part.number("rest_m", 0.0, minimum=0.0),
-            )
+            geometry = (a, b, math.radians(part.number("phi_deg")), part.number("rest_m"))
             terms += [FrictionTerm(law=law, joint=joint, values=geometry) for law in CYLINDER]
             part.done()
     table.done()
@@ -347,7 +342,7 @@ def _own_laws(
     table: Table, kinds: Sequence[str], terms: tuple[FrictionTerm, ...]
 ) -> tuple[FrictionTerm, ...]:
     """User-defined laws, ``[[friction.law]]``, given by a function or by values: a law replaces the terms of its name."""
-    parts = table.tables("law", [])
+    parts = table.tables("law")
     given_names = {part.text("name") for part in parts}
     found = [term for term in terms if term.name not in given_names]
     for part in parts:
@@ -362,7 +357,7 @@ def _own_laws(
         joints = _joints(part, "joints", len(kinds))
         keys = ("first", "step") if law is None else ("fastest",)
         numbers = {
-            (key, kind): part.number(f"{key}_{unit}", None, above=None if key == "first" else 0.0)
+            (key, kind): part.number(f"{key}_{unit}", None)
             for key in ("fastest", "first", "step")
             for unit, kind in (("rad_s", "revolute"), ("m_s", "prismatic"))
         }
@@ -393,7 +388,7 @@ def _own_laws(
 
 def _joints(table: Table, key: str, n: int) -> list[int] | None:
     """Joints of a law, from 0: ``true`` for all, ``false`` for none, or a list of numbers from 1."""
-    value = table.raw(key, None, "true, false, or list of joints")
+    value = table.raw(key, None)
     if value is None:
         return None
     if isinstance(value, bool):
@@ -426,13 +421,7 @@ def _per_joint(table: Table, key: str, kinds: Sequence[str], default: Sequence[f
     """Velocities or widths per joint: a number for all joints of a kind, or a list with one entry per joint."""
     values = list(default)
     for unit, kind in scale_units(key):
-        name = f"{key}_{unit}"
-        numbers = table.spread(name, len(kinds), None)
-        if numbers is None:
-            continue
-        for joint, number in enumerate(numbers):
+        for joint, number in enumerate(table.spread(f"{key}_{unit}", len(kinds), [])):
             if kinds[joint] == kind:
-                if number < 0.0:
-                    table.fail(f"{name} of joint {joint + 1} must not be negative, got {number}")
                 values[joint] = number
     return tuple(values)

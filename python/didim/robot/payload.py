@@ -127,9 +127,9 @@ class Payload:
 
 def read_payload(table: Table, name: str) -> Payload:
     """Read a table ``[payload.NAME]``."""
-    mass = table.number("mass_kg", None, above=0.0)
-    com = table.numbers("com_m", 3) if table.has("com_m") else None
-    inertia = table.numbers("inertia_kg_m2", 6) if table.has("inertia_kg_m2") else None
+    mass = table.number("mass_kg", None)
+    com = table.numbers("com_m", 3, None)
+    inertia = table.numbers("inertia_kg_m2", 6, None)
     table.done()
     return Payload(
         name=name,
@@ -144,13 +144,11 @@ Pose = tuple[tuple[float, ...], ...]
 
 def read_flange(table: Table) -> Pose:
     """Read the table ``[flange]``: its pose in the last link's frame; rows of a homogeneous matrix (3 x 4)."""
-    place = table.numbers("xyz_m", 3) if table.has("xyz_m") else (0.0, 0.0, 0.0)
+    place = table.numbers("xyz_m", 3)
     if max(map(abs, place)) > LARGEST:
         table.fail(f"xyz_m must be at most {LARGEST:g}, got {list(place)}")
-    if table.has("rpy_deg"):
-        angles = tuple(math.radians(value) for value in table.numbers("rpy_deg", 3))
-    else:
-        angles = tuple(table.numbers("rpy_rad", 3)) if table.has("rpy_rad") else (0.0, 0.0, 0.0)
+    degrees = table.numbers("rpy_deg", 3, None)
+    angles = tuple(table.numbers("rpy_rad", 3) if degrees is None else map(math.radians, degrees))
     table.done()
     return tuple(tuple(row) for row in pose(rotation_of(angles), place)[:3].tolist())
 

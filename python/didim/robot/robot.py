@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 import didim._core as _core
 
 from .._tools.arrays import Array, real_array
+from .._tools.keys import declared
 from .._tools.notebook import page
 from .._tools.pickling import Pickled
 from .._tools.toml import Table
@@ -414,7 +415,9 @@ class Robot(Pickled):
         RobotError
             For an unknown key or a wrong value.
         """
-        return self.with_friction_table(Table(options, f"friction of robot {self.name!r}", RobotError))
+        return self.with_friction_table(
+            Table(options, f"friction of robot {self.name!r}", RobotError, keys=declared("robot", "friction"))
+        )
 
     def with_terms(self, terms: Sequence[FrictionTerm]) -> Robot:
         """Return the same robot with these friction terms beside viscous, Coulomb and offset (``test_friction_terms.py``)."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from .._tools.arrays import Array
 from .._tools.inputs import read_small_file
+from .._tools.keys import declared
 from .._tools.plugins import search_beside
 from .._tools.toml import Table, read_toml
 from .._tools.words import did_you_mean
@@ -22,7 +23,7 @@ from .correspondence import read_correspondence
 from .friction import read_friction, read_springs
 from .payload import LARGEST
 from .placement import Mount, chain
-from .right_angles import NEARLY_PARALLEL, SNAP, RightAngles
+from .right_angles import SNAP, RightAngles
 from .robot import Geometry, JointLimits, Robot
 from .standard_dh import StandardTable, read_lengths
 from .transmission import read_followers, reduction_matrix
@@ -124,7 +125,8 @@ def read_robot(
     RobotError
         As for `load_robot`.
     """
-    robot = _robot(Table(content, path.name, RobotError), path, angles or RightAngles(), digest)
+    table = Table(content, path.name, RobotError, keys=declared("robot"))
+    robot = _robot(table, path, angles or RightAngles(), digest)
     for parameter_set in robot._named:  # evaluated now, because a wrong description must fail on loading
         robot.parameter_set(parameter_set)
     robot.core  # noqa: B018 - likewise, for a robot without sets
@@ -150,15 +152,15 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
     if table.integer("schema") != 1:
         raise RobotError(f"{path.name}: schema must be 1")
     name = table.text("name", path.stem)
-    description = table.text("description", "")
-    convention = table.text("convention", "mdh", choices=("mdh", "dh"))
-    gravity = table.numbers("gravity_m_s2", length=3, default=[0.0, 0.0, -9.81])
-    angles.follow_file(table.number("snap_rad", None, minimum=0.0, maximum=NEARLY_PARALLEL))
+    description = table.text("description")
+    convention = table.text("convention")
+    gravity = table.numbers("gravity_m_s2", 3)
+    angles.follow_file(table.number("snap_rad", None))
     joints = _joints(table)
-    kinds = tuple(joint.text("kind", choices=("revolute", "prismatic")) for joint in joints)
+    kinds = tuple(joint.text("kind") for joint in joints)
     read_row = _distal_row if convention == "dh" else _row
     rows = [read_row(joint, kind, angles) for joint, kind in zip(joints, kinds, strict=True)]
-    couplings = _sub_tables(table, "coupling")
+    couplings = table.tables("coupling", [])
     mounts = _mounts(joints, angles, convention, bool(couplings))
     joint_names = _joint_names(table, joints)
     limits = tuple(_limits(joint, kind) for joint, kind in zip(joints, kinds, strict=True))
@@ -173,12 +175,12 @@ def _robot(table: Table, path: Path, angles: RightAngles, digest: str) -> Robot:
         alpha, d = standard.rows
     columns = {"alpha": alpha, "d": d, "theta": theta, "r": r}
     n = len(kinds) - len(followers)
-    coupling, reduction, gains = _transmission(_sub_table(table, "transmission"), n)
-    friction = read_friction(_sub_table(table, "friction"), kinds[:n], None)
+    coupling, reduction, gains = _transmission(table.part("transmission"), n)
+    friction = read_friction(table.part("friction"), kinds[:n], None)
     if table.has("springs"):
         friction = read_springs(table.table("springs"), kinds[:n], friction)
-    named, own = _parameter_sets(_sub_table(table, "parameters"), standard)
-    collision = read_capsules(_sub_tables(table, "collision"), len(kinds))
+    named, own = _parameter_sets(table.part("parameters"), standard)
+    collision = read_capsules(table.tables("collision", []), len(kinds))
     correspondence = read_correspondence(table.table("urdf"), len(kinds)) if table.has("urdf") else None
     table.done()
     return Robot(
@@ -223,7 +225,7 @@ def _transmission(
 
 def _joints(table: Table) -> list[Table]:
     """Return the tables of the joints."""
-    joints = _sub_tables(table, "joint")
+    joints = table.tables("joint", [])
     if not joints:
         table.fail("a robot needs at least one [[joint]]")
     if len(joints) > MOST_JOINTS:
@@ -231,21 +233,11 @@ def _joints(table: Table) -> list[Table]:
     return joints
 
 
-def _sub_table(table: Table, key: str) -> Table:
-    """Sub-table `key`, empty when the file has none."""
-    return table.table(key) if table.has(key) else Table({}, table.prefix.removesuffix(":"), RobotError, key)
-
-
-def _sub_tables(table: Table, key: str) -> list[Table]:
-    """Array of tables `key`, empty when the file has none."""
-    return table.tables(key) if table.has(key) else []
-
-
 def _row(joint: Table, kind: str, angles: RightAngles) -> tuple[float, float, float, float]:
     """Alpha, d, theta, r of one row (rad, m)."""
     alpha, theta = _angle(joint, "alpha"), _angle(joint, "theta")
     # The offset of a revolute joint only defines its zero and may be any angle.
-    d, r = joint.number("d_m", 0.0), joint.number("r_m", 0.0)
+    d, r = joint.number("d_m", 0.0), joint.number("r_m")
     _check_lengths(joint, d_m=d, r_m=r)
     if joint.has("shift_m"):  # the angles of a copied placement are snapped already
         return alpha, d, theta, r
@@ -265,11 +257,11 @@ def _mounts(
         if convention == "dh" and any(joint.has(key) for key in keys):
             given = next(key for key in keys if joint.has(key))
             joint.fail(f"{given} is for modified rows, and this table is a standard one (convention = 'dh')")
-        antecedent = joint.integer("antecedent", number - 1, minimum=0)
+        antecedent = joint.integer("antecedent", number - 1)
         if antecedent > len(joints) or antecedent == number or (antecedent > number and not coupled):
             joint.fail(f"antecedent must be a joint before this one, 0 for the base, got {antecedent}")
-        b = joint.number("b_m", 0.0)
-        x, y, z = joint.numbers("shift_m", length=3, default=[0.0, 0.0, 0.0])
+        b = joint.number("b_m")
+        x, y, z = joint.numbers("shift_m", 3)
         _check_lengths(joint, b_m=b, shift_m=max(x, y, z, key=abs))
         gamma = _angle(joint, "gamma")
         if not joint.has("shift_m"):
@@ -296,7 +288,7 @@ def _check_lengths(joint: Table, **lengths: float) -> None:
 
 def _in_own_frames(table: Table, standard: StandardTable | None) -> bool:
     """Whether a parameter set is given in the frames of the robot's own table."""
-    frames = table.text("frames", "model", choices=("model", "own"))
+    frames = table.text("frames")
     if frames == "own" and standard is None:
         table.fail("frames = 'own' is for a robot with convention = 'dh', whose table has frames of its own")
     return frames == "own"
@@ -324,15 +316,15 @@ def _angle(joint: Table, name: str) -> float:
         joint.fail(f"give {radians} or {degrees}, not both")
     if joint.has(degrees):
         return math.radians(joint.number(degrees))
-    return joint.number(radians, 0.0)
+    return joint.number(radians)
 
 
 def _limits(joint: Table, kind: str) -> JointLimits:
-    table = _sub_table(joint, "limits")
+    table = joint.part("limits")
     turn = kind == "revolute"
     position = table.numbers("position_rad" if turn else "position_m", length=2, default=None)
-    velocity = table.number("velocity_rad_s" if turn else "velocity_m_s", None, minimum=0.0)
-    effort = table.number("torque_n_m" if turn else "force_n", None, minimum=0.0)
+    velocity = table.number("velocity_rad_s" if turn else "velocity_m_s", None)
+    effort = table.number("torque_n_m" if turn else "force_n", None)
     table.done()
     if position is not None and position[0] >= position[1]:
         table.fail(f"the lowest position must be below the highest, got {position}")

@@ -126,7 +126,7 @@ def read_followers(
     driven = n - len(tables)
     found: dict[int, Follower] = {}
     for table in tables:
-        joint = table.integer("joint", minimum=1)
+        joint = table.integer("joint")
         if not driven < joint <= n or joint in found:
             which = f"joint {driven + 1}" if driven + 1 == n else f"joints {driven + 1} to {n}"
             table.fail(
@@ -135,7 +135,7 @@ def read_followers(
         turns = kinds[joint - 1] == "revolute"
         leaders = table.numbers("follows", length=None)
         factors = table.numbers("factors", length=len(leaders))
-        offset = table.number("offset_rad" if turns else "offset_m", 0.0)
+        offset = table.number("offset_rad" if turns else "offset_m")
         table.done()
         for leader in leaders:
             if leader not in range(1, driven + 1):

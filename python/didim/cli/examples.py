@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from .._tools.files import check_output, write_atomically
+from .._tools.words import did_you_mean, listing
 from ..errors import ExampleError
-from .files import check_output, write_atomically
-from .words import did_you_mean, listing
 
 FOLDER = Path(__file__).parents[1] / "packaged" / "examples"
 README = "README.md"
