@@ -11,7 +11,8 @@ behind notes on what was assumed:
 no traceback, no panic, no warning of NumPy or SciPy, no file lost that it does not own, no more than `MEMORY_GB` of memory. A case
 that takes more than `LIMIT_S` of processor time is interrupted as by Ctrl-C; that it must hear, and it counts as long. Cases
 depend on the seed and on nothing else. A case that
-fails is kept with its files and its command under ``out/fuzz/``, and one that was long; a line every `TOLD` cases counts them.
+fails is kept with its files and its command under ``out/fuzz/``, and one that was long; every `REPORT_EVERY` cases a
+line counts them.
 What became of each case stands in ``out/fuzz/seed-N.txt``: ``--resume`` leaves out those that are there.
 Then `fuzz_outputs.py` takes the outputs
 away: absent folders, full devices, limits of the size of files, and eight threads that save to one path.
@@ -52,7 +53,7 @@ LARGEST_KEPT = 100_000_000
 """Largest file (bytes) of a case that is kept."""
 STRANGE = 0.125
 """Share of cases with a hostile file, and share of those whose output is an input."""
-TOLD = 500
+REPORT_EVERY = 500
 """Cases between two lines on standard output that count them."""
 OUTPUT = Path("out", "fuzz")
 
@@ -142,28 +143,30 @@ def judge(arguments: list[str]) -> tuple[str, str]:
         return "failed", traceback.format_exc()
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
-    told = err.getvalue()
+    printed = err.getvalue()
     if code == 130:
         return "long", ""
     if code not in (0, 1, 2):
-        return "failed", f"exit code {code!r}\n{told}"
-    if any(word in told for word in ("Traceback", "Warning", "panicked")):
-        return "failed", told
+        return "failed", f"exit code {code!r}\n{printed}"
+    if any(word in printed for word in ("Traceback", "Warning", "panicked")):
+        return "failed", printed
     if code == 2:
-        return "refused", wrong_refusal(out.getvalue(), told)
+        return "refused", wrong_refusal(out.getvalue(), printed)
     return "result", wrong_result()
 
 
-def wrong_refusal(out: str, told: str) -> str:
+def wrong_refusal(out: str, printed: str) -> str:
     """What is wrong with the words of a refusal; an empty text when nothing is."""
     if out:
-        return f"exit code 2, and a result on stdout\n{out}\n{told}"
+        return f"exit code 2, and a result on stdout\n{out}\n{printed}"
     # What was assumed before the refusal is said in notes, a line each.
-    told = "".join(line for line in told.splitlines(keepends=True) if not line.startswith("didim: note: "))
-    if told.count("\n") != 1 or not told.startswith("didim: ") or len(told) < 15:
-        return f"exit code 2 without one sentence\n{told}"
-    if len(told) > LONGEST_SENTENCE:
-        return f"a sentence of {len(told)} characters\n{told}"
+    printed = "".join(
+        line for line in printed.splitlines(keepends=True) if not line.startswith("didim: note: ")
+    )
+    if printed.count("\n") != 1 or not printed.startswith("didim: ") or len(printed) < 15:
+        return f"exit code 2 without one sentence\n{printed}"
+    if len(printed) > LONGEST_SENTENCE:
+        return f"a sentence of {len(printed)} characters\n{printed}"
     return ""
 
 
@@ -233,7 +236,7 @@ def keep(folder: Path, kept: Path, number: int, complaint: str) -> None:
             symlinks=True,
             ignore=lambda place, names: [n for n in names if cannot_be_copied(Path(place, n))],
         )
-    else:  # the worker has not come to its first case
+    else:  # the worker has not reached its first case
         target.mkdir(parents=True)
     (target / "complaint.txt").write_text(complaint, encoding="utf-8", errors="backslashreplace")
 
@@ -262,13 +265,13 @@ class Tally:
             self.outcomes[number] = outcome
             with self._path.open("a", encoding="ascii") as file:
                 file.write(f"{number} {outcome}\n")
-            if len(self.outcomes) % TOLD == 0:
+            if len(self.outcomes) % REPORT_EVERY == 0:
                 print(self, flush=True)
 
     def __str__(self) -> str:
         counts = collections.Counter(self.outcomes.values())
-        told = ", ".join(f"{counts[key]} {key}" for key in OUTCOMES)
-        return f"{len(self.outcomes)} cases, seed {self._seed}: {told}"
+        printed = ", ".join(f"{counts[key]} {key}" for key in OUTCOMES)
+        return f"{len(self.outcomes)} cases, seed {self._seed}: {printed}"
 
 
 class Parent(threading.Thread):

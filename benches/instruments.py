@@ -30,12 +30,12 @@ class Case:
     decimated: bool = True
 
     def __str__(self) -> str:
-        told = [f"{self.cutoff_hz:g} Hz" + ("" if self.decimated else ", not decimated")]
+        parts = [f"{self.cutoff_hz:g} Hz" + ("" if self.decimated else ", not decimated")]
         if self.encoder != 1.0:
-            told.append(f"encoder noise x {self.encoder:g}")
+            parts.append(f"encoder noise x {self.encoder:g}")
         if self.gain != 1.0:
-            told.append(f"position gain x {self.gain:g}")
-        return ", ".join(told)
+            parts.append(f"position gain x {self.gain:g}")
+        return ", ".join(parts)
 
 
 CASES = (

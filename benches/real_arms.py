@@ -1,4 +1,4 @@
-"""Does consistent DIDIM converge on arms whose least-squares estimate is no robot?
+"""Does consistent DIDIM converge on arms whose least-squares estimate is not physically consistent?
 
     python benches/real_arms.py [--arms 40] [--first 0] [--minutes 9] [--results real_arms.jsonl] [--plain-seconds 20]
 
@@ -138,7 +138,7 @@ def random_arm(seed: int) -> Arm:
         )
         exact = simulated_log(experiment, truth, noise=False, refinement=1)
         (recording,) = exact.recordings
-        # The ripple acts in the loop: the controller feels it.
+        # The ripple acts in the loop, so the controller reacts to it.
         coulomb = np.array([truth[robot.parameter_names.index(f"Fc{j}")] for j in range(1, n + 1)])
         q, dq, _ = reference.at(recording.t)
         wave = RIPPLE * coulomb * np.sin(ripple[0] * q + ripple[1]) * np.tanh(dq / 0.02)

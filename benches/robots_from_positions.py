@@ -140,11 +140,11 @@ def measured(urdf: Path) -> str:
         "export fit.json --mjcf robot.xml -o new.xml --for-step 0.001",
         "validate fit.json log.toml --mujoco new.xml --step 0.001 --json replay.json",
     ):
-        told = io.StringIO()
-        with contextlib.redirect_stdout(told), contextlib.redirect_stderr(told):
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
             code = command(line.split())
         if code and not line.startswith("identify"):
-            return f"{line.split()[0]} ended with {code}: {told.getvalue().strip().splitlines()[-1][:120]}"
+            return f"{line.split()[0]} ended with {code}: {printed.getvalue().strip().splitlines()[-1][:120]}"
     seconds = perf_counter() - start
     fit = didim.Identification.load("fit.json")
     names = fit.settings["robot"]["joint_names"]

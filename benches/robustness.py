@@ -68,7 +68,7 @@ def poor_motions(experiment: Experiment, x: np.ndarray, count: int, step: float,
         "max_acceleration": settings["max_acceleration_rad_s2"],
     }
     simulation = replace(experiment.simulation, step_s=step, fine_step_s=fine_step)
-    iterations, off, runs, told = [], [], 0, 0
+    iterations, off, runs, too_large = [], [], 0, 0
     for seed, harmonics, frequency in product(range(count), (5, 10), (8.0, 12.0)):
         reference = Reference.random_fourier(harmonics=harmonics, period_s=5.0, seed=seed, **limits)
         inertia = mean_inertia(experiment.robot, x, reference)
@@ -80,11 +80,13 @@ def poor_motions(experiment: Experiment, x: np.ndarray, count: int, step: float,
             truth = experiment.robot.base_parameters.project(x)
             off.append(float(np.sqrt(np.mean(((fit.beta - truth) / fit.std) ** 2))))
             iterations.append(fit.n_iterations)
-        told += not fit.converged and any("the integration step is too large" in text for text in fit.remarks)
+        too_large += not fit.converged and any(
+            "the integration step is too large" in text for text in fit.remarks
+        )
     print(
         f"steps of {1e3 * step:g} and {1e3 * fine_step:g} ms: {len(iterations)} of {runs} converge, in {min(iterations)} to "
         f"{max(iterations)} iterations, off by {np.median(off):.2f} sigma rms in the median and {max(off):.1f} at most; of the "
-        f"others {told} say that the step is too large"
+        f"others {too_large} say that the step is too large"
     )
 
 

@@ -77,14 +77,14 @@ def rows_of_a_study() -> str:
     changed = list(lines)
     changed[edited] = re.sub(r'"beta": ?\[[-0-9.e]+', '"beta":[1e6', changed[edited])
     Path("edited.jsonl").write_text("\n".join(changed) + "\n", encoding="utf-8")
-    told = run("study", "edited.jsonl")
-    believed = "as written" not in told.out + told.err
+    outcome = run("study", "edited.jsonl")
+    believed = "as written" not in outcome.out + outcome.err
     cut = next(number for number, line in enumerate(lines) if '"truth"' in line)
     Path("cut.jsonl").write_text(
         "\n".join([*lines[:cut], lines[cut][:-40], *lines[cut + 1 :]]) + "\n", encoding="utf-8"
     )
-    told = run("study", "cut.jsonl")
-    named = "damaged" in told.out + told.err
+    outcome = run("study", "cut.jsonl")
+    named = "damaged" in outcome.out + outcome.err
     return f"edited row {'believed' if believed else 'dropped and named'}, damaged one {'named' if named else 'called unfinished'}"
 
 
@@ -140,18 +140,20 @@ def check_of_gaps() -> str:
     stamps = 'time = { file = "log.csv", columns = ["t"], unit = "s" }\nposition'
     Path("log.toml").write_text(text.replace("position", stamps, 1), encoding="utf-8")
     ended = run("check", "log.toml")
-    told = ended.out + ended.err
+    outcome = ended.out + ended.err
     return (
-        "the filters are refused" if "cannot be filtered" in told or "needs more than" in told else "checked"
+        "the filters are refused"
+        if "cannot be filtered" in outcome or "needs more than" in outcome
+        else "checked"
     )
 
 
 def band_of_jitter() -> str:
     """What `init` chooses for it; the motion ends at 0.4 Hz."""
     jittered()
-    told = run("init", "planar2", "jitter.csv").out
-    band = re.search(r"below ([0-9.]+) Hz", told)
-    decimated = re.search(r"decimation by (\d+)", told)
+    outcome = run("init", "planar2", "jitter.csv").out
+    band = re.search(r"below ([0-9.]+) Hz", outcome)
+    decimated = re.search(r"decimation by (\d+)", outcome)
     return f"band of {band[1] if band else 'no'} Hz, {'' if decimated else 'not '}decimated"
 
 
@@ -175,8 +177,8 @@ def first_order_ends() -> str:
     """A recipe of 0.1.0 for the digits of others says that the ends are of another order now."""
     write_log()
     Path("log.toml").write_text(EXPERIMENT + 'padding = "matlab"\n', encoding="utf-8")
-    told = run("identify", "log.toml", "--quiet")
-    return "said" if "ends" in told.out + told.err else "not said"
+    outcome = run("identify", "log.toml", "--quiet")
+    return "said" if "ends" in outcome.out + outcome.err else "not said"
 
 
 def bounds_of_inputs() -> str:
@@ -249,6 +251,6 @@ def mistakes() -> str:
     )
     answered = 0
     for words, wanted in tries:
-        told = run(*words)
-        answered += wanted in told.out + told.err and told.code == 2 and not told.traceback
+        outcome = run(*words)
+        answered += wanted in outcome.out + outcome.err and outcome.code == 2 and not outcome.traceback
     return f"{answered} of {len(tries)} answered"

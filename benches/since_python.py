@@ -57,14 +57,14 @@ def friction_picture() -> str:
 def dead_torques() -> str:
     """All torques zero; the torque of joint 2 constant."""
     _, _, tau = motion()
-    told = []
+    answers = []
     for values in (0.0 * tau, np.where(np.arange(2) == 1, 2.0, tau)):
         try:
             kinds = {finding.kind for finding in didim.check(arrays(tau=values))}
-            told.append("named" if "constant-torque" in kinds else "not named")
+            answers.append("named" if "constant-torque" in kinds else "not named")
         except Exception as error:
-            told.append(type(error).__name__)
-    return f"zero: {told[0]}, constant: {told[1]}"
+            answers.append(type(error).__name__)
+    return f"zero: {answers[0]}, constant: {answers[1]}"
 
 
 def changed_payload() -> str:
@@ -109,7 +109,7 @@ def other_friction() -> str:
     """`validate` with other friction, `to_c` with a result, a start by standard names."""
     experiment = arrays()
     fit = didim.identify(experiment)
-    told = []
+    answers = []
     asymmetric = replace(experiment, robot=smooth().with_friction(model="asymmetric"))
     start = module("methods.start").standard_start
     robot = smooth()
@@ -122,10 +122,10 @@ def other_friction() -> str:
     for call, wanted in calls:
         try:
             call()
-            told.append(True)
+            answers.append(True)
         except didim.DidimError as reason:
-            told.append(bool(wanted) and wanted in str(reason))
-    return f"{sum(told)} of {len(told)} answered"
+            answers.append(bool(wanted) and wanted in str(reason))
+    return f"{sum(answers)} of {len(answers)} answered"
 
 
 def gravity() -> str:

@@ -42,7 +42,7 @@ RATES_HZ = (100.0, 250.0, 500.0)
 
 def named(fault: Fault, verdict: Verdict) -> bool:
     """Whether a grave reason names the fault, and its joint where it has one, alone or with causes that explain the log as well."""
-    told = [
+    reported = [
         (code, tuple(joints))
         for reason in verdict.grave
         for code, joints in (
@@ -50,7 +50,9 @@ def named(fault: Fault, verdict: Verdict) -> bool:
             *((tie["code"], tie["joints"]) for tie in reason.facts.get("ties", ())),
         )
     ]
-    return any(code in fault.codes and (not fault.joints or joints == fault.joints) for code, joints in told)
+    return any(
+        code in fault.codes and (not fault.joints or joints == fault.joints) for code, joints in reported
+    )
 
 
 def try_fault(arm: Arm, fault: Fault, seeds: int, first: int = 0) -> tuple[dict[str, int], dict[str, int]]:

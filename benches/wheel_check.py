@@ -230,9 +230,9 @@ def main() -> int:
     missing = unlicensed(wheel)
     if missing:
         sys.exit(f"the licence of {missing[0]} does not travel with the wheel: python benches/licences.py")
-    told = telling(wheel)
-    if told:
-        sys.exit(f"{told[0]} names a folder of the machine that built the wheel")
+    naming = telling(wheel)
+    if naming:
+        sys.exit(f"{naming[0]} names a folder of the machine that built the wheel")
     for name in options.python:
         check(wheel, Place.named(name))
     return 0

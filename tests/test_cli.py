@@ -383,7 +383,7 @@ def test_check_tells_torques_beyond_floating_point(arm: Path, capsys: pytest.Cap
 def test_warnings_of_numpy_wait_for_the_end(
     arm: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Beside a result they are told after it; a refusal, which names the number, is told alone."""
+    """Beside a result they are printed after it; a refusal, which names the number, is printed alone."""
     arguments = ["check", str(arm), "--data", str(arm.parent / "data")]
     checked = importlib.import_module("didim.diagnosis.check")
     run = checked.check

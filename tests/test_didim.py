@@ -515,7 +515,7 @@ def test_emps(emps: Experiment) -> None:
 
 
 def test_emps_from_one_kilogram_needs_gain_updating(emps: Experiment) -> None:
-    """Without it the light carriage saturates its drive: residuals come to rest at nonsense, which is no convergence."""
+    """Without it the light carriage saturates its drive: residuals stop changing far from the log, which is not convergence."""
     found = identify(emps, plain_didim(gain_updating="never", max_iterations=3, tolerance=0.025))
     assert found.status is Status.NOT_CONVERGED
     full = [item.more["residual_change"] for item in found.history if item.more["step_length"] == 1.0]

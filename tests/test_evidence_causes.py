@@ -123,7 +123,7 @@ def test_idim_ls_says_so(log: Experiment) -> None:
 
 
 def named(log: Experiment, method: DIDIM, wanted: Named) -> None:
-    """Whatever DIDIM makes of the log, the reader is told."""
+    """Whatever DIDIM estimates from the log, the cause is reported."""
     found: list[Finding] | tuple[Finding, ...]
     try:
         found = identify(log, method).evidence

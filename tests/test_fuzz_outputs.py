@@ -122,7 +122,7 @@ def test_a_tally_goes_on_where_it_was(
     benches: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     program = importlib.import_module("fuzz")
-    monkeypatch.setattr(program, "TOLD", 2)
+    monkeypatch.setattr(program, "REPORT_EVERY", 2)
     path = tmp_path / "seed-3.txt"
     first = program.Tally(path, 3, resume=True)
     for number, outcome in ((0, "result"), (7, "failed"), (2, "long")):

@@ -210,7 +210,7 @@ def test_wrong_input(tmp_path: Path) -> None:
 
 
 def test_a_slide_is_read_in_millimetres_and_its_drive_has_a_gain(tmp_path: Path) -> None:
-    """What spans 20 is no metre; the gain of the EMPS is in its robot file."""
+    """A span of 20 is not in metres; the gain of the EMPS is in its robot file."""
     log = write(tmp_path / "run.csv", ["t", "q1", "voltage1"], T, 200.0 * Q[:, 0], TAU[:, 0])
     path, draft = initialise("emps", log)
     assert not draft.questions

@@ -70,7 +70,7 @@ def texts(node: ast.AST, names: Names) -> Iterator[tuple[int, str]]:
 
 
 def too_long(source: str, captions: bool = False) -> list[str]:
-    """Return the messages of a module that are too long; a text of several lines is no message."""
+    """Return the messages of a module that are too long; a text of several lines is not a message."""
     found = [(line, text) for line, text in texts(ast.parse(source), {}) if "\n" not in text]
     parts = [(line, part) for line, text in found for part in (text.split(". ") if captions else [text])]
     return [f"line {line}, {len(text)} characters: {text}" for line, text in parts if len(text) > LONGEST]

@@ -1,4 +1,4 @@
-"""One arm of ``benches/real_arms.py``: light wrist, friction that no model has, an IDIM-LS estimate that is no robot."""
+"""One arm of ``benches/real_arms.py``: light wrist, friction beyond the model, an inconsistent IDIM-LS estimate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Uneven logs made even: the signal is kept, the effect on noise is the one that is told, and gaps are not bridged."""
+"""Uneven logs made even: the signal is kept, the effect on noise is the reported one, and gaps are not bridged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Study files: keys, grids, methods, and what a wrong one is told."""
+"""Study files: keys, grids, methods, and the message for a wrong one."""
 
 from __future__ import annotations
 

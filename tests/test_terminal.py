@@ -24,7 +24,9 @@ from didim.result.table import parameter_lines
 from scripts import commands_of
 from test_identification import example
 
-LONG = "the residual lasts: 4.1 % of the torque, for which standard deviations are 2.8 times too small"
+LONG = (
+    "the residual is correlated in time: 4.1 % of the torque; white-noise sigmas would be 2.8 times too small"
+)
 
 
 def on_terminal(*arguments: str, width: int = 80, **environment: str) -> str:

@@ -52,7 +52,7 @@ def contestants(data: Path | None, rounds: int, *, quick: bool) -> list[Contesta
 
 
 class _Run:
-    """A process, and what the last one told."""
+    """A process, and the last output of one."""
 
     def __init__(self, *arguments: str, alone: bool = False) -> None:
         self.arguments, self.alone = arguments, alone

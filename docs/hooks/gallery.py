@@ -1,6 +1,6 @@
 """Hook of mkdocs: the Python of the gallery runs when the pages are built, and each block's `figure` stands below it.
 
-The pictures are no files of the project. Tested in ``tests/test_pages.py``.
+The pictures are not files of the project. Tested in ``tests/test_pages.py``.
 """
 
 from __future__ import annotations

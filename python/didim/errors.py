@@ -74,7 +74,7 @@ class ExampleError(DidimError):
 
 
 class OutputError(DidimError):
-    """An output that is also an input: writing it would destroy what was read."""
+    """An output that is also an input: writing it would destroy the input."""
 
 
 class ThreadsError(DidimError):

@@ -138,7 +138,7 @@ def _usual(bends: Array) -> float:
 
 
 def _stuck(channel: Channel) -> list[Finding]:
-    """Find an encoder that stands still in full motion: a joint comes to rest by and by, a dead encoder at once."""
+    """Find an encoder that stands still in full motion: a joint stops gradually, a dead encoder at once."""
     values = channel.values
     bends = np.abs(np.diff(values, 2))
     runs = _runs(_same(values), STUCK_SAMPLES - 1)

@@ -1,7 +1,7 @@
 """`check`: look at a log before it is fitted.
 
-Each check is a function of a module beside this one. Here is their order, and which of them makes others idle: a contradiction
-that is reported is corrected before the next check looks. Tested in ``tests/test_check.py``.
+Each check is a function of a module beside this one. Here is their order, and which of them skips others: a contradiction
+that is reported is corrected before the next check. Tested in ``tests/test_check.py``.
 """
 
 from __future__ import annotations
@@ -157,16 +157,16 @@ def _checked(
 
 
 def _of_positions(experiment: Experiment, notes: list[str]) -> list[Finding]:
-    """Look at a log of positions of a robot with known links, and add what it can tell to `notes`."""
+    """Look at a log of positions of a robot with known links, and add the parameters that it identifies to `notes`."""
     try:
-        lacks, told = prospect(experiment)
+        lacks, identified = prospect(experiment)
     except DidimError as error:
         return [
             said(
                 kind="excitation", sentence=str(error), advice="Correct the experiment file, then check again"
             )
         ]
-    notes += told
+    notes += identified
     return [
         said(kind="excitation", sentence=lack.sentence, advice=lack.advice, joints=lack.joints)
         for lack in lacks

@@ -133,7 +133,7 @@ class Search:
         return None if not near else self._named([self._decided(item) for item in near])
 
     def _promising(self) -> list[Hypothesis]:
-        """Return the hypotheses with columns of their own that the rougher look leaves, the best first."""
+        """Return the hypotheses with columns of their own that pass the screening, the best first."""
         rows, torn = self.rows, self._torn_joints()
         scored: list[tuple[float, Hypothesis]] = []
         families = OF_SIGNS if rows.known is not None else (*OF_SIGNS, *OF_ROBOT)

@@ -1,8 +1,8 @@
-"""The judge: collects what speaks for and against a result, from the same questions for every method.
+"""The judge: collects evidence for and against a result, from the same questions for every method.
 
-Along the measured motion, wherever there is one: what is left of the torques, does it last, what explains it, do single samples or
-a dead channel spoil it, is enough identified, what is it good for. In the closed loop: is the declared law that of the log,
-does the simulated robot move as the measured one. Tested in ``tests/test_verdict_faults.py``.
+Along a measured motion: how large is the residual, is it correlated in time, what explains it, do single samples or a dead channel
+spoil it, is enough identified, what is the model good for. In the closed loop: is the declared law that of the log, does the
+simulated robot move as the measured one. Tested in ``tests/test_verdict_faults.py``.
 """
 
 from __future__ import annotations

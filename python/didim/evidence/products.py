@@ -217,9 +217,9 @@ class Part:
         """Return errors on blocks left out, (n, m), parameters and standard deviations, (p,), of columns of norm 1."""
         g, h, s, v = self.g, self.h, self.s, self.weights()
         a, r = np.tensordot(v * s * s, g, 1), np.tensordot(v * s, h, 1)
-        whole, told = a.sum(axis=0), r.sum(axis=0)
-        beta = self._solved(whole[None], told[None])[0]
-        left = self._solved(whole - a, told - r)
+        whole, moment = a.sum(axis=0), r.sum(axis=0)
+        beta = self._solved(whole[None], moment[None])[0]
+        left = self._solved(whole - a, moment - r)
         error = (
             self.y
             - 2.0 * s[:, None] * np.einsum("nmp,mp->nm", h, left)

@@ -109,7 +109,7 @@ def size_findings(found: Residual, growth: float = 1.0, *, chosen: bool = False)
     """Return a finding where the model misses more of the torques than a sound result does.
 
     `growth` is the error of blocks left out over that of the same blocks fitted: torques that nothing was fitted to count.
-    `chosen` is whether friction terms were chosen already, so that nobody is told to.
+    `chosen` is whether friction terms were chosen already, so choosing them is not advised again.
     """
     share, size = found.share(growth), max(float(np.linalg.norm(found.size)), np.finfo(float).tiny)
     error = float(np.linalg.norm(found.error) / np.sqrt(found.error.shape[1]) / size)
@@ -154,8 +154,8 @@ def spike_findings(
     spread = np.std(np.concatenate([part.tau for part in parts]), axis=0)
     share = np.sqrt(off / n_samples) / np.maximum(spread, np.finfo(float).tiny)
     # One sample of forty at most is found alone: more are the noise of that torque.
-    told = (share >= SPIKES_SHARE) & (counts >= FEWEST_SPIKES * n_samples)
-    joints = np.flatnonzero(told if fewest is None else counts >= fewest)
+    spiky = (share >= SPIKES_SHARE) & (counts >= FEWEST_SPIKES * n_samples)
+    joints = np.flatnonzero(spiky if fewest is None else counts >= fewest)
     if not len(joints):
         return []
     count = int(counts[joints].sum())

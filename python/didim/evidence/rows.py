@@ -1,4 +1,4 @@
-"""Rows of a log for hypotheses: those of a fit, a rougher look at other columns, and rows of the consistent fit.
+"""Rows of a log for hypotheses: those of a fit, the screening of other columns, and rows of the consistent fit.
 
 Tested in ``tests/test_evidence_products.py``.
 """
@@ -142,7 +142,7 @@ class LogRows:
 
     @cached_property
     def screen(self) -> Screen:
-        """The rougher look."""
+        """Screening along the decimated motion."""
         motion = [
             self.reduced([getattr(part, key) for part in self.parts])[:, :: self._step] for key in MOTION
         ]

@@ -63,7 +63,7 @@ class Screen:
         after, smooth = w[:, :, self.friction], self.smooth[:, :, self.friction]
         exact = self.exact[:, :, self.friction]
         even, odd = (np.all(after == sign * smooth, axis=(0, 1)) for sign in (1.0, -1.0))
-        # What decimation leaves beside the rougher look is about the same where each joint keeps its way.
+        # The error of the decimated motion is about the same where each joint keeps its direction.
         scale = np.diag(position)
         if np.array_equal(position, np.diag(scale)) and (scale > 1.0 / NEAR).all() and (scale < NEAR).all():
             w += self.correction

@@ -213,9 +213,9 @@ def payload_std(
     if not floor > 0.0:
         return 0.0
     weight = 1.0 / np.maximum(np.mean(residual.error**2, axis=1), floor)
-    told, information = (
+    moments, information = (
         np.array([float(part.sum()) for part in np.array_split(weight @ values, PAYLOAD_BLOCKS)])
         for values in (column * residual.error, column**2)
     )
-    masses = told / np.maximum(information, np.finfo(float).tiny)
+    masses = moments / np.maximum(information, np.finfo(float).tiny)
     return float(np.std(masses, ddof=1) / np.sqrt(PAYLOAD_BLOCKS))

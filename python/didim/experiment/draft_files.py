@@ -139,7 +139,7 @@ def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Lo
     """
     groups = _groups(sources, robot)
     logs: list[tuple[Log, str, Path]] = []
-    told = []
+    notes = []
     for group in groups:
         if len(group) == 1:
             logs.append((group[0], group[0].path.stem, group[0].path))
@@ -149,12 +149,12 @@ def assembled(sources: Sequence[LogSource], robot: Robot) -> tuple[list[tuple[Lo
             f"{source.path.name} ({'/'.join(_kinds(log.columns, k)) or 'not used'})"
             for k, source in enumerate(group)
         )
-        told.append(f"{counted(len(group), 'file')} are signals of one recording: {files}")
+        notes.append(f"{counted(len(group), 'file')} are signals of one recording: {files}")
         name = "_".join(name_without_signal(group[0].path.stem)) or group[0].path.stem
         logs.append((log, name, group[0].path))
     if len(groups) > 1:
-        told.append(f"{counted(len(sources), 'file')} make {len(groups)} recordings")
-    return logs, told
+        notes.append(f"{counted(len(sources), 'file')} make {len(groups)} recordings")
+    return logs, notes
 
 
 def _kinds(columns: Sequence[Column], file: int | None = None) -> list[str]:

@@ -207,7 +207,7 @@ class RecordingWriter:
     def _time(self, stamps: list[Column]) -> list[str]:
         if not stamps:
             if self.rate is not None:
-                self._tell(f"rate {self.rate:g} Hz, as told")
+                self._tell(f"rate {self.rate:g} Hz, as given")
                 return [f"rate_hz = {self.rate:.9g}", *self._windows(None)]
             self._ask(
                 "no column of time stamps was found: at what rate was the log recorded (rate_hz, or --rate)?"
@@ -376,14 +376,14 @@ class RecordingWriter:
         units, sure = [], True
         for item, kind, value in zip(columns, self.robot.joint_kinds, values.T, strict=True):
             span = float(np.ptp(value))
-            told = item.unit if item.unit in ("rad", "deg", "m", "mm", "count", "percent") else None
-            if told is None:
+            known = item.unit if item.unit in ("rad", "deg", "m", "mm", "count", "percent") else None
+            if known is None:
                 sure = False
                 if kind == "revolute" or motor:
-                    told = "deg" if span > TWO_TURNS and not motor else "rad"
+                    known = "deg" if span > TWO_TURNS and not motor else "rad"
                 else:
-                    told = "mm" if span > 20.0 else "m"
-            units.append(told)
+                    known = "mm" if span > 20.0 else "m"
+            units.append(known)
         # All revolute joints of a log have one unit.
         if not sure and "deg" in units:
             units = ["deg" if unit == "rad" else unit for unit in units]

@@ -60,8 +60,8 @@ def _cause(finding: Told) -> str:
     first = looks(finding.code, finding.joints, finding.value, facts)
     text = f"{first}{' (or another cause)' if facts['ties'] else ''}"
     if facts.get("friction"):
-        told = ", ".join(f"{name} = {value:.3g}" for name, value in facts["friction"].items())
-        return f"{text}: friction would drive the robot ({told})"
+        named = ", ".join(f"{name} = {value:.3g}" for name, value in facts["friction"].items())
+        return f"{text}: friction would drive the robot ({named})"
     return (
         f"{text}: without that {percent(facts['left'])} % of the error is left (geometric mean; {facts['blocks']} of 10 held-out "
         "blocks get better)"

@@ -130,12 +130,12 @@ def compare(
     for method in chosen:
         key = _key(method, fits)
 
-        def told(iteration: Iteration, name: str = key) -> None:
+        def record(iteration: Iteration, name: str = key) -> None:
             if callback is not None:
                 callback(name, iteration)
 
         try:
-            fit = fits[key] = identify(log, method, callback=told, verbose=verbose)
+            fit = fits[key] = identify(log, method, callback=record, verbose=verbose)
         except FitError as reason:
             # The results of the preceding methods are worth more than an error.
             if not fits:

@@ -221,7 +221,7 @@ class LawRows:
 def with_law_torques(experiment: Experiment) -> Experiment:
     """Return the recordings of a fit with the torques of the declared law along their measured motion in place of measured ones.
 
-    What is left of them beside the model is what the errors of the simulated positions are as torques.
+    Their residual is the error of the simulated positions, as torques.
     """
     fitted = [item for item in experiment.recordings if item.role == "fit"]
     blank = [replace(item, tau=np.zeros_like(item.measured_positions())) for item in fitted]

@@ -56,8 +56,8 @@ class Checkpoint:
         """
         if self.path is None:
             return
-        told = [{**asdict(item), "more": dict(item.more)} for item in history]
-        record = json.dumps({"problem": self.problem, "numbers": dict(numbers), "history": told})
+        records = [{**asdict(item), "more": dict(item.more)} for item in history]
+        record = json.dumps({"problem": self.problem, "numbers": dict(numbers), "history": records})
         buffer = io.BytesIO()
         named: dict[str, Any] = {f"array_{name}": value for name, value in arrays.items()}
         np.savez(buffer, record=np.array(record), seal=np.array(_seal(record, named)), **named)

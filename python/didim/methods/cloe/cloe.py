@@ -161,7 +161,7 @@ def _best(fits: Sequence[Identification], asked: int) -> Identification:
     reached = int(np.sum(costs <= costs.min() * (1.0 + SAME_OPTIMUM)))
     sentence = f"{reached} of {counted(asked, 'start')} reached the best optimum"
     if len(fits) < asked:
-        sentence += f"; {asked - len(fits)} could not be searched from, or were not come to"
+        sentence += f"; {asked - len(fits)} could not be searched from, or were not reached"
     record = [
         {
             "cost": _cost(fit),

@@ -359,8 +359,8 @@ def spread_at(
     if values[0] <= SINGULAR_NORMAL_MATRIX * values[-1]:
         names = [problem.base.names[index] for index in problem.estimated]
         hardly = series(names[k] for k in np.flatnonzero(np.abs(vectors[:, 0]) > 0.1))
-        told = f"the outputs hardly identify {hardly}: there are no standard deviations; fix or drop one"
-        return nothing, math.inf, [told]
+        remark = f"the outputs hardly identify {hardly}: there are no standard deviations; fix or drop one"
+        return nothing, math.inf, [remark]
     inverse = (vectors / values) @ vectors.T / np.outer(size, size)
     blocks = problem.blocks()
     covariance, correlated = autocorrelated(jacobian.T, errors, blocks, inverse)

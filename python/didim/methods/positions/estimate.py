@@ -1,6 +1,7 @@
 """CLOE with known links: drives and friction of a robot from commanded and measured positions, without torques.
 
-First what the log can tell, then the search, then what it could not tell after all is held and the search goes on; intervals last.
+First the parameters that the log identifies, then the search. Parameters that it does not identify after all are held, and the
+search goes on. Intervals come last.
 Tested in ``tests/test_positions.py``.
 """
 

@@ -125,7 +125,7 @@ def untold(problem: Problem, now: Search, *, strict: bool = False, error: float 
 def _excess(
     problem: Problem, column: Column, f: float, square: float, rows: int, error: float, strict: bool
 ) -> float:
-    """Return by what factor an unknown fails to be told: above 1 it is held."""
+    """Return the uncertainty of each unknown over its limit: above 1 it is held."""
     if strict or not column.of_drive or f < ALONE.get(column.kind, USUALLY_ALONE):
         return float(f / SINGULAR)
     (rate, *_) = (item.rate_hz for item in problem.rollouts)

@@ -136,7 +136,7 @@ class Problem:
     def positions(
         self, rollout: Rollout, thetas: Array, lead_s: float = 0.0
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return what the encoders show, (n_candidates, n_samples, n_limb_joints), and which runs came to their end."""
+        """Return the encoders' positions, (n_candidates, n_samples, n_limb_joints), and which runs were completed."""
         limb = self.limbs[rollout.limb]
         count, joints = len(thetas), list(limb.joints)
         x = np.tile(self.values.x[limb.indices], (count, 1))

@@ -104,7 +104,7 @@ def pool_of(
 
 
 def narrowest_memory(parts: Sequence[Segment], steps: Array | None) -> Array:
-    """Compute the smallest displacement of memory that a log tells, (n_dof,) (rad or m).
+    """Compute the smallest displacement of memory that a log resolves, (n_dof,) (rad or m).
 
     Parameters
     ----------

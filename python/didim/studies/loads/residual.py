@@ -134,10 +134,10 @@ class Residual(Pickled, Printed):
             ]
             lines += ["", f"recording '{item.recording}', {item.t[0]:.3f} to {item.t[-1]:.3f} s"]
             lines += table_lines(rows)
-            told = [str(contact) for contact in item.contacts]
+            found_contacts = [str(contact) for contact in item.contacts]
             if item.payload_change is not None:
-                told.insert(0, str(item.payload_change))
-            lines += told or ["no external torque"]
+                found_contacts.insert(0, str(item.payload_change))
+            lines += found_contacts or ["no external torque"]
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -289,9 +289,9 @@ def _window(
     if change is not None:
         change = _weighed(fit, experiment, recording, window, x, change)
     shortest = shortest_s(observed[settled], limits[settled], rate, threshold)
-    told = contacts(when, seen, limits, shortest)
+    found_contacts = contacts(when, seen, limits, shortest)
     if change is not None:
-        told = [contact for contact in told if contact.stop_s < change.start_s]
+        found_contacts = [contact for contact in found_contacts if contact.stop_s < change.start_s]
     return ExternalTorque(
         recording=recording.name,
         t=t,
@@ -301,7 +301,7 @@ def _window(
         observer_t=when,
         observed=seen,
         limits=limits,
-        contacts=tuple(told),
+        contacts=tuple(found_contacts),
         payload_change=change,
     )
 
