@@ -60,6 +60,8 @@ TICKS = {"joints": [1, 2, 3, 4, 6, 9, 12], "legs": [1, 2, 3, 4], "threads": [1, 
 LEGS = (1, 2, 3, 4)
 LEG_SAMPLES = 500
 """Rows of each joint where legs are counted."""
+LEG_LOG_S = 20.0
+"""Length of the log of legs."""
 BATCH, CACHED = 1024, 256
 """Samples where joints are counted; of the regressor, whose 12 joints would fill more than a cache."""
 LIMITS: dict[str, Any] = {
@@ -220,12 +222,29 @@ def over_legs(quick: bool) -> list[Curve]:
             blocks=stacked(n, [LEG_SAMPLES]),
             names=tuple(base.names),
         )
+        runs.setdefault("IDIM-LS, arrays to estimate and verdict", {})[count] = partial(
+            didim.identify, _legs_log(robot, rng), didim.IDIMLS()
+        )
         # A system of its own each time: it remembers which rows share what.
         solution = f"solution of {LEG_SAMPLES} samples, sigma included"
         runs.setdefault(solution, {})[count] = partial(_solved, system)
         for name, run in _chain(robot, rng).items():
             runs.setdefault(name, {})[count] = run
     return [Curve(name, "legs", by_size, more_rounds=MORE_ROUNDS) for name, by_size in runs.items()]
+
+
+def _legs_log(robot: Robot, rng: np.random.Generator) -> Experiment:
+    reference = didim.Reference.random_fourier(
+        harmonics=10,
+        period_s=LEG_LOG_S,
+        seed=1,
+        max_position=[1.0] * robot.n_dof,
+        max_velocity=[4.0] * robot.n_dof,
+        max_acceleration=[25.0] * robot.n_dof,
+    )
+    q, dq, ddq = reference.at(np.arange(LEG_LOG_S * RATE_HZ) / RATE_HZ)
+    tau = didim.inverse_dynamics(robot, q, dq, ddq, random_parameters(rng, robot))
+    return _experiment(robot, q, tau + TORQUE_NOISE * rng.standard_normal(tau.shape))
 
 
 def _solved(system: LinearSystem) -> object:
@@ -258,9 +277,13 @@ def _log(task: Task, duration_s: int) -> Experiment:
     q, dq, ddq = reference.at(t % reference.duration)
     tau = didim.inverse_dynamics(task.robot, q, dq, ddq, task.x)
     tau += TORQUE_NOISE * np.random.default_rng(1).standard_normal(tau.shape)
+    return _experiment(task.robot, q, tau)
+
+
+def _experiment(robot: Robot, q: Array, tau: Array) -> Experiment:
     return Experiment(
         name="simulated",
-        robot=task.robot,
+        robot=robot,
         recordings=(Recording.from_arrays(q, tau, rate_hz=RATE_HZ, name="log"),),
         signal=SignalProcessing(cutoff_hz=60.0, trim_start=50, trim_end=50, decimation=(5, 10)),
     )
@@ -327,6 +350,10 @@ def tell(curve: Curve, figures: Mapping[int, Figures]) -> None:
     print(f"  {'':>8} {'smallest':>10} {'median':>10} s")
     for size, figure in figures.items():
         print(f"  {size:8d} {figure.smallest:10.4g} {figure.median:10.4g}", flush=True)
+    if curve.over == "legs":
+        most = max(figures)
+        ratio = figures[most].smallest / (most * figures[1].smallest)
+        print(f"  {most} legs cost {ratio:.2f} times as much as one by one", flush=True)
 
 
 def record(curve: Curve, figures: Mapping[int, Figures]) -> dict[str, Any]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from didim.regression.block import Block, stacked
-from didim.regression.jackknife import Factors, deletion_covariance, intervals, jackknife, rescaled
+from didim.regression.jackknife import Branches, Factors, deletion_covariance, intervals, jackknife, rescaled
+from didim.regression.linear_system import LinearSystem
 
 ROWS, COLUMNS, JOINTS = 60, 7, 3
 
@@ -41,6 +42,28 @@ def test_deletions_are_those_of_solving_again_without_a_block() -> None:
         assert np.abs((deletion - (again - x)) / size).max() < 1e-9
     assert 0.0 < found.leverage < 1.0
     assert (found.decisive == -1).all()
+
+
+def test_branches_have_the_deletions_of_the_whole_system() -> None:
+    rng = np.random.default_rng(3)
+    blocks = stacked(4, [ROWS])
+    w = rng.standard_normal((4 * ROWS, 9))
+    # Joints 1 and 3 share columns 0 to 4, joints 2 and 4 the others.
+    w.reshape(2, 2, ROWS, 9)[:, 0, :, 5:] = 0.0
+    w.reshape(2, 2, ROWS, 9)[:, 1, :, :5] = 0.0
+    weights, residual = rng.uniform(0.5, 2.0, 4 * ROWS), rng.standard_normal(4 * ROWS)
+    system = LinearSystem(w=w, y=residual, blocks=blocks, names=tuple("abcdefghi"))
+    whole = Factors.of(w * weights[:, None], residual * weights)
+    branches = Branches.of(system, weights, residual)
+    assert [columns.size for _, columns, _ in branches.parts] == [5, 4]
+    np.testing.assert_allclose(
+        branches.inverse @ branches.inverse.T, whole.inverse @ whole.inverse.T, atol=1e-13
+    )
+    left_out = [item.rows for item in intervals(blocks, 10)]
+    expected, found = jackknife(whole, left_out), branches.jackknife(left_out)
+    np.testing.assert_allclose(found.deletions, expected.deletions, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.information, expected.information, rtol=1e-9, atol=1e-12)
+    assert found.leverage == pytest.approx(expected.leverage)
 
 
 def test_deletions_with_instruments_are_those_of_solving_again() -> None:

@@ -16,7 +16,7 @@ from ..regression.block import Block
 from ..regression.covariance import covariance
 from ..regression.fit import Fit
 from ..regression.friction.alarm import FrictionAlarm
-from ..regression.jackknife import Factors, intervals, jackknife, rescaled
+from ..regression.jackknife import Branches, Factors, intervals, jackknife, rescaled
 from ..regression.linear_system import LinearSystem
 from ..regression.selection import Selection
 from ..regression.settings import LeastSquaresSettings
@@ -68,15 +68,13 @@ def spread_of_fit(
             "there are fewer rows than parameters, so the noise cannot be estimated: no standard deviations"
         )
         return Spread(np.zeros_like(fit.covariance), None, (sentence,))
-    factors, noise = fit.factors, fit.covariance
+    factors: Factors | Branches | None = fit.factors
+    noise = fit.covariance
     if factors is None:
-        w = system.w
-        if system.slopes:
-            w = np.column_stack([w, *velocity_columns(system, fit.solution)])
-        factors = Factors.of(w * fit.weights[:, None], fit.residual * fit.weights)
+        wider = with_velocities(system, fit.solution)
+        factors = Branches.of(wider, fit.weights, fit.residual)
         if system.slopes:
             n = len(system.names)
-            wider = replace(system, w=w)
             noise = covariance(wider, settings, fit.weights, fit.residual, factors.inverse)[:n, :n]
     known: Kind = "white" if settings.uncertainty == "white" else "decimated"
     if known == "decimated" and all(block.correlation is None for block in system.blocks):
@@ -84,19 +82,23 @@ def spread_of_fit(
     return spread_of_factors(factors, noise, known, system.blocks, settings, selection, system.names)
 
 
-def velocity_columns(system: LinearSystem, solution: Array) -> list[Array]:
-    """Return the columns of the estimated velocities of friction laws, (r,) each.
+def with_velocities(system: LinearSystem, solution: Array) -> LinearSystem:
+    """Return a system with a further column for the estimated velocity of each friction law.
 
     The velocities were estimated too. With their columns in the system, the variances of the parameters include the uncertainty
     of the velocities. A law with a parameter of zero has no column.
     """
+    if not system.slopes:
+        return system
     values = {name: float(solution[system.names.index(name)]) for name in system.slopes}
-    columns = [values[name] * slope for name, slope in system.slopes.items()]
-    return [column for column in columns if column.any()]
+    columns = {name: values[name] * slope for name, slope in system.slopes.items()}
+    columns = {name: column for name, column in columns.items() if column.any()}
+    names = (*system.names, *(f"velocity of {name}" for name in columns))
+    return replace(system, w=np.column_stack([system.w, *columns.values()]), names=names)
 
 
 def spread_of_factors(
-    factors: Factors,
+    factors: Factors | Branches,
     covariance: Array,
     known: Kind,
     blocks: Sequence[Block],
@@ -123,7 +125,7 @@ def spread_of_factors(
     names : sequence of str
         Estimated parameters.
     """
-    rows, columns = factors.left.shape
+    rows, columns = len(factors.residual), len(factors.inverse)
     variance = float(factors.residual @ factors.residual) / max(1, settings.divisor(rows, columns))
     n = len(names)
     white = np.sqrt(variance * np.sum(factors.inverse[:n] ** 2, axis=1))
@@ -145,7 +147,8 @@ def spread_of_factors(
             ("too few rows for a jackknife: sigma takes the errors of the model for noise",) if short else ()
         )
         return Spread(covariance, plain, remark)
-    found = jackknife(factors, [part.rows for part in parts])
+    left_out = [part.rows for part in parts]
+    found = factors.jackknife(left_out) if isinstance(factors, Branches) else jackknife(factors, left_out)
     found = replace(found, deletions=found.deletions[:, :n], information=found.information[:, :n])
     decisive = found.decisive
     variances = np.where(decisive < 0, np.diag(found.covariance), np.diag(covariance))

@@ -17,11 +17,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._tools.arrays import Array
 from .block import Block
 from .linear_system import LinearSystem
 from .settings import LeastSquaresSettings
+
+Columns = NDArray[np.intp]
 
 SMALLEST_ROWS_SHARE = 0.05
 """Smallest ratio of a joint's expected squares to its rows for a variance of its own; otherwise it gets that of all joints."""
@@ -50,12 +53,14 @@ def covariance(
     weighted = residual * weights
     if settings.uncertainty != "white" and any(block.correlation is not None for block in system.blocks):
         # In the orthonormal columns Q = W R^-1: with a nearly dependent W rounding could give negative variances.
-        q = np.zeros_like(system.w)
-        for rows, columns in system.parts:
-            # Rows outside the block are zero and are skipped.
-            part = system.w[np.ix_(rows, columns)] * weights[rows, None]
-            q[np.ix_(rows, columns)] = part @ inverse_r[np.ix_(columns, columns)]
-        return decimated(system, settings, q, weighted, inverse_r)
+        starts, stops = np.array([(rows.start, rows.stop) for rows in system.joints]).T
+        q: list[tuple[Columns, Array]] = [(np.arange(0), np.zeros((0, 0)))] * len(starts)
+        for (rows, columns), w in zip(system.parts, system.matrices, strict=True):
+            part = w * weights[rows, None] @ inverse_r[np.ix_(columns, columns)]
+            first, last = np.searchsorted(rows, (starts, stops))
+            for joint in np.flatnonzero(last > first):
+                q[joint] = columns, part[first[joint] : last[joint]]
+        return _decimated(system, settings, q, weighted, inverse_r)
     variance = float(np.sum(weighted**2)) / settings.divisor(*system.w.shape)
     spread = np.zeros_like(inverse_r)
     for _, columns in system.parts:
@@ -85,11 +90,24 @@ def decimated(
     inverse_r : (b, b) array
         Inverse of R, or with instruments of ``Q^T W``.
     """
+    every = np.arange(len(inverse_r))
+    return _decimated(system, settings, [(every, q[rows]) for rows in system.joints], residual, inverse_r)
+
+
+def _decimated(
+    system: LinearSystem,
+    settings: LeastSquaresSettings,
+    q: Sequence[tuple[Columns, Array]],
+    residual: Array,
+    inverse_r: Array,
+) -> Array:
+    """As `decimated`, for the columns of Q that each joint may have entries in, with these entries."""
     b, n = inverse_r.shape[0], len(system.joints)
     coloured, plain = np.zeros((n, b, b)), np.zeros((n, b, b))
     for joint, (rows, blocks) in enumerate(zip(system.joints, system.joint_blocks, strict=True)):
-        columns = np.flatnonzero(q[rows].any(axis=0))
-        part, place = np.ascontiguousarray(q[rows][:, columns]), np.ix_(columns, columns)
+        columns, entries = q[joint]
+        seen = entries.any(axis=0)
+        part, place = np.ascontiguousarray(entries[:, seen]), np.ix_(columns[seen], columns[seen])
         plain[joint][place] = part.T @ part
         coloured[joint][place] = part.T @ _correlated(part, blocks, rows.start)
     squares = np.array([residual[rows] @ residual[rows] for rows in system.joints])

@@ -10,7 +10,8 @@ weighted residual and ``Q_i``, ``rho_i`` the rows of block i, for ``A = Q R``:
 
 ``C`` has the variances of ``C_J``, whose rank is only m - 1, and the correlations of ``C_now``. Estimates with instruments
 ``Z = Q R`` in place of ``A`` have ``-G^-1 (I - Q_i^T A_i G^-1)^-1 Q_i^T rho_i`` with ``G = Q^T A``, so both are one function of
-a left factor ``Q``, a right factor ``A G^-1`` and ``G^-1``.
+a left factor ``Q``, a right factor ``A G^-1`` and ``G^-1``. Branches that share no columns, such as the legs of a trunk, have
+factors and deletions of their own.
 
 Sources: Quenouille (1956), Tukey (1958); Kuensch (1989) for blocks; Cameron and Miller (2015) for clusters.
 """
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 
 from .._tools.arrays import Array
 from .block import Block, by_window
+from .linear_system import LinearSystem
 from .settings import BLOCKS
 
 Rows = NDArray[np.intp]
@@ -180,6 +182,50 @@ class Factors:
         left, triangle = np.linalg.qr(a / size)
         inverse = np.linalg.solve(triangle, np.eye(a.shape[1])) / size[:, None]
         return cls(left, left, inverse, residual)
+
+
+@dataclass(frozen=True, eq=False)
+class Branches:
+    """Factors of independent branches, such as the legs of one trunk.
+
+    Attributes
+    ----------
+    parts : list of (ndarray of int, ndarray of int, Factors)
+        Rows, columns and factors of each branch.
+    inverse : ndarray, shape (b, b)
+        ``R^-1`` of all columns.
+    residual : ndarray, shape (r,)
+        Weighted residual of all rows.
+    """
+
+    parts: list[tuple[Rows, Rows, Factors]]
+    inverse: Array
+    residual: Array
+
+    @classmethod
+    def of(cls, system: LinearSystem, weights: Array, residual: Array) -> Branches:
+        """Return the factors of weighted least squares, from the weights (r,) and the residual (r,) without them."""
+        inverse, parts = np.zeros((len(system.names), len(system.names))), []
+        for (rows, columns), w in zip(system.parts, system.matrices, strict=True):
+            if not columns.size:
+                continue  # joints without unknowns, because all columns are dropped or fixed
+            part = Factors.of(w * weights[rows, None], residual[rows] * weights[rows])
+            inverse[np.ix_(columns, columns)] = part.inverse
+            parts.append((rows, columns, part))
+        return cls(parts, inverse, residual * weights)
+
+    def jackknife(self, blocks: Sequence[Rows]) -> Jackknife:
+        """Compute the estimates without each block of rows, branch by branch; see `jackknife`."""
+        deletions, information = np.zeros((2, len(blocks), len(self.inverse)))
+        leverage = 0.0
+        for rows, columns, factors in self.parts:
+            place = np.full(len(self.residual), -1)
+            place[rows] = np.arange(len(rows))
+            own = [inside[inside >= 0] for inside in (place[block] for block in blocks)]
+            found = jackknife(factors, own)
+            deletions[:, columns], information[:, columns] = found.deletions, found.information
+            leverage = max(leverage, found.leverage)
+        return Jackknife(deletions, information, leverage)
 
 
 def jackknife(factors: Factors, blocks: Sequence[Rows]) -> Jackknife:

@@ -86,7 +86,7 @@ def solve(
         if number == 1:
             condition_number = _condition_number(scaled.singular_values)
         beta = scaled.solution
-        residual = system.y - system.w @ beta
+        residual = system.residual(beta)
         # Asked to stop after the last solution, there is nothing left to stop.
         stopped = progress is not None and progress(number, beta, residual) and number < settings.solutions
         if stopped:
@@ -150,15 +150,11 @@ def factored(system: LinearSystem, scale: Array) -> Factored:
     b = len(system.names)
     combined = Factored(np.zeros(b), np.zeros((b, b)), np.zeros(0), [])
     singular_values = []
-    for rows, columns in system.parts:
+    for (rows, columns), matrix in zip(system.parts, system.matrices, strict=True):
         if not columns.size and b:
             continue  # joints without unknowns, because all columns are dropped or fixed
-        whole = len(columns) == b and len(rows) == len(scale)
-        w = system.w if whole else system.w[np.ix_(rows, columns)]
         weight = scale[rows]
-        part = _core.least_squares(
-            np.ascontiguousarray(w * weight[:, None]), np.ascontiguousarray(system.y[rows] * weight)
-        )
+        part = _core.least_squares(np.ascontiguousarray(matrix * weight[:, None]), system.y[rows] * weight)
         combined.dependent.extend(
             (int(columns[index]), [(int(columns[other]), value) for other, value in coefficients])
             for index, coefficients in part.dependent

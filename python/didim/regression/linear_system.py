@@ -89,7 +89,9 @@ def linear_system(
         w_parts.append(w)
     rows = sum(y.shape[1] for y in y_parts)
     names = robot.base_parameters.names if logs is None else logs.names
-    w_all = np.concatenate(w_parts, axis=1).reshape(n_dof * rows, len(names))
+    # The core's columns are contiguous, those of the system are not: one copy joins and transposes them.
+    w_all = np.concatenate(w_parts, axis=1, out=np.empty((n_dof, rows, len(names))))
+    w_all = w_all.reshape(n_dof * rows, len(names))
     y_all = np.concatenate(y_parts, axis=1).reshape(n_dof * rows)
     estimated = selection.estimated
     known = None
@@ -240,6 +242,20 @@ class LinearSystem:
             for joints, own in groups
         )
 
+    @cached_property
+    def matrices(self) -> tuple[Array, ...]:
+        """W of each of `parts`; that of a single part is all of W, and is not copied."""
+        if len(self.parts) == 1:
+            return (self.w,)
+        return tuple(self.w[np.ix_(rows, columns)] for rows, columns in self.parts)
+
+    def residual(self, beta: Array) -> Array:
+        """Return ``Y - W beta``, (r,)."""
+        residual = self.y.copy()
+        for (rows, columns), w in zip(self.parts, self.matrices, strict=True):
+            residual[rows] -= w @ beta[columns]
+        return residual
+
     @property
     def measured(self) -> Array:
         """Measured torques, shape (r,), including those of fixed parameters."""
@@ -277,7 +293,7 @@ def check_size(system: LinearSystem) -> None:
         Naming the joint or the parameter (``test_least_squares.py``).
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        torques, columns = system.norms(system.measured), np.linalg.norm(system.w, axis=0)
+        torques, columns = system.norms(system.measured), np.sqrt(np.einsum("rb,rb->b", system.w, system.w))
         rest = system.norms(system.y)
     for joint, rows in enumerate(system.joints):
         check_squares(joint, torques[joint] + rest[joint], torques[joint], measured=system.measured[rows])

@@ -28,7 +28,7 @@ from ...regression.fit import Fit
 from ...regression.jackknife import Factors
 from ...regression.linear_system import LinearSystem
 from ...regression.settings import LeastSquaresSettings
-from ..uncertainty import velocity_columns
+from ..uncertainty import with_velocities
 
 DIFFERENCE = 1.0
 """Change of the weighted torques in a finite difference, in standard deviations of a row: small enough for a linear
@@ -144,9 +144,9 @@ class Response:
 
     def with_errors(self, system: LinearSystem, fit: Fit, settings: LeastSquaresSettings) -> Fit:
         """Return the fit with the covariance of the fixed point."""
-        velocities = velocity_columns(system, fit.solution) if system.slopes else []
-        instruments = np.column_stack([system.w, *velocities]) * fit.weights[:, None]
-        answers = np.column_stack([self.slopes, *velocities]) * fit.weights[:, None]
+        w = with_velocities(system, fit.solution).w
+        instruments = w * fit.weights[:, None]
+        answers = np.column_stack([self.slopes, w[:, len(system.names) :]]) * fit.weights[:, None]
         size = np.linalg.norm(instruments, axis=0)
         left = np.linalg.qr(instruments / size)[0]
         inverse = np.linalg.inv(left.T @ (answers / size)) / size[:, None]

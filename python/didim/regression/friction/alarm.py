@@ -253,10 +253,10 @@ def _limbs(system: LinearSystem, fit: Fit) -> list[_Limb]:
     """Return the independent parts of a system: the joints of different legs of one trunk share no column."""
     found = []
     starts = [rows.start for rows in system.joints]
-    for rows, columns in system.parts:
+    for (rows, columns), matrix in zip(system.parts, system.matrices, strict=True):
         # Fitted velocities of laws are unknowns of the model as well; their columns need no scale of their own.
         slopes = {k: slope[rows] for k, slope in enumerate(system.slopes.values()) if slope[rows].any()}
-        w = np.column_stack([system.w[np.ix_(rows, columns)], *slopes.values()]) * fit.weights[rows, None]
+        w = np.column_stack([matrix, *slopes.values()]) * fit.weights[rows, None]
         size = np.linalg.norm(w, axis=0)
         size[size == 0.0] = 1.0
         q, r = np.linalg.qr(w / size)
