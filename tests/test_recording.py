@@ -620,8 +620,7 @@ def test_wrong_keys(
         (
             {"acceleration": {}},
             "unknown key 'acceleration'; known here are 'name', 'role', 'rate_hz', 'windows_s', 'rollouts', "
-            "'payload', 'offsets', 'friction', 'time', "
-            "'position' and 4 more",
+            "'payload', 'kp', 'offsets', 'friction', 'time' and 5 more",
         ),
     ],
 )

@@ -15,7 +15,7 @@ from didim.errors import FitError
 from didim.methods.cloe.cloe import CLOE
 from didim.methods.positions.problem import build
 from didim.methods.positions.replay import position_errors, replayed
-from didim.methods.positions.stops import pushed_stretches
+from didim.methods.positions.stops import STRONGEST, pushed_stretches
 from didim.studies.in_mujoco import validate_in_mujoco
 from quadrupeds import ARM_DELAY_S, ARM_RATE, ARM_TRUTH, ENCODER, arm_text, followed, recorded
 
@@ -147,7 +147,7 @@ def test_larger_errors_of_faster_motions_are_no_pushes() -> None:
     rng = np.random.default_rng(0)
     size = np.where(np.arange(2000) % 1000 < 300, 10.0, 1.0)
     errors, ahead = size * rng.standard_normal((2, 2000))
-    assert pushed_stretches([errors], [30.0 * ahead], [50.0]) == [[]]
+    assert pushed_stretches([errors], [30.0 * ahead], [0.0], [50.0], STRONGEST) == [[]]
     errors[1200:1300] *= 10.0
-    ((found,),) = pushed_stretches([errors], [30.0 * ahead], [50.0])
+    ((found,),) = pushed_stretches([errors], [30.0 * ahead], [0.0], [50.0], STRONGEST)
     assert 1175 <= found[0] < found[1] <= 1325  # the strongest block and those beside it

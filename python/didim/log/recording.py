@@ -61,6 +61,8 @@ class Recording(Pickled, Brief):
         Name of the payload on the flange; "none" for none.
     own
         Parameters that only this recording has: "offsets", "friction".
+    kp
+        Gains of the position servos in this recording, one per joint (N.m/rad or N/m); None for those of the controller.
     drives
         (n_dof, n_dof) reduction matrix R of a recording whose drive gains are unknown: `tau` then is ``R^T i`` of the motor
         currents i in A, joint side; None where `tau` is a torque.
@@ -91,6 +93,7 @@ class Recording(Pickled, Brief):
     notes: tuple[str, ...] = ()
     payload: str = "none"
     own: tuple[str, ...] = ()
+    kp: tuple[float, ...] | None = None
     drives: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:

@@ -97,6 +97,7 @@ def read_recording(
     if rollouts is not None and windows_s:
         table.fail("give rollouts or windows_s, not both: each rollout is a window")
     payload = table.text("payload")
+    kp = table.spread("kp", len(robot.joint_kinds), None)
     own = [key for key in OWN if table.text(key) == "own"]
     signals = _signals(table, robot, reduction, folder, rate, rollouts)
     values, t, base = signals.values, signals.t, signals.base
@@ -138,6 +139,7 @@ def read_recording(
         role=role,
         payload=payload,
         own=tuple(own),
+        kp=None if kp is None else tuple(kp),
     )
 
 

@@ -202,9 +202,11 @@ def _held(f: Told) -> str:
         *([f"the end of its range ({ends})"] if limits else []),
         *(["a contact"] if f.facts["contact"] else []),
     ]
-    begin, end = max(times, key=lambda pair: pair[1] - pair[0])
+    longest = max(range(len(times)), key=lambda k: times[k][1] - times[k][0])
+    begin, end = times[longest]
+    of = f" of '{f.facts['of'][longest]}'" if f.facts["of"] else ""
     others = f" and {len(times) - 1} more times" if len(times) > 1 else ""
-    when = f"from {begin:.2f} to {end:.2f} s{others}, {_value(f):.3g} s in all"
+    when = f"from {begin:.2f} to {end:.2f} s{of}{others}, {_value(f):.3g} s in all"
     if pushed:
         return f"something pushes {f.facts['name']} or its errors have another cause {when}: left out, with its limb"
     return f"{f.facts['name']} is held by {' or '.join(by)} {when}: left out, with its limb"

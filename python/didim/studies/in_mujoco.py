@@ -9,9 +9,10 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,8 @@ from ..methods.positions.replay import pushed_of
 from ..methods.positions.stops import Stop, free_stretches, stops_of
 from ..model.limbs import limbs_of
 from ..result.identification import Identification
+from ..robot.payload import moved
+from ..robot.rigid_body import body_pseudo_inertia, central, pose, pseudo_inertia, quaternion
 
 Stretches = dict[tuple[int, int], list[int]]
 """Joints that are compared, by begin and end of a stretch."""
@@ -37,6 +40,8 @@ MOST_STEP_S = 0.02
 
 SHORT_STEP_S = 1e-4
 """Step (s) at which what MuJoCo's own steps change is below the noise of most encoders."""
+SAME = 1e-12
+"""Difference of commands (rad or m) that is rounding."""
 NEAR = 1.05
 """Error in MuJoCo over that of the result, below which its steps are short enough."""
 
@@ -138,14 +143,14 @@ def validate_in_mujoco(
     drives = drives_of(fit, fit.name)
     pushed = pushed_of(fit, experiment)
     used = [
-        (item, _stretches(experiment, number, pushed))
-        for number, item in enumerate(experiment.recordings)
-        if item.q_ref is not None and item.has_positions
+        item
+        for item in _logged(experiment, pushed)
+        if item.recording.q_ref is not None and item.recording.has_positions
     ]
     if not used:
         raise FitError(f"{experiment.name}: no recording has commanded and measured positions")
     record = fit.settings.get("positions", {}).get("errors", {})
-    same = {name: digest for item, _ in used for name, digest in item.digests.items()}
+    same = {name: digest for item in used for name, digest in item.recording.digests.items()}
     known = all(fit.digests.get(f"data {name}") == digest for name, digest in same.items())
     own = np.array(record["after"]) if known and record.get("after") else None
     after, step = _errors(path, used, drives, step_s)
@@ -166,37 +171,82 @@ def validate_in_mujoco(
     )
 
 
-def _stretches(experiment: Experiment, number: int, pushed: Sequence[Stop]) -> Stretches:
-    """Return the stretches of a recording by begin and end, and the joints of the limbs that nothing holds there."""
-    recording, n = experiment.recordings[number], experiment.robot.n_dof
+class Logged(NamedTuple):
+    """What a replay of a recording needs.
+
+    `stretches` are compared, `shares` (n_joints,) are its gains over those of the controller, and `load` (10,) the inertial
+    parameters of its payload in the frame of the last link.
+    """
+
+    recording: Recording
+    stretches: Stretches
+    shares: Array
+    load: Array
+
+
+def _logged(experiment: Experiment, pushed: Sequence[Stop]) -> list[Logged]:
+    n = experiment.robot.n_dof
     if experiment.links != "fixed":
-        return {window: list(range(n)) for window in recording.windows}
-    limbs = limbs_of(experiment.robot)
-    found: Stretches = {}
-    stops = [*stops_of(experiment, limbs, file_values(experiment)), *pushed]
-    for window, limb in itertools.product(recording.windows, limbs):
-        for stretch in free_stretches(stops, limb, number, window, recording.rate_hz):
-            found.setdefault(stretch, []).extend(limb.joints)
+        every = list(range(n))
+        return [
+            Logged(item, dict.fromkeys(item.windows, every), np.ones(n), np.zeros(10))
+            for item in experiment.recordings
+        ]
+    values, limbs, found = file_values(experiment), limbs_of(experiment.robot), []
+    stops = [*stops_of(experiment, limbs, values), *pushed]
+    flange = np.eye(4) if experiment.flange is None else np.vstack([experiment.flange, [0.0, 0.0, 0.0, 1.0]])
+    for number, recording in enumerate(experiment.recordings):
+        stretches: Stretches = {}
+        for window, limb in itertools.product(recording.windows, limbs):
+            for stretch in free_stretches(stops, limb, number, window, recording.rate_hz):
+                stretches.setdefault(stretch, []).extend(limb.joints)
+        payload = experiment.payloads.get(recording.payload)
+        load = np.zeros(10) if payload is None else moved(payload.split[0], flange)
+        found.append(Logged(recording, stretches, values.shares[number], load))
     return found
+
+
+def _loaded(model: Any, name: str, drives: Drives, logged: Logged) -> tuple[Any, Drives]:
+    """Return a copy of a model, and the drives, with the gains and the payload of a recording."""
+    import mujoco
+
+    _, _, servo = _places(model, drives, name)
+    model = copy(model)
+    for actuator, share in zip(servo, logged.shares, strict=True):
+        if actuator is not None:
+            model.actuator_gainprm[actuator, 0] *= share
+            model.actuator_biasprm[actuator, 1] *= share
+    joints = tuple(
+        replace(drive, kp=drive.kp * float(share) if drive.kp else drive.kp)
+        for drive, share in zip(drives.joints, logged.shares, strict=True)
+    )
+    if logged.load[-1] > 0.0:
+        body = int(model.joint(drives.joints[-1].joint).bodyid[0])
+        turned = np.empty(9)
+        mujoco.mju_quat2Mat(turned, model.body_iquat[body])
+        link = body_pseudo_inertia(
+            float(model.body_mass[body]),
+            np.diag(model.body_inertia[body]),
+            pose(turned.reshape(3, 3), model.body_ipos[body]),
+        )
+        mass, centre, inertia = central(link + pseudo_inertia(logged.load))
+        moments, axes = np.linalg.eigh(inertia)
+        axes[:, 2] *= np.sign(np.linalg.det(axes))
+        model.body_mass[body], model.body_ipos[body] = mass, centre
+        model.body_inertia[body], model.body_iquat[body] = moments, quaternion(axes)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model, Drives(joints)
 
 
 def _plain(drive: JointDrive) -> JointDrive:
     """Return a drive with its gains, but without delay and offset, as assumed before the fit."""
-    return JointDrive(
-        joint=drive.joint,
-        kind=drive.kind,
-        rotor=0.0,
-        viscous=0.0,
-        coulomb=0.0,
-        kp=drive.kp,
-        kv=drive.kv,
-        effort=drive.effort,
-    )
+    same = {key: getattr(drive, key) for key in ("joint", "kind", "kp", "kv", "effort")}
+    return JointDrive(**same, rotor=0.0, viscous=0.0, coulomb=0.0)
 
 
 def _errors(
     path: Path,
-    recordings: Sequence[tuple[Recording, Stretches]],
+    recordings: Sequence[Logged],
     drives: Drives,
     step_s: float | None,
     *,
@@ -206,15 +256,17 @@ def _errors(
     model = load_model(path)
     wanted = float(model.opt.timestep) if step_s is None else step_s
     squares, count = np.zeros(len(drives.joints)), np.zeros(len(drives.joints))
-    for recording, stretches in recordings:
+    for logged in recordings:
+        recording = logged.recording
         steps = max(1, math.ceil(1.0 / (recording.rate_hz * min(wanted, MOST_STEP_S)) - 1e-6))
         model.opt.timestep = 1.0 / (recording.rate_hz * steps)
-        delayed = _corrected(model, path.name, drives) if corrected else _stepped(model, path.name, drives)
+        own, mine = _loaded(model, path.name, drives, logged)
+        delayed = (_corrected if corrected else _stepped)(own, path.name, mine)
         measured, commands = recording.measured_positions(), recording.q_ref
         assert commands is not None
-        for (begin, end), at in stretches.items():
+        for (begin, end), at in logged.stretches.items():
             q = measured[begin:end]
-            found = replayed(model, path.name, delayed, commands[begin:end], q, recording.rate_hz, steps)
+            found = replayed(own, path.name, delayed, commands[begin:end], q, recording.rate_hz, steps)
             first = left_out(len(q), recording.rate_hz)
             squares[at] += np.sum((found - q)[first:, at] ** 2, axis=0)
             count[at] += len(q) - first
@@ -260,15 +312,20 @@ def replayed(
     found[0] = q0
     controls = [(actuator, j) for j, actuator in enumerate(servo) if actuator is not None]
     columns, joints = ([pair[k] for pair in controls] for k in (0, 1))
-    for k in range(len(target)):
+    # A held command changes once a sample; only torques that are computed here change with each step.
+    changes = np.ones(len(target), dtype=bool) if own.any() else np.zeros(len(target), dtype=bool)
+    changes[1:] |= np.abs(np.diff(target, axis=0)).max(axis=1) > SAME
+    changes[::steps] = True
+    begins = np.flatnonzero(changes)
+    for k, end in itertools.pairwise([*begins.tolist(), len(target)]):
         if controls:
             data.ctrl[columns] = target[k, joints]
         if own.any():
             tau = np.clip(kp * (target[k] - data.qpos[places]) - kv * data.qvel[speeds], -limit, limit)
             data.qfrc_applied[speeds] = np.where(own, tau, 0.0)
-        mujoco.mj_step(model, data)
-        if (k + 1) % steps == 0:
-            found[(k + 1) // steps] = data.qpos[places] + bias
+        mujoco.mj_step(model, data, end - k)
+        if end % steps == 0:
+            found[end // steps] = data.qpos[places] + bias
     return found
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ...experiment.experiment import Experiment
 from ...experiment.unknown import DRIVE, UNITS, Unknown, joint_kinds
 from ...loop.controller import Controller
 from ...model.limbs import Limb
+from ...robot.payload import NOTHING, flange_in_last_frame, last_link
 
 NEVER_NEGATIVE = frozenset({"Ia", "Fv", "Fc"})
 """Parameters of joints with a lower bound of zero."""
@@ -64,10 +65,29 @@ class Column:
 
 @dataclass(frozen=True)
 class Values:
-    """Values before the fit: standard parameters (p,), and numbers of the servos by kind, (n_dof,) each."""
+    """Values before the fit.
+
+    Attributes
+    ----------
+    x : (n_parameters,) array
+        Standard parameters of the robot without a payload.
+    drive : dict of str to (n_dof,) array
+        Numbers of the servos by kind.
+    loads : (n_recordings, n_parameters) array
+        What the payload of each recording adds to the standard parameters.
+    shares : (n_recordings, n_dof) array
+        Gains kp of each recording over those of the controller.
+    """
 
     x: Array
     drive: dict[str, Array]
+    loads: Array
+    shares: Array
+
+    def along(self, recording: int) -> Values:
+        """Return the values in a recording, with its payload and its gains."""
+        drive = {**self.drive, "kp": self.drive["kp"] * self.shares[recording]}
+        return replace(self, x=self.x + self.loads[recording], drive=drive)
 
 
 def file_values(experiment: Experiment, start: object = None) -> Values:
@@ -116,7 +136,36 @@ def file_values(experiment: Experiment, start: object = None) -> Values:
             for joint in range(robot.n_dof):
                 if (name := f"{kind}{joint + 1}") in robot.parameter_names:
                     x[robot.parameter_names.index(name)] = unknown.start
-    return Values(x, drive)
+    return Values(x, drive, _loads(experiment), _shares(experiment, law.laws[:, 0] * law.gain))
+
+
+def _loads(experiment: Experiment) -> Array:
+    """Return what the payload of each recording adds to the standard parameters, (n_recordings, n_parameters)."""
+    robot, found = experiment.robot, []
+    for item in experiment.recordings:
+        load = np.zeros(len(robot.parameter_names))
+        if item.payload != NOTHING:
+            payload = experiment.payloads.get(item.payload)
+            if payload is None or not payload.known:
+                raise FitError(
+                    f"recording '{item.name}': links = \"fixed\" needs mass_kg, com_m and inertia_kg_m2 of [payload.{item.payload}]"
+                )
+            load = last_link(robot, flange_in_last_frame(robot, experiment.flange)) @ payload.split[0]
+        found.append(load)
+    return np.reshape(found, (len(found), len(robot.parameter_names)))
+
+
+def _shares(experiment: Experiment, kp: Array) -> Array:
+    """Return the gains kp of each recording over those of the controller, (n_recordings, n_dof)."""
+    shares = np.ones((len(experiment.recordings), len(kp)))
+    for share, item in zip(shares, experiment.recordings, strict=True):
+        if item.own:
+            raise FitError(
+                f'recording \'{item.name}\': links = "fixed" has no own {item.own[0]}; [unknown] has shared = "log" for drives'
+            )
+        if item.kp is not None:
+            share[:] = np.divide(item.kp, kp, out=np.ones(len(kp)), where=kp > 0.0)
+    return shares
 
 
 def columns_of(experiment: Experiment, limbs: Sequence[Limb], values: Values, steps: Steps) -> list[Column]:

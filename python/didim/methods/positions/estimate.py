@@ -30,9 +30,9 @@ from ...result.uncertainty import Uncertainty
 from ..builder import digests, experiment_record
 from .intervals import LASTING, Intervals, errors_over_noise, intervals, model_errors, per_step, widened
 from .knowledge import Held, told_together, untold, weak_pairs
-from .laws import search_of_either_friction, searched, without_pushes
+from .laws import search_of_either_friction, searched, with_what_is_no_push, without_pushes
 from .problem import Problem, build, may_be_soft
-from .search import Search, at_bound, begun, normal_of, search
+from .search import Search, at_bound, begun, normal_of
 from .stops import findings_of
 
 if TYPE_CHECKING:
@@ -43,11 +43,6 @@ MOST_ITERATIONS = 40
 TOLERANCE = 1e-4
 """Relative decrease of the cost below which a search ends: the parameters then move by a hundredth of their standard
 deviations."""
-BAD_ROLLOUT = 5.0
-"""Ratio of a rollout's error to the median of all, beyond which its weight is reduced: a push or a contact, which friction does
-not explain."""
-FEWEST_ROLLOUTS = 4
-"""Smallest number of rollouts for a single one to be called bad."""
 UNLIKE = 3.0
 """Distance of a joint from its siblings, in standard deviations, from which it is reported."""
 UNLIKE_SHARE = 0.4
@@ -89,24 +84,16 @@ def identify_positions(
         problem, now, held, shift = search_of_either_friction(experiment, method, problem, now, held, options)
     else:
         now, held = searched(problem, now, held, options)
-    bad = _bad_rollouts(problem, now)
-    if bad and now.status.converged:
-        for number in bad:
-            problem.weights[number] = problem.weights[number] * bad[number]
-        reporter.say(f"{len(bad)} rollouts of a limb count less; the search goes on")
-        now = search(problem, begun(problem, now.theta, now.free, now), **options)
-    elif not bad:
-        rest, now = without_pushes(experiment, method, problem, now, options)
-        again = rest is not problem and may_be_soft(experiment) and not rest.inertia
-        problem = rest
-        if again:  # pushes hide the law of friction
-            problem, now, held, shift = search_of_either_friction(
-                experiment, method, problem, now, held, options
-            )
+    rest, now = without_pushes(experiment, method, problem, now, options)
+    again = rest is not problem and may_be_soft(experiment) and not rest.inertia
+    problem = rest
+    if again:  # pushes hide the law of friction
+        problem, now, held, shift = search_of_either_friction(experiment, method, problem, now, held, options)
+    problem, now = with_what_is_no_push(experiment, method, problem, now, options)
     over = errors_over_noise(problem, now)
     at = [bool(over[list(column.joints)].max() > LASTING) for column in problem.columns]
     spread = widened(intervals(problem, now), np.where(at, shift, 0.0))
-    return _result(experiment, End(problem, now, held, spread, before, bad, over, shift))
+    return _result(experiment, End(problem, now, held, spread, before, over, shift))
 
 
 def _check(method: CLOESettings, experiment: Experiment) -> None:
@@ -125,26 +112,11 @@ def _check(method: CLOESettings, experiment: Experiment) -> None:
         raise FitError(f"noise needs one number per joint, {experiment.robot.n_dof}, got {len(method.noise)}")
 
 
-def _bad_rollouts(problem: Problem, now: Search) -> dict[int, float]:
-    """Return rollouts whose errors are far beyond those of others of their limb, with the factor that brings them down."""
-    found = {}
-    for limb in range(len(problem.limbs)):
-        numbers = [k for k, item in enumerate(problem.rollouts) if item.limb == limb and item.role == "fit"]
-        if len(numbers) < FEWEST_ROLLOUTS:
-            continue
-        sizes = np.array([math.sqrt(float(np.mean(now.errors[k] ** 2))) for k in numbers])
-        usual = float(np.median(sizes))
-        for k, size in zip(numbers, sizes, strict=True):
-            if usual > 0.0 and size > BAD_ROLLOUT * usual:
-                found[k] = usual / float(size)
-    return found
-
-
 class End(NamedTuple):
     """End of a search.
 
-    `before` are the errors of the joints at the start, `bad` the factors of rollouts that count less, `over` the errors of the
-    joints over their noise, and `shift` the change of the parameters with the other law of friction.
+    `before` are the errors of the joints at the start, `over` their errors over their noise, and `shift` the change of the
+    parameters with the other law of friction.
     """
 
     problem: Problem
@@ -152,7 +124,6 @@ class End(NamedTuple):
     held: list[Held]
     spread: Intervals
     before: Array
-    bad: dict[int, float]
     over: Array
     shift: Array
 
@@ -193,7 +164,7 @@ def _result(experiment: Experiment, end: End) -> Identification:
         else None,
         n_simulations=problem.n_simulations,
         history=tuple(now.history),
-        remarks=_remarks(experiment, problem, weak, siblings, end.bad),
+        remarks=(*weak, *siblings),
         evidence=(
             *_evidence(problem, now, end.held, rows, shares),
             *findings_of(experiment, problem.stops),
@@ -335,23 +306,6 @@ def _unlike(problem: Problem, rows: Sequence[dict[str, Any]]) -> list[str]:
                         f"{name}: {kind} is {row['value']:.3g} {row['unit']}, where its siblings have {usual:.3g}"
                     )
     return found
-
-
-def _remarks(
-    experiment: Experiment,
-    problem: Problem,
-    weak: Sequence[str],
-    siblings: Sequence[str],
-    bad: dict[int, float],
-) -> tuple[str, ...]:
-    said = [*weak, *siblings]
-    for number, factor in bad.items():
-        item = problem.rollouts[number]
-        name = experiment.recordings[item.recording].name
-        said.append(
-            f"rollout {item.window + 1} of recording '{name}' has {1.0 / factor:.0f} times the errors of the others and counts less"
-        )
-    return tuple(said)
 
 
 def _size(experiment: Experiment, after: Array) -> list[Finding]:

@@ -5,6 +5,7 @@ Tested in ``tests/test_positions.py`` and ``tests/test_in_mujoco.py``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,10 +14,11 @@ from ..._tools.arrays import Array
 from ...errors import FitError
 from ...experiment.experiment import Experiment
 from ...result.status import Status
+from ...signal.noise import encoder_step, white_noise
 from .knowledge import Held, untold
 from .problem import Problem, build
 from .search import Search, begun, bounded_step, normal_of, search
-from .stops import Stop, pushed_stretches
+from .stops import STRONGEST, Stop, pushed_stretches
 
 if TYPE_CHECKING:
     from ..cloe.settings import CLOESettings
@@ -95,33 +97,69 @@ def without_pushes(
 ) -> tuple[Problem, Search]:
     """Search again without the stretches in which errors show that something pushes a joint, until there are no more."""
     for _ in range(MOST_ROUNDS):
-        pushed = [item for item in problem.stops if item.pushed]
-        more = _pushed(problem, now) if now.status.converged else []
-        if not more:
+        more = _pushed(problem, now.errors, STRONGEST) if now.status.converged else []
+        before, pushed = problem, [*(item for item in problem.stops if item.pushed), *more]
+        if more:
+            problem, now = _without(experiment, method, problem, now, pushed, options)
+        if problem is before:
             break
-        try:
-            rest = build(
-                experiment, noise=method.noise, threads=method.threads, start=method.start,
-                soft=bool(problem.inertia), pushed=[*pushed, *more],
-            )  # fmt: skip
-        except FitError:  # too little would be left
-            break
-        rest.n_simulations = problem.n_simulations
-        options["reporter"].say(f"{len(more)} stretches in which something pushes a joint are left out")
-        problem, now = rest, search(rest, begun(rest, now.theta, now.free, now), **options)
     return problem, now
 
 
-def _pushed(problem: Problem, now: Search) -> list[Stop]:
+def with_what_is_no_push(
+    experiment: Experiment, method: CLOESettings, problem: Problem, now: Search, options: dict[str, Any]
+) -> tuple[Problem, Search]:
+    """Search again with the stretches that the estimate explains after all: a push that is still fitted makes errors elsewhere."""
+    pushed = [item for item in problem.stops if item.pushed]
+    if not pushed or not now.status.converged:
+        return problem, now
+    whole = build(
+        experiment, noise=method.noise, threads=method.threads, start=method.start, soft=bool(problem.inertia)
+    )
+    seen = _pushed(whole, whole.errors(now.theta), 0.0)
+    kept = [item for item in pushed if any(item.meets(other) for other in seen)]
+    if len(kept) == len(pushed):
+        return problem, now
+    return _without(experiment, method, problem, now, kept, options)
+
+
+def _without(
+    experiment: Experiment,
+    method: CLOESettings,
+    problem: Problem,
+    now: Search,
+    pushed: Sequence[Stop],
+    options: dict[str, Any],
+) -> tuple[Problem, Search]:
+    """Search again without stretches; the same problem and search if too little would be left."""
+    try:
+        rest = build(
+            experiment, noise=method.noise, threads=method.threads, start=method.start, soft=bool(problem.inertia),
+            pushed=pushed,
+        )  # fmt: skip
+    except FitError:
+        return problem, now
+    rest.n_simulations = problem.n_simulations
+    options["reporter"].say(f"{len(pushed)} stretches in which something pushes a joint are left out")
+    return rest, search(rest, begun(rest, now.theta, now.free, now), **options)
+
+
+def _pushed(problem: Problem, errors: Sequence[Array], strongest: float) -> list[Stop]:
     found = []
     for limb, part in enumerate(problem.limbs):
         at = [k for k, item in enumerate(problem.rollouts) if item.limb == limb and item.role == "fit"]
         items = [problem.rollouts[k] for k in at]
         for place, joint in enumerate(part.joints):
-            errors = [now.errors[k].reshape(-1, len(part.joints))[:, place] for k in at]
+            own = [errors[k].reshape(-1, len(part.joints))[:, place] for k in at]
             ahead = [(item.loop.held.values - item.q)[item.first :, place] for item in items]
-            stretches = pushed_stretches(errors, ahead, [item.rate_hz for item in items])
+            noise = [_noise(item.q[:, place : place + 1]) for item in items]
+            stretches = pushed_stretches(own, ahead, noise, [item.rate_hz for item in items], strongest)
             for item, pairs in zip(items, stretches, strict=True):
                 begin = item.begin + item.first
                 found += [Stop(joint, item.recording, begin + a, begin + b, None, True) for a, b in pairs]
     return found
+
+
+def _noise(q: Array) -> float:
+    """Return the noise of an encoder (rad or m) along measured positions, (n_samples, 1), its rounding included."""
+    return float(np.maximum(white_noise(q), encoder_step(q) / np.sqrt(12.0))[0])

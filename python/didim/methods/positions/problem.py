@@ -94,8 +94,9 @@ class Problem:
         Factors of the errors of the joints of each rollout.
     n_simulations : int
         Simulations of a limb so far.
-    inertia : list of array
-        M (kg.m^2, kg) of each limb at position zero, with the values, where friction is MuJoCo's soft constraint; empty otherwise.
+    inertia : dict of (int, int) to array
+        M (kg.m^2, kg) by limb and recording at position zero, with the values, where friction is MuJoCo's soft constraint; empty
+        otherwise.
     stops : list of Stop
         Stretches of the log that no rollout has, for something holds a joint.
     """
@@ -108,7 +109,7 @@ class Problem:
     threads: int | None = None
     weights: list[Array] = field(default_factory=list)
     n_simulations: int = 0
-    inertia: list[Array] = field(default_factory=list)
+    inertia: dict[tuple[int, int], Array] = field(default_factory=dict)
     stops: list[Stop] = field(default_factory=list)
 
     @property
@@ -139,8 +140,9 @@ class Problem:
         """Return the encoders' positions, (n_candidates, n_samples, n_limb_joints), and which runs were completed."""
         limb = self.limbs[rollout.limb]
         count, joints = len(thetas), list(limb.joints)
-        x = np.tile(self.values.x[limb.indices], (count, 1))
-        drive = {kind: np.tile(value[joints], (count, 1)) for kind, value in self.values.drive.items()}
+        values = self.values.along(rollout.recording)
+        x = np.tile(values.x[limb.indices], (count, 1))
+        drive = {kind: np.tile(value[joints], (count, 1)) for kind, value in values.drive.items()}
         names = limb.robot.parameter_names
         for k in self.own(rollout):
             column = self.columns[k]
@@ -149,23 +151,24 @@ class Problem:
                     continue
                 local = joints.index(joint)
                 if column.of_drive:
-                    drive[column.kind][:, local] = thetas[:, k]
+                    share = self.values.shares[rollout.recording, joint] if column.kind == "kp" else 1.0
+                    drive[column.kind][:, local] = share * thetas[:, k]
                 else:
                     x[:, names.index(f"{column.kind}{local + 1}")] = thetas[:, k]
         q, dq = (np.tile(part, (count, 1)) for part in rollout.start)
         self.n_simulations += count
-        softness = self._softness(rollout.limb, x) if self.inertia else None
+        softness = self._softness(rollout, x) if self.inertia else None
         return rollout.loop.run(
             x, Servos(**drive, q=q, dq=dq, softness=softness, lead_s=lead_s), self.threads
         )
 
-    def _softness(self, limb: int, x: Array) -> Array:
+    def _softness(self, rollout: Rollout, x: Array) -> Array:
         """Return slopes of MuJoCo's friction loss, ``d / ((1 - d) (M^-1)_jj)`` at position zero, (n_candidates, n_limb_joints)."""
-        names = self.limbs[limb].robot.parameter_names
-        rotors = [names.index(f"Ia{j + 1}") for j in range(len(self.inertia[limb]))]
-        m = np.tile(self.inertia[limb], (len(x), 1, 1))
+        limb, inertia = self.limbs[rollout.limb], self.inertia[rollout.limb, rollout.recording]
+        rotors = [limb.robot.parameter_names.index(f"Ia{j + 1}") for j in range(len(inertia))]
+        m = np.tile(inertia, (len(x), 1, 1))
         at = np.arange(len(rotors))
-        m[:, at, at] += x[:, rotors] - self.values.x[self.limbs[limb].indices][rotors]
+        m[:, at, at] += x[:, rotors] - self.values.x[limb.indices][rotors]
         return np.asarray(SOFT_RATIO / np.diagonal(np.linalg.inv(m), axis1=1, axis2=2))
 
     def errors(self, theta: Array, role: str = "fit", lead_s: float = 0.0) -> list[Array]:
@@ -261,11 +264,12 @@ def build(
     ]
     problem = Problem(robot, limbs, rollouts, values, columns, threads, weights, stops=stops)
     if soft:
-        zero = [np.zeros((1, len(limb.joints))) for limb in limbs]
-        problem.inertia = [
-            inertia_matrix(limb.robot, q, values.x[limb.indices])[0]
-            for limb, q in zip(limbs, zero, strict=True)
-        ]
+        problem.inertia = {
+            (k, number): inertia_matrix(
+                limb.robot, np.zeros((1, len(limb.joints))), values.along(number).x[limb.indices]
+            )[0]
+            for (k, limb), number in itertools.product(enumerate(limbs), range(len(experiment.recordings)))
+        }
     return problem
 
 
@@ -339,7 +343,7 @@ def _steps(robot: Robot, limbs: Sequence[Limb], rollouts: Sequence[Rollout], val
         speed[at] += np.sum((np.diff(item.q, axis=0) * held.rate_hz) ** 2, axis=0)
         count[at] += len(item.q)
         limb = limbs[item.limb]
-        m = inertia_matrix(limb.robot, item.q[:1], values.x[limb.indices])[0]
+        m = inertia_matrix(limb.robot, item.q[:1], values.along(item.recording).x[limb.indices])[0]
         inertia[at] = np.maximum(inertia[at], np.diag(m))
     kp = values.drive["kp"]
     tiny = 1e-9

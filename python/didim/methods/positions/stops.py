@@ -44,6 +44,8 @@ PUSHED, MOST_PUSHED, STRONGEST = 3.5, 0.4, 0.7
 """Errors of a block over the median of a joint's blocks, from which something pushes the joint; the largest share of such blocks;
 and those of a block over the largest, above which it is left out at once. The largest ratio to the median is 2.9 on the Go2 log and
 1.9 on simulated arms without pushes; both chose 3.5."""
+NOISY = 2.0
+"""Errors of a block over the noise of the encoder, below which nothing but noise is seen in them."""
 PAD_S, LEAST_S = 0.06, 1.0
 """Time (s) left out on both sides, and the shortest stretch (s) that is used."""
 LEAST_SHARE = 0.2
@@ -73,6 +75,11 @@ class Stop:
     limit: float | None
     pushed: bool = False
 
+    def meets(self, other: Stop) -> bool:
+        """Whether two stretches of a joint overlap."""
+        same = (self.joint, self.recording) == (other.joint, other.recording)
+        return same and self.begin < other.end and other.begin < self.end
+
 
 def stops_of(experiment: Experiment, limbs: Sequence[Limb], values: Values) -> list[Stop]:
     """Return all stretches in which something holds a joint."""
@@ -85,7 +92,7 @@ def stops_of(experiment: Experiment, limbs: Sequence[Limb], values: Values) -> l
         for (begin, end), limb in itertools.product(recording.windows, limbs):
             at = list(limb.joints)
             q, r = measured[begin:end][:, at], recording.q_ref[begin:end][:, at]
-            pull, lasts_s = _pull(limb, values, q, r, rate)
+            pull, lasts_s = _pull(limb, values.along(number), q, r, rate)
             for place, joint in enumerate(at):
                 held = _held(
                     q[:, place],
@@ -163,7 +170,11 @@ def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def pushed_stretches(
-    errors: Sequence[Array], ahead: Sequence[Array], rates_hz: Sequence[float]
+    errors: Sequence[Array],
+    ahead: Sequence[Array],
+    noise: Sequence[float],
+    rates_hz: Sequence[float],
+    strongest: float,
 ) -> list[list[tuple[int, int]]]:
     """Return stretches of one joint whose errors are far beyond those of the rest, (begin, end) of each rollout.
 
@@ -171,8 +182,12 @@ def pushed_stretches(
     ----------
     errors, ahead : sequence of (n_samples,) array
         Errors of simulated positions, and commands less measured positions (rad or m): a fast motion has larger ones of both.
+    noise : sequence of float
+        Noise of the encoders (rad or m): errors of its size are no push.
     rates_hz : sequence of float
         Samples per second of the rollouts.
+    strongest : float
+        Smallest errors of such a stretch, over the largest of all.
     """
     sizes = [math.ceil(PUSH_S * rate) for rate in rates_hz]
     e, a = ([_blocks(x, size) for x, size in zip(rows, sizes, strict=True)] for rows in (errors, ahead))
@@ -186,9 +201,10 @@ def pushed_stretches(
     limit = PUSHED * np.median(every)
     if not np.mean(every > limit) <= MOST_PUSHED:
         return [[] for _ in errors]
-    limit = max(limit, STRONGEST * np.max(every))  # the strongest first: they raise the errors of others
+    limit = max(limit, strongest * np.max(every))  # the strongest first: they raise the errors of others
     found = []
-    for share, size, rows in zip(shares, sizes, errors, strict=True):
+    for share, one, quiet, size, rows in zip(shares, e, noise, sizes, errors, strict=True):
+        share[one < NOISY * quiet] = 0.0
         # The blocks beside one have the ends of a push, and what it leaves.
         wide = np.convolve(share > limit, [1, 1, 1])[1:-1] > 0
         found.append([(b * size, len(rows) if c == len(share) else c * size) for b, c in _runs(wide)])
@@ -240,7 +256,7 @@ def refuse_little(experiment: Experiment, stops: Sequence[Stop], limb: Limb, use
 
 def findings_of(experiment: Experiment, stops: Sequence[Stop]) -> list[Finding]:
     """Return a finding for each joint that something holds."""
-    found = []
+    found, several = [], len(experiment.recordings) > 1
     for joint, pushed in sorted({(item.joint, item.pushed) for item in stops}):
         mine = [item for item in stops if (item.joint, item.pushed) == (joint, pushed)]
         mine.sort(key=lambda item: (item.recording, item.begin))
@@ -259,6 +275,7 @@ def findings_of(experiment: Experiment, stops: Sequence[Stop]) -> list[Finding]:
                     "pushed": pushed,
                     "contact": any(s.limit is None for s in mine),
                     "times": [[s.begin / rate, s.end / rate] for s, rate in zip(mine, rates, strict=True)],
+                    "of": [experiment.recordings[s.recording].name for s in mine] if several else [],
                 },
             )
         )
