@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
-from didim._tools.settings import one_of, positive, share, whole
+from didim._tools.keys import Key, Keys
+from didim._tools.settings import check_declared, one_of, positive, share, whole
 from didim.errors import FitError
 
 
@@ -49,3 +51,45 @@ def test_what_is_taken() -> None:
 def test_what_is_refused(check: Callable[[], Any], message: str) -> None:
     with pytest.raises(FitError, match=rf"^{re.escape(message)}$"):
         check()
+
+
+def row(name: str, type: str, **more: Any) -> Key:
+    return Key(name=name, type=type, meaning="A key.", **more)
+
+
+DECLARED = Keys(
+    {
+        "file": {
+            "n": row("n", "integer", minimum=1, maximum=9),
+            "cutoff_hz": row("cutoff_hz", "number", above=0.0),
+            "kind": row("kind", "text", choices=["a", "b"]),
+        }
+    }
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    n: Any = 1
+    cutoff_hz: Any = None
+    kind: Any = "a"
+    other: Any = None
+
+    def __post_init__(self) -> None:
+        check_declared(self, DECLARED, FitError)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"n": 10}, "n must be a whole number from 1 to 9, got 10"),
+        ({"n": None}, "n must be a whole number from 1 to 9, got None"),
+        ({"cutoff_hz": 0.0}, "cutoff_hz must be a positive frequency, got 0.0"),
+        ({"kind": None}, "kind must be 'a' or 'b', got None"),
+    ],
+)
+def test_fields_have_the_bounds_of_their_keys(settings: dict[str, Any], message: str) -> None:
+    assert type(Settings(n=np.int64(3)).n) is int
+    assert Settings(other=-1).cutoff_hz is None
+    with pytest.raises(FitError, match=rf"^{re.escape(message)}$"):
+        Settings(**settings)

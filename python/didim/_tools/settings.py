@@ -3,9 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from numbers import Integral, Real
+from typing import TYPE_CHECKING, Any
 
 from ..errors import DidimError
+
+if TYPE_CHECKING:
+    from .keys import Keys
+
+
+def check_declared(settings: Any, keys: Keys, error: type[DidimError]) -> None:
+    """Check the fields of a frozen dataclass that are declared keys of one type; None is valid where it is the default.
+
+    Parameters
+    ----------
+    settings : dataclass
+        Its whole and positive numbers become those of Python.
+    keys : Keys
+        Bounds and choices.
+    error : type of DidimError
+        Class of the error to raise.
+    """
+    for item in fields(settings):
+        key, value = keys.rows.get(item.name), getattr(settings, item.name)
+        if key is None or (value is None and item.default is None):
+            continue
+        if key.type == "integer":
+            value = whole(key.name, value, error, least=key.minimum, most=key.maximum)
+        elif key.type == "number" and key.above is not None:
+            value = positive(key.name, value, error, "frequency" if key.unit == "Hz" else "number")
+        elif key.choices:
+            one_of(key.name, value, key.choices, error)
+        object.__setattr__(settings, item.name, value)
 
 
 def whole(

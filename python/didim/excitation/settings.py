@@ -9,6 +9,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from .._tools.keys import declared
+from .._tools.settings import check_declared, positive
 from ..errors import ExcitationError
 from ..experiment.experiment import Experiment
 from ..result.identification import Identification
@@ -20,12 +22,6 @@ from .limits import Values
 Prior = Identification | Experiment | str | Path
 """Earlier information: a result (its covariance), or an experiment (its recordings); as objects or as files."""
 
-LEAST_HARMONICS = 4
-"""Smallest number of harmonics: rest at both ends puts three conditions on the amplitudes of each joint."""
-MOST_HARMONICS = 200
-"""Largest number of harmonics: beyond it the matrices of the series do not fit memory."""
-MOST_POINTS = 1000
-"""Largest number of points to dwell at: the search exchanges each of them many times."""
 MOST_SAMPLES = 2_000_000
 """Largest number of samples of a designed motion: an hour at 500 Hz. Tables of more do not fit memory."""
 MOST_SMOOTHING = 100.0
@@ -130,24 +126,8 @@ class ExcitationSettings:
     workspace: Workspace = field(default_factory=Workspace)
 
     def __post_init__(self) -> None:
-        if self.kind not in ("fourier", "point-to-point"):
-            raise ExcitationError(f"kind must be 'fourier' or 'point-to-point', got {self.kind!r}")
-        if self.criterion not in ("information", "condition"):
-            raise ExcitationError(f"criterion must be 'information' or 'condition', got {self.criterion!r}")
-        if not LEAST_HARMONICS <= self.harmonics <= MOST_HARMONICS:
-            raise ExcitationError(
-                f"harmonics must be between {LEAST_HARMONICS} and {MOST_HARMONICS}, got {self.harmonics}"
-            )
-        for name, least in (("points", 2), ("starts", 1), ("iterations", 1), ("periods", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise ExcitationError(f"{name} must be a whole number of at least {least}, got {value!r}")
-        if self.points > MOST_POINTS:
-            raise ExcitationError(f"points must be at most {MOST_POINTS}, got {self.points}")
-        for name in ("duration_s", "rate_hz", "log_rate_hz", "smoothing"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < float("inf"):
-                raise ExcitationError(f"{name} must be positive, got {value!r}")
+        check_declared(self, declared("excitation", "excitation"), ExcitationError)
+        positive("smoothing", self.smoothing, ExcitationError)
         if self.smoothing > MOST_SMOOTHING:
             raise ExcitationError(
                 f"smoothing must be at most {MOST_SMOOTHING:g} rad/s or m/s, or friction vanishes, got {self.smoothing!r}"

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
-from .._tools.settings import one_of, whole
+from .._tools.keys import declared
+from .._tools.settings import check_declared
 from ..errors import FitError
 
 Weights = Literal["none", "per-joint"]
 Variance = Literal["r-b", "r-1"]
 UncertaintyKind = Literal["jackknife", "decimated", "white"]
 
-MOST_REWEIGHTINGS = 1000
-"""Upper bound of the reweightings: the weights converge within a few solutions."""
 BLOCKS = 20
 """Default number of blocks of the jackknife: on real logs 10 to 20 serve equally; 30 blocks of a log of 9 s are not
 independent."""
-MOST_BLOCKS = 1000
-"""Upper bound of the number of blocks: more would be shorter than the correlation of any log's residual."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,11 +49,7 @@ class LeastSquaresSettings:
     blocks: int = BLOCKS
 
     def __post_init__(self) -> None:
-        one_of("weights", self.weights, get_args(Weights), FitError)
-        one_of("variance", self.variance, get_args(Variance), FitError)
-        one_of("uncertainty", self.uncertainty, get_args(UncertaintyKind), FitError)
-        whole("reweightings", self.reweightings, FitError, least=0, most=MOST_REWEIGHTINGS)
-        whole("blocks", self.blocks, FitError, least=2, most=MOST_BLOCKS)
+        check_declared(self, declared("experiment", "least_squares"), FitError)
 
     def divisor(self, rows: int, columns: int) -> int:
         """Return the divisor of (9) for a number of rows and columns."""

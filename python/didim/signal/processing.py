@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
-from .._tools.settings import one_of, positive, whole
+from .._tools.keys import declared
+from .._tools.settings import check_declared, whole
 from ..errors import SignalError
 
 Convention = Literal["scipy", "matlab"]
 Ends = Literal["second-order", "first-order"]
 Form = Literal["sections", "transfer-function"]
 Spikes = Literal["hampel"]
-
-
-LARGEST_ORDER = 10
-"""Upper bound of the Butterworth filter's order: higher orders only add ringing and rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,26 +78,16 @@ class SignalProcessing:
         return slice(edge, -edge if edge else None)
 
     def __post_init__(self) -> None:
-        if self.cutoff_hz is not None:
-            object.__setattr__(
-                self, "cutoff_hz", positive("cutoff_hz", self.cutoff_hz, SignalError, "frequency")
-            )
-        object.__setattr__(self, "order", check_order(self.order))
-        for key in ("trim_start", "trim_end", "edge_rows"):
-            object.__setattr__(self, key, whole(key, getattr(self, key), SignalError, least=0))
+        check_declared(self, declared("experiment", "signal"), SignalError)
         if isinstance(self.decimation, str) or not isinstance(self.decimation, Sequence):
             raise SignalError(f"decimation must be a tuple of whole numbers, got {self.decimation!r}")
         factors = tuple(
             whole("each decimation factor", factor, SignalError, least=2) for factor in self.decimation
         )
         object.__setattr__(self, "decimation", factors)
-        one_of("ends", self.ends, get_args(Ends), SignalError)
-        for key in ("padding", "decimation_convention"):
-            one_of(key, getattr(self, key), get_args(Convention), SignalError)
-        one_of("form", self.form, get_args(Form), SignalError)
-        one_of("spikes", self.spikes, (*get_args(Spikes), None), SignalError)
 
 
 def check_order(order: int) -> int:
-    """Return the order of a Butterworth filter, or refuse one that is not 1 to `LARGEST_ORDER`."""
-    return whole("order", order, SignalError, least=1, most=LARGEST_ORDER)
+    """Return the order of a Butterworth filter, or refuse one that is not within the declared bounds."""
+    key = declared("experiment", "signal").rows["order"]
+    return whole("order", order, SignalError, least=key.minimum, most=key.maximum)
