@@ -167,7 +167,7 @@ PYTHON = (
     ),
     Mutation(
         "limits of a reference in degrees or millimetres are taken as SI",
-        "python/didim/experiment/loop_tables.py",
+        "python/didim/log/units.py",
         "values[joint] = number * factor",
         "values[joint] = number",
         "tests/test_closed_loop.py",

@@ -198,8 +198,8 @@ def _correlation(factors: tuple[int, ...]) -> Array:
     return np.asarray(correlation)
 
 
-def row_noise(signal: SignalProcessing, rate_hz: float) -> tuple[float, float, float, float]:
-    """Return the standard deviations of the rows' ``tau, q, dq, ddq`` for white noise of size one in the log.
+def row_noise(signal: SignalProcessing, rate_hz: float) -> tuple[float, float]:
+    """Return the standard deviations of the rows' ``tau`` and ``dq`` for white noise of size one in the log.
 
     Parameters
     ----------
@@ -210,8 +210,8 @@ def row_noise(signal: SignalProcessing, rate_hz: float) -> tuple[float, float, f
 
     Returns
     -------
-    tau, q, dq, ddq : float
-        Factors (1, 1, 1/s, 1/s^2): positions are filtered, differentiated and decimated, torques only decimated.
+    tau, dq : float
+        Factors (1, 1/s): positions are filtered, differentiated and decimated, torques only decimated.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def row_noise(signal: SignalProcessing, rate_hz: float) -> tuple[float, float, f
 
     Notes
     -----
-    The power of filtered white noise is the mean of the squared gain over the circle. ``test_signals.py`` filters noise.
+    The power of filtered white noise is the mean of the squared gain over the circle.
     """
     return _row_noise(signal.decimation, signal.cutoff_hz, signal.order, rate_hz)
 
@@ -228,7 +228,7 @@ def row_noise(signal: SignalProcessing, rate_hz: float) -> tuple[float, float, f
 @lru_cache(maxsize=64)
 def _row_noise(
     factors: tuple[int, ...], cutoff_hz: float | None, order: int, rate_hz: float
-) -> tuple[float, float, float, float]:
+) -> tuple[float, float]:
     """Return the factors of `row_noise`, cached, because the spectra are long."""
     total = math.prod(factors)
     if total > LARGEST_DECIMATION:
@@ -249,12 +249,7 @@ def _row_noise(
             # Forward and backward: the squared gain of one pass is the gain of both.
             motion /= (1.0 + warped ** (2 * order)) ** 2
     slope = (np.sin(angle) * rate_hz) ** 2
-    return (
-        math.sqrt(power.mean()),
-        math.sqrt(motion.mean()),
-        math.sqrt((motion * slope).mean()),
-        math.sqrt((motion * slope**2).mean()),
-    )
+    return math.sqrt(power.mean()), math.sqrt((motion * slope).mean())
 
 
 def _squared_gain(factor: int, size: int) -> Array:

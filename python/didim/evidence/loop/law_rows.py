@@ -201,7 +201,7 @@ class LawRows:
 
         The law has the noise of the positions times its gains: the real controller has had none of it, or its own.
         """
-        of_torque, _, of_speed, _ = row_noise(self.signal, self.rate_hz)
+        of_torque, of_speed = row_noise(self.signal, self.rate_hz)
         spread, encoder = (
             np.median([white_noise(getattr(item, key)) for item in self.stretches], axis=0)
             for key in ("tau", "q")
