@@ -26,6 +26,8 @@ _limit: list[int] = []
 def set_threads(n: int | None) -> None:
     """Limit the threads of simulations, filters and observation matrices.
 
+    Tested in ``tests/test_threads.py``.
+
     Parameters
     ----------
     n : int or None

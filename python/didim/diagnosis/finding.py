@@ -20,6 +20,8 @@ SCHEMA = 1
 class Findings(Sequence[Finding]):
     """Findings of an experiment, gravest first; empty for a clean log.
 
+    Tested in ``tests/test_check.py``.
+
     Attributes
     ----------
     experiment : str

@@ -27,6 +27,8 @@ TINY = 1e-12
 class Workspace:
     """Bounds of the robot's workspace, in frame 0.
 
+    Tested in ``tests/test_clearance.py``.
+
     Attributes
     ----------
     lowest, highest : tuple of float or None

@@ -32,6 +32,8 @@ the reason why it is weak."""
 class Excitation(Pickled, Printed):
     """A designed motion. Made by `excite`.
 
+    Tested in ``tests/test_excitation.py``.
+
     Attributes
     ----------
     robot : Robot

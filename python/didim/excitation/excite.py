@@ -49,6 +49,7 @@ def excite(
 
     The log determinant of the information on the base parameters (7) is maximised over Fourier series that are at rest at
     both ends, from several random starts; or over the points of a motion from point to point.
+    Tested in ``tests/test_excitation.py``.
 
     Parameters
     ----------

@@ -33,6 +33,8 @@ rounding."""
 class ExcitationSettings:
     """Settings of a design, joint side, SI units. For None the robot file gives the value, or there is no limit.
 
+    Tested in ``tests/test_excitation.py``.
+
     Attributes
     ----------
     kind : {"fourier", "point-to-point"}

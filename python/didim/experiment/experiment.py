@@ -30,40 +30,42 @@ from .unknown import Unknown
 class Experiment:
     """Content of an experiment file; it can also be made in Python from a robot and recordings.
 
+    Tested in ``tests/test_experiment.py``.
+
     Attributes
     ----------
-    name
+    name : str
         Name in tables.
-    path
+    path : Path or None
         Experiment file, or None for an experiment made in Python.
-    robot
+    robot : Robot
         Robot, with the friction model of the experiment.
-    recordings
+    recordings : tuple of Recording
         One or more, joint side.
     signal, least_squares, delay
         Settings.
-    fixed
-        Parameters fixed at a value.
-    dropped
+    fixed : mapping of str to float
+        Values of fixed parameters (SI units, joint side), by name.
+    dropped : tuple of str
         Parameters taken as zero.
-    digests
+    digests : mapping of str to str
         SHA-256 of each file read, by role and file name: ``experiment emps.toml``, ``robot emps.toml``,
         ``data DATA_EMPS.mat``.
     reference, controller
         Reference motion and controller, described by the file or made in Python, or None.
-    simulation
+    simulation : SimulationSettings
         Settings of the simulation of the closed loop.
-    payloads
+    payloads : mapping of str to Payload
         Known properties of the payloads that recordings name.
     flange
         Pose of the flange (3 x 4), see `didim.robot.payload.flange_in_last_frame`; None for that of the last link.
-    measurement
+    measurement : Measurement or None
         Noise and quantisation of simulated measurements, or None.
-    links
+    links : {"estimated", "fixed"}
         "estimated", or "fixed": masses and inertias of the links are those of the robot file.
     unknown
         Prior knowledge of the unknowns of the drives, by kind (`didim.experiment.unknown`).
-    remarks
+    remarks : tuple of str
         Sentences on reading the file: defaults that have changed since it was written.
 
     Raises

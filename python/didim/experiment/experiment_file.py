@@ -49,6 +49,8 @@ def load_experiment(
 ) -> Experiment:
     """Read an experiment file and all the files it names.
 
+    Tested in ``tests/test_experiment.py``.
+
     Parameters
     ----------
     path

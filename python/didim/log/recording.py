@@ -29,6 +29,8 @@ OWN = ("offsets", "friction")
 class Recording(Pickled, Brief):
     """Motion and torque of one run.
 
+    Tested in ``tests/test_recording.py``.
+
     Attributes
     ----------
     name

@@ -28,6 +28,8 @@ from ..errors import ControllerError
 class Digital:
     """Sampling of a digital controller.
 
+    Tested in ``tests/test_control.py``.
+
     Attributes
     ----------
     sample_time_s : float
@@ -66,6 +68,8 @@ class Digital:
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Controller(Pickled, Brief):
     """The laws of all joints, joint side. Made by `pd`, `pid` or `cascade`.
+
+    Tested in ``tests/test_control.py``.
 
     Attributes
     ----------

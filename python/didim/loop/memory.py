@@ -31,6 +31,8 @@ LEAST_AVERAGED = 5
 class ControllerMemory:
     """State of a controller at time 0, joint side, SI units.
 
+    Tested in ``tests/test_controller_start.py``.
+
     Attributes
     ----------
     start : {"zero", "balance", "torque", "integrators"}

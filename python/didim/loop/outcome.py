@@ -13,7 +13,10 @@ LARGE_ERROR = 0.01
 
 
 class SimulationStatus(Enum):
-    """Ending of a simulation; the value is a sentence."""
+    """Ending of a simulation; the value is a sentence.
+
+    Tested in ``tests/test_simulation.py``.
+    """
 
     COMPLETED = "The simulation ran to its end."
     DIVERGED = "The simulation diverged: the controller does not hold this robot."

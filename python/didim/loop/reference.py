@@ -27,6 +27,8 @@ KNOTS_PER_PERIOD = 100
 class Reference(Brief):
     """A reference motion, joint side, SI units. Made by one of the class methods.
 
+    Tested in ``tests/test_reference.py``.
+
     Attributes
     ----------
     core

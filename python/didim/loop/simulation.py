@@ -26,12 +26,17 @@ from .reference import Reference
 
 
 class StepWarning(UserWarning):
-    """Warning on too large a step of a simulation."""
+    """Warning on too large a step of a simulation.
+
+    Tested in ``tests/test_simulation.py``.
+    """
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Simulation(Brief):
     """Trajectories of the closed loop at the recording rate, joint side, SI units.
+
+    Tested in ``tests/test_simulation.py``.
 
     Attributes
     ----------
@@ -92,6 +97,8 @@ def simulate(  # many parameters: the public keywords of the page on the API
     check: bool | None = None,
 ) -> Simulation:
     """Simulate the controlled robot, (4) with its controller, for one candidate or many.
+
+    Tested in ``tests/test_simulation.py``.
 
     Parameters
     ----------

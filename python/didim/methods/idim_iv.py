@@ -36,6 +36,8 @@ WEAK = 0.5
 class IDIMIV(DIDIMSettings):
     """IDIM-IV with its settings: those of `DIDIMSettings`, with another stopping rule.
 
+    The instruments are the regressor (2) along the simulated motion. Tested in ``tests/test_contrast.py``.
+
     Parameters
     ----------
     sigma_fraction : float

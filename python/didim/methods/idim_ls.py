@@ -22,6 +22,8 @@ from .method import FitSettings, MethodSettings
 class IDIMLS(FitSettings):
     """Settings of IDIM-LS: those of `FitSettings`.
 
+    It solves the linear system (7), with the weights (11) and the covariance (8) to (10).
+
     Notes
     -----
     ``test_published.py`` reproduces the published figures of the EMPS, and those of a prototype for the TX40.

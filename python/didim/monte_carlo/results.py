@@ -24,6 +24,8 @@ from .text import HEAD, columns_named, study_lines
 class StudyResults(Printed):
     """Results of a study.
 
+    Tested in ``tests/test_study_figures.py``.
+
     Attributes
     ----------
     name : str

@@ -67,6 +67,8 @@ def study(
 ) -> StudyResults:
     """Simulate many logs, identify each by several methods, and record every result.
 
+    Tested in ``tests/test_study.py``.
+
     Parameters
     ----------
     spec : path, mapping or StudySpec

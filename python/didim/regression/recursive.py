@@ -24,6 +24,8 @@ from .weights import SMALLEST_RELATIVE_RESIDUAL
 class RecursiveEstimate:
     """Estimate from all chunks so far; SI units, joint side.
 
+    Tested in ``tests/test_recursive.py``.
+
     Attributes
     ----------
     names : tuple of str

@@ -20,7 +20,9 @@ independent."""
 
 @dataclass(frozen=True, kw_only=True)
 class LeastSquaresSettings:
-    """Settings of the solution of (7) and of its covariance.
+    """Settings of the solution of (7) with the weights (11), and of its covariance (8) to (10).
+
+    Tested in ``tests/test_least_squares.py`` and ``tests/test_jackknife.py``.
 
     Parameters
     ----------

@@ -35,6 +35,8 @@ SAVED = ("first", "second", "rms", "rms_in_sigma", "bound", "level", "degrees_of
 class Contrast(Printed):
     """Difference of two estimates of the same parameters from the same log.
 
+    Tested in ``tests/test_contrast.py``.
+
     Attributes
     ----------
     first, second : str

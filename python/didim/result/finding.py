@@ -49,6 +49,8 @@ class Remedy:
 class Finding(Pickled):
     """One piece of evidence for a verdict.
 
+    Tested in ``tests/test_verdict.py``.
+
     Attributes
     ----------
     code : str

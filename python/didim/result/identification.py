@@ -48,7 +48,7 @@ TABLES = ("cloe", "consistent", "positions", "prediction", "robot", "signal", "v
 class Identification(InNotebook, MovedToRobot, Pickled):
     """Identified parameters of a robot, with their uncertainty and the errors of the model on the log.
 
-    All values are in SI units on the joint side.
+    All values are in SI units on the joint side. Tested in ``tests/test_identification.py``.
 
     Attributes
     ----------

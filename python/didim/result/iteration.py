@@ -13,6 +13,8 @@ from .._tools.saved import plain, restored
 class Iteration:
     """One iteration of a method, passed to ``callback`` and stored in ``history``.
 
+    Tested in ``tests/test_progress.py``.
+
     Attributes
     ----------
     iteration : int

@@ -60,6 +60,8 @@ class Use:
 class Verdict:
     """Verdict on a result, from its findings.
 
+    Tested in ``tests/test_verdict.py``.
+
     Attributes
     ----------
     reasons : tuple of Finding

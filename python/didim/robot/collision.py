@@ -28,6 +28,8 @@ other."""
 class Capsule:
     """All points within a radius of a segment, fixed to a link.
 
+    Tested in ``tests/test_clearance.py``.
+
     Attributes
     ----------
     link : int

@@ -77,6 +77,8 @@ FEWEST_SPEEDS = 4
 class FrictionTerm:
     """One friction term beyond viscous, Coulomb and offset, at one joint.
 
+    Tested in ``tests/test_friction_terms.py``.
+
     Attributes
     ----------
     law : Law
@@ -203,6 +205,8 @@ class FrictionTerm:
 @dataclass(frozen=True, kw_only=True)
 class Friction:
     """Friction model of a robot, and its sign near standstill.
+
+    Tested in ``tests/test_friction_terms.py``.
 
     Attributes
     ----------

@@ -106,6 +106,8 @@ def write_parameters(estimates: Estimates, path: str | Path, made_of: Iterable[s
 def load_parameters(robot: Robot, path: str | Path) -> Array:
     """Read standard parameters of a robot from a file.
 
+    Tested in ``tests/test_parameter_files.py``.
+
     Parameters
     ----------
     robot : Robot

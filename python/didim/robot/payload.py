@@ -40,16 +40,18 @@ UNITS = dict(zip(INERTIAL, ["kg.m^2"] * 6 + ["kg.m"] * 3 + ["kg"], strict=True))
 class Payload:
     """A payload with its known properties; those that are None are estimated.
 
+    Tested in ``tests/test_payload_parameters.py``.
+
     Parameters
     ----------
     name : str
         Name of the payload in recordings.
     mass_kg : float, optional
-        Mass.
+        Mass (kg).
     com_m : (float, float, float), optional
         Centre of mass in the frame of the flange (m).
     inertia_kg_m2 : tuple of 6 float, optional
-        ``XX XY XZ YY YZ ZZ`` about the centre of mass, axes of the flange; it needs `com_m`.
+        ``XX XY XZ YY YZ ZZ`` about the centre of mass, axes of the flange (kg.m^2); it needs `com_m`.
 
     Raises
     ------

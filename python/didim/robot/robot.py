@@ -121,6 +121,8 @@ class Geometry:
 class Robot(Pickled):
     """A robot with a fixed base: a chain or a tree. Made by `load_robot`.
 
+    Tested in ``tests/test_robot.py``.
+
     Attributes
     ----------
     name, description : str

@@ -20,10 +20,12 @@ Spikes = Literal["hampel"]
 class SignalProcessing:
     """Settings of the signal processing from a recording to the rows of the linear system.
 
+    The filter acts on both sides of (7).
+
     Attributes
     ----------
     cutoff_hz : float or None
-        Cut-off of the positions' zero-phase Butterworth filter; None disables it.
+        Cut-off of the positions' zero-phase Butterworth filter (Hz); None disables it.
     order : int
         Order of one of its two passes: 1 to 10.
     padding : {"scipy", "matlab"}

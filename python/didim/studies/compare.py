@@ -89,6 +89,8 @@ def compare(
 ) -> Comparison:
     """Simulate a log with known parameters and identify it back by several methods.
 
+    Tested in ``tests/test_compare.py``.
+
     Parameters
     ----------
     experiment : Experiment or str

@@ -44,6 +44,8 @@ that do."""
 class Comparison:
     """Results of several methods on one simulated log, beside the truth.
 
+    Tested in ``tests/test_compare.py``.
+
     Attributes
     ----------
     experiment : Experiment

@@ -28,6 +28,8 @@ LOG_REFINEMENT = 4
 def packaged_experiment(robot: str) -> Experiment:
     """Load the experiment of an included robot.
 
+    Tested in ``tests/test_compare.py``.
+
     Raises
     ------
     ExperimentError
@@ -54,12 +56,14 @@ def simulated_log(
 ) -> Experiment:
     """Simulate the log of an experiment with known parameters.
 
+    The motion is that of (4) with the controller. Tested in ``tests/test_compare.py``.
+
     Parameters
     ----------
     experiment : Experiment
         Experiment with its own reference, a controller and, for noise, a measurement.
     x : (n_parameters,) array
-        Standard parameters: the truth.
+        Standard parameters: the truth, in SI units, joint side.
     noise : bool
         Add the measurement noise.
     seed : int, optional

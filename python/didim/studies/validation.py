@@ -51,7 +51,19 @@ class RecordingValidation:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Validation(Printed):
-    """Errors of a result on the recordings of an experiment."""
+    """Errors of a result on the recordings of an experiment.
+
+    Tested in ``tests/test_validate.py``.
+
+    Attributes
+    ----------
+    fit : Identification
+        The result.
+    experiment : str
+        Name of the experiment.
+    recordings : tuple of RecordingValidation
+        Errors of each recording, (n_dof,) relative ones of predicted torques and of simulated signals, joint side.
+    """
 
     fit: Identification
     experiment: str
@@ -128,6 +140,9 @@ def same_robot(fit: Identification, experiment: Experiment) -> None:
 
 def validate(fit: Identification, experiment: Experiment | str | Path) -> Validation:
     """Compute the errors of a result on an experiment's recordings: direct (torques) and simulated (closed loop).
+
+    Predicted torques are those of (1) along the measured motion; the simulation is that of (4).
+    Tested in ``tests/test_validate.py``.
 
     Parameters
     ----------

@@ -39,6 +39,8 @@ SAME_OPTIMUM = 1e-3
 class CLOE(CLOESettings):
     """Settings of CLOE.
 
+    Tested in ``tests/test_cloe.py``.
+
     Parameters
     ----------
     optimizer : {"levenberg-marquardt", "nelder-mead"}

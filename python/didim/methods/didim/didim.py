@@ -21,6 +21,8 @@ class DIDIM(DIDIMSettings):
     """DIDIM with its settings, those of `DIDIMSettings` and `FitSettings`.
 
     By default every iterate is a robot (`didim.methods.didim.problem`); ``physical=False`` is the DIDIM of the paper.
+
+    Each iteration solves (16), the linear system along the simulated motion. Tested in ``tests/test_didim.py``.
     """
 
     physical_by_default: ClassVar[bool] = True

@@ -23,6 +23,8 @@ Span = tuple[float, float]
 class Bounds:
     """Bounds on masses and centres of mass.
 
+    Tested in ``tests/test_consistent.py``.
+
     Parameters
     ----------
     masses : mapping of int to (float, float)

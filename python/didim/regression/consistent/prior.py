@@ -38,6 +38,8 @@ INNER = 1e-2
 class Prior:
     """The robot at the centre of a prior.
 
+    Tested in ``tests/test_consistent.py``.
+
     Attributes
     ----------
     name : str

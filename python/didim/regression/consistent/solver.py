@@ -39,6 +39,8 @@ UNIDENTIFIED_SINGULAR_VALUE = 1e-10
 class Consistent:
     """Settings of consistent least squares; a solver for ``solver=``.
 
+    It solves (7) with the conditions of bodies as constraints. Tested in ``tests/test_consistent.py``.
+
     Parameters
     ----------
     gamma : float, optional

@@ -188,6 +188,8 @@ def residual_torques(
 ) -> Residual:
     """Find external torques along a log.
 
+    The measured torques less those of (1).
+
     Parameters
     ----------
     fit : Identification
@@ -195,13 +197,14 @@ def residual_torques(
     experiment : Experiment
         The log.
     bandwidth_hz : float
-        Bandwidth of the momentum observer.
+        Bandwidth of the momentum observer (Hz).
     threshold : float
         Standard deviations from which it reports a contact.
 
     Returns
     -------
     Residual
+        External torques of each recording (N.m or N, joint side), contacts and changes of the payload.
 
     Raises
     ------
