@@ -12,7 +12,9 @@ import pytest
 
 import didim
 from didim.errors import RobotError
+from didim.export.drives import drives_of
 from didim.export.mjcf import to_mjcf
+from didim.export.mjcf_edit import edit_mjcf
 from didim.export.sdf import to_sdf
 from didim.export.urdf import to_urdf
 from didim.model.kinematics import frames
@@ -20,7 +22,7 @@ from didim.robot.robot import Robot
 from didim.robot.robot_text import robot_text
 from didim.robot.transmission import driven_part, joint_motion
 from robots import random_motion, relative
-from simulated import closed_loop_log
+from simulated import closed_loop_log, experiment, log
 from urdfs import inertial_text, joint_text, limit_text, made, pinocchio_model, random_tree, with_rotors
 
 ROBOTS = 60
@@ -323,6 +325,33 @@ def test_mujoco_ties_the_joints_of_the_exported_file(tmp_path: Path) -> None:
     again = didim.inverse_dynamics(back, motion.q, motion.dq, motion.ddq, back.parameter_set("mjcf"))
     np.testing.assert_allclose(again, tau, rtol=1e-9, atol=1e-9)
     assert '<mimic joint="close">' in to_sdf(robot, x)
+
+
+def test_drives_go_into_an_mjcf_whose_coupled_joint_has_a_spring(tmp_path: Path) -> None:
+    path, written = tmp_path / "gripper.xml", tmp_path / "written.xml"
+    plain = made(tmp_path, gripper())
+    text = to_mjcf(plain, plain.parameter_set("urdf"))
+    text = text.replace('name="curl"', 'name="curl" stiffness="2" springref="0.1" armature="0.01"')
+    path.write_text(text.replace('name="close" type', 'name="close" stiffness="3" armature="0.02" type'))
+    robot = didim.load_robot(path, tip="", snap=0.0)
+    x = robot.parameter_set("mjcf").copy()
+    assert x[robot.parameter_names.index("Ks3")] == pytest.approx(3.0 + 0.6**2 * 2.0)
+    x[[name in ("Ia1", "Ia2", "Ia3", "Fv4", "Fc4") for name in robot.parameter_names]] = 0.3
+    recorded = experiment(robot, log(robot, x, n_samples=1500))
+    drives = drives_of(didim.identify(recorded, didim.IDIMLS(physical=True)), "fit.json")
+    assert [drive.joint for drive in drives.joints] == ["turn", "bend", "close"]
+    assert [drive.joint for drive in drives.followers] == ["curl", "oppose"]
+    written.write_bytes(edit_mjcf(drives, path)[0])
+    found = didim.load_robot(written, tip="", snap=0.0)
+    beta, expected = (
+        one.base_parameters.project(values)
+        for one, values in ((robot, x), (found, found.parameter_set("mjcf")))
+    )
+    drive = [
+        index for index, name in enumerate(robot.base_parameters.names) if name[:2] in ("Ks", "Fv", "Fc")
+    ]
+    assert len(drive) == 7
+    np.testing.assert_allclose(expected[drive], beta[drive], rtol=1e-4, atol=1e-4)
 
 
 def test_followers_of_what_stands_still_are_held(tmp_path: Path) -> None:

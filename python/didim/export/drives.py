@@ -95,10 +95,13 @@ class Drives:
         In the order of the robot's joints.
     sentences : tuple of str
         Sentences on parameters that the format cannot represent, on values that the log does not identify, and on steps.
+    followers : tuple of JointDrive
+        Coupled joints: their own rotor inertia and friction. Their springs are part of those of their leaders.
     """
 
     joints: tuple[JointDrive, ...]
     sentences: tuple[str, ...] = ()
+    followers: tuple[JointDrive, ...] = ()
 
     def without_springs(self) -> Drives:
         """Return the same drives for a format without springs, with a sentence on those left out."""
@@ -135,7 +138,8 @@ def drives_of(fit: Identification, where: str) -> Drives:
         When the robot's joints have no names, or a rotor inertia or friction is negative.
     """
     robot = fit.settings.get("robot", {})
-    names = robot.get("joint_names") or ()
+    names = tuple(robot.get("joint_names") or ())
+    n = len(names)
     if not names:
         raise FitError(f"{where}: its robot has no names of joints, by which other files have them")
     values = dict(zip(fit.parameter_names, fit.parameters.tolist(), strict=True))
@@ -146,6 +150,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
         smoothing = [0.0] * len(names)
     terms = Friction.terms_of(robot.get("friction", {}).get("terms", ()))
     found, missed = [], {}
+    names += tuple(item["name"] for item in robot["geometry"].get("followers", ()))
     for j, (name, kind) in enumerate(zip(names, robot["geometry"]["kinds"], strict=True)):
         viscous, coulomb, missed[name] = joint_friction(values, j, terms, kind)
         rotor, offset = values[f"Ia{j + 1}"], values.get(f"Off{j + 1}", 0.0)
@@ -162,7 +167,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 )
 
         def of(key: str, j: int = j) -> float | None:
-            return servo[key][j] if key in servo else None
+            return servo[key][j] if key in servo and j < n else None
 
         found.append(
             JointDrive(
@@ -180,7 +185,7 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 rest=-offset / stiffness if stiffness else 0.0,
                 offset=0.0 if stiffness else offset,
                 bias_rad=of("bias_rad") or 0.0,
-                smoothing=float(smoothing[j]),
+                smoothing=float(smoothing[j]) if j < n else 0.0,
                 per_step={
                     FIELDS[row["kind"]]: row["per_step"]
                     for row in positions.get("rows", ())
@@ -188,7 +193,8 @@ def drives_of(fit: Identification, where: str) -> Drives:
                 },
             )
         )
-    return Drives(tuple(found), (*lost_friction(values, terms, missed), *_sentences(found)))
+    driven, followers = tuple(found[:n]), tuple(found[n:])
+    return Drives(driven, (*lost_friction(values, terms, missed), *_sentences(driven)), followers)
 
 
 def _sentences(joints: Sequence[JointDrive]) -> list[str]:
@@ -262,7 +268,7 @@ def for_step(drives: Drives, step_s: float, integrator: str, *, explicit_kv: boo
         sentence += f" (or add h kp / 2, up to {extra:.3g}, to kv for slow motion)"
     if any(drive.per_step for drive in drives.joints):
         sentence += "; other values change too, as the armature does not while servos saturate"
-    return Drives(tuple(found), (*drives.sentences, sentence))
+    return Drives(tuple(found), (*drives.sentences, sentence), drives.followers)
 
 
 def read_drives(path: Path) -> Drives:
@@ -271,4 +277,4 @@ def read_drives(path: Path) -> Drives:
     found = drives_of(fit, path.name)
     if fit.verdict.sound:
         return found
-    return Drives(found.joints, (f"{path.name}: {fit.verdict.sentence}", *found.sentences))
+    return replace(found, sentences=(f"{path.name}: {fit.verdict.sentence}", *found.sentences))

@@ -2,12 +2,14 @@
 
 A joint gets ``armature``, ``damping``, ``frictionloss``, ``stiffness`` and ``springref``, its position
 actuator ``kp``, ``kv`` and ``forcerange``, a general one ``gainprm`` and ``biasprm``; values already in the file, also by a default
-class, do not change. Tested in ``tests/test_export_drives.py`` with MuJoCo.
+class, do not change. The spring of a coupled joint is part of its leader's, so its own element loses it. Tested in
+``tests/test_export_drives.py`` with MuJoCo, and in ``tests/test_couplings.py``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +60,7 @@ def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tup
     """
     data = read_small_file(path, FitError)
     found = drive_elements(data, path)
-    for drive in drives.joints:
+    for drive in (*drives.joints, *drives.followers):
         if drive.joint not in found.joints:
             raise FitError(
                 f"{path.name}: there is no joint {drive.joint!r}{did_you_mean(drive.joint, found.joints)}"
@@ -80,11 +82,11 @@ def edit_mjcf(drives: Drives, path: Path, *, step_s: float | None = None) -> tup
         )
     sentences += softness(drives, path, step_s or 0.0)
     edits: list[Edit] = []
-    for drive in drives.joints:
+    for drive in (*drives.joints, *drives.followers):
         edits += _joint_edits(data, found, drive)
         if drive.joint in found.settings and drive.kp is not None:
             edits += _actuator_edits(data, found, drive)
-    return edited(data, edits), Drives(drives.joints, tuple(sentences))
+    return edited(data, edits), replace(drives, sentences=tuple(sentences))
 
 
 def _joint_edits(data: bytes, found: DriveElements, drive: JointDrive) -> list[Edit]:

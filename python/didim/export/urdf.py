@@ -189,7 +189,7 @@ def edit_dynamics(drives: Drives, path: Path) -> bytes:
     newline = b"\r\n" if b"\r\n" in data else b"\n"
     joints = {str(item.attributes.get("name")): item for item in parse_xml(data, path.name).all("joint")}
     changes: list[Edit] = []
-    for drive in drives.joints:
+    for drive in (*drives.joints, *drives.followers):
         if drive.joint not in joints:
             raise FitError(
                 f"{path.name}: there is no joint {drive.joint!r}{did_you_mean(drive.joint, joints)}"
