@@ -22,6 +22,8 @@ from pathlib import Path
 import numpy as np
 
 import didim
+from didim.experiment.specs import ReferenceSpec
+from didim.loop.reference import Reference
 from didim.monte_carlo.engine import run_all
 from didim.monte_carlo.executors import pool
 from didim.result.verdict import Verdict
@@ -98,6 +100,23 @@ CORRECT = ("tx40", "planar2")
 """Further robots with correct logs."""
 
 
+def tx40_motion(seed: int) -> Reference:
+    """Motion of ten seconds within the limits of the packaged one, which has seed 1."""
+    spec = packaged_experiment("tx40").reference
+    assert isinstance(spec, ReferenceSpec)
+    position, velocity, acceleration = (
+        spec.settings[f"max_{key}"] for key in ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
+    )
+    return Reference.random_fourier(
+        harmonics=20,
+        period_s=10.0,
+        max_position=position,
+        max_velocity=velocity,
+        max_acceleration=acceleration,
+        seed=seed + 1,
+    )
+
+
 def sound_log(name: str, rate_hz: float, motion: int) -> Log | didim.Experiment:
     """A correct log without noise."""
     if name in ARMS:
@@ -111,7 +130,7 @@ def sound_log(name: str, rate_hz: float, motion: int) -> Log | didim.Experiment:
             decimation=(factor,) if factor <= 10 else (5, factor // 5),
         )
         simulation = replace(packaged.simulation, rate_hz=rate_hz)
-        packaged = replace(packaged, signal=signal, simulation=simulation)
+        packaged = replace(packaged, signal=signal, simulation=simulation, reference=tx40_motion(motion))
         return simulated_log(packaged, packaged.robot.parameter_set("didim"), noise=False, refinement=1)
     from arm import arm_log
 
@@ -159,12 +178,12 @@ def main() -> None:
     if arguments.sound:
         for name in arguments.arms:
             for rate_hz in RATES_HZ:
-                log = sound_log(name, rate_hz, 0)
+                log = sound_log(name, rate_hz, arguments.first)
                 for method in arguments.methods:
                     total = sound = 0
                     codes: list[str] = []
                     for level in LEVELS:
-                        for seed in range(arguments.seeds):
+                        for seed in range(arguments.first, arguments.first + arguments.seeds):
                             verdict = didim.identify(noisy(log, seed, level), METHODS[method]()).verdict
                             total, sound = total + 1, sound + verdict.sound
                             codes += [f"{reason.code} at {level}" for reason in verdict.grave]

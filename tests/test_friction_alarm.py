@@ -11,7 +11,7 @@ import didim
 from didim.regression.friction.alarm import FrictionAlarm
 from didim.result.identification import Identification
 from friction_logs import Law, atan, coulomb, dahl, fitted, load, logged, robot, stribeck, truth
-from verdict_arms import INDEPENDENT, built
+from verdict_arms import ARMS, INDEPENDENT, built
 
 
 def alarm(fit: Identification) -> FrictionAlarm:
@@ -33,9 +33,10 @@ def test_right_models_raise_no_alarm(settings: dict[str, object]) -> None:
         assert found.law == ""
 
 
-def test_errors_of_sampling_at_a_low_rate_are_no_friction() -> None:
+@pytest.mark.parametrize("name", ["ur5e-like", "arm7", "iiwa14-like"])
+def test_errors_of_sampling_at_a_low_rate_are_no_friction(name: str) -> None:
     """With a noise of 0.3 % of the torque, central differences and held torques are the largest errors at 100 Hz."""
-    log = built(INDEPENDENT["ur5e-like"], None, rate_hz=100.0).noisy(0, 0.003)
+    log = built({**ARMS, **INDEPENDENT}[name], None, rate_hz=100.0).noisy(0, 0.003)
     found = alarm(didim.identify(log, didim.IDIMLS()))
     assert not found.raised, found.p_value
 

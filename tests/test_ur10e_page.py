@@ -79,6 +79,11 @@ def test_ten_commands(
     assert capsys.readouterr().out == "log: nothing found.\n"
     run(identify)
     fit = didim.Identification.load("fit.json")
+    assert fit.verdict.sound
+    assert fit.uncertainty is not None
+    assert fit.uncertainty.friction is not None
+    # The simulated friction is a tanh and that of the model a sign, which leaves open how friction turns.
+    assert fit.uncertainty.friction.p_value.min() > 0.1
     assert 100.0 * fit.overall_relative_error == pytest.approx(
         number(r"relative error is (\S+) %", text), abs=0.01
     )

@@ -279,7 +279,7 @@ def _friction(run: Run, system: LinearSystem, fit: Fit, parts: Sequence[Segment]
     ]
     step, errors = None, []
     if run.method.motion == "measured":
-        errors = sampling_errors(job.robot, parts, standard)
+        errors = sampling_errors(job.robot, parts, standard, load)
         recorded = {part.recording for part in parts}
         steps = [encoder_step(job.experiment.recordings[number].measured_positions()) for number in recorded]
         step = np.max(steps, axis=0)

@@ -8,8 +8,8 @@ matrix, ``rho`` the weighted residual and ``c`` the column of a law at one joint
 
 Where the model is right, the sums of the blocks are as likely negative as positive, whatever the correlation within a block.
 Flipping the signs of whole blocks, the same for all columns of a joint, gives the distribution of the largest ``|t|`` of its laws.
-Blocks are taken in two ways, equal stretches of time and stretches between the reversals of the joint; both must alarm. Columns
-of the errors that sampling makes (`sampling`) stand beside those of A for the scores. The shift of a family of laws is the change
+Blocks are taken in two ways, equal stretches of time and stretches between the reversals of the joint; both must alarm. Errors
+of right models (`sampling`) have columns beside those of A for the scores. The shift of a family of laws is the change
 of the estimate with the columns of all joints beside A,
 
     b_h - b = -R^-1 Q^T C (C~^T C~)^-1 C~^T rho,        C~ = C - Q Q^T C,    A = Q R
@@ -130,10 +130,10 @@ class _Limb:
         return found.reshape(-1, len(self.joints)) * self.weights[:, None]
 
     def freed_of(self, errors: Sequence[Array]) -> Array:
-        """Return Q with one more column for each error of all torques, decimated, (n_rows, n_dof)."""
+        """Return Q with one more column for each joint of each error of the torques, decimated, (n_rows, n_dof)."""
         if not errors:
             return self.q
-        columns = np.stack([self.weighted(error).sum(axis=1) for error in errors], axis=1)
+        columns = np.hstack([self.weighted(error) for error in errors])
         free = _freed(self.q, columns)
         return np.hstack([self.q, np.linalg.qr(free[:, free.any(axis=0)])[0]])
 
@@ -189,8 +189,8 @@ def friction_alarm(
         Step of the position encoder of each joint (rad or m), zero where it is not seen. A joint whose steps are coarser
         than `RESOLVED_STEPS` allows is not tested for memory.
     sampling_errors : sequence of sequence of ndarray, shape (n_samples, n_dof)
-        Errors of the torques along each of the parts, each of an amount that is not known (N.m or N, joint side): scores are
-        freed of them as of the columns of A.
+        Errors of the torques along each of the parts, of an amount at each joint that is not known (N.m or N, joint side):
+        scores are freed of them as of the columns of A.
 
     Returns
     -------

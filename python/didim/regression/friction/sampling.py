@@ -1,10 +1,12 @@
-"""Errors that a slowly sampled log has where the model is right, and which look like friction.
+"""Errors that a log has where its model is right, and which look like friction.
 
 Central differences, `h` s apart, lose ``h^2 / 6`` of the second derivative of a velocity and, taken twice, ``h^2 / 3`` of that of
-an acceleration. A torque that a digital controller holds between samples, or that is recorded a part of a sample beside the
-positions, differs by shares of its first and second differences, here of links and rotors, since those of Coulomb friction would
-hide other laws at reversals. At 100 Hz they exceed a noise of 1 % of the torque. Each is
-known but for its amount, so the test for missing friction frees its scores of them. Tested in ``tests/test_friction_alarm.py``.
+an acceleration. Where a joint reverses, its acceleration jumps with Coulomb friction, so the velocity is wrong just where
+friction depends on it, at the jump by a quarter of its second difference. A torque that a digital controller holds between
+samples, or that is recorded a part of a sample beside the positions, differs by shares of its first and second differences, here
+of links and rotors, since those of Coulomb friction would hide other laws at reversals. Friction of a ``sign`` turns within a
+small velocity that its model leaves open. Each error is known but for its amount at each joint, so the test for missing friction
+frees its scores of them. Tested in ``tests/test_friction_alarm.py``, the turn in ``tests/test_ur10e_page.py``.
 """
 
 from __future__ import annotations
@@ -14,17 +16,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..._tools.arrays import Array
-from ...model.dynamics import rigid_torque
+from ...model.dynamics import inverse_dynamics
+from ...model.memory import instantaneous
 from ...robot.robot import Robot
 from ...signal.segments import Segment
 
-FELT = 0.002
-"""Error of accelerations, as a share of the torques of links and rotors, below which the sampling is fine enough: it is 0.4 % at
-100 Hz, where right logs (`planar2`, a UR5e-like arm) raised the alarm, and 0.14 % at 250 Hz, where they did not."""
+TURN = {"revolute": 0.01, "prismatic": 0.001}
+"""Velocity (rad/s, m/s) within which friction of a ``sign`` may turn smoothly: a fifth of the smallest Stribeck velocity that is
+tested, so the laws remain visible. Chosen on the UR10e example, whose simulated friction is a tanh of it."""
 
 
-def sampling_errors(robot: Robot, parts: Sequence[Segment], parameters: Sequence[Array]) -> list[list[Array]]:
-    """Return the four errors of the torques along each part; none where the sampling is fine enough.
+def sampling_errors(
+    robot: Robot, parts: Sequence[Segment], parameters: Sequence[Array], load: Sequence[Array]
+) -> list[list[Array]]:
+    """Return the errors of the torques along each part.
 
     Parameters
     ----------
@@ -34,23 +39,32 @@ def sampling_errors(robot: Robot, parts: Sequence[Segment], parameters: Sequence
         Motion with derivatives by central differences.
     parameters : sequence of ndarray, shape (n_parameters,)
         Standard parameters along each of the parts.
+    load : sequence of ndarray, shape (n_samples, n_dof)
+        Torques of links and rotors along each of the parts (N.m or N, joint side).
 
     Returns
     -------
     list of list of ndarray, shape (n_samples, n_dof)
-        By error and part (N.m or N, joint side): of velocities, of accelerations, of time, and of holding.
+        By error and part (N.m or N, joint side): of velocities, of accelerations and velocities at a jump, of time, of holding,
+        and, without a unit, of the turn of a ``sign``.
     """
-    errors: list[list[Array]] = [[], [], [], []]
-    squares = np.zeros(2)
-    for part, x in zip(parts, parameters, strict=True):
-        q, dq, ddq = part.q, part.dq, part.ddq
-        rigid = rigid_torque(robot, q, dq, ddq, x)
-        errors[0].append(rigid_torque(robot, q, dq - _curvature(dq) / 6.0, ddq, x) - rigid)
-        errors[1].append(rigid_torque(robot, q, dq, ddq - _curvature(ddq) / 3.0, x) - rigid)
-        errors[2].append(np.gradient(rigid, axis=0))
-        errors[3].append(_curvature(rigid))
-        squares += np.sum(np.square(errors[1][-1])), np.sum(np.square(rigid))
-    return errors if squares[0] > FELT**2 * squares[1] else []
+    found = [_errors(robot, *along) for along in zip(parts, parameters, load, strict=True)]
+    return [list(error) for error in zip(*found, strict=True)]
+
+
+def _errors(robot: Robot, part: Segment, x: Array, rigid: Array) -> list[Array]:
+    """Return the errors along one part."""
+    q, dq, ddq = part.q, part.dq, part.ddq
+    torque, bend = inverse_dynamics(robot, q, dq, ddq, x), _curvature(dq)
+    errors = [
+        inverse_dynamics(robot, q, dq - bend / 6.0, ddq, x) - torque,
+        inverse_dynamics(robot, q, dq - bend / 4.0, ddq - _curvature(ddq) / 3.0, x) - torque,
+        np.gradient(rigid, axis=0),
+        _curvature(rigid),
+    ]
+    if robot.friction.coulomb == "sign":
+        errors.append(np.tanh(dq / [TURN[kind] for kind in robot.joint_kinds]) - instantaneous(robot, dq))
+    return errors
 
 
 def _curvature(values: Array) -> Array:
