@@ -16,7 +16,7 @@ from arm import arm_log, noisy
 from didim import DIDIM, Experiment, Identification, identify
 from didim.loop.outcome import Outcome
 from didim.methods.didim.response import Response, noise_of
-from didim.methods.didim.slack import MOST_ATTEMPTS, NEAR, Loop, Place
+from didim.methods.didim.slack import MOST_ATTEMPTS, NEAR, Loop, SolvedIterate
 from didim.methods.didim.windows import Simulated, simulated, windows_of
 from didim.regression.consistent.solver import ConsistentSolver
 from plain import plain_didim
@@ -108,10 +108,10 @@ def test_the_response_predicts_an_iteration(slack: Experiment) -> None:
     windows = windows_of(job, job.delay())
     loop = Loop(job, windows, job.parameters, job.solve)
 
-    def place(x: Array) -> Place:
+    def place(x: Array) -> SolvedIterate:
         run, _ = simulated(windows, x, None)
         assert isinstance(run, Simulated)
-        return Place.of(loop, x, run)
+        return SolvedIterate.of(loop, x, run)
 
     def rows(changes: Sequence[Array]) -> list[Array]:
         return [loop.torques(place(loop.moved(end.parameters, change)).simulated) for change in changes]
@@ -193,8 +193,8 @@ def test_the_share_is_the_derivative_of_a_consistent_solution_by_the_plain_one(d
     rows = system.w * (fit.weights / noise_of(fit))[:, None]
     triangle = np.ascontiguousarray(np.linalg.qr(rows, mode="r"))
     centre = problem.solve(triangle, triangle @ fit.solution)
-    place = Place(centre.x, None, system, replace(fit, standard=centre.x))  # type: ignore[arg-type]
-    share = Loop(job, [], job.parameters, job.solve, problem).share(place)
+    place = SolvedIterate(centre.x, None, system, replace(fit, standard=centre.x))  # type: ignore[arg-type]
+    share = Loop(job, [], job.parameters, job.solve, problem).projection(place)
     assert share is not None
     assert np.linalg.eigvals(share).real.min() < 0.3  # conditions hold some directions
     step = 1e-3 * np.linalg.solve(triangle, np.random.default_rng(1).standard_normal(len(triangle)))

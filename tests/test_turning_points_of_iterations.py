@@ -24,7 +24,7 @@ from didim.excitation.search.descent import Descent
 from didim.loop.outcome import Outcome
 from didim.loop.reference import Reference
 from didim.methods.cloe.levenberg_marquardt import SafeSteps, weigh_by_noise
-from didim.methods.didim.slack import Attempts, Settled
+from didim.methods.didim.slack import Attempts, FixedPointRun
 from didim.regression.delay import estimate_delay
 from didim.signal.processing import SignalProcessing
 from plain import stub
@@ -32,8 +32,8 @@ from plain import stub
 Array = NDArray[np.float64]
 
 
-def end(rate: float, *distances: float, steps: int = 0) -> Settled:
-    return Settled(cast(Any, None), rate, distances, 1.0, (cast(Any, None),) * steps, True)
+def end(rate: float, *distances: float, steps: int = 0) -> FixedPointRun:
+    return FixedPointRun(cast(Any, None), rate, distances, 1.0, (cast(Any, None),) * steps, True)
 
 
 @pytest.mark.parametrize(("rate", "distance", "told"), [(0.29, 0.19, 0), (0.31, 0.19, 2), (0.29, 0.21, 2)])
@@ -51,7 +51,7 @@ class Runs:
         self.steps = 0
         left = list(distances)
         place = stub(system=None, fit=None)
-        patch.setattr(slack, "Place", stub(of=lambda *given: place))
+        patch.setattr(slack, "SolvedIterate", stub(of=lambda *given: place))
         patch.setattr(slack, "share_moved", lambda *given: share)
         response = stub(rate=0.6, wider=lambda *given: 1.0)
         patch.setattr(slack, "Response", stub(at=lambda *given: response))
@@ -65,11 +65,14 @@ class Runs:
         self.steps += 1
         return self._place, 1.0, 1
 
-    def settled(self, slow: Any = None, most: int = 50) -> Settled | None:
+    def settled(self, slow: Any = None, most: int = 50) -> FixedPointRun | None:
         loop = stub(
-            torques=lambda run: np.zeros(1), share=lambda place: None, windows=[0], job=stub(settings=None)
+            torques=lambda run: np.zeros(1),
+            projection=lambda iterate: None,
+            windows=[0],
+            job=stub(settings=None),
         )
-        found, _ = slack.settled(
+        found, _ = slack.run_to_fixed_point(
             cast(Any, loop),
             np.zeros(1),
             cast(Any, None),
@@ -149,11 +152,11 @@ def test_a_fixed_point_is_solved_ten_times_at_most(off: float, shrink: float, co
     loop = stub(
         estimates=lambda x: np.zeros(1),
         conditions=object(),
-        share=lambda place: None,
+        projection=lambda iterate: None,
         solve=response.solve,
     )
     fit = stub(solution=np.array([1.0]), std=np.ones(1))
-    place = slack.Place(np.zeros(1), cast(Any, None), _system(), fit)
+    place = slack.SolvedIterate(np.zeros(1), cast(Any, None), _system(), fit)
     slack._fixed_point(cast(Any, loop), place, cast(Any, response))
     assert response.count == count
 

@@ -273,15 +273,22 @@ class Identification(InNotebook, MovedToRobot, Pickled):
 
     def __str__(self) -> str:
         if (record := PositionRecord.of(self.settings)) is not None:
-            ending = (*self.verdict.lines(), "", self.conclusion, self.verdict.sentence)
-            return "\n".join((*position_lines(record, self.name, self.robot), *ending))
+            return "\n".join([*position_lines(record, self.name, self.robot), *self.lines_after_tables()])
         count = counted(len(self.names), "base parameter")
         lines = [f"{self.name}: {count} of robot {self.robot} by {self.method}", ""]
         lines += parameter_lines(self.parameter_rows(), limb_headings(self.settings.get("robot", {})))
         lines += [] if self.further is None else self.further.lines(self.interval_factor())
         lines += ["", *table_lines(self.error_rows())]
+        return "\n".join([*lines, *self.lines_after_tables()])
+
+    def lines_after_tables(self) -> list[str]:
+        """Return the lines of the printed result after its tables."""
+        # Readers read the last line first: it must not sound better than the result is.
+        ending = [*self.verdict.lines(), "", self.conclusion, self.verdict.sentence]
+        if PositionRecord.of(self.settings) is not None:
+            return ending
         names = self.joint_names
-        lines += [f"joints: {', '.join(f'{j + 1} {name}' for j, name in enumerate(names))}"] if names else []
+        lines = [f"joints: {', '.join(f'{j + 1} {name}' for j, name in enumerate(names))}"] if names else []
         lines.append("")
         lines.append(
             f"condition number {self.condition_number:.6g}, error norm {self.error_norm:.7g}, "
@@ -298,9 +305,7 @@ class Identification(InNotebook, MovedToRobot, Pickled):
             )
         if "consistent" in self.settings:
             lines += ["", *table_of(self.settings["consistent"])]
-        # Readers read the last line first: it must not sound better than the result is.
-        verdict = self.verdict
-        return "\n".join([*lines, *verdict.lines(), "", self.conclusion, verdict.sentence])
+        return [*lines, *ending]
 
     def __repr__(self) -> str:
         return (

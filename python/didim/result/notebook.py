@@ -6,7 +6,6 @@ from typing import Any, Protocol
 
 from .._tools.notebook import page, pandas
 from .further import Further
-from .table import table_lines
 
 
 class _Result(Protocol):
@@ -18,16 +17,16 @@ class _Result(Protocol):
     def parameter_rows(self) -> list[tuple[str, ...]]: ...
     def error_rows(self) -> list[tuple[str, ...]]: ...
     def to_dict(self) -> dict[str, Any]: ...
+    def lines_after_tables(self) -> list[str]: ...
 
 
 class InNotebook:
     """Tables of a result as HTML and as a ``DataFrame``."""
 
     def _repr_html_(self: _Result) -> str:
-        title, *rest = str(self).split("\n")
-        # Text after the table of errors.
-        tail = rest[rest.index(table_lines(self.error_rows())[-1]) + 1 :]
-        return page(title, self.parameter_rows(), self.error_rows(), "\n".join(tail).strip("\n"))
+        title = str(self).partition("\n")[0]
+        after = "\n".join(self.lines_after_tables())
+        return page(title, self.parameter_rows(), self.error_rows(), after.strip("\n"))
 
     def to_dataframe(self: _Result) -> Any:
         """Return the tables of parameters as a pandas ``DataFrame`` with their names as its index.

@@ -118,9 +118,9 @@ class _Search:
     def _climb(self, starts: Sequence[Array]) -> None:
         """Descend from the best of several motions, then from perturbations of the best one so far."""
         trials = [Descent(self._value, start) for start in starts]
-        for one in trials:
-            one.run(self._evaluations(TRIAL))
-        best = min(trials, key=lambda one: one.value)
+        for trial in trials:
+            trial.run(self._evaluations(TRIAL))
+        best = min(trials, key=lambda trial: trial.value)
         best.run(self._evaluations(FIRST))
         for _ in range(round(HOPS * self._iterations / HOP)):
             tried = Descent(self._value, self._problem.series.perturbed(best.x, KICK, self._rng))
@@ -130,14 +130,17 @@ class _Search:
         best.run(self._evaluations(TRIAL))
 
     def _descend(self, share: float) -> None:
+        """Descend from the best motion so far, for a share of the iterations."""
         # The objective has changed, so previous values are not comparable.
         start, self._least = self._best, np.inf
         Descent(self._value, start).run(self._evaluations(share))
 
     def _evaluations(self, share: float) -> int:
+        """Return the evaluations of a share of the iterations, at least one."""
         return max(1, round(share * self._iterations))
 
     def _value(self, v: Array) -> tuple[float, Array]:
+        """Return objective and gradient, and record the best variables so far."""
         if self._stop.is_set():
             raise _StopSearchError
         self._calls += 1

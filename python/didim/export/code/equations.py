@@ -78,7 +78,8 @@ Matrix = tuple[Vector, Vector, Vector]
 """Rows."""
 
 
-def _of(matrix: Matrix, v: Vector) -> Vector:
+def _transform(matrix: Matrix, v: Vector) -> Vector:
+    """Return the product of a matrix and a vector."""
     return Vector(*(row.dot(v) for row in matrix))
 
 
@@ -88,13 +89,13 @@ def _transposed(matrix: Matrix) -> Matrix:
 
 
 def _product(a: Matrix, b: Matrix) -> Matrix:
-    x, y, z = (_of(a, column) for column in _transposed(b))
+    x, y, z = (_transform(a, column) for column in _transposed(b))
     return _transposed((x, y, z))
 
 
 @dataclass(frozen=True)
 class Body:
-    """Ten inertial parameters about the origin of a frame."""
+    """Ten inertial parameters about the origin of a frame: inertia, first moments (``MX MY MZ``), mass."""
 
     inertia: Matrix
     first: Vector
@@ -107,7 +108,7 @@ class Body:
 
     def moved(self, rotation: Matrix, shift: Vector) -> Body:
         """Return the same body in the preceding frame, in which this frame is rotated and shifted."""
-        first = _of(rotation, self.first)
+        first = _transform(rotation, self.first)
         turned = _product(_product(rotation, self.inertia), _transposed(rotation))
         # J + (2 t.h + m t.t) 1 - t h' - h t' - m t t'
         along = 2 * shift.dot(first) + self.mass * shift.dot(shift)
@@ -149,10 +150,10 @@ class Equations:
         self.value: Callable[[str], Any] = lambda name: values.get(name, self.zero)
         self.turns = [kind == "revolute" for kind in robot.geometry.kinds]
         self.axis = Vector(self.zero, self.zero, algebra.number(1.0))
-        self.rotations, self.shifts = self._places(q)
+        self.rotations, self.shifts = self._frames(q)
         self.bodies = [self._body(j + 1) for j in range(self.n)]
 
-    def _places(self, q: Sequence[Any]) -> tuple[list[Matrix], list[Vector]]:
+    def _frames(self, q: Sequence[Any]) -> tuple[list[Matrix], list[Vector]]:
         """Rotation and origin of each frame in that of its antecedent."""
         number, geometry = self.algebra.number, self.robot.geometry
         rotations: list[Matrix] = []
@@ -181,7 +182,7 @@ class Equations:
                 )
                 x, y, z = mount.shift
                 rotation = _product(turn, rotation)
-                shift = _of(turn, shift).plus(Vector(number(x), number(y), number(z + mount.b)))
+                shift = _transform(turn, shift).plus(Vector(number(x), number(y), number(z + mount.b)))
             rotations.append(rotation)
             shifts.append(shift)
         return rotations, shifts
@@ -256,7 +257,7 @@ class Equations:
                 moved = composite.moved(self.rotations[j], self.shifts[j])
                 composites[before] = composites[before].plus(moved)
             if self.turns[j]:  # torque for a unit acceleration of joint j
-                force, moment = self.axis.cross(composite.first), _of(composite.inertia, self.axis)
+                force, moment = self.axis.cross(composite.first), _transform(composite.inertia, self.axis)
             else:
                 force, moment = self.axis.times(composite.mass), composite.first.cross(self.axis)
             outer = j
@@ -302,8 +303,8 @@ class Equations:
         for j, parent in enumerate(self.parents):
             omega, domega, a = base if parent is None else motions[parent]
             back, t = _transposed(self.rotations[j]), self.shifts[j]
-            a = _of(back, a.plus(domega.cross(t)).plus(omega.cross(omega.cross(t))))
-            omega, domega = _of(back, omega), _of(back, domega)
+            a = _transform(back, a.plus(domega.cross(t)).plus(omega.cross(omega.cross(t))))
+            omega, domega = _transform(back, omega), _transform(back, domega)
             speed, gain = self.axis.times(dq[j]), self.axis.times(ddq[j])
             if self.turns[j]:
                 domega = domega.plus(omega.cross(speed)).plus(gain)
@@ -315,8 +316,8 @@ class Equations:
             force = (
                 a.times(body.mass).plus(domega.cross(body.first)).plus(omega.cross(omega.cross(body.first)))
             )
-            spin = omega.cross(_of(body.inertia, omega))
-            moment = _of(body.inertia, domega).plus(spin).plus(body.first.cross(a))
+            spin = omega.cross(_transform(body.inertia, omega))
+            moment = _transform(body.inertia, domega).plus(spin).plus(body.first.cross(a))
             wrenches.append((force, moment))
         tau = [self.zero] * self.n
         for j in range(self.n - 1, -1, -1):
@@ -330,7 +331,7 @@ class Equations:
 
     def _inwards(self, j: int, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
         """Return a wrench of frame `j` in the frame of its antecedent."""
-        force, moment = _of(self.rotations[j], force), _of(self.rotations[j], moment)
+        force, moment = _transform(self.rotations[j], force), _transform(self.rotations[j], moment)
         return force, moment.plus(self.shifts[j].cross(force))
 
     def _friction(self, dq: Sequence[Any], signs: Sequence[Any], now: Sequence[Any]) -> list[Any]:

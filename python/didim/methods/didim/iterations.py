@@ -24,7 +24,7 @@ from .ending import result_at
 from .globalisation import Globalisation, SafeSteps, SecantSteps
 from .problem import ConsistentProblem, Problem
 from .settings import DIDIMSettings
-from .slack import Attempts, Loop, settled
+from .slack import Attempts, Loop, run_to_fixed_point
 from .windows import Iterate, Solved, Step
 
 ROUNDING = 1e-10
@@ -156,7 +156,7 @@ class Iterations:
         if self._exact or problem.instrumental or problem.base.n_gains:
             return iterate
         slow = self._path.contraction(solved.std)
-        end, count = settled(
+        end, count = run_to_fixed_point(
             Loop(problem.job, self.simulator.windows, problem.base, problem.solution, problem.conditions),
             iterate.x,
             iterate.simulated,
@@ -179,8 +179,8 @@ class Iterations:
                 return iterate
         self.history = end.continued(self.history)
         self._remarks += end.remarks
-        self.solved = replace(solved, system=end.place.system, fit=end.place.fit)
-        return Iterate(end.place.x, end.place.simulated, len(self.history))
+        self.solved = replace(solved, system=end.iterate.system, fit=end.iterate.fit)
+        return Iterate(end.iterate.x, end.iterate.simulated, len(self.history))
 
     def _entry(self, iterate: Iterate, solved: Solved, step: Step) -> Iteration:
         """Return the entry of the history."""

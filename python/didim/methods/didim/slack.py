@@ -87,20 +87,20 @@ class Loop:
     conditions: ConstrainedProblem | None = None
     """Conditions of a robot that the solutions meet."""
 
-    def share(self, place: Place) -> Array | None:
+    def projection(self, iterate: SolvedIterate) -> Array | None:
         """Return P, the derivative of a solution with respect to that of plain least squares, (n, n); None for 1."""
-        problem, fit = self.conditions, place.fit
+        problem, fit = self.conditions, iterate.fit
         if problem is None or fit.standard is None:
             return None
-        rows = place.system.w * (fit.weights / noise_of(fit))[:, None]
+        rows = iterate.system.w * (fit.weights / noise_of(fit))[:, None]
         triangle = np.ascontiguousarray(np.linalg.qr(rows, mode="r"))
         spread = problem.matrix @ problem.covariance(triangle, fit.standard) @ problem.matrix.T
         return np.asarray(spread @ triangle.T @ triangle)
 
-    def torques(self, found: Simulated) -> Array:
+    def torques(self, run: Simulated) -> Array:
         """Return the simulated torques in the rows of (7), (r,)."""
-        parts = segments_of(self.windows, found)
-        simulated = [replace(part, tau=run[3]) for part, run in zip(parts, found.motions, strict=True)]
+        parts = segments_of(self.windows, run)
+        simulated = [replace(part, tau=motion[3]) for part, motion in zip(parts, run.motions, strict=True)]
         return torque_rows(simulated, self.job.signal)
 
     def estimates(self, x: Array) -> Array:
@@ -121,7 +121,7 @@ class Loop:
 
 
 @dataclass(frozen=True)
-class Place:
+class SolvedIterate:
     """An iterate with (7) along its motion.
 
     Attributes
@@ -140,20 +140,20 @@ class Place:
     fit: Fit
 
     @classmethod
-    def of(cls, loop: Loop, x: Array, simulated: Simulated) -> Place:
+    def of(cls, loop: Loop, x: Array, simulated: Simulated) -> SolvedIterate:
         """Solve (7) along a motion."""
         system = loop.job.system(segments_of(loop.windows, simulated), loop.parameters.project(x))
         return cls(x, simulated, system, loop.solve(system))
 
 
 @dataclass(frozen=True)
-class Settled:
+class FixedPointRun:
     """The end of a run in a slack loop.
 
     Attributes
     ----------
-    place : Place
-        The last point; its fit has the residual there, and the covariance of the fixed point.
+    iterate : SolvedIterate
+        The last iterate; its fit has the residual there, and the covariance of the fixed point.
     rate : float
         Contraction rate of a plain iteration along the slowest direction.
     distances : tuple of float
@@ -166,7 +166,7 @@ class Settled:
         False if a step made no progress: the response then differs from that at the fixed point, and the distance is unknown.
     """
 
-    place: Place
+    iterate: SolvedIterate
     rate: float
     distances: tuple[float, ...]
     wider: float
@@ -206,7 +206,7 @@ class Settled:
         return [*history[:-1], last, *self.history]
 
 
-def settled(
+def run_to_fixed_point(
     loop: Loop,
     x: Array,
     simulated: Simulated,
@@ -214,7 +214,7 @@ def settled(
     history: Sequence[Iteration],
     most_iterations: int,
     progress: Callable[[Iteration], bool],
-) -> tuple[Settled | None, int]:
+) -> tuple[FixedPointRun | None, int]:
     """Continue to the fixed point if the loop is slack; otherwise, or without a response, return None; also the simulations.
 
     A step without progress was made too far from the fixed point; the run then continues with its own iterations.
@@ -236,100 +236,107 @@ def settled(
         nonlocal count
         runs = simulated_all(loop.windows, [loop.moved(x, change) for change in changes])
         count += len(runs) * len(loop.windows)
-        found = [loop.torques(run) for run in runs if isinstance(run, Simulated)]
-        return found if len(found) == len(runs) else None
+        torques = [loop.torques(run) for run in runs if isinstance(run, Simulated)]
+        return torques if len(torques) == len(runs) else None
 
     try:
-        place, origin = Place.of(loop, x, simulated), loop.torques(simulated)
-        share = share_moved(place.system, place.fit, rows, origin)
+        iterate, origin = SolvedIterate.of(loop, x, simulated), loop.torques(simulated)
+        share = share_moved(iterate.system, iterate.fit, rows, origin)
         if share is None or (share < SLACK and not (slow is not None and slow.rate > FAST)):
             return None, count
-        response = Response.at(place.system, place.fit, rows, origin, loop.share(place))
+        response = Response.at(iterate.system, iterate.fit, rows, origin, loop.projection(iterate))
     except (DidimError, np.linalg.LinAlgError):
         return None, count
     if response is None:
         return None, count
-    distances, steps, reached = [_distance(loop, place, response)], [], True
+    distances, steps, reached = [_distance(loop, iterate, response)], [], True
     for number in range(len(history) + 1, min(len(history) + MOST_STEPS, most_iterations) + 1):
         if distances[-1] <= NEAR:
             break
-        after, length, tried = _newton(loop, place, response, distances[-1])
+        after, length, tried = _newton(loop, iterate, response, distances[-1])
         count += tried * len(loop.windows)
         if after is None:
             reached = False
             break
         distances.append(_distance(loop, after, response))
-        steps.append(_entry(number, place, after, length, response, distances))
-        place = after
+        steps.append(_entry(number, iterate, after, length, response, distances))
+        iterate = after
         if progress(steps[-1]):
             break
-    end = Settled(
-        _with_errors(loop, place, response),
+    end = FixedPointRun(
+        _with_errors(loop, iterate, response),
         response.rate,
         tuple(distances),
-        response.wider(place.system, place.fit, loop.job.settings),
+        response.wider(iterate.system, iterate.fit, loop.job.settings),
         tuple(steps),
         reached,
     )
     return end, count
 
 
-def _with_errors(loop: Loop, place: Place, response: Response) -> Place:
+def _with_errors(loop: Loop, iterate: SolvedIterate, response: Response) -> SolvedIterate:
     """Return a point with the residual of its own parameters, instead of the solution along its motion, and their covariance."""
-    beta = loop.estimates(place.x)
-    fit = replace(place.fit, solution=beta, residual=place.system.y - place.system.w @ beta)
-    return replace(place, fit=response.with_errors(place.system, fit, loop.job.settings))
+    beta = loop.estimates(iterate.x)
+    fit = replace(iterate.fit, solution=beta, residual=iterate.system.y - iterate.system.w @ beta)
+    return replace(iterate, fit=response.with_errors(iterate.system, fit, loop.job.settings))
 
 
-def _distance(loop: Loop, place: Place, response: Response) -> float:
+def _distance(loop: Loop, iterate: SolvedIterate, response: Response) -> float:
     """Return the largest distance of a parameter from the fixed point, in its standard deviations."""
-    std = response.with_errors(place.system, place.fit, loop.job.settings).std
-    left = np.abs(response.gain @ (place.fit.solution - loop.estimates(place.x)))
+    std = response.with_errors(iterate.system, iterate.fit, loop.job.settings).std
+    left = np.abs(response.gain @ (iterate.fit.solution - loop.estimates(iterate.x)))
     return float(np.max(np.divide(left, std, out=np.zeros_like(left), where=std > 0.0)))
 
 
-def _newton(loop: Loop, place: Place, response: Response, distance: float) -> tuple[Place | None, float, int]:
+def _newton(
+    loop: Loop, iterate: SolvedIterate, response: Response, distance: float
+) -> tuple[SolvedIterate | None, float, int]:
     """Take a Newton step, shortened until it makes progress; return also its length and the number of simulations.
 
     It is a solution of (7) with shifted torques, and therefore a robot under physical constraints.
     """
-    target = loop.standard(_fixed_point(loop, place, response))
+    target = loop.standard(_fixed_point(loop, iterate, response))
     length = 1.0
     for tried in range(1, MOST_HALVINGS + 1):
-        x = place.x + length * (target - place.x)
+        x = iterate.x + length * (target - iterate.x)
         (run,) = simulated_all(loop.windows, [x])
         if not isinstance(run, Outcome):
-            after = Place.of(loop, x, run)
+            after = SolvedIterate.of(loop, x, run)
             if _distance(loop, after, response) < distance:
                 return after, length, tried
         length *= 0.5
     return None, 0.0, MOST_HALVINGS
 
 
-def _fixed_point(loop: Loop, place: Place, response: Response) -> Fit:
+def _fixed_point(loop: Loop, iterate: SolvedIterate, response: Response) -> Fit:
     """Return the fixed point for a linear response of the motion, as a solution of (7).
 
     With constraints P changes along the step, so Newton's method iterates with torques predicted by the response, without a
     simulation. Without constraints one step suffices.
     """
-    here = loop.estimates(place.x)
-    change, fit = np.zeros_like(here), place.fit
+    here = loop.estimates(iterate.x)
+    change, fit = np.zeros_like(here), iterate.fit
     for _ in range(MOST_SOLUTIONS if loop.conditions is not None else 1):
         off = fit.solution - here - change
-        share = loop.share(replace(place, fit=fit))
-        change = change + (response if share is None else response.under(share)).gain @ off
-        ahead = place.system.w @ (response.jacobian @ change)
-        fit = loop.solve(replace(place.system, y=place.system.y + ahead))
-        if np.all(np.abs(fit.solution - here - change) <= PREDICTED * place.fit.std):
+        projection = loop.projection(replace(iterate, fit=fit))
+        change = change + (response if projection is None else response.under(projection)).gain @ off
+        ahead = iterate.system.w @ (response.jacobian @ change)
+        fit = loop.solve(replace(iterate.system, y=iterate.system.y + ahead))
+        if np.all(np.abs(fit.solution - here - change) <= PREDICTED * iterate.fit.std):
             break
     return fit
 
 
 def _entry(
-    number: int, before: Place, after: Place, length: float, response: Response, distances: Sequence[float]
+    number: int,
+    before: SolvedIterate,
+    after: SolvedIterate,
+    length: float,
+    response: Response,
+    distances: Sequence[float],
 ) -> Iteration:
     """Return the entry of the history for a step."""
-    old, new = (float(np.linalg.norm(place.fit.residual)) for place in (before, after))
+    old, new = (float(np.linalg.norm(iterate.fit.residual)) for iterate in (before, after))
     return Iteration(
         iteration=number,
         relative_error=ratio(new, np.linalg.norm(after.system.measured)),

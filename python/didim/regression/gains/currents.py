@@ -46,7 +46,7 @@ class Currents:
         n = len(system.joints)
         to_motor = np.linalg.inv(reduction).T
 
-        def moved(values: Array) -> Array:
+        def on_motor_side(values: Array) -> Array:
             parts = values.reshape(n, values.shape[0] // n, -1)
             return np.asarray(np.tensordot(to_motor, parts, axes=1), dtype=np.float64).reshape(values.shape)
 
@@ -54,9 +54,9 @@ class Currents:
         known = np.zeros_like(system.y) if system.known is None else system.known
         return cls(
             system=system,
-            current=moved(system.measured),
-            columns=moved(np.ascontiguousarray(system.w[:, :-n])),
-            known=moved(known),
+            current=on_motor_side(system.measured),
+            columns=on_motor_side(np.ascontiguousarray(system.w[:, :-n])),
+            known=on_motor_side(known),
             motor=np.repeat(np.arange(n), rows),
         )
 

@@ -10,6 +10,9 @@ from typing import Any
 
 from ..._tools.words import joints_text
 
+Words = str | Callable[[tuple[int, ...], Any, Any], str]
+"""A sentence with places for joints ``j``, value ``v`` and facts ``f``, or the function that makes one of them."""
+
 
 def _signs(j: tuple[int, ...], v: Any, f: Any) -> str:
     if len(j) == 1:
@@ -77,8 +80,6 @@ def _in_urdf(j: tuple[int, ...]) -> str:
     return f"Compare origin and axis of joint {j[0]} in the URDF with the arm"
 
 
-Words = str | Callable[[tuple[int, ...], Any, Any], str]
-"""A sentence with places for joints ``j``, value ``v`` and facts ``f``, or what makes one of them."""
 CAUSES: dict[str, tuple[Words, Words, str]] = {
     "torque-sign": (
         _signs,
