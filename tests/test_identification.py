@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
+from types import GenericAlias, SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from didim._tools.saved import restored
 from didim.errors import FitError
 from didim.result.identification import Identification
 from didim.result.iteration import HeldOut, Iteration
@@ -287,3 +291,12 @@ def test_names_of_joints_stand_below_the_errors() -> None:
     assert "joints: 1 shoulder, 2 elbow" in lines[errors + 2 : errors + 5]
     assert "\njoints:" not in str(example())
     assert example().joint_names == ()
+
+
+def test_arrays_are_restored_by_the_alias_of_later_versions_of_numpy() -> None:
+    """From NumPy 2.5 on `NDArray` is an alias with a `__value__`, here by a stand-in; results are read back as arrays."""
+    alias = GenericAlias(cast(Any, SimpleNamespace(__value__=NDArray[np.float64])), (np.float64,))
+    for kind in (alias, NDArray[np.float64]):
+        found = restored(kind, [1.0, None])
+        assert isinstance(found, np.ndarray)
+        np.testing.assert_array_equal(found, [1.0, np.nan])

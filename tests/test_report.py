@@ -427,7 +427,7 @@ def test_commands(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert dict(Page.of(page.read_text(encoding="utf-8")).table("file")) == dict(fit.digests)
     assert main(["validate", str(files / "fit.json"), experiment, "--report", str(files / "check.html")]) == 0
     text = Page.of((files / "check.html").read_text(encoding="utf-8")).text
-    assert "the closed loop is not simulated, for want of a [controller] and a [reference]" in text
+    assert "the closed loop is not simulated, because there is no [controller] or no [reference]" in text
     (files / "sim.toml").write_text(ARM, encoding="utf-8")
     command = ["compare", "--experiment", str(files / "sim.toml"), "--parameters", "reference"]
     assert main([*command, "--nelder-mead", "none", "--quiet", "--report", str(files / "all.html")]) == 0

@@ -77,7 +77,7 @@ class Task:
         if given is None:
             if np.isfinite(self.limits.torque).any():
                 self.remarks.append(
-                    "torque limits are not checked, for want of parameters: give parameters, such as those of an earlier result"
+                    "torque limits are not checked, because no parameters are given, such as those of an earlier result"
                 )
             return None
         x = standard_vector(self.robot, standard_start(self.robot, given))

@@ -50,7 +50,7 @@ def _sentence(item: RecordingValidation) -> str:
             f"the torques predicted along the measured motion are off by {percent(item.direct_overall)}"
         )
     if item.outcome is None:
-        parts.append("the closed loop is not simulated, for want of a [controller] and a [reference]")
+        parts.append("the closed loop is not simulated, because there is no [controller] or no [reference]")
     elif not item.outcome.completed:
         parts.append(f"the simulated closed loop {item.outcome}")
     for name, values in item.simulated.items():
