@@ -50,11 +50,19 @@ def log(
     return Recording.from_arrays(q, tau, rate_hz=RATE_HZ, name=name, role=role)
 
 
-def closed_loop_log(robot: Robot, x: Array, seed: int = 1, torque_noise: float = 0.0) -> Experiment:
+def closed_loop_log(
+    robot: Robot,
+    x: Array,
+    seed: int = 1,
+    torque_noise: float = 0.0,
+    period_s: float = 4.0,
+    duration_s: float = 4.0,
+) -> Experiment:
     """Simulated log of a robot of any shape in closed loop: random Fourier series, tuned gains, friction as tanh."""
     n = robot.n_dof
     reference = Reference.random_fourier(
-        harmonics=8, period_s=4.0, max_position=[1.0] * n, max_velocity=[4.0] * n, max_acceleration=[40.0] * n, seed=seed
+        harmonics=8, period_s=period_s, duration_s=duration_s,
+        max_position=[1.0] * n, max_velocity=[4.0] * n, max_acceleration=[40.0] * n, seed=seed,
     )  # fmt: skip
     planned = Experiment(
         name="planned",

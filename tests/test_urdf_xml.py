@@ -88,6 +88,8 @@ def one_joint(joint: str = "", *, kind: str = "revolute", link: str = '<link nam
     ("data", "message"),
     [
         (one_joint('<axis xyz="0 0"/>'), "xyz of <axis> must be 3 numbers of at most 1e+09, got '0 0'"),
+        (one_joint('<axis xyz="0,,1 0"/>'), "xyz of <axis> must be 3 numbers of at most 1e+09, got '0,,1 0'"),
+        (one_joint('<origin rpy="$(arg rpy)"/>'), "rpy of <origin> is '$(arg rpy)'; expand the file first: xacro"),
         (one_joint('<origin rpy="0 nan 0"/>'), "rpy of <origin> must be 3 numbers"),
         (one_joint('<limit velocity="fast"/>'), "velocity of <limit> must be a number, got 'fast'"),
         (one_joint(kind="screws"), "its type must be revolute, continuous, prismatic or fixed, got 'screws'"),
@@ -130,6 +132,14 @@ def test_half_an_inertial_is_left_out(inertial: str, reason: str) -> None:
     description = read_description(one_joint(link=link), "arm.urdf")
     assert description.links["b"] is None
     assert description.notes == (f"the <inertial> of link b is left out: {reason}",)
+
+
+def test_numbers_may_be_separated_by_commas() -> None:
+    joint = read_description(
+        one_joint('<axis xyz="0,0, 1"/><origin xyz=" 0.1, 0.2 ,0.3 "/>'), "arm.urdf"
+    ).joints["b"]
+    assert joint.origin[:3, 3].tolist() == [0.1, 0.2, 0.3]
+    assert joint.axis.tolist() == [0.0, 0.0, 1.0]
 
 
 def test_a_joint_without_an_axis_is_held() -> None:

@@ -5,6 +5,7 @@ Tested in ``tests/test_urdf.py``.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -202,7 +203,7 @@ def read_description(data: bytes, where: str) -> Description:
     """
     outermost = parse_xml(data, where)
     if outermost.tag != "robot":
-        kinds = {"sdf": "SDF", "mujoco": "MJCF"}
+        kinds = {"sdf": "SDF", "mujoco": "MJCF", "mujocoinclude": "a part that an MJCF includes"}
         kind = kinds.get(outermost.tag, f"<{outermost.tag}>")
         raise RobotError(f"{where}: this is {kind}, a URDF has <robot> outermost")
     macros = [
@@ -289,12 +290,13 @@ def _numbers(element: Element | None, key: str, default: tuple[float, ...], wher
     if element is None or text is None:
         return default
     try:
-        values = tuple(float(word) for word in text.split())
+        # Some exporters write commas between the numbers.
+        values = tuple(float(word) for word in re.split(r"\s*,\s*|\s+", text.strip()))
     except ValueError:
         values = ()
     if len(values) != len(default) or not all(abs(value) <= LARGEST for value in values):
         wanted = "a number" if len(default) == 1 else f"{len(default)} numbers"
-        if "${" in text:
+        if "${" in text or "$(" in text:
             file = where.partition(":")[0]
             raise RobotError(
                 f"{where} {key} of <{element.tag}> is {text!r}; expand the file first: xacro {file} > arm.urdf"
