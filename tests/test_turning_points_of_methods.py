@@ -15,7 +15,13 @@ import didim
 import didim.methods.builder as builder
 from didim.errors import ExcitationError, FitError
 from didim.evidence.gain_check import unchecked
-from didim.evidence.loop.simulated import Beside, _slope, motion_findings, slope_findings, worse_findings
+from didim.evidence.loop.simulated import (
+    MotionComparison,
+    _slope,
+    motion_findings,
+    slope_findings,
+    worse_findings,
+)
 from didim.evidence.torques import following_findings
 from didim.excitation.design import Excitation
 from didim.excitation.limits import motion_limits
@@ -238,9 +244,9 @@ def test_terms_are_judged_on_five_blocks_with_gaps_of_five_rows() -> None:
     assert folds.near == [(0, 25), (15, 45), (35, 65), (55, 85), (75, 100)]
 
 
-def beside(**facts: float) -> Beside:
+def beside(**facts: float) -> MotionComparison:
     known = {"position": 0.0, "slope": 1.0, "sigma": 0.0, "error": 1.0, "torque": 1.0}
-    return Beside(**{key: np.array([facts.get(key, value)]) for key, value in known.items()})
+    return MotionComparison(**{key: np.array([facts.get(key, value)]) for key, value in known.items()})
 
 
 @pytest.mark.parametrize(

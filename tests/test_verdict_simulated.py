@@ -9,7 +9,7 @@ import pytest
 
 import didim
 from arm import arm_log
-from didim.evidence.loop.simulated import Beside, beside, motion_findings, slope_findings
+from didim.evidence.loop.simulated import MotionComparison, compare_motions, motion_findings, slope_findings
 from didim.experiment.loop import closed_loop
 from didim.methods.idim_ls import IDIMLS
 from didim.methods.measured import least_errors
@@ -32,7 +32,7 @@ def cloe() -> didim.CLOE:
 def test_a_right_loop_moves_as_measured_with_a_slope_of_one(sound: Log) -> None:
     experiment = sound.noisy(1, 0.01)
     fit = didim.identify(experiment, didim.DIDIM())
-    found = Beside.of_record(fit.settings["simulated"])
+    found = MotionComparison.of_record(fit.settings["simulated"])
     assert found.position.max() < 1e-3
     np.testing.assert_allclose(found.slope, 1.0, atol=0.002)
     np.testing.assert_allclose(found.error, least_errors(IDIMLS().job(experiment)), rtol=0.1)
@@ -40,7 +40,7 @@ def test_a_right_loop_moves_as_measured_with_a_slope_of_one(sound: Log) -> None:
     (recording,) = experiment.recordings
     assert recording.tau is not None
     still = np.tile(recording.q.mean(axis=0), (len(recording.q), 1))
-    other = beside(experiment.signal, [(recording.q, still, recording.tau, 2.0 * recording.tau)])
+    other = compare_motions(experiment.signal, [(recording.q, still, recording.tau, 2.0 * recording.tau)])
     np.testing.assert_allclose(other.position, 1.0)
     np.testing.assert_allclose(other.slope, 0.5)
     np.testing.assert_allclose(other.error, other.torque)
@@ -127,7 +127,7 @@ def test_didim_with_a_wrong_loop_is_compared_with_idim_ls(sound: Log) -> None:
 
 def test_thresholds() -> None:
     one = np.ones(2)
-    found = Beside(np.array([0.004, 0.2]), np.array([1.004, 1.1]), np.array([1e-5, 0.01]), one, one)
+    found = MotionComparison(np.array([0.004, 0.2]), np.array([1.004, 1.1]), np.array([1e-5, 0.01]), one, one)
     experiment = didim.packaged_experiment("tx40")
     (moved,) = motion_findings(experiment, found)
     assert moved.joints == (2,)

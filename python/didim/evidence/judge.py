@@ -29,7 +29,7 @@ from .causes import Search
 from .gain_check import unchecked
 from .lasting import delay_findings, friction_findings
 from .loop.law import loop_findings
-from .loop.simulated import Beside, simulated_findings
+from .loop.simulated import MotionComparison, simulated_findings
 from .naming import cause_findings
 from .residual import Residual, held_out_findings, residual_of, size_findings, spike_findings
 from .rows import LogRows
@@ -227,4 +227,4 @@ def _simulated(
     doubted = doubted or any(
         item.code == "not-white" and (item.effect or 0.0) > NEGLIGIBLE for item in fit.evidence
     )
-    return simulated_findings(experiment, Beside.of_record(record), measured.least, doubted=doubted)
+    return simulated_findings(experiment, MotionComparison.of_record(record), measured.least, doubted=doubted)

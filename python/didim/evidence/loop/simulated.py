@@ -41,8 +41,8 @@ WORSE = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
-    """Simulated beside measured motion.
+class MotionComparison:
+    """Comparison of the simulated with the measured motion.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Beside:
         return {key: values.tolist() for key, values in vars(self).items()}
 
     @classmethod
-    def of_record(cls, record: Mapping[str, Sequence[float]]) -> Beside:
+    def of_record(cls, record: Mapping[str, Sequence[float]]) -> MotionComparison:
         """Return what `record` wrote."""
         return cls(**{key: np.array(values, dtype=np.float64) for key, values in record.items()})
 
@@ -74,8 +74,8 @@ Piece = tuple[Array | None, Array, Array, Array]
 """Positions, measured (None where there are none) and simulated, and torques, measured and simulated, of a window, (n, n_dof)."""
 
 
-def beside(signal: SignalProcessing, pieces: Sequence[Piece]) -> Beside:
-    """Return the simulated beside the measured motion.
+def compare_motions(signal: SignalProcessing, pieces: Sequence[Piece]) -> MotionComparison:
+    """Compare the simulated with the measured motion.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def beside(signal: SignalProcessing, pieces: Sequence[Piece]) -> Beside:
             moved += np.sum((q - q.mean(axis=0)) ** 2, axis=0)
     position = np.sqrt(missed / np.maximum(moved, np.finfo(float).tiny))
     slope, sigma = _slope(tau_s, tau)
-    return Beside(position, slope, sigma, _rms(tau - tau_s), _rms(tau))
+    return MotionComparison(position, slope, sigma, _rms(tau - tau_s), _rms(tau))
 
 
 def _rms(values: Array) -> Array:
@@ -114,7 +114,7 @@ def _slope(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def simulated_findings(
-    experiment: Experiment, found: Beside, least: Callable[[], Array], *, doubted: bool
+    experiment: Experiment, found: MotionComparison, least: Callable[[], Array], *, doubted: bool
 ) -> list[Finding]:
     """Return what the simulated robot of a converged result says against it.
 
@@ -122,7 +122,7 @@ def simulated_findings(
     ----------
     experiment : Experiment
         What the result was made of.
-    found : Beside
+    found : MotionComparison
         Its simulated motion.
     least : callable
         Returns the errors of IDIM-LS.
@@ -138,7 +138,7 @@ def simulated_findings(
     return findings
 
 
-def motion_findings(experiment: Experiment, found: Beside) -> list[Finding]:
+def motion_findings(experiment: Experiment, found: MotionComparison) -> list[Finding]:
     """Return a finding where the simulated motion is not the measured one."""
     joints = np.flatnonzero(found.position > POSITION)
     if not len(joints):
@@ -161,7 +161,7 @@ def motion_findings(experiment: Experiment, found: Beside) -> list[Finding]:
     ]
 
 
-def slope_findings(found: Beside) -> list[Finding]:
+def slope_findings(found: MotionComparison) -> list[Finding]:
     """Return a finding where measured torques are not those of the simulated robot, but for a factor."""
     off = found.slope - 1.0
     joints = np.flatnonzero(np.abs(off) > np.maximum(SLOPE, SLOPE_SIGMAS * found.sigma))
@@ -181,7 +181,7 @@ def slope_findings(found: Beside) -> list[Finding]:
     ]
 
 
-def worse_findings(found: Beside, least: Array) -> list[Finding]:
+def worse_findings(found: MotionComparison, least: Array) -> list[Finding]:
     """Return a finding where IDIM-LS explains the log better; `least` are its errors, (n_dof,) (N.m or N, root mean squares)."""
     ratio = found.error / np.maximum(least, np.finfo(float).tiny)
     joints = np.flatnonzero((ratio > WORSE) & (found.error - least > NEGLIGIBLE * found.torque))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ...errors import FitError
-from ...evidence.loop.simulated import Piece, beside
+from ...evidence.loop.simulated import Piece, compare_motions
 from ...experiment.loop import closed_loop
 from ...loop.closed_loop import ClosedLoop
 from ...model.dynamics import regressor
@@ -305,7 +305,7 @@ class OutputError:
             q=thinned(np.concatenate(positions), 2000),
             settings={
                 "cloe": {**self.settings(), **settings, "position_error_norm": math.sqrt(cost)},
-                **({"simulated": beside(self.job.signal, pieces).record()} if torques else {}),
+                **({"simulated": compare_motions(self.job.signal, pieces).record()} if torques else {}),
             },
             remarks=(
                 *remarks,

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..._tools.arrays import Array
 from ...errors import FitError
-from ...evidence.loop.simulated import Piece, beside
+from ...evidence.loop.simulated import Piece, compare_motions
 from ...experiment.loop import closed_loop
 from ...loop.closed_loop import ClosedLoop
 from ...loop.outcome import Outcome
@@ -209,7 +209,7 @@ def motion_record(job: Job, windows: Sequence[Window], motion: Simulated) -> dic
         start, stop = recording.windows[window.window]
         q = recording.measured_positions()[start:stop][window.kept] if recording.has_positions else None
         pieces.append((q, q_s, window.tau, tau_s))
-    return beside(job.signal, pieces).record()
+    return compare_motions(job.signal, pieces).record()
 
 
 def segments_of(windows: Sequence[Window], motion: Simulated) -> list[Segment]:

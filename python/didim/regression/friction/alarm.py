@@ -414,8 +414,11 @@ def _shifts(
             kept = size > ROUNDING * np.linalg.norm(used, axis=0)
             left = limb.rho
             if kept.any():
-                amount = np.linalg.lstsq(free[:, kept] / size[kept], limb.rho, rcond=None)[0] / size[kept]
-                left = left - free[:, kept] @ amount
+                unit = free[:, kept] / size[kept]
+                # Products of unit columns: as many as columns, where the rows are thousands.
+                amount = np.linalg.lstsq(unit.T @ unit, unit.T @ limb.rho, rcond=None)[0]
+                left = left - unit @ amount
+                amount /= size[kept]
                 change[limb.columns] = -np.linalg.solve(limb.r, seen[:, kept] @ amount) / limb.size
             squares = np.sum(np.square(left.reshape(len(limb.joints), -1)), axis=1)
             criterion += n_rows * float(np.sum(np.log(squares))) + int(kept.sum()) * np.log(n_rows)
