@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, pairwise
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,6 +179,12 @@ def unisa(data: Path, which: str) -> didim.Experiment:
         return initialised(str(path), [*files, data / "unisa/ur10_validation.db3"], [])
 
 
+def tiago(data: Path) -> didim.Experiment:
+    """Return the log of the TIAGo."""
+    files = [data / f"tiago/tiago_{what}.csv" for what in ("position", "velocity", "effort")]
+    return initialised(str(data / "tiago/tiago_48_hey5.urdf"), files, [])
+
+
 def kr300(data: Path) -> didim.Experiment:
     """Return both recordings of the KR300 on the geometry of another KUKA."""
     from scipy.io import loadmat
@@ -195,27 +202,46 @@ def kr300(data: Path) -> didim.Experiment:
         return initialised(str(path), logs, options)
 
 
-def between(logs: Sequence[didim.Experiment], parts: int, auto: bool) -> float:
+Terms = Literal["plain", "auto, laws of the first", "auto, own laws"]
+
+
+def between(logs: Sequence[didim.Experiment], parts: int, terms: Terms) -> float:
     """Return the differences of estimates over their standard deviations, rms: of logs, or of a log's parts.
 
-    All estimates have the terms of the first log, whose velocities have their columns in each covariance.
+    With laws of the first log all estimates have the same, whose velocities have their columns in each covariance. With laws that
+    each part chooses for itself, friction of a joint is compared where its laws are the same: elsewhere it is defined otherwise.
     """
     logs = [replace(log, signal=Cut.of(log.signal)) for log in logs]
+    method = didim.IDIMLS(uncertainty="jackknife")
     Cut.rows = slice(None)
-    robot = fitted(logs[0], auto)[0]
+    robot = fitted(logs[0], terms != "plain")[0]
     estimates = []
     for log in logs:
         job = didim.IDIMLS().job(log)
         total = torque_rows(job.parts("fit"), job.signal).size // robot.n_dof
         for start, stop in pairwise(np.linspace(0, total, parts + 1).round().astype(int)):
             Cut.rows = np.arange(start, stop)
-            estimates.append(didim.IDIMLS().run(replace(log, robot=robot), Reporter()))
+            robot = fitted(log, True)[0] if terms == "auto, own laws" else robot
+            estimates.append((robot, method.run(replace(log, robot=robot), Reporter())))
         Cut.rows = slice(None)
     ratios = []
-    for one, two in combinations(estimates, 2):
-        both = (one.std > 0.0) & (two.std > 0.0)
-        ratios.append((one.beta - two.beta)[both] / np.hypot(one.std, two.std)[both])
-    return float(np.sqrt(np.mean(np.square(np.concatenate(ratios)))))
+    for (one_robot, one), (two_robot, two) in combinations(estimates, 2):
+        values = dict(zip(two.names, zip(two.beta, two.std, strict=True), strict=True))
+        other = {
+            str(joint + 1) for joint in range(robot.n_dof) if laws(one_robot, joint) != laws(two_robot, joint)
+        }
+        for name, value, std in zip(one.names, one.beta, one.std, strict=True):
+            if name not in values or (name.startswith("F") and name[-1] in other):
+                continue
+            size = np.hypot(std, values[name][1])
+            if std > 0.0 and values[name][1] > 0.0:
+                ratios.append((value - values[name][0]) / size)
+    return float(np.sqrt(np.mean(np.square(ratios))))
+
+
+def laws(robot: didim.Robot, joint: int) -> set[str]:
+    """Return the laws of a joint that have a parameter."""
+    return {term.law for term in robot.friction.terms if term.joint == joint and term.law != "hold"}
 
 
 JOINTS = (1, 3)
@@ -345,8 +371,7 @@ def cases(data: Path, examples: Path, arms: list[str]) -> Iterator[Case]:
     if "panda" in arms:
         yield "Panda in halves", cut(unisa(data, "panda"), 2)
     if "tiago" in arms:
-        files = [data / f"tiago/tiago_{what}.csv" for what in ("position", "velocity", "effort")]
-        yield "TIAGo in halves", cut(initialised(str(data / "tiago/tiago_48_hey5.urdf"), files, []), 2)
+        yield "TIAGo in halves", cut(tiago(data), 2)
 
 
 def compared(
@@ -363,8 +388,12 @@ def compared(
     if "ur10e" in arms:
         for name in UR10E_MOVES:
             yield f"UR10e, halves of the {name} log", [ur10e(data, name)], 2
+    if "emps" in arms:
+        yield "EMPS, thirds", [didim.load_experiment(examples / "emps.toml", data=data / "emps")], 3
     if "panda" in arms:
         yield "Panda, halves", [unisa(data, "panda")], 2
+    if "tiago" in arms:
+        yield "TIAGo, halves", [tiago(data)], 2
 
 
 def main() -> int:
@@ -385,11 +414,11 @@ def main() -> int:
         return 0
     examples = Path(__file__).resolve().parents[1] / "examples"
     if args.between:
-        print("differences of estimates over their standard deviations, rms: plain, auto", flush=True)
+        kinds = get_args(Terms)
+        print(f"differences of estimates over their standard deviations, rms: {'; '.join(kinds)}", flush=True)
         for name, logs, parts in compared(args.data, examples, args.arms):
-            print(
-                f"{name:45} {between(logs, parts, False):7.2f} {between(logs, parts, True):7.2f}", flush=True
-            )
+            found = [f"{between(logs, parts, terms):7.2f}" for terms in kinds]
+            print(f"{name:45} {' '.join(found)}", flush=True)
         return 0
     print(f"{'predicted':45} {'plain':>7} {'auto':>7}   seconds, terms", flush=True)
     for name, run in cases(args.data, examples, args.arms):

@@ -5,7 +5,8 @@
     python benches/missing_friction.py --choice                 the terms that ``auto`` chooses on three arms, and their intervals
     python benches/missing_friction.py --told [--motions 10]    what the result of IDIM-LS and DIDIM says of closed-loop logs
 
-Logs of 10 s of a planar arm with 13 base parameters, IDIM-LS; each row has a friction law in the log that the model lacks, or none.
+Logs of 10 s of a planar arm with 13 base parameters, or of other arms, IDIM-LS; each row has a friction law in the log that the
+model lacks, or none.
 """
 
 from __future__ import annotations
@@ -34,7 +35,6 @@ from friction_logs import (
     atan,
     coulomb,
     dahl,
-    fitted,
     load,
     logged,
     lugre,
@@ -83,7 +83,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=(), help="rows whose name has one of these words")
     parser.add_argument("--choice", action="store_true", help="choose terms in place of testing for them")
     parser.add_argument(
-        "--arms", nargs="+", default=["planar2", "tx40", "ur5e-like"], help="arms of --choice"
+        "--arms", nargs="+", help="planar2, or planar2, tx40 and ur5e-like for --choice; also iiwa14-like"
     )
     parser.add_argument("--told", action="store_true", help="logs of the closed loop, by IDIM-LS and DIDIM")
     given = parser.parse_args()
@@ -93,20 +93,22 @@ def main() -> None:
     if given.choice:
         choose(given)
         return
-    print(f"{'':24}{'logs':>5}{'alarms':>9}{'95 % before':>13}{'after':>8}{'width':>7}  named")
-    for name, (law, settings) in CASES.items():
+    print(f"{'':36}{'logs':>5}{'alarms':>9}{'95 % before':>13}{'after':>8}{'width':>7}  named")
+    for arm, name in itertools.product(given.arms or ["planar2"], CASES):
+        law, settings = CASES[name]
         if given.only and not any(word in name for word in given.only):
             continue
         alarms, before, after, width = [], [], [], []
         names: Counter[str] = Counter()
         for motion in range(given.motions):
             for seed in range(given.seeds):
-                fit = fitted(law, FIRST + motion, draw=seed, **settings)
+                log = logged(robot(arm), law, FIRST + motion, draw=seed, of=arm, **settings)
+                fit = didim.identify(log, didim.IDIMLS())
                 assert fit.uncertainty is not None
                 assert fit.uncertainty.friction is not None
                 alarm, factor = fit.uncertainty.friction, fit.uncertainty.factor(0.95)
                 plain = np.sqrt(fit.std**2 - alarm.shift**2)
-                error = np.abs(fit.beta - truth())
+                error = np.abs(fit.beta - truth(arm))
                 alarms.append(alarm.raised)
                 names[alarm.law] += alarm.raised
                 before.append(error <= factor * plain)
@@ -114,7 +116,7 @@ def main() -> None:
                 width.append(np.median(fit.std / plain))
         found = ", ".join(f"{law} {count}" for law, count in names.most_common() if count)
         print(
-            f"{name:24}{len(alarms):5d}{100 * np.mean(alarms):7.1f} %{100 * np.mean(before):11.1f} %"
+            f"{arm + ', ' + name:36}{len(alarms):5d}{100 * np.mean(alarms):7.1f} %{100 * np.mean(before):11.1f} %"
             f"{100 * np.mean(after):6.1f} %{np.median(width):7.2f}  {found}",
             flush=True,
         )
@@ -188,7 +190,7 @@ def choose(given: argparse.Namespace) -> None:
     print(
         f"{'':36}{'joints':>7}{'chosen':>9}{'others a joint':>16}{'95 % of parameters':>20}  width of memory / true"
     )
-    for arm, name in itertools.product(given.arms, CHOSEN):
+    for arm, name in itertools.product(given.arms or ["planar2", "tx40", "ur5e-like"], CHOSEN):
         if given.only and not any(word in name for word in given.only):
             continue
         law, more = CHOSEN[name]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import didim
 from didim.regression.friction.alarm import FrictionAlarm
 from didim.result.identification import Identification
+from didim.robot.friction import FrictionTerm
 from friction_logs import Law, atan, coulomb, dahl, fitted, load, logged, robot, stribeck, truth
 from verdict_arms import ARMS, INDEPENDENT, built
 
@@ -100,3 +102,33 @@ def test_the_alarm_is_saved_with_the_result(tmp_path: Path) -> None:
     assert alarm(restored).law == alarm(fit).law
     assert "Stribeck friction explains the residual of joint" in str(fit)
     assert f"{max(alarm(fit).joints) + 1} (p = " in str(fit)  # joints are printed from 1
+
+
+def test_laws_that_a_choice_leaves_open_are_in_the_intervals() -> None:
+    """The shift is that of fits without a doubtful term, and with the rival of an arctangent."""
+    arm = robot()
+    terms = [
+        FrictionTerm(law="atan", joint=0, velocity=0.2, rival=0.3),
+        FrictionTerm(law="load", joint=1, doubtful=True),
+    ]
+    law = stribeck(0.2)
+    log = logged(arm, lambda *motion: np.asarray(law(*motion) * [1.0, 0.0]), 501)
+    log = replace(log, robot=arm.with_terms(terms))
+    fit = didim.identify(log, didim.IDIMLS())
+    shift = alarm(fit).shift
+    assert not alarm(fit).raised
+
+    def without(*others: FrictionTerm) -> dict[str, float]:
+        other = didim.identify(replace(log, robot=arm.with_terms(others)), didim.IDIMLS())
+        return dict(zip(other.names, other.beta, strict=True))
+
+    plain = replace(terms[0], rival=0.0)
+    rival = FrictionTerm(law="stribeck", joint=0, velocity=0.3)
+    fits = [without(plain), without(rival, terms[1])]
+    for name, value, moved, white in zip(fit.names, fit.beta, shift, fit.std_white, strict=True):
+        expected = max(abs(one[name] - value) if name in one else 0.0 for one in fits)
+        # The refits weigh joints by their own residuals.
+        assert moved == pytest.approx(expected, rel=0.01, abs=0.05 * white), name
+    assert fit.uncertainty is not None
+    noise = fit.uncertainty.without_shift(fit.std)
+    np.testing.assert_allclose(fit.std**2, noise**2 + shift**2, rtol=1e-10)

@@ -132,6 +132,17 @@ def test_the_law_of_speed_is_the_one_that_fits_better_with_its_own_velocity() ->
         assert abs(fit.beta[place] - values[name]) < fit.uncertainty.factor(0.95) * fit.std[place], name
 
 
+def test_a_law_that_the_log_does_not_tell_from_another_is_marked() -> None:
+    def laws(share: float) -> dict[str, dict[str, float]]:
+        experiment = friction_logs.logged(friction_logs.robot(), friction_logs.stribeck(share), 1001)
+        fit = didim.identify(experiment, didim.IDIMLS(friction="auto"))
+        return {f"{one['name']}{one['joint'] + 1}": one for one in fit.settings["robot"]["friction"]["terms"]}
+
+    clear, faint = laws(0.4), laws(0.1)
+    assert not any(clear[name]["doubtful"] or clear[name]["rival"] for name in ("Fs1", "Fs2"))
+    assert any(one["doubtful"] or one["rival"] for one in faint.values()), faint
+
+
 def test_nothing_is_chosen_where_more_than_friction_is_missing() -> None:
     robot = planar(dead_zone=0.02)
     experiment = log(robot, parameters(robot))

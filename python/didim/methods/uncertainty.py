@@ -179,16 +179,17 @@ def spread_of_factors(
 
 
 def with_alarm(spread: Spread, alarm: FrictionAlarm, selection: Selection) -> Spread:
-    """Return a spread that includes missing friction: ``s^2 = s_jackknife^2 + shift^2`` with unchanged correlations.
+    """Return a spread that includes missing friction and what a choice of laws left open.
 
-    Other kinds of uncertainty were requested explicitly and do not change.
+    It is ``s^2 = s_jackknife^2 + shift^2`` with unchanged correlations. Other kinds of uncertainty were requested explicitly and do
+    not change.
     """
     if spread.uncertainty is None:
         return spread
     shift = np.zeros(len(selection.roles))
     shift[selection.estimated] = alarm.shift
     uncertainty = replace(spread.uncertainty, friction=replace(alarm, shift=shift))
-    if uncertainty.kind != "jackknife" or not alarm.raised:
+    if uncertainty.kind != "jackknife" or not alarm.shift.any():
         return replace(spread, uncertainty=uncertainty)
     variances = np.diag(spread.covariance) + alarm.shift**2
     return replace(spread, uncertainty=uncertainty, covariance=rescaled(spread.covariance, variances))

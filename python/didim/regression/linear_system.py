@@ -194,6 +194,8 @@ class LinearSystem:
         Torques of the fixed parameters, already subtracted from ``y``.
     slopes : mapping of str to ndarray, shape (r,)
         By the name of a column of a friction law: the derivative of the column by the law's estimated velocity.
+    alternatives : tuple of (str, ndarray of shape (r,))
+        Name of a column of a friction law, and a column that fits as well in its place, zero for none.
     instruments : ndarray, shape (r, b), optional
         Observation matrix of the same rows and columns along another motion, with noise independent of ``w``.
     """
@@ -204,6 +206,7 @@ class LinearSystem:
     names: tuple[str, ...]
     known: Array | None = None
     slopes: Mapping[str, Array] = field(default_factory=dict)
+    alternatives: tuple[tuple[str, Array], ...] = ()
     instruments: Array | None = None
 
     @cached_property
@@ -276,6 +279,7 @@ class LinearSystem:
             y=self.y[rows],
             known=None if self.known is None else self.known[rows],
             slopes={name: column[rows] for name, column in self.slopes.items()},
+            alternatives=tuple((name, column[rows]) for name, column in self.alternatives),
             instruments=None if self.instruments is None else self.instruments[rows],
             blocks=tuple(
                 replace(block, rows=slice(start, stop))

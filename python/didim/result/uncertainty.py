@@ -149,6 +149,11 @@ class Uncertainty(Pickled):
             return [
                 f"{LAWS[alarm.law]} explains the residual of {joints} (p = {alarm.p_value.min():.2g}); {effect}"
             ]
+        if self.kind == "jackknife" and alarm.shift.any():
+            return [
+                "held-out blocks do not tell some chosen friction laws from none, or from others; "
+                "sigma includes how far the parameters move with those"
+            ]
         return ["no friction law that the model lacks was seen in the residual; sigma holds if there is none"]
 
     def of_draws(self) -> Uncertainty:

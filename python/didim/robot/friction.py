@@ -97,6 +97,11 @@ class FrictionTerm:
         The velocity is estimated from the log, and `velocity` is where the search starts.
     fitted : bool
         The velocity is the estimate from a log: its uncertainty counts in the standard deviations of the parameters.
+    doubtful : bool
+        The log that the term was chosen on does not tell it from none: how far the parameters move without it counts as well.
+    rival : float
+        Velocity of the other of ``atan`` and ``stribeck`` where the log does not tell which it is, zero elsewhere: how far
+        the parameters move with it counts too.
     name : str
         Name of the parameter before the joint's number; by default that of the law.
     first, step : float
@@ -119,6 +124,8 @@ class FrictionTerm:
     velocity: float = 0.0
     estimated: bool = False
     fitted: bool = False
+    doubtful: bool = False
+    rival: float = 0.0
     name: str = ""
     first: float = 0.0
     step: float = 0.0

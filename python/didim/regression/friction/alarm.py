@@ -14,6 +14,9 @@ of the estimate with the columns of all joints beside A,
 
     b_h - b = -R^-1 Q^T C (C~^T C~)^-1 C~^T rho,        C~ = C - Q Q^T C,    A = Q R
 
+After ``terms = "auto"`` the shift includes what the choice left open: a term that held-out blocks do not tell from none, and the
+other of atan and Stribeck's law where both fit.
+
 Sources: Liu (1988) and Cameron, Gelbach, Miller (2008) for flipped blocks; Schwarz (1978) for the choice among laws.
 Tested in ``tests/test_friction_alarm.py``.
 """
@@ -86,7 +89,8 @@ class FrictionAlarm:
     tested : tuple of str
         Families that were tested.
     shift : ndarray, shape (b,)
-        Largest change of each parameter among the families, in the parameter's unit; zero without an alarm.
+        Largest change of each parameter, in its unit, on an alarm among the families, and always among the laws that the log
+        does not tell from chosen ones; zero without either.
     visible : mapping of str to ndarray, shape (n_dof,)
         By family, the amplitude of its friction at each joint that the test would see (N.m or N), whichever of its
         velocities or widths it has: a score of `VISIBLE` deviations. Infinite where a joint was not tested.
@@ -238,15 +242,40 @@ def friction_alarm(
     if raised:
         moved = _shifts(candidates, [_start(item, parts, signal) for item in candidates], limbs, system)
     b = system.w.shape[1]
+    changes = [np.abs(change[:b]) for _, change in moved.values()]
     return FrictionAlarm(
         p_value=p_value,
         law=min(moved, key=lambda family: moved[family][0], default=""),
         tested=tested,
-        shift=np.max([np.abs(change[:b]) for _, change in moved.values()], axis=0, initial=0.0)
-        if moved
-        else np.zeros(b),
+        shift=np.max([np.zeros(b), *changes, *_open_shifts(system, fit)], axis=0),
         visible={family: np.where(values > 0.0, values, np.inf) for family, values in visible.items()},
     )
+
+
+def _open_shifts(system: LinearSystem, fit: Fit) -> list[Array]:
+    """Return the changes of the estimate with each of the alternatives of a system, (b,); of the law itself zero."""
+    if not system.alternatives:
+        return []
+    names = [*system.names, *system.slopes]
+    b, n = len(system.names), len(names)
+    others = [column for _, column in system.alternatives]
+    a = np.column_stack([system.w, *system.slopes.values(), *others]) * fit.weights[:, None]
+    size = np.linalg.norm(a, axis=0)
+    size[size == 0.0] = 1.0
+    a /= size
+    products, torques = a.T @ a, a.T @ (system.y * fit.weights)
+    # At the estimate all velocities are the best: their columns have no share of the torque.
+    best = np.zeros(n)
+    best[:b] = np.linalg.lstsq(products[:b, :b], torques[:b], rcond=None)[0]
+    found = []
+    for k, (name, column) in enumerate(system.alternatives):
+        kept = [place for place, own in enumerate(names) if own != name] + [n + k] * bool(column.any())
+        moved = best.copy()
+        solution = np.linalg.lstsq(products[np.ix_(kept, kept)], torques[kept], rcond=None)[0]
+        own = np.array(kept) < n
+        moved[np.array(kept)[own]] = solution[own]
+        found.append(np.abs((moved - best) / size[:n])[:b])
+    return found
 
 
 def _limbs(system: LinearSystem, fit: Fit) -> list[_Limb]:

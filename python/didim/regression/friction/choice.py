@@ -18,14 +18,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from ..._tools.arrays import Array
-from ...robot.friction import Friction, FrictionTerm, Law
+from ...robot.friction import Friction, FrictionTerm
 from ...robot.robot import Robot
 from ...signal.processing import SignalProcessing
 from ...signal.segments import Segment
 from ..linear_system import LinearSystem
 from .candidates import narrowest_memory, pool_of, untold_memory
-from .screen import Folds, Move, Screen
-from .velocity import SettledFriction, VelocityEstimate, settled
+from .screen import Folds, Move, Screen, clear
+from .velocity import SettledFriction, VelocityEstimate, other_curve, settled
 
 LARGEST_MISFIT = 0.3
 """Relative error of held-out blocks above which no terms are chosen: it is more than friction."""
@@ -134,15 +134,14 @@ def choose_terms(
         # Those of the grid serve its weights and loads; velocities are refined once.
         terms = [move.term if last else replace(move.term, estimated=False) for move in moves]
         trial = settle(terms)
-    swapped = [_other_curve(term) for term in terms]
-    other = settle(swapped) if swapped != terms else trial
-    left = [one.system.norms(one.system.y - one.system.w @ solve(one.system)[0]) for one in (trial, other)]
-    better = left[1] < left[0]
-    terms = [two if better[one.joint] else one for one, two in zip(terms, swapped, strict=True)]
-    moves = [replace(move, term=term) for move, term in zip(moves, terms, strict=True)]
-    if better.any():
-        trial = settle(terms)
-    kept = _without_driving(trial.robot, trial.beta)
+    compared = _compared(settle, trial, terms, folds, solve)
+    trial = compared.settled
+    moves = [replace(move, term=term) for move, term in zip(moves, compared.terms, strict=True)]
+    doubtful = {move.term.parameter for move in moves if not move.clear}
+    kept = tuple(
+        replace(term, doubtful=term.parameter in doubtful, rival=compared.rivals.get(term.parameter, 0.0))
+        for term in _without_driving(trial.robot, trial.beta)
+    )
     added = {term.parameter for term in kept}
     friction = replace(robot.friction, terms=kept, auto=False)
     return FrictionChoice(
@@ -162,10 +161,46 @@ def choose_terms(
     )
 
 
-def _other_curve(term: FrictionTerm) -> FrictionTerm:
-    """Return the other of atan and Stribeck's law, to be compared once both velocities are refined; other terms as they are."""
-    law: Law | None = {"atan": "stribeck", "stribeck": "atan"}.get(term.law)  # type: ignore[assignment]
-    return replace(term, law=law, name="") if law is not None and term.estimated else term
+@dataclass(frozen=True)
+class _Compared:
+    """Terms after a comparison of atan and Stribeck's law, their fit, and velocities of the other law by parameter."""
+
+    terms: list[FrictionTerm]
+    settled: SettledFriction
+    rivals: dict[str, float]
+
+
+def _compared(
+    settle: Callable[[Sequence[FrictionTerm]], SettledFriction],
+    trial: SettledFriction,
+    terms: list[FrictionTerm],
+    folds: Folds,
+    solve: Callable[[LinearSystem], tuple[Array, Array]],
+) -> _Compared:
+    """Choose atan or Stribeck's law at each joint, with refined velocities; where both fit, the other is a rival."""
+    swapped = [other_curve(term) if term.estimated else term for term in terms]
+    if swapped == terms:
+        return _Compared(terms, trial, {})
+    other = settle(swapped)
+    own, others = (
+        folds.squares(one.system, one.system.y - one.system.w @ solve(one.system)[0])
+        for one in (trial, other)
+    )
+    change = own - others
+    better, told = change.sum(axis=0) > 0.0, clear(change)
+    velocity = {
+        term.parameter: term.velocity
+        for fit in (trial, other)
+        for term in fit.robot.friction.terms
+        if term.law in ("atan", "stribeck")
+    }
+    chosen = [two if better[one.joint] else one for one, two in zip(terms, swapped, strict=True)]
+    rivals = {
+        one.parameter: velocity[two.parameter]
+        for one in chosen
+        if one.estimated and not told[one.joint] and (two := other_curve(one)) != one
+    }
+    return _Compared(chosen, settle(chosen) if better.any() else trial, rivals)
 
 
 def _without_driving(robot: Robot, beta: Array) -> tuple[FrictionTerm, ...]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..._tools.arrays import Array
 from ...robot.friction import FrictionTerm
@@ -25,6 +26,9 @@ BLOCK_GAP_ROWS = 5
 """Number of rows beside a held-out block that are not fitted either: neighbouring residuals are correlated."""
 LEAST_SIGNIFICANCE = 1.0
 """Smallest gain of a term, in its standard error between the blocks."""
+TOLD = 2.78
+"""Gain of a law, in its standard error, from which the log tells it from none, or from another law: Student's 97.5 % quantile
+for the four degrees of freedom of five blocks. Below it the parameters' standard deviations include the law's shift."""
 SMALLEST_GAIN = 1e-3
 """Smallest gain of a term, as a share of the squared held-out error of all joints: less does not justify a parameter."""
 SPRING_GAIN = 0.1
@@ -46,6 +50,22 @@ class Move:
     term: FrictionTerm
     gain: float
     significance: float
+    clear: bool
+
+
+def significance(change: Array) -> Array:
+    """Return the sum of changes of the blocks' errors, (n_blocks, ...), over its standard error, (...)."""
+    error = change.std(axis=0, ddof=1) * np.sqrt(len(change))
+    return np.asarray(change.sum(axis=0) / np.where(error > 0.0, error, np.finfo(float).tiny))
+
+
+def clear(change: Array) -> NDArray[np.bool_]:
+    """Whether changes of the blocks' errors, (n_blocks, ...), are clear of noise, (...): `TOLD`, or of one sign in all blocks.
+
+    Blocks of different motion gain differently, so a law that each of them needs may have a large standard error.
+    """
+    one_sign = np.abs(np.sign(change).sum(axis=0)) == len(change)
+    return np.asarray(one_sign | (np.abs(significance(change)) >= TOLD))
 
 
 class Folds:
@@ -58,6 +78,15 @@ class Folds:
             (max(0, start - BLOCK_GAP_ROWS), min(rows, stop + BLOCK_GAP_ROWS)) for start, stop in self.blocks
         ]
         self.recordings = _recordings(system)
+
+    def squares(self, system: LinearSystem, residual: Array) -> Array:
+        """Return the squared residual of each block and joint of a system of the same rows, (n_blocks, n_dof)."""
+        return np.array(
+            [
+                [float(np.sum(np.square(residual[rows][start:stop]))) for rows in system.joints]
+                for start, stop in self.blocks
+            ]
+        )
 
     def relative_error(self, system: LinearSystem, weights: Array) -> float:
         """Return the relative error of all held-out blocks of a system of the same rows, without weights."""
@@ -187,9 +216,9 @@ class Screen:
         """Return what a term takes off the error that the blocks have without it."""
         before = self._errors(without)
         change = before - self._errors(state)
-        error = float(change.std(ddof=1) * np.sqrt(change.size))
-        total = float(change.sum())
-        return Move(term, total / float(before.sum()), total / error if error > 0.0 else np.inf)
+        return Move(
+            term, float(change.sum() / before.sum()), float(significance(change)), bool(clear(change))
+        )
 
     def _toggled(self, state: _State, joint: int) -> _State:
         """Return the same model with the sign of a joint kept, or no longer, and its columns those of that sign."""

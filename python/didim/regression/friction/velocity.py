@@ -177,29 +177,41 @@ def settled(
 def with_slopes(
     system: LinearSystem, robot: Robot, parts: Sequence[Segment], signal: SignalProcessing
 ) -> LinearSystem:
-    """Return a system with the derivatives of its columns by the velocities that were estimated from the log.
+    """Return a system with what the log leaves open of its friction laws: derivatives by estimated velocities, and other laws.
 
     Parameters
     ----------
     system : LinearSystem
         Made of `parts`.
     robot : Robot
-        Its terms say which velocities were estimated.
+        Its terms say which velocities were estimated, and what fits as well.
     parts : sequence of Segment
         Motion along which the columns are.
     signal : SignalProcessing
         Decimation.
     """
-    fitted = [term for term in robot.friction.terms if term.fitted and term.parameter in system.names]
+    terms = [term for term in robot.friction.terms if term.parameter in system.names]
+    rivals = [(term.parameter, other_curve(term)) for term in terms if term.rival]
+
+    def column(term: FrictionTerm, shape: Callable[[Robot, FrictionTerm, Array, Segment], Array]) -> Array:
+        return _columns(robot, term, np.array([term.velocity]), parts, signal, system, shape)[:, 0]
+
     return replace(
         system,
-        slopes={
-            term.parameter: _columns(robot, term, np.array([term.velocity]), parts, signal, system, _slope)[
-                :, 0
-            ]
-            for term in fitted
-        },
+        slopes={term.parameter: column(term, _slope) for term in terms if term.fitted},
+        alternatives=(
+            *((term.parameter, np.zeros(system.y.size)) for term in terms if term.doubtful),
+            *((name, column(other, _law)) for name, other in rivals),
+        ),
     )
+
+
+def other_curve(term: FrictionTerm) -> FrictionTerm:
+    """Return the other of atan and Stribeck's law, at the velocity of the rival if there is one; other terms as they are."""
+    law: Law | None = {"atan": "stribeck", "stribeck": "atan"}.get(term.law)  # type: ignore[assignment]
+    if law is None:
+        return term
+    return replace(term, law=law, name="", velocity=term.rival or term.velocity)
 
 
 def _without_load(

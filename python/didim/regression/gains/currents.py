@@ -83,6 +83,7 @@ class Currents:
             y=own * self.current - self.known - torque,
             known=self.known + torque,
             slopes={},
+            alternatives=(),
         )
 
     def parameters(self, gains: Array) -> Array:
