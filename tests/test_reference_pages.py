@@ -154,6 +154,7 @@ def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str], project: Path
     assert capsys.readouterr().out in pages[0]
     assert main(["schema", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
+    assert found["$schema"] == json_schema("robot")["$schema"]
     for file in ("robot", "study", "experiment"):
         assert found["then"] == json_schema(file)
         found = found["else"]

@@ -29,6 +29,9 @@ SETTINGS: dict[str, Any] = {
 MARKS = {"experiment": "robot", "study": "method", "robot": "joint"}
 """Keys at the top of a file by which its kind is known; a file without one of them is the settings of an excitation."""
 
+DRAFT = "http://json-schema.org/draft-07/schema#"
+"""Version of JSON schema that editors of TOML read."""
+
 NUMBERS = ("fixed", "lock")
 """Tables of numbers whose keys are free."""
 
@@ -131,9 +134,9 @@ def json_schema(file: str) -> dict[str, Any]:
         any_file = json_schema("excitation")
         for kind, mark in MARKS.items():
             any_file = {"if": {"required": [mark]}, "then": json_schema(kind), "else": any_file}
-        return any_file
+        return {"$schema": DRAFT, **any_file}
     root: dict[str, Any] = {
-        "$schema": "http://json-schema.org/draft-07/schema#",
+        "$schema": DRAFT,
         "title": f"didim {file} file",
         **_object(),
     }
