@@ -151,3 +151,30 @@ def test_larger_errors_of_faster_motions_are_no_pushes() -> None:
     errors[1200:1300] *= 10.0
     ((found,),) = pushed_stretches([errors], [30.0 * ahead], [0.0], [50.0], STRONGEST)
     assert 1175 <= found[0] < found[1] <= 1325  # the strongest block and those beside it
+
+
+def test_friction_that_changes_makes_a_result_doubtful(tmp_path: Path) -> None:
+    """A joint whose damping and friction are larger in the second half of the log: no single value is true."""
+    r, step_s = commands([0.0] * 4, seconds=24.0), 2.5e-4
+    model = mujoco.MjModel.from_xml_string(without_ranges(arm_text(truth=True)))
+    added = 0.5 * np.array([model.dof_frictionloss[1], model.dof_damping[1]])
+    before = [0.0]
+
+    def push(t: float, q: np.ndarray) -> list[float]:
+        speed, before[0] = (q[1] - before[0]) / step_s, float(q[1])
+        return [0.0, -added @ [np.tanh(speed / 0.01), speed] if t > 12.0 else 0.0, 0.0, 0.0]
+
+    fit = didim.identify(logged(tmp_path, r, arm_text(), push=push), CLOE(threads=1), verbose=False)
+    (finding,) = [item for item in fit.evidence if item.code == "changes"]
+    assert finding.joints == (2,)
+    assert finding.grade == "doubtful"
+    assert not fit.verdict.sound
+    assert "Fv2" in finding.parameters or "Fc2" in finding.parameters
+
+
+def test_right_logs_have_no_change(tmp_path: Path) -> None:
+    fit = didim.identify(
+        logged(tmp_path, commands([0.0] * 4, seconds=24.0), arm_text()), CLOE(threads=1), verbose=False
+    )
+    assert fit.verdict.sound
+    assert not [item for item in fit.evidence if item.code == "changes"]

@@ -28,7 +28,16 @@ from ...result.positions.record import KEY
 from ...result.status import Status
 from ...result.uncertainty import Uncertainty
 from ..builder import digests, experiment_record
-from .intervals import LASTING, Intervals, errors_over_noise, intervals, model_errors, per_step, widened
+from .intervals import (
+    LASTING,
+    Intervals,
+    changes,
+    errors_over_noise,
+    intervals,
+    model_errors,
+    per_step,
+    widened,
+)
 from .knowledge import Held, told_together, untold, weak_pairs
 from .laws import search_of_either_friction, searched, with_what_is_no_push, without_pushes
 from .problem import Problem, build, may_be_soft
@@ -170,6 +179,7 @@ def _result(experiment: Experiment, end: End) -> Identification:
             *findings_of(experiment, problem.stops),
             *_size(experiment, after),
             *model_errors(problem, end.over, end.shift),
+            *changes(problem, spread, now.theta),
         ),
         settings={
             **experiment_record(experiment, problem.robot),
